@@ -1,0 +1,26 @@
+"""discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+__all__ = ["SceneError", "Simulation", "load_scene", "read_snapshot"]
+
+if TYPE_CHECKING:
+    from discsim.scene import SceneError, load_scene
+    from discsim.simulation import Simulation
+    from discsim.snapshot import read_snapshot
+
+_HOMES = {
+    "SceneError": "discsim.scene",
+    "Simulation": "discsim.simulation",
+    "load_scene": "discsim.scene",
+    "read_snapshot": "discsim.snapshot",
+}
+
+
+def __getattr__(name: str) -> Any:
+    # Lazy, so that `discsim --help` and `discsim check` never import numba.
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module 'discsim' has no attribute {name!r}")

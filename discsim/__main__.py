@@ -1,0 +1,3 @@
+from discsim.cli import main
+
+main()
