@@ -1,1 +1,19 @@
+"""The effects a scene can name, each in its own module, imported only where its table is present."""
 
+from importlib import import_module
+
+# Table in the scene -> module with a class `Effect`. Order = order in a step.
+EFFECTS = {
+    "gas": "discsim.effects.gas",
+    "dust": "discsim.effects.dust",
+    "star": "discsim.effects.star",
+    "self_gravity": "discsim.effects.self_gravity",
+    "external": "discsim.effects.external",
+    "drag": "discsim.effects.drag",
+}
+
+
+def load_effects(scene, state) -> dict:
+    """Import and make the effects whose tables `scene` has, in the order of a step."""
+    named = [name for name in EFFECTS if getattr(scene, name) is not None]
+    return {name: import_module(EFFECTS[name]).Effect(scene, state) for name in named}

@@ -1,0 +1,106 @@
+"""The state of a run: particles of each kind, the time, the grid. Data only; the physics is in the effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from discsim.grid import Grid
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+@dataclass
+class Particles:
+    """Particles of one kind, in code units; every array has one entry a particle.
+
+    pos, vel, acc have shape (n, dimensions); mass and ids have shape (n,).
+    """
+
+    pos: Array
+    vel: Array
+    acc: Array
+    mass: Array
+    ids: Array
+
+    @property
+    def count(self) -> int:
+        return len(self.mass)
+
+    def arrays(self) -> dict[str, Array]:
+        """The arrays by name, without those that this run does not hold."""
+        named = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: array for name, array in named.items() if array is not None}
+
+    def take(self, index: Array) -> None:
+        """Keep the particles `index` (order or mask), in that order, in every array."""
+        for name, array in self.arrays().items():
+            setattr(self, name, array[index])
+
+    def copy(self) -> Self:
+        return type(self)(**{name: array.copy() for name, array in self.arrays().items()})
+
+
+@dataclass
+class Gas(Particles):
+    """SPH particles. `h` is the smoothing length, `gradh` the factor Omega of the grad-h terms."""
+
+    h: Array
+    density: Array
+    gradh: Array
+    pressure: Array
+    sound_speed: Array
+    # Only what a scene calls for:
+    u: Array | None = None  # specific internal energy (adiabatic gas)
+    heating_rate: Array | None = None  # du/dt of pressure work, viscosity and conductivity
+    kick_acc: Array | None = None  # mean acceleration over the last kick, drag included (viscous gas)
+    immobile: Array | None = None  # boundary particles of a shock tube
+
+
+@dataclass
+class Dust(Particles):
+    """Dust particles of one or several populations."""
+
+    species: Array
+    immobile: Array | None = None
+
+
+@dataclass
+class Ledger:
+    """What left the run through events, so that totals can be closed."""
+
+    accreted_gas: float = 0.0
+    accreted_dust: float = 0.0
+    accreted_momentum: Array = field(default_factory=lambda: np.zeros(2))
+    accreted_angular_momentum: float = 0.0
+
+
+@dataclass
+class State:
+    """Everything that a step reads and writes. `gas` or `dust` is None where the scene has none."""
+
+    scene: Scene
+    gas: Gas | None
+    dust: Dust | None
+    grid: Grid | None
+    time: float = 0.0
+    step: int = 0
+    ledger: Ledger = field(default_factory=Ledger)
+
+    @property
+    def species(self) -> dict[str, Particles]:
+        """The kinds of particles present, by name."""
+        both = {"gas": self.gas, "dust": self.dust}
+        return {name: particles for name, particles in both.items() if particles is not None}
+
+    @property
+    def limiting(self) -> list[Particles]:
+        """Whose motion may limit the step. One-way dust never does: the gas must not notice it."""
+        drag = self.scene.drag
+        if self.gas is not None and drag is not None and drag.direction == "one-way":
+            return [self.gas]
+        return list(self.species.values())
