@@ -89,6 +89,9 @@ class State:
     grid: Grid | None
     time: float = 0.0
     step: int = 0
+    lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due
+    # With drag: what gas and dust at one place do not both feel; no entries where that is nothing.
+    own_acc: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)
 
     @property

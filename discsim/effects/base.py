@@ -4,13 +4,18 @@ A force adds to `acc` and moves nothing. The drag *is* the kick: it turns accele
 with the relaxation. An event runs once the particles have moved. Each may limit the step.
 """
 
-from discsim.state import State
+import numpy as np
+
+from discsim.kernels.move import add_scaled, wrap
+from discsim.state import Particles, State
 
 
 class Effect:
     """Base of the effects: does nothing and limits nothing."""
 
     name: str
+    # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone.
+    shared = False
 
     def accelerate(self, state: State) -> None:
         """Add this effect's accelerations to `acc` (and rates to `heating_rate`)."""
@@ -19,9 +24,26 @@ class Effect:
         """The longest step this effect allows, before the Courant factor, in code units."""
         return float("inf")
 
+    def kick(self, state: State, dt: float) -> None:
+        """Turn accelerations into velocities over dt (the species' own kick, where no drag is solved with it)."""
+
+    def move(self, state: State, dt: float) -> None:
+        """Move the effect's particles over dt."""
+
     def event(self, state: State) -> None:
         """Act on the particles after they have moved."""
 
     def potential_energy(self, state: State) -> float:
         """The potential energy that this effect holds, in code units."""
         return 0.0
+
+
+def drift(scene, particles: Particles, dt: float) -> None:
+    """Move at constant velocity over dt; immobile particles stay."""
+    if particles.immobile is None:
+        add_scaled(particles.pos, particles.vel, dt)
+    else:
+        free = ~particles.immobile
+        particles.pos[free] += dt * particles.vel[free]
+    if scene.space.boundary == "periodic":
+        wrap(particles.pos, np.array(scene.space.size))

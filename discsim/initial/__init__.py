@@ -1,1 +1,100 @@
+"""Initial conditions, one a file: each gives `particles(scene)`, and may settle velocities once forces are known.
 
+`particles` returns by species a dict of arrays: pos, vel (n, dimensions), mass (n,), and where it matters density
+(n,) (a first guess for h), u (n,), species and immobile (n,).
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.state import Dust, Gas, State
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Given = dict[str, dict[str, Any]]
+SPECIES = ("gas", "dust")
+
+
+def random_stream(scene: Scene, species: str) -> np.random.Generator:
+    """A stream a species, so that adding dust does not move the gas."""
+    return np.random.default_rng([scene.run.seed, SPECIES.index(species)])
+
+
+def setup(scene: Scene):
+    """The module of the scene's initial condition."""
+    return import_module(f"discsim.initial.{scene.initial.kind}")
+
+
+def make_state(scene: Scene, given: Given) -> State:
+    """A State from the arrays `given` by species. Raises ValueError where they do not fit the scene."""
+    for name in SPECIES:
+        if (getattr(scene, name) is None) != (name not in given):
+            have = "no particles were given" if name not in given else "the scene has no such table"
+            raise ValueError(f"[{name}]: {have}; expected both or neither")
+    gas = _make_gas(scene, given["gas"]) if "gas" in given else None
+    dust = None
+    if "dust" in given:
+        offset = gas.count if gas is not None else 0
+        species = np.asarray(given["dust"].get("species", np.zeros(len(given["dust"]["mass"]))), np.int64)
+        dust = Dust(
+            **_common(scene, "dust", given["dust"], offset),
+            species=np.ascontiguousarray(species),
+            immobile=given["dust"].get("immobile"),
+        )
+        if species.min(initial=0) < 0 or species.max(initial=0) >= len(scene.dust):
+            raise ValueError(f"dust species must be 0 to {len(scene.dust) - 1}, one a population of the scene")
+    return State(scene, gas, dust, None)
+
+
+def _common(scene: Scene, name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
+    dim = scene.space.dimensions
+    mass = np.array(given["mass"], float)
+    if mass.ndim != 1 or len(mass) == 0:
+        raise ValueError(f"{name} mass has shape {mass.shape}; expected (n,) with n >= 1")
+    arrays = {"mass": mass}
+    for key in ("pos", "vel"):
+        arrays[key] = np.array(given[key], float)
+        if arrays[key].shape != (len(mass), dim):
+            raise ValueError(f"{name} {key} has shape {arrays[key].shape}; expected ({len(mass)}, {dim})")
+    if not all(np.isfinite(array).all() for array in arrays.values()) or mass.min() <= 0.0:
+        raise ValueError(f"{name} particles must be finite, with positive masses")
+    return arrays | {
+        "acc": np.zeros((len(mass), dim)),
+        "ids": np.arange(first_id, first_id + len(mass), dtype=np.int64),
+    }
+
+
+def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
+    from discsim.eos import initial_energy, radius
+
+    common = _common(scene, "gas", given, 0)
+    n, dim = common["pos"].shape
+    u = given.get("u")
+    if scene.gas.eos.kind == "adiabatic":
+        u = np.array(u, float) if u is not None else initial_energy(scene, radius(common["pos"]))
+    else:
+        u = None
+    if scene.gas.smoothing_length is not None:
+        h = np.full(n, scene.gas.smoothing_length)
+    else:
+        volume = float(np.prod(scene.space.size))
+        density = np.asarray(given.get("density", common["mass"].sum() / volume))
+        h = scene.gas.eta * (common["mass"] / density) ** (1.0 / dim)
+    foreseen = scene.gas.viscosity is not None or u is not None
+    return Gas(
+        **common,
+        h=h,
+        density=np.zeros(n),
+        gradh=np.ones(n),
+        pressure=np.zeros(n),
+        sound_speed=np.zeros(n),
+        u=u,
+        heating_rate=None if u is None else np.zeros(n),
+        kick_acc=np.zeros((n, dim)) if foreseen else None,
+        immobile=given.get("immobile"),
+    )

@@ -1,0 +1,208 @@
+"""Surface density of runs: radial profiles at several times, the last map, and log Sigma in radius and time.
+
+    python analysis/surface_density.py DIR... [-o OUT]
+
+Each DIR is the output directory of a run. For each run it writes, into OUT or into the run's own directory,
+NAME-profiles.png, NAME-map.png, NAME-radius-time.png and NAME-profiles.csv (Sigma by time and radius),
+where NAME is the directory's name. Sigma is the mass in a ring over the ring's area.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from discsim.snapshot import Snapshot, SnapshotError, range_of_mass, read_snapshot
+
+COLOURS = {"gas": "viridis", "dust": "inferno"}
+CURVES = 5  # times in the figure of profiles
+PIXELS = 480
+
+
+class Fault(Exception):
+    """Something the user can put right; the message says what."""
+
+
+class Run:
+    """The snapshots of one run and its radial profiles, in the units of the figures."""
+
+    def __init__(self, directory: Path, rings: int) -> None:
+        files = sorted((directory / "snapshots").glob("*.h5"))
+        if not files:
+            raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+        self.name = directory.resolve().name
+        self.last = read_snapshot(files[-1])
+        if self.last.dimensions != 2:
+            raise Fault(f"{directory}: a run in one dimension has no surface density")
+        first = read_snapshot(files[0])
+        self.edges = np.linspace(0, _reach(first), rings + 1)
+        snapshots = [
+            first,
+            *(read_snapshot(file) for file in files[1:-1]),
+            *([self.last] if files[1:] else []),
+        ]
+        self.kinds = list(self.last.species)
+        self.physical = self.last.units.system != "code"
+        self.length = self._factor("length", "au")
+        self.density = self._factor("surface_density", "g/cm2")
+        self.times = self._factor("time", "yr") * np.array([snap.time for snap in snapshots])
+        # Profiles by kind: (times, rings).
+        self.profiles = {
+            kind: self.density
+            * np.array([snap.species[kind].radial_profile(self.edges) for snap in snapshots])
+            for kind in self.kinds
+        }
+
+    def _factor(self, dimension: str, unit: str) -> float:
+        """From code units to those of the figures."""
+        return float(self.last.units.quantity(1.0, dimension).to_value(unit)) if self.physical else 1.0
+
+    @property
+    def radius(self) -> np.ndarray:
+        return self.length * (self.edges[1:] + self.edges[:-1]) / 2
+
+    def label(self, name: str, unit: str) -> str:
+        return f"{name} [{unit}]" if self.physical else name
+
+    def time_text(self, time: float) -> str:
+        return f"t = {time:.4g} yr" if self.physical else f"t = {time:.4g}"
+
+
+def _reach(snap: Snapshot) -> float:
+    """The radius that holds all but half a per cent of the particles, and a little more for what spreads."""
+    radii = [particles.radius for particles in snap.species.values() if particles.count]
+    if not radii:
+        raise Fault("the first snapshot holds no particles")
+    return 1.15 * max(float(np.quantile(radius, 0.995)) for radius in radii)
+
+
+def profiles_figure(run: Run) -> Figure:
+    """Sigma(r) at a few times, one panel a species."""
+    figure = Figure(figsize=(6.2 * len(run.kinds), 4.6), layout="constrained")
+    shown = np.unique(np.linspace(0, len(run.times) - 1, CURVES).round().astype(int))
+    for axes, kind in zip(np.atleast_1d(figure.subplots(1, len(run.kinds))), run.kinds, strict=True):
+        shades = _shades(kind, len(shown))
+        for shade, index in zip(shades, shown, strict=True):
+            sigma = run.profiles[kind][index]
+            curve = np.where(sigma > 0, sigma, np.nan)
+            axes.plot(run.radius, curve, color=shade, label=run.time_text(run.times[index]))
+        peak = run.profiles[kind].max()
+        if peak > 0:
+            axes.set(yscale="log", ylim=(peak * 10**-4.5, peak * 2))
+        axes.set(title=kind, xlabel=run.label("r", "au"), xlim=(0, run.radius[-1]))
+        axes.set_ylabel(run.label(rf"$\langle\Sigma_\mathrm{{{kind}}}\rangle$", "g cm$^{-2}$"))
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False)
+    return figure
+
+
+def _shades(kind: str, count: int) -> list:
+    return list(matplotlib.colormaps[COLOURS[kind]](np.linspace(0.1, 0.8, count)))
+
+
+def map_figure(run: Run) -> Figure:
+    """The last surface density, one panel a species."""
+    figure = Figure(figsize=(6 * len(run.kinds), 5), layout="constrained")
+    half = run.edges[-1]
+    side = half * run.length
+    for axes, kind in zip(np.atleast_1d(figure.subplots(1, len(run.kinds))), run.kinds, strict=True):
+        window = np.full(2, -half), np.full(2, half)
+        sigma = run.density * run.last.species[kind].surface_density_map(*window, PIXELS).T
+        norm = LogNorm(*range_of_mass(sigma), clip=True)
+        extent = (-side, side, -side, side)
+        shown = np.maximum(sigma, norm.vmin)
+        image = axes.imshow(shown, origin="lower", extent=extent, norm=norm, cmap=COLOURS[kind])
+        axes.set(title=kind, xlabel=run.label("x", "au"), ylabel=run.label("y", "au"))
+        label = run.label(rf"$\Sigma_\mathrm{{{kind}}}$", "g cm$^{-2}$")
+        figure.colorbar(image, ax=axes, label=label, pad=0.02)
+    figure.suptitle(run.time_text(run.times[-1]))
+    return figure
+
+
+def radius_time_figure(run: Run) -> Figure:
+    """Angle-averaged log Sigma in radius and time, one panel a species."""
+    figure = Figure(figsize=(6.2 * len(run.kinds), 4.8), layout="constrained")
+    for axes, kind in zip(np.atleast_1d(figure.subplots(1, len(run.kinds))), run.kinds, strict=True):
+        sigma = run.profiles[kind]
+        norm = LogNorm(*range_of_mass(sigma), clip=True)
+        shown = np.maximum(sigma, norm.vmin)
+        edges = run.length * run.edges
+        image = axes.pcolormesh(
+            edges, _between(run.times), shown, norm=norm, cmap=COLOURS[kind], rasterized=True
+        )
+        axes.set(title=kind, xlabel=run.label("r", "au"), ylabel=run.label("t", "yr"))
+        label = run.label(rf"$\langle\Sigma_\mathrm{{{kind}}}\rangle$", "g cm$^{-2}$")
+        figure.colorbar(image, ax=axes, label=label, pad=0.02)
+    return figure
+
+
+def _between(times: np.ndarray) -> np.ndarray:
+    """Edges of the time bins about `times`; one snapshot alone is given a width."""
+    if len(times) == 1:
+        return times[0] + np.array([-0.5, 0.5])
+    middle = (times[1:] + times[:-1]) / 2
+    return np.concatenate([times[:1], middle, times[-1:]])
+
+
+def write_csv(run: Run, path: Path) -> None:
+    """One row a ring and time: time, r, and Sigma of each species."""
+    with path.open("w", newline="") as file:
+        table = csv.writer(file)
+        units = ("_yr", "_au", "_g_cm2") if run.physical else ("", "", "")
+        table.writerow(
+            [f"time{units[0]}", f"radius{units[1]}", *(f"sigma_{kind}{units[2]}" for kind in run.kinds)]
+        )
+        for index, time in enumerate(run.times):
+            for ring, radius in enumerate(run.radius):
+                sigmas = (f"{run.profiles[kind][index, ring]:.6g}" for kind in run.kinds)
+                table.writerow([f"{time:.8g}", f"{radius:.6g}", *sigmas])
+
+
+FIGURES: dict[str, Callable[[Run], Figure]] = {
+    "profiles": profiles_figure,
+    "map": map_figure,
+    "radius-time": radius_time_figure,
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("directories", metavar="DIR", nargs="+", type=Path, help="output directory of a run")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT", type=Path, help="where to write; default: into each DIR"
+    )
+    parser.add_argument("--rings", type=int, default=80, help="rings of a radial profile (default 80)")
+    options = parser.parse_args(arguments)
+    if options.rings < 1:
+        parser.error("--rings: expected 1 or more")
+    try:
+        for directory in options.directories:
+            run = Run(directory, options.rings)
+            into = options.output or directory
+            into.mkdir(parents=True, exist_ok=True)
+            write_csv(run, into / f"{run.name}-profiles.csv")
+            for name, draw in FIGURES.items():
+                figure = draw(run)
+                FigureCanvasAgg(figure)
+                figure.savefig(into / f"{run.name}-{name}.png", dpi=130)
+            print(
+                f"{directory}: {len(run.times)} snapshots -> {into}/{run.name}-*.png, {run.name}-profiles.csv"
+            )
+    except (Fault, SnapshotError, OSError) as error:
+        print(f"surface_density: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

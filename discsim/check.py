@@ -1,0 +1,411 @@
+"""What a scene amounts to before it runs: its effects, derived numbers, and warnings with what to change.
+
+H = c_s / Omega, Q = c_s Omega / (pi G Sigma), h = eta (m/Sigma)^(1/d), St = t_stop Omega; no tapers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from discsim.scene import Scene
+from discsim.tables import Table, measure_of
+from discsim.units import Units, epstein_stopping_time
+
+Array = np.ndarray
+
+# Shot noise of the dust loading: drag at eps ~ 1 wants these counts in a cell.
+FEW_GAS, FEW_DUST = 8, 30
+WEAK_DUST = 0.1
+
+
+def report(scene: Scene) -> str:
+    """The text of `discsim check`."""
+    parts = [
+        [scene.title or "(no title)"],
+        ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
+        ["effects that will run", *(f"  {line}" for line in _effect_lines(scene))],
+        ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
+        ["warnings", *(f"  {line}" for line in warnings(scene) or ["none"])],
+    ]
+    return "\n\n".join("\n".join(part) for part in parts)
+
+
+@dataclass(frozen=True)
+class Local:
+    """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them."""
+
+    places: list[str]
+    density: Array
+    sound_speed: Array | None
+    omega: Array | None
+    h: Array | None
+
+    @property
+    def scale_height(self) -> Array | None:
+        if self.sound_speed is None or self.omega is None:
+            return None
+        return self.sound_speed / self.omega
+
+    @property
+    def toomre_q(self) -> Array | None:
+        if self.sound_speed is None or self.omega is None:
+            return None
+        return self.sound_speed * self.omega / (math.pi * self.density)
+
+
+def local(scene: Scene) -> Local:
+    """The gas at the inner edge, middle and outer edge of a disc, or in the states of another start."""
+    start: Any = scene.initial
+    radius = None
+    if start.kind == "disc":
+        radius = np.array([start.inner, (start.inner + start.outer) / 2, start.outer])
+        density = _disc_density(scene, radius)
+        places = [scene.units.show(r, "length") for r in radius]
+    elif start.kind == "shock":
+        density = np.array([start.left[0], start.right[0]])
+        places = ["left", "right"]
+    else:
+        density = np.array([_uniform_density(start)])
+        places = ["everywhere"]
+    omega = np.sqrt(scene.star.mass / radius**3) if scene.star and radius is not None else None
+    return Local(places, density, _sound_speed(scene, radius, density), omega, _smoothing(scene, density))
+
+
+def gas_mass(scene: Scene) -> float:
+    """Total mass of the gas (the mass that the dust's ratio refers to, where there is no gas)."""
+    start: Any = scene.initial
+    if start.kind == "disc":
+        return _disc_mass(scene, start.inner, start.outer)
+    if start.kind == "shock":
+        return (start.left[0] + start.right[0]) * scene.space.size[0] / 2
+    return _uniform_density(start) * math.prod(scene.space.size)
+
+
+def dust_masses(scene: Scene) -> list[float]:
+    """Total mass of each population of dust."""
+    start: Any = scene.initial
+    masses = []
+    for dust in scene.dust or ():
+        whole = gas_mass(scene)
+        if start.kind == "disc":
+            inner, outer = max(dust.inner or 0.0, start.inner), min(dust.outer or math.inf, start.outer)
+            whole = _disc_mass(scene, inner, max(inner, outer))
+        masses.append(dust.ratio * whole)
+    return masses
+
+
+def stopping_times(scene: Scene, at: Local) -> list[Array]:
+    """Stopping time of each population at the places of `at`; no entry where it is not defined."""
+    drag = scene.drag
+    if drag is None:
+        return []
+    times = []
+    for dust in scene.dust or ():
+        if drag.law == "constant" and drag.K is not None:
+            times.append(dust.ratio * at.density / drag.K)
+        elif drag.law == "stopping-time" and drag.t_stop is not None:
+            times.append(np.full_like(at.density, drag.t_stop))
+        elif drag.law == "stokes-number" and at.omega is not None:
+            times.append(drag.stokes / at.omega)
+        elif drag.law == "epstein" and at.sound_speed is not None:
+            volume = at.density
+            if at.scale_height is not None:
+                volume = at.density / (math.sqrt(2 * math.pi) * at.scale_height)
+            elif scene.space.dimensions == 2:
+                continue
+            grain = (dust.grain_size, dust.grain_density)
+            times.append(epstein_stopping_time(*grain, at.sound_speed, volume, drag.convention))
+    return times
+
+
+def derived(scene: Scene) -> list[tuple[str, str]]:
+    """Name and text of every derived number, in units of the scene."""
+    if scene.initial is None:
+        return []
+    at = local(scene)
+    rows = [*_mass_rows(scene), ("at", ", ".join(at.places))]
+    density = "surface density" if scene.space.dimensions == 2 else "density"
+    rows.append((f"{density} of the gas", _list(scene.units, at.density, "density")))
+    if at.sound_speed is not None:
+        rows.append(("sound speed", _list(scene.units, at.sound_speed, "velocity")))
+    if at.h is not None:
+        rows.append(("smoothing length h", _list(scene.units, at.h, "length")))
+    rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
+    return rows
+
+
+def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    # In 1D "mass" is a column: mass over area.
+    name = "mass" if scene.space.dimensions == 2 else "surface_density"
+    if scene.gas:
+        mass = gas_mass(scene)
+        yield "mass of the gas", scene.units.show(mass, name)
+        yield "mass of a gas particle", scene.units.show(mass / scene.gas.particles, name)
+    for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
+        which = f" {i}" if len(scene.dust or ()) > 1 else ""
+        yield f"mass of the dust{which}", scene.units.show(mass, name)
+        yield f"mass of a dust particle{which}", scene.units.show(mass / dust.particles, name)
+
+
+def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    if at.omega is None:
+        return
+    period = 2 * math.pi / at.omega
+    yield "orbital period", _list(scene.units, period, "time")
+    yield "orbits until the end", _plain(scene.run.until / period)
+    if at.scale_height is not None and at.sound_speed is not None:
+        radius = (scene.star.mass / at.omega**2) ** (1 / 3) if scene.star else at.omega
+        yield "H/r", _plain(at.scale_height / radius)
+        if scene.gas and at.h is not None:
+            yield "h/H", _plain(_resolution(scene, at.h) / at.scale_height)
+            yield "Toomre Q", _plain(at.toomre_q)
+
+
+def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    times = stopping_times(scene, at)
+    for i, time in enumerate(times):
+        which = f" {i}" if len(times) > 1 else ""
+        yield f"stopping time{which}", _list(scene.units, time, "time")
+        if at.omega is not None:
+            yield f"Stokes number{which}", _plain(time * at.omega)
+    counts = drag_cell_counts(scene, at)
+    if counts is not None:
+        yield "gas particles in a drag cell", _plain(counts[0])
+        yield "dust particles in a drag cell", _plain(counts[1])
+
+
+def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    if not scene.space.cells:
+        return
+    cell = max(scene.space.size) / scene.space.cells
+    shape = [max(1, round(side / cell)) for side in scene.space.size]
+    yield "grid", " x ".join(map(str, shape)) + " cells of " + scene.units.show(cell, "length")
+    yield "memory of the grid, about", f"{grid_bytes(scene, shape) / 2**20:.3g} MiB"
+
+
+def grid_bytes(scene: Scene, shape: list[int]) -> int:
+    """Bytes of density, potential and its gradient on the grid; with self-gravity also the transforms."""
+    numbers = 4 * math.prod(shape)
+    if scene.self_gravity:
+        pad = 1 if scene.space.boundary == "periodic" else 2
+        columns = pad * shape[-1] // 2 + 1
+        numbers += 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns
+    return 8 * numbers
+
+
+def drag_cell_counts(scene: Scene, at: Local) -> tuple[Array, Array] | None:
+    """Mean numbers of gas and dust particles in a drag cell at the places of `at`, before it is enlarged."""
+    if not scene.drag or not scene.gas or at.h is None:
+        return None
+    side = scene.drag.cell * at.h if scene.drag.cell else np.full_like(at.h, scene.drag.cell_length)
+    if scene.space.dimensions == 2 and scene.space.cells:
+        grid = max(scene.space.size) / scene.space.cells
+        side = np.maximum(1, np.round(side / grid)) * grid  # whole grid cells
+    mass = at.density * side**scene.space.dimensions
+    gas = mass * scene.gas.particles / gas_mass(scene)
+    dust = np.zeros_like(gas)
+    for population, total in zip(scene.dust or (), dust_masses(scene), strict=True):
+        if total > 0:
+            dust += population.ratio * mass * population.particles / total
+    return gas, dust
+
+
+def warnings(scene: Scene) -> list[str]:
+    """What will run, but perhaps not as meant: each with its number and what to change."""
+    if scene.initial is None:
+        return []
+    at = local(scene)
+    return [*_gas_warnings(scene, at), *_gravity_warnings(scene, at), *_drag_warnings(scene, at)]
+
+
+def _gas_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    if not scene.gas or at.h is None or at.scale_height is None:
+        return
+    ratio = _resolution(scene, at.h) / at.scale_height
+    worst = int(np.argmax(ratio))
+    if ratio[worst] > 0.5:
+        needed = scene.gas.particles * (ratio[worst] / 0.5) ** 2
+        where = at.places[worst]
+        yield f"h/H = {ratio[worst]:.2g} at {where}, above 0.5: raise gas.particles to about {needed:.2g}"
+
+
+def _gravity_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    if not scene.self_gravity:
+        return
+    softening = scene.self_gravity.softening
+    shown = scene.units.show(softening, "length")
+    if scene.space.cells:
+        cell = max(scene.space.size) / scene.space.cells
+        if softening < cell:
+            needed = math.ceil(max(scene.space.size) / softening)
+            yield (
+                f"self_gravity.softening = {shown} is {softening / cell:.2g} of a grid cell: "
+                f"raise space.cells to {needed}, or the softening to {scene.units.show(cell, 'length')}"
+            )
+    if at.scale_height is not None:
+        height = at.scale_height.min()
+        if softening > height:
+            where = at.places[int(np.argmin(at.scale_height))]
+            yield (
+                f"self_gravity.softening = {shown} is {softening / height:.2g} H at {where}, above 1: "
+                f"lower it to {scene.units.show(height, 'length')}"
+            )
+
+
+def _drag_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    for i, time in enumerate(stopping_times(scene, at)):
+        if at.omega is not None and (time * at.omega).max() > 10:
+            stokes = time * at.omega
+            where = at.places[int(np.argmax(stokes))]
+            which = f"dust.{i}" if len(scene.dust or ()) > 1 else "dust"
+            yield (
+                f"{which}: St = {stokes.max():.3g} at {where}, above 10, where gas hardly drags: "
+                f"lower the stopping time {stokes.max() / 10:.2g} times, or leave out [drag]"
+            )
+    yield from _count_warnings(scene, at)
+
+
+def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    counts = drag_cell_counts(scene, at)
+    strong = sum(dust.ratio for dust in scene.dust or ()) > WEAK_DUST
+    if counts is None or not scene.drag or not strong:
+        return
+    if scene.drag.direction == "one-way" or scene.space.dimensions == 1:
+        return
+    for name, count, few in (("gas", counts[0], FEW_GAS), ("dust", counts[1], FEW_DUST)):
+        if count.min() < few:
+            where = at.places[int(np.argmin(count))]
+            factor = few / count.min()
+            yield (
+                f"{count.min():.2g} {name} particles in a drag cell at {where}, below {few}: "
+                f"raise {name}.particles {factor:.2g} times, or drag.cell {math.sqrt(factor):.2g} times"
+            )
+
+
+def _uniform_density(start: Any) -> float:
+    if start.kind == "sheet":
+        return start.surface_density
+    return start.density if start.kind == "box" else 1.0
+
+
+def _disc_shape(start: Any, radius: Array) -> Array:
+    return (radius / start.reference_radius) ** -start.surface_density_index
+
+
+def _disc_scale(scene: Scene) -> float:
+    """Sigma at the reference radius."""
+    start: Any = scene.initial
+    if start.surface_density is not None:
+        return start.surface_density
+    if start.mass is not None:
+        return start.mass / _shape_mass(start, start.inner, start.outer)
+    radius = np.linspace(start.inner, start.outer, 1001)
+    shape = _disc_shape(start, radius)
+    speed = _sound_speed(scene, radius, shape)
+    assert speed is not None and scene.star is not None
+    q_of_shape = speed * np.sqrt(scene.star.mass / radius**3) / (math.pi * shape)
+    return q_of_shape.min() / start.toomre_q
+
+
+def _disc_density(scene: Scene, radius: Array) -> Array:
+    return _disc_scale(scene) * _disc_shape(scene.initial, radius)
+
+
+def _disc_mass(scene: Scene, inner: float, outer: float) -> float:
+    return _disc_scale(scene) * _shape_mass(scene.initial, inner, outer)
+
+
+def _shape_mass(start: Any, inner: float, outer: float) -> float:
+    """Integral of 2 pi r (r / r_ref)^-p from inner to outer."""
+    reference, power = start.reference_radius, 2 - start.surface_density_index
+    if abs(power) < 1e-12:
+        return 2 * math.pi * reference**2 * math.log(outer / inner)
+    return 2 * math.pi * reference**2 * ((outer / reference) ** power - (inner / reference) ** power) / power
+
+
+def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | None:
+    if scene.gas is None:
+        return None
+    eos: Any = scene.gas.eos
+    if eos.kind == "polytropic":
+        return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1))
+    if getattr(eos, "sound_speed", None) is not None:
+        return np.full_like(density, eos.sound_speed)
+    if eos.aspect_ratio is not None and scene.star and radius is not None:
+        reference = eos.aspect_ratio * math.sqrt(scene.star.mass / eos.reference_radius)
+        return reference * (radius / eos.reference_radius) ** (-eos.temperature_index / 2)
+    return _shock_speed(scene, density)
+
+
+def _shock_speed(scene: Scene, density: Array) -> Array | None:
+    start: Any = scene.initial
+    if start.kind != "shock" or scene.gas is None:
+        return None
+    pressure = np.array([start.left[1], start.right[1]])
+    return np.sqrt(getattr(scene.gas.eos, "gamma", 1.0) * pressure / density)
+
+
+def _smoothing(scene: Scene, density: Array) -> Array | None:
+    if scene.gas is None:
+        return None
+    if scene.gas.smoothing_length is not None:
+        return np.full_like(density, scene.gas.smoothing_length)
+    mass = gas_mass(scene) / scene.gas.particles
+    return scene.gas.eta * (mass / density) ** (1 / scene.space.dimensions)
+
+
+def _resolution(scene: Scene, h: Array) -> Array:
+    """h as other kernels mean it: that of quintic-h is its whole support, 3 h of the quintic."""
+    return h / 3 if scene.gas and scene.gas.kernel == "quintic-h" else h
+
+
+def _list(units: Units, values: Array, name: str) -> str:
+    return ", ".join(units.show(float(value), name) for value in values)
+
+
+def _plain(values: Array | None) -> str:
+    return ", ".join(f"{value:.3g}" for value in values) if values is not None else ""
+
+
+def _unit_lines(units: Units) -> Iterator[str]:
+    if units.system == "code":
+        yield "code units, G = 1"
+        return
+    for name in ("length", "mass", "time", "velocity", "density"):
+        yield f"{name:<10} {units.show(1.0, name)}"
+
+
+def _effect_lines(scene: Scene) -> Iterator[str]:
+    for name in scene.effects:
+        first, _, second = name.partition(".")
+        table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
+        for one in table if isinstance(table, tuple) else (table,):
+            yield f"{name:<18} {_parameters(scene.units, one)}"
+
+
+def _parameters(units: Units, table: Table) -> str:
+    """The keys of a table and their values; of a table in it the first one, its kind."""
+    texts = []
+    for key, field in type(table).model_fields.items():
+        value = getattr(table, key)
+        if isinstance(value, Table):
+            if "kind" in type(value).model_fields:
+                texts.append(f"{value.kind} ({_parameters(units, value)})")  # type: ignore[attr-defined]
+        elif value is not None and key != "kind":
+            texts.append(f"{key} {_shown(units, value, measure_of(field), getattr(table, 'gamma', 1.0))}")
+    return ", ".join(texts)
+
+
+def _shown(units: Units, value: Any, measure: Any, gamma: float) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_shown(units, entry, measure, gamma) for entry in value) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return units.show(value, measure.name, gamma) if measure and measure.name else f"{value:g}"
+    return str(value)

@@ -1,0 +1,142 @@
+"""The command line: what to run is checked here, before anything slow is imported or anything is written."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+WRONG_INPUT = 2
+LEFT_BY_A_RUN = ("scene.toml", "checkpoint.h5", "snapshots")
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="2D circumstellar discs: SPH gas, particle-in-cell dust, FFT gravity, implicit drag-in-cell.",
+)
+
+SceneArgument = Annotated[
+    Path, typer.Argument(help="Scene file (TOML).", metavar="SCENE.toml", readable=False)
+]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
+]
+WithoutOption = Annotated[
+    list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from discsim import __version__
+
+        typer.echo(f"discsim {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _discsim(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(
+    scene: SceneArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Output directory [runs/<name of the scene>]."),
+    ] = None,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+    until: Annotated[
+        str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')
+    ] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads; results do not depend on it.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in DIR.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """Run a scene."""
+    overrides = list(settings or ())
+    if until is not None:
+        overrides.append(f"run.until={until}")
+    if threads is not None:
+        overrides.append(f"run.threads={threads}")
+    loaded = _load(scene, overrides, without or ())
+    directory = output or Path("runs") / scene.stem
+    fault = directory_fault(directory, resume)
+    if fault:
+        _refuse(fault)
+    from discsim.runner import run_scene
+
+    raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
+
+
+@app.command()
+def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOption = None) -> None:
+    """Validate a scene: the effects that will run, derived numbers, warnings."""
+    loaded = _load(scene, settings or (), without or ())
+    from discsim.check import report
+
+    typer.echo(report(loaded))
+
+
+@app.command()
+def effects() -> None:
+    """List every effect: its equation, its keys with units and defaults."""
+    from discsim.reference import effects_text
+
+    typer.echo(effects_text())
+
+
+def directory_fault(directory: Path, resume: bool) -> str | None:
+    """Why a run cannot write to `directory`; None where it can."""
+    try:
+        nearest = next(parent for parent in (directory, *directory.absolute().parents) if parent.exists())
+        if not nearest.is_dir():
+            return f"{directory}: {nearest} is a file; expected a directory"
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            return f"{directory}: {nearest} is not writable; expected a directory to write to"
+        left = [name for name in LEFT_BY_A_RUN if (directory / name).exists()]
+    except OSError as error:
+        return f"{directory}: {error.strerror}; expected a directory to write to"
+    if resume and "checkpoint.h5" not in left:
+        return (
+            f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
+        )
+    if left and not resume:
+        return (
+            f"{directory}: holds a run already ({', '.join(left)}); expected another directory, or --resume"
+        )
+    return None
+
+
+def _load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene:
+    from discsim.scene import SceneError, load_scene
+
+    try:
+        return load_scene(path, overrides, without)
+    except SceneError as error:
+        _refuse(str(error))
+
+
+def _refuse(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise SystemExit(WRONG_INPUT)
+
+
+def main() -> None:
+    """Entry point of the command `discsim`."""
+    app(prog_name="discsim")

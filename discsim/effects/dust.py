@@ -1,0 +1,18 @@
+"""Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, moved, never diffused."""
+
+from discsim.effects import base
+from discsim.kernels.move import add_scaled
+from discsim.state import State
+
+
+class Effect(base.Effect):
+    name = "dust"
+
+    def __init__(self, scene, state):
+        self.scene = scene
+
+    def kick(self, state: State, dt: float) -> None:
+        add_scaled(state.dust.vel, state.dust.acc, dt)
+
+    def move(self, state: State, dt: float) -> None:
+        base.drift(self.scene, state.dust, dt)

@@ -1,0 +1,31 @@
+"""Given accelerations: a constant one for gas and one for dust, and -Omega_z^2 z towards the midplane on both."""
+
+import numpy as np
+
+from discsim.effects import base
+from discsim.state import State
+
+
+class Effect(base.Effect):
+    name = "external"
+
+    def __init__(self, scene, state):
+        self.constant = {"gas": np.array(scene.external.gas), "dust": np.array(scene.external.dust)}
+        self.frequency = scene.external.vertical_frequency
+
+    def accelerate(self, state: State) -> None:
+        for name, particles in state.species.items():
+            particles.acc += self.constant[name]
+            if self.frequency > 0.0:
+                # The last axis is z: the only one in one dimension.
+                particles.acc[:, -1] -= self.frequency**2 * particles.pos[:, -1]
+
+    def limit(self, state: State) -> float:
+        return 1.0 / self.frequency if self.frequency > 0.0 else np.inf
+
+    def potential_energy(self, state: State) -> float:
+        total = 0.0
+        for name, p in state.species.items():
+            total -= float((p.mass * (p.pos @ self.constant[name])).sum())
+            total += 0.5 * self.frequency**2 * float((p.mass * p.pos[:, -1] ** 2).sum())
+        return total

@@ -1,0 +1,51 @@
+"""A fixed star at the origin: a = -G M r / (r^2 + s^2)^(3/2), s its softening; optional accretion radius.
+
+What comes within the accretion radius is removed at the end of the step; its mass, momentum and angular momentum go
+to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the innermost particle.
+"""
+
+import numpy as np
+
+from discsim.effects import base
+from discsim.kernels.star import attract
+from discsim.state import Particles, State
+
+
+class Effect(base.Effect):
+    name = "star"
+    shared = True
+
+    def __init__(self, scene, state):
+        self.star = scene.star
+
+    def accelerate(self, state: State) -> None:
+        for particles in state.species.values():
+            attract(particles.pos, particles.acc, self.star.mass, self.star.softening)
+
+    def limit(self, state: State) -> float:
+        nearest = min((float((p.pos * p.pos).sum(axis=1).min()) for p in state.limiting), default=np.inf)
+        return ((nearest + self.star.softening**2) ** 1.5 / self.star.mass) ** 0.5
+
+    def event(self, state: State) -> None:
+        if self.star.accretion_radius > 0.0:
+            for name, particles in state.species.items():
+                self._accrete(state, name, particles)
+
+    def _accrete(self, state: State, name: str, particles: Particles) -> None:
+        inside = (particles.pos**2).sum(axis=1) < self.star.accretion_radius**2
+        if not inside.any():
+            return
+        mass, pos, vel = particles.mass[inside], particles.pos[inside], particles.vel[inside]
+        ledger = state.ledger
+        setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + float(mass.sum()))
+        ledger.accreted_momentum += (mass[:, None] * vel).sum(axis=0)
+        spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])
+        ledger.accreted_angular_momentum += float(spin.sum())
+        particles.take(~inside)
+
+    def potential_energy(self, state: State) -> float:
+        total = 0.0
+        for p in state.species.values():
+            distance = np.sqrt((p.pos**2).sum(axis=1) + self.star.softening**2)
+            total -= float((p.mass * self.star.mass / distance).sum())
+        return total

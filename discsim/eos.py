@@ -1,0 +1,68 @@
+"""Equations of state: pressure and sound speed of the gas, and the sound speed that a disc starts with.
+
+isothermal          P = c_s^2 rho
+locally-isothermal  P = c_s^2 rho,  c_s^2 = (H/r)_0^2 (G M / r_0) (r / r_0)^-q
+adiabatic           P = (gamma - 1) rho u,  c_s^2 = gamma P / rho
+polytropic          P = K rho^gamma,  c_s^2 = gamma P / rho
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+def radius(pos: Array) -> Array:
+    """Distance from the origin (n,)."""
+    return np.sqrt((pos * pos).sum(axis=1))
+
+
+def thermal_speed(scene: Scene, r: Array | float) -> Array:
+    """sqrt(P / rho) at radius `r` that the scene's temperature asks for (n,); the initial one for adiabatic gas.
+
+    For adiabatic gas a given sound speed is the adiabatic one, an aspect ratio the isothermal one.
+    """
+    eos = scene.gas.eos
+    r = np.asarray(r, dtype=float)
+    if getattr(eos, "aspect_ratio", None) is not None:
+        r0 = eos.reference_radius
+        at_r0 = eos.aspect_ratio * np.sqrt(scene.star.mass / r0)
+        return at_r0 * (np.maximum(r, 1e-12 * r0) / r0) ** (-0.5 * eos.temperature_index)
+    speed = np.full(r.shape, eos.sound_speed)
+    return speed / np.sqrt(eos.gamma) if eos.kind == "adiabatic" else speed
+
+
+def initial_energy(scene: Scene, r: Array) -> Array | None:
+    """Specific internal energy (n,) of adiabatic gas at the start; None for gas without one."""
+    if scene.gas.eos.kind != "adiabatic":
+        return None
+    return thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)
+
+
+def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
+    """P and c_s, (n,) each, from positions, densities and specific internal energies."""
+    eos = scene.gas.eos
+    if eos.kind == "adiabatic":
+        pressure = (eos.gamma - 1.0) * density * u
+        return pressure, np.sqrt(eos.gamma * pressure / density)
+    if eos.kind == "polytropic":
+        pressure = eos.constant * density**eos.gamma
+        return pressure, np.sqrt(eos.gamma * pressure / density)
+    speed = thermal_speed(scene, radius(pos))
+    return speed * speed * density, speed
+
+
+def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:
+    """Thermal energy of the gas: of what it holds where it holds any, 0 for (locally) isothermal gas."""
+    eos = scene.gas.eos
+    if eos.kind == "adiabatic":
+        return float((mass * u).sum())
+    if eos.kind == "polytropic":
+        return float((mass * eos.constant * density ** (eos.gamma - 1.0)).sum() / (eos.gamma - 1.0))
+    return 0.0

@@ -1,0 +1,113 @@
+"""The uniform grid of a run: cloud-in-cell deposit, and gather with the same weights.
+
+Cloud in cell: Hockney & Eastwood (1988), ch. 5. Equal weights both ways and a centred difference between
+them leave no particle a force on itself, and conserve momentum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.kernels import grid as kernels
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Square cells of side `cell` from the corner `origin`; fields are (nx, ny) at their centres; 1D: ny = 1.
+
+    Positions are (n, dimensions). A particle is off an open grid where one of the nodes about it is missing.
+    """
+
+    origin: tuple[float, float]
+    cell: float
+    shape: tuple[int, int]
+    periodic: bool
+
+    @classmethod
+    def from_scene(cls, scene: Scene, particles: int) -> Grid:
+        """The grid of `scene.space`; without `cells` about as many as `particles`.
+
+        Raises ValueError for a periodic box whose sides are not whole numbers of square cells.
+        """
+        size = scene.space.size
+        cells = scene.space.cells or _cells_for(particles, scene.space.dimensions)
+        cell = max(size) / cells
+        counts = [round(side / cell) for side in size]
+        periodic = scene.space.boundary == "periodic"
+        for side, count in zip(size, counts, strict=True):
+            if periodic and not np.isclose(count * cell, side, rtol=1e-9, atol=0):
+                raise ValueError(
+                    f"space.size: {cells} square cells along the longest side leave {side / cell:g} along "
+                    "another; a periodic box needs whole cells on each side"
+                )
+        origin = [-count * cell / 2 if _centred(scene) else 0.0 for count in counts]
+        if len(counts) == 1:
+            counts.append(1)
+            origin.append(0.0)
+        return cls((origin[0], origin[1]), cell, (max(counts[0], 1), max(counts[1], 1)), periodic)
+
+    def nodes(self, axis: int) -> Array:
+        """Coordinates of the cell centres along an axis."""
+        return self.origin[axis] + (np.arange(self.shape[axis]) + 0.5) * self.cell
+
+    def deposit(self, pos: Array, mass: Array, out: Array | None = None) -> Array:
+        """Surface density (nx, ny) of the particles on the grid, added to `out` if given; 1D: by length.
+
+        The sum over the nodes, times the cell's area, is the mass of those particles, to rounding.
+        """
+        out = np.zeros(self.shape) if out is None else out
+        shift = ((self.shape[0] - 1) // kernels.STRIPS).bit_length()  # STRIPS times 2^shift rows hold nx
+        inverse = 1.0 / self.cell
+        key = kernels.strip_of(pos, self.origin, inverse, self.shape, self.periodic, shift)
+        order, start = kernels.counting_sort(key, kernels.STRIPS + 1)
+        density = mass * inverse ** pos.shape[1]
+        kernels.deposit(pos, density, order, start, self.origin, inverse, self.periodic, shift, out)
+        return out
+
+    def gather(self, field: Array, pos: Array) -> Array:
+        """A field at the particles with the deposit's weights, 0 off the grid.
+
+        Field (nx, ny) gives (n,); a vector field (nx, ny, 2) gives (n, dimensions).
+        """
+        scalar = field.ndim == 2
+        out = np.empty((len(pos), 1 if scalar else pos.shape[1]))
+        source = field[:, :, None] if scalar else field
+        kernels.gather(source, pos, self.origin, 1.0 / self.cell, self.periodic, out)
+        return out[:, 0] if scalar else out
+
+    def outside(self, pos: Array) -> Array:
+        """Indices of the particles off the grid: never deposited, and not to be gathered for."""
+        return np.flatnonzero(
+            kernels.is_outside(pos, self.origin, 1.0 / self.cell, self.shape, self.periodic)
+        )
+
+    def gradient(self, field: Array) -> Array:
+        """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
+
+        Raises ValueError for an open grid of fewer than five cells a side.
+        """
+        if not self.periodic and min(self.shape) < 5:
+            raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
+        out = np.empty((*self.shape, 2))
+        kernels.gradient(field, self.cell, self.periodic, out)
+        return out
+
+
+def _cells_for(particles: int, dimensions: int) -> int:
+    # About one particle a cell: the grid resolves what they resolve. A power of two, for the FFT.
+    along_a_side = max(particles, 1) ** (1.0 / dimensions)
+    return max(8, 2 ** round(np.log2(along_a_side)))
+
+
+def _centred(scene: Scene) -> bool:
+    if scene.initial is None:
+        return scene.space.boundary == "open"
+    return scene.initial.kind in ("disc", "shock")

@@ -1,0 +1,146 @@
+"""A disc with power laws and tapers: particles of equal mass on rings, turning in balance.
+
+Gas: v_phi^2 / r = GM/r^2 (softened) + g_self + (1/Sigma) dP/dr; with two-way drag gas and dust start at the velocities of Nakagawa,
+Sekiya & Hayashi (1986) for the local Stokes number and dust-to-gas ratio; one-way dust at those for a ratio of zero.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.exact import nsh
+from discsim.initial import profile, random_stream
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+    from discsim.state import Particles, State
+
+Array = np.ndarray
+
+
+def particles(scene: Scene) -> dict[str, dict[str, Array]]:
+    start = scene.initial
+    out = {}
+    if scene.gas is not None:
+        stream = random_stream(scene, "gas")
+        out["gas"] = _species(scene, stream, scene.gas.particles, start.inner, start.outer, 1.0, "even")
+    if scene.dust is not None:
+        stream = random_stream(scene, "dust")
+        parts = []
+        for number, p in enumerate(scene.dust):
+            inner, outer = max(p.inner or 0.0, start.inner), min(p.outer or np.inf, start.outer)
+            part = _species(scene, stream, p.particles, inner, outer, p.ratio, p.placement)
+            parts.append(part | {"species": np.full(p.particles, number)})
+        out["dust"] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    return out
+
+
+def _species(scene, stream, count, inner, outer, ratio, placement) -> dict[str, Array]:
+    r = np.linspace(inner, outer, profile.SAMPLES)
+    mass = profile.scale(scene) * profile.cumulative(scene.initial, r)
+    if placement == "random":
+        radius = np.interp(stream.random(count) * mass[-1], mass, r)
+        angle = 2.0 * np.pi * stream.random(count)
+    else:
+        radius, angle = rings(r, mass / mass[-1] * count, stream)
+    pos = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return {
+        "pos": pos,
+        "vel": np.zeros_like(pos),
+        "mass": np.full(count, ratio * mass[-1] / count),
+        "density": profile.surface_density(scene, radius),
+    }
+
+
+def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, Array]:
+    """Radius and angle of particles, as far apart along rings as the rings are from each other.
+
+    `number` is the number of particles within each of the rising radii `r`; ring k holds those between two of
+    its values, at the radius that halves them, evenly spaced from a random angle.
+    """
+    count = round(number[-1])
+    per_area = np.gradient(number, r) / (2.0 * np.pi * r)
+    ring = np.concatenate([[0.0], np.cumsum(np.diff(r) * np.sqrt(0.5 * (per_area[1:] + per_area[:-1])))])
+    total = max(1, round(ring[-1]))
+    edges = np.round(np.interp(np.arange(total + 1) * ring[-1] / total, ring, number)).astype(int)
+    edges[0], edges[-1] = 0, count
+    held = np.diff(edges)
+    radius = np.interp(0.5 * (edges[1:] + edges[:-1]), number, r)
+    phase = stream.random(total)
+    place = np.arange(count) - np.repeat(edges[:-1], held)
+    angle = 2.0 * np.pi * (place + np.repeat(phase, held)) / np.repeat(held, held)
+    return np.repeat(radius, held), angle
+
+
+def settle(state: State, effects: dict) -> None:
+    """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
+    scene = state.scene
+    gravity = _mean_gravity(state, effects)
+    for name, particles in state.species.items():
+        r = np.sqrt((particles.pos**2).sum(axis=1))
+        keplerian = np.sqrt(np.maximum(gravity(r) * r, 0.0))
+        omega = keplerian / r
+        headwind = np.zeros(len(r))
+        if scene.gas is not None:
+            headwind = 0.5 * profile.pressure_acceleration(scene, r) / omega  # eta v_K
+        radial, lag = np.zeros(len(r)), -headwind * (name == "gas")
+        if "drag" in effects:
+            radial, lag = _drift(state, effects["drag"], name, particles, r, omega, headwind)
+        elif name == "gas":
+            # Without drag the balance is exact, not to first order in the headwind.
+            lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
+        direction = particles.pos / r[:, None]
+        across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+        particles.vel[:] = radial[:, None] * direction + (keplerian + lag)[:, None] * across
+
+
+def _drift(state, drag, name, particles: Particles, r, omega, headwind) -> tuple[Array, Array]:
+    """Radial and azimuthal velocity relative to Keplerian of one species."""
+    scene = state.scene
+    density, sound = profile.surface_density(scene, r), profile.thermal_speed(scene, r)
+    two_way = scene.drag.direction == "two-way"
+    loads = [population.ratio if two_way else 0.0 for population in scene.dust]
+    times = [drag.stopping_time(k, density, sound, omega, population.ratio) for k, population in enumerate(scene.dust)]
+    if name == "dust":
+        stokes = np.choose(particles.species, times) * omega
+        found = nsh.velocities(stokes, sum(loads), headwind)
+        return found.dust_radial, found.dust_azimuthal
+    # Several populations share the back-reaction in proportion to their mass.
+    total = sum(loads)
+    radial, lag = np.zeros(len(r)), -headwind
+    for load, time in zip(loads, times, strict=True):
+        found = nsh.velocities(time * omega, total, headwind)
+        radial = radial + (load / total if total > 0.0 else 0.0) * found.gas_radial
+        lag = lag + (load / total if total > 0.0 else 0.0) * (found.gas_azimuthal + headwind)
+    return radial, lag
+
+
+def _mean_gravity(state: State, effects: dict):
+    """Inward acceleration by the star and self-gravity, averaged in azimuth, as a function of radius."""
+    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.species.values()])
+    inward = np.zeros(len(r))
+    for name in ("star", "self_gravity"):
+        if name in effects:
+            for p in state.species.values():
+                p.acc[:] = 0.0
+            effects[name].accelerate(state)
+            inward -= np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.species.values()]) / r
+    star = state.scene.star
+    smooth = star.mass * r / (r * r + star.softening**2) ** 1.5 if star else np.zeros(len(r))
+    # The star's part is known; only the rest is averaged, over annuli of a grid cell and more.
+    rest = inward - smooth
+    width = state.grid.cell if state.grid is not None else np.ptp(r)
+    edges = np.linspace(r.min(), r.max(), max(2, int(np.ptp(r) / width)) + 1)
+    number, _ = np.histogram(r, edges)
+    total, _ = np.histogram(r, edges, weights=rest)
+    filled = number > 0
+    centre = 0.5 * (edges[1:] + edges[:-1])[filled]
+    mean = total[filled] / number[filled]
+
+    def gravity(radius: Array) -> Array:
+        own = star.mass * radius / (radius**2 + star.softening**2) ** 1.5 if star else 0.0
+        return own + np.interp(radius, centre, mean)
+
+    return gravity

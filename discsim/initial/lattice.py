@@ -1,0 +1,76 @@
+"""Uniform and gently stretched lattices in a box, for gas and every dust population."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.initial import random_stream
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+def lattice(size: tuple[float, ...], particles: int, offset: float = 0.0, spacing: Array | None = None) -> Array:
+    """Square lattice of about `particles` points (n, d) in [0, size), shifted by `offset` times `spacing` (d,).
+
+    In 2D the number is the nearest product of whole rows and columns.
+    """
+    counts = shape(size, particles)
+    steps = np.array(size) / counts
+    axes = [(np.arange(n) + 0.5) * step for n, step in zip(counts, steps, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(size))
+    return (points + offset * (steps if spacing is None else spacing)) % np.array(size)
+
+
+def shape(size: tuple[float, ...], particles: int) -> tuple[int, ...]:
+    """Points along each axis."""
+    if len(size) == 1:
+        return (particles,)
+    along = max(1, round((particles * size[0] / size[1]) ** 0.5))
+    return along, max(1, round(particles / along))
+
+
+def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
+    """Gas and dust of uniform density at rest in the box, by species."""
+    size = scene.space.size
+    mass = density * float(np.prod(size))
+    out: dict[str, dict[str, Array]] = {}
+    spacing = None
+    if scene.gas is not None:
+        pos = lattice(size, scene.gas.particles)
+        spacing = np.array(size) / shape(size, scene.gas.particles)
+        out["gas"] = _species(pos, mass)
+    if scene.dust is not None:
+        stream = random_stream(scene, "dust")
+        parts = []
+        for number, population in enumerate(scene.dust):
+            if population.placement == "random":
+                pos = stream.random((population.particles, len(size))) * np.array(size)
+            else:
+                pos = lattice(size, population.particles, population.offset, spacing)
+            parts.append(_species(pos, mass * population.ratio) | {"species": np.full(len(pos), number)})
+        out["dust"] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    for arrays in out.values():
+        arrays["density"] = np.full(len(arrays["mass"]), density)
+    return out
+
+
+def _species(pos: Array, mass: float) -> dict[str, Array]:
+    return {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(len(pos), mass / len(pos))}
+
+
+def stretch(pos: Array, wavevector: Array, amplitude: float) -> Array:
+    """Move points of a uniform lattice so that their density is 1 + A sin(k.x) (times what it was); returns k.x.
+
+    Along k the mass up to phase s is s - A cos(s): solved for s by Newton's method.
+    """
+    start = pos @ wavevector
+    phase = start.copy()
+    for _ in range(30):
+        phase -= (phase - amplitude * np.cos(phase) - start) / (1.0 + amplitude * np.sin(phase))
+    pos += np.outer(phase - start, wavevector / (wavevector @ wavevector))
+    return phase

@@ -1,0 +1,74 @@
+"""The disc that a scene asks for, as functions of radius: Sigma, c_s and the pressure's pull. Numpy only.
+
+Sigma = Sigma_ref (r / r_ref)^-p T(r) between the edges, T rising as sin^2 over the inner taper and falling as cos^2 over the
+outer one; Sigma_ref from the mass, from the least Toomre Q = c_s Omega_K / (pi G Sigma), or given.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.eos import thermal_speed
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+SAMPLES = 20_001
+
+
+def shape(start, r: Array) -> Array:
+    """Sigma / Sigma_ref at radius `r`, zero beyond the edges."""
+    out = (r / start.reference_radius) ** -start.surface_density_index
+    out = out * ((r >= start.inner) & (r <= start.outer))
+    for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
+        if width > 0.0:
+            out = out * np.sin(0.5 * np.pi * np.clip(sign * (r - edge) / width, 0.0, 1.0)) ** 2
+    return out
+
+
+def radii(start) -> Array:
+    return np.linspace(start.inner, start.outer, SAMPLES)
+
+
+def cumulative(start, r: Array) -> Array:
+    """Integral of 2 pi r Sigma / Sigma_ref up to each of the rising radii `r`, from the first of them."""
+    f = 2.0 * np.pi * r * shape(start, r)
+    return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(r))])
+
+
+def scale(scene: Scene) -> float:
+    """Sigma_ref in code units."""
+    start = scene.initial
+    if start.surface_density is not None:
+        return start.surface_density
+    r = radii(start)
+    if start.mass is not None:
+        return start.mass / float(cumulative(start, r)[-1])
+    with np.errstate(divide="ignore"):
+        q = thermal_speed(scene, r) * np.sqrt(scene.star.mass / r**3) / (np.pi * shape(start, r))
+    return float(q.min()) / start.toomre_q
+
+
+def surface_density(scene: Scene, r: Array) -> Array:
+    return scale(scene) * shape(scene.initial, r)
+
+
+def pressure_acceleration(scene: Scene, r: Array) -> Array:
+    """-(1/Sigma) dP/dr of the gas at radius `r`, from the smooth profile: an edge without taper gives none."""
+    start = scene.initial
+    speed2 = thermal_speed(scene, r) ** 2
+    slope = start.surface_density_index + getattr(scene.gas.eos, "temperature_index", 0.0) * (
+        getattr(scene.gas.eos, "aspect_ratio", None) is not None
+    )
+    if scene.gas.eos.kind == "polytropic":
+        sigma = surface_density(scene, r)
+        speed2 = scene.gas.eos.constant * scene.gas.eos.gamma * sigma ** (scene.gas.eos.gamma - 1.0)
+    out = slope * speed2 / r
+    for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
+        if width > 0.0:
+            phase = 0.5 * np.pi * np.clip(sign * (r - edge) / width, 0.02, 1.0)
+            out = out - sign * speed2 * np.pi / width / np.tan(phase)
+    return out

@@ -1,0 +1,22 @@
+"""Kick and drift: y += dt x, and the wrap into a periodic box."""
+
+from numba import njit, prange
+
+
+@njit(parallel=True, cache=True)
+def add_scaled(y, x, dt):
+    """y += dt x for arrays (n, d)."""
+    for i in prange(y.shape[0]):
+        for k in range(y.shape[1]):
+            y[i, k] += dt * x[i, k]
+
+
+@njit(parallel=True, cache=True)
+def wrap(pos, size):
+    """Bring positions (n, d) back into [0, size)."""
+    for i in prange(pos.shape[0]):
+        for k in range(pos.shape[1]):
+            x = pos[i, k]
+            if x < 0.0 or x >= size[k]:
+                x -= size[k] * (x // size[k])
+                pos[i, k] = x if x < size[k] else 0.0  # a tiny negative x rounds up to the edge

@@ -1,0 +1,41 @@
+"""Smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, as numba formulas.
+
+Cubic and quintic B-splines M4, M6 (Schoenberg 1946; Monaghan & Lattanzio 1985; Price 2012, eqs. 6 and 8), M6 squeezed
+to support h ("quintic-h", M6-h of Stoyanovskaya et al. 2018), Wendland C4 (Wendland 1995; Dehnen & Aly 2012,
+table 1), whose polynomial in one dimension differs from that in two.
+"""
+
+import math
+
+from numba import njit
+
+CUBIC, QUINTIC, QUINTIC_H, WENDLAND_C4 = range(4)
+KERNELS = {"cubic": CUBIC, "quintic": QUINTIC, "quintic-h": QUINTIC_H, "wendland-c4": WENDLAND_C4}
+
+# Radius of the support in units of h.
+SUPPORT = (2.0, 3.0, 1.0, 2.0)
+
+# Normalisation sigma by kernel, in one and in two dimensions.
+NORM = (
+    (2.0 / 3.0, 1.0 / 120.0, 3.0 / 120.0, 0.75),
+    (10.0 / (7.0 * math.pi), 7.0 / (478.0 * math.pi), 63.0 / (478.0 * math.pi), 9.0 / (4.0 * math.pi)),
+)
+
+
+@njit(inline="always")
+def shape(kernel, dim, q):
+    """w(q) and dw/dq. `kernel` and `dim` are compile-time constants of the caller, so one branch is left."""
+    if kernel == CUBIC:
+        a, b = max(0.0, 2.0 - q), max(0.0, 1.0 - q)
+        return 0.25 * a * a * a - b * b * b, -0.75 * a * a + 3.0 * b * b
+    if kernel == WENDLAND_C4:
+        t = max(0.0, 1.0 - 0.5 * q)
+        t4 = t * t * t * t
+        if dim == 1:
+            return t4 * t * (2.0 * q * q + 2.5 * q + 1.0), -3.5 * q * t4 * (2.0 * q + 1.0)
+        return t4 * t * t * (35.0 / 12.0 * q * q + 3.0 * q + 1.0), -14.0 / 3.0 * q * t4 * t * (2.5 * q + 1.0)
+    scale = 3.0 if kernel == QUINTIC_H else 1.0
+    s = scale * q
+    a, b, c = max(0.0, 3.0 - s), max(0.0, 2.0 - s), max(0.0, 1.0 - s)
+    a4, b4, c4 = a * a * a * a, b * b * b * b, c * c * c * c
+    return a4 * a - 6.0 * b4 * b + 15.0 * c4 * c, scale * (-5.0 * a4 + 30.0 * b4 - 75.0 * c4)

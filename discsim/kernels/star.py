@@ -1,0 +1,16 @@
+"""Attraction of a softened point mass at the origin."""
+
+import math
+
+from numba import njit, prange
+
+
+@njit(parallel=True, cache=True)
+def attract(pos, acc, mass, softening):
+    """acc -= G M r / (r^2 + s^2)^(3/2), arrays (n, 2)."""
+    for i in prange(len(pos)):
+        x, y = pos[i, 0], pos[i, 1]
+        d2 = x * x + y * y + softening * softening
+        f = mass / (d2 * math.sqrt(d2))
+        acc[i, 0] -= f * x
+        acc[i, 1] -= f * y

@@ -1,0 +1,325 @@
+"""What the tables of a scene demand of each other.
+
+A rule looks at a draft and yields (path of the key, what is wrong). A rule that touches a faulty table is
+silent: that table has its own messages already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+Problem = tuple[tuple[str | int, ...], str]
+
+LAW_KEYS = {"constant": "K", "stopping-time": "t_stop", "stokes-number": "stokes"}
+
+
+class Faulty(Exception):
+    """The table asked for is in the scene, but could not be read."""
+
+
+class Draft:
+    """The tables of a scene that could be read, as attributes; None where the scene has no such table."""
+
+    def __init__(self, raw: dict[str, Any], tables: dict[str, Any]) -> None:
+        self._raw = raw
+        self._tables = tables
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self._raw and name not in self._tables:
+            raise Faulty(name)
+        return self._tables.get(name)
+
+    def has(self, name: str) -> bool:
+        """Is the table there, faulty or not?"""
+        return name in self._raw
+
+    def gives(self, table: str, key: str) -> bool:
+        """Did the scene itself write this key?"""
+        return isinstance(self._raw.get(table), dict) and key in self._raw[table]
+
+    @property
+    def kind(self) -> str:
+        return self.initial.kind if self.initial else ""
+
+    @property
+    def dimensions(self) -> int:
+        return self.space.dimensions if self.space else 2
+
+    @property
+    def eos_kind(self) -> str:
+        return self.gas.eos.kind if self.gas else ""
+
+
+def broken_rules(draft: Draft) -> list[Problem]:
+    """Every problem between the tables of `draft`."""
+    problems: list[Problem] = []
+    for rule in RULES:
+        try:
+            problems.extend(rule(draft))
+        except Faulty:
+            continue
+    return problems
+
+
+def _someone_is_there(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("gas") and not draft.has("dust"):
+        yield (), "neither [gas] nor [dust] is there; expected one of them at least"
+
+
+def _output_times(draft: Draft) -> Iterator[Problem]:
+    if draft.run and draft.run.every is not None and draft.gives("run", "snapshots"):
+        yield ("run", "every"), "run.snapshots is there too; expected one of the two"
+
+
+def _periodic_cells(draft: Draft) -> Iterator[Problem]:
+    space = draft.space
+    if not space or space.boundary != "periodic" or not space.cells:
+        return
+    cells = [side / max(space.size) * space.cells for side in space.size]
+    if any(abs(number - round(number)) > 1e-9 * number or round(number) < 1 for number in cells):
+        text = " x ".join(f"{number:g}" for number in cells)
+        yield ("space", "cells"), f"a periodic space of {text} square cells; expected whole numbers of cells"
+
+
+def _cells_for_gravity(draft: Draft) -> Iterator[Problem]:
+    space = draft.space
+    if not space or not draft.has("self_gravity") or space.boundary == "periodic" or not space.cells:
+        return
+    if min(space.size) / max(space.size) * space.cells < 5:
+        yield (
+            ("space", "cells"),
+            "self-gravity differentiates over five cells; expected 5 at least along each side",
+        )
+
+
+def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
+    space = draft.space
+    if space and space.boundary == "periodic" and not space.cells and min(space.size) < max(space.size):
+        yield (
+            ("space", "cells"),
+            "missing; a periodic space with unequal sides needs whole square cells along both",
+        )
+
+
+def _boundary_of_the_start(draft: Draft) -> Iterator[Problem]:
+    if not draft.space:
+        return
+    wanted = "open" if draft.kind in ("disc", "shock") else "periodic"
+    if draft.kind and draft.space.boundary != wanted:
+        found = draft.space.boundary
+        yield ("space", "boundary"), f'"{found}" does not go with a {draft.kind}; expected "{wanted}"'
+
+
+def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
+    wanted = {"disc": 2, "shock": 1}.get(draft.kind, draft.dimensions)
+    if draft.dimensions != wanted:
+        yield (
+            ("space", "dimensions"),
+            f"{draft.dimensions} does not go with a {draft.kind}; expected {wanted}",
+        )
+
+
+def _disc_edges(draft: Draft) -> Iterator[Problem]:
+    if draft.kind != "disc":
+        return
+    disc = draft.initial
+    if disc.outer <= disc.inner:
+        yield ("initial", "outer"), "the outer edge is not outside the inner one; expected outer > inner"
+    elif draft.space and min(draft.space.size) < 2 * disc.outer:
+        share = min(draft.space.size) / (2 * disc.outer)
+        yield (
+            ("space", "size"),
+            f"the grid is smaller than the disc: its half side is {share:.3g} of initial.outer; "
+            "expected more than 1 (1.3 leaves room to spread)",
+        )
+
+
+def _disc_mass(draft: Draft) -> Iterator[Problem]:
+    if draft.kind != "disc":
+        return
+    scales = ("mass", "toomre_q", "surface_density")
+    given = [key for key in scales if getattr(draft.initial, key) is not None]
+    if len(given) != 1:
+        wrong = "{} are there together".format(" and ".join(given)) if given else "the disc has no mass"
+        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
+
+
+def _disc_needs_a_centre(draft: Draft) -> Iterator[Problem]:
+    if draft.kind == "disc" and not draft.has("star") and not draft.has("self_gravity"):
+        yield (
+            ("initial", "kind"),
+            "nothing holds the disc together; expected a table [star] or [self_gravity]",
+        )
+
+
+def _toomre_q(draft: Draft) -> Iterator[Problem]:
+    if draft.kind == "disc" and draft.initial.toomre_q is not None:
+        for table in ("gas", "star"):
+            if not draft.has(table):
+                yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
+
+
+def _shock_gas(draft: Draft) -> Iterator[Problem]:
+    if draft.kind != "shock":
+        return
+    if not draft.has("gas"):
+        yield ("initial", "kind"), "a shock needs a table [gas]"
+    elif draft.eos_kind not in ("adiabatic", "isothermal"):
+        found = draft.eos_kind
+        yield (
+            ("gas", "eos", "kind"),
+            f'"{found}" does not go with a shock; expected "adiabatic" or "isothermal"',
+        )
+
+
+def _wave_direction(draft: Draft) -> Iterator[Problem]:
+    if draft.kind == "wave" and not any(draft.initial.direction):
+        yield ("initial", "direction"), "all zeros; expected whole waves along one side at least"
+
+
+def _star_space(draft: Draft) -> Iterator[Problem]:
+    if draft.has("star") and draft.dimensions == 1:
+        yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
+
+
+def _locally_isothermal(draft: Draft) -> Iterator[Problem]:
+    if draft.eos_kind == "locally-isothermal" and not draft.has("star"):
+        yield ("gas", "eos", "kind"), "H/r needs a star to orbit; expected a table [star] too"
+
+
+def _adiabatic_start(draft: Draft) -> Iterator[Problem]:
+    if draft.eos_kind != "adiabatic":
+        return
+    eos = draft.gas.eos
+    both = eos.sound_speed is not None and eos.aspect_ratio is not None
+    if both:
+        yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
+    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.kind not in ("shock", ""):
+        yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
+    if eos.aspect_ratio is not None and not draft.has("star"):
+        yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
+
+
+def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
+    if draft.gas and draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
+        yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
+
+
+def _conductivity(draft: Draft) -> Iterator[Problem]:
+    if draft.gas and draft.gas.conductivity and draft.eos_kind != "adiabatic":
+        found = draft.eos_kind
+        yield ("gas", "conductivity"), f'conducts heat, but the gas is "{found}"; expected kind = "adiabatic"'
+
+
+def _dust_place(draft: Draft) -> Iterator[Problem]:
+    for i, dust in enumerate(draft.dust or ()):
+        if draft.kind == "disc" and dust.offset:
+            yield ("dust", i, "offset"), "a disc has no gas spacing; expected a wave, shock, box or sheet"
+        for key in ("inner", "outer"):
+            if draft.kind not in ("disc", "") and getattr(dust, key) is not None:
+                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a disc"
+        if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
+            yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
+
+
+def _drag_partners(draft: Draft) -> Iterator[Problem]:
+    for table in ("gas", "dust"):
+        if draft.has("drag") and not draft.has(table):
+            yield ("drag",), f"there is drag, but no {table}; expected a table [{table}], or no [drag]"
+
+
+def _drag_law(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag:
+        return
+    for law, key in LAW_KEYS.items():
+        given = getattr(draft.drag, key) is not None
+        if law == draft.drag.law and not given:
+            yield ("drag", key), f'missing; law "{law}" needs it'
+        elif law != draft.drag.law and given:
+            yield (
+                ("drag", key),
+                f'goes with law "{law}", but drag.law is "{draft.drag.law}"; expected one of the two',
+            )
+
+
+def _drag_orbits(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag or draft.has("star"):
+        return
+    if draft.drag.law == "stokes-number":
+        yield ("drag", "law"), "t_stop = stokes / Omega needs a star to orbit; expected a table [star] too"
+    elif draft.drag.law == "epstein" and draft.dimensions == 2:
+        yield (
+            ("drag", "law"),
+            "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star; expected [star] too",
+        )
+
+
+def _epstein_grains(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag or draft.drag.law != "epstein":
+        return
+    for i, dust in enumerate(draft.dust or ()):
+        for key in ("grain_size", "grain_density"):
+            if getattr(dust, key) is None:
+                yield ("dust", i, key), 'missing; drag.law "epstein" needs it'
+
+
+def _drag_cell(draft: Draft) -> Iterator[Problem]:
+    if draft.drag and draft.drag.cell is not None and draft.drag.cell_length is not None:
+        yield ("drag", "cell_length"), "drag.cell is there too; expected one of the two"
+
+
+def _drag_heating(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag or not draft.drag.heating:
+        return
+    if draft.gas and draft.eos_kind != "adiabatic":
+        yield ("drag", "heating"), f'the gas is "{draft.eos_kind}", which keeps no heat; expected false'
+    if draft.drag.direction == "one-way":
+        yield ("drag", "heating"), "one-way drag leaves the gas alone; expected false"
+
+
+def _self_gravity_in_1d(draft: Draft) -> Iterator[Problem]:
+    if draft.has("self_gravity") and draft.dimensions == 1 and draft.space and draft.space.boundary == "open":
+        yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
+
+
+def _self_gravity_sources(draft: Draft) -> Iterator[Problem]:
+    if not draft.self_gravity:
+        return
+    sources = draft.self_gravity.sources
+    if len(set(sources)) < len(sources):
+        yield ("self_gravity", "sources"), "a source is there twice; expected each once"
+    for name in sources:
+        if draft.gives("self_gravity", "sources") and not draft.has(name):
+            yield ("self_gravity", "sources"), f'"{name}" is to attract, but there is no table [{name}]'
+
+
+RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
+    _someone_is_there,
+    _output_times,
+    _periodic_cells,
+    _cells_for_gravity,
+    _cells_of_a_rectangle,
+    _boundary_of_the_start,
+    _dimensions_of_the_start,
+    _disc_edges,
+    _disc_mass,
+    _disc_needs_a_centre,
+    _toomre_q,
+    _shock_gas,
+    _wave_direction,
+    _star_space,
+    _locally_isothermal,
+    _adiabatic_start,
+    _fixed_smoothing,
+    _conductivity,
+    _dust_place,
+    _drag_partners,
+    _drag_law,
+    _drag_orbits,
+    _epstein_grains,
+    _drag_cell,
+    _drag_heating,
+    _self_gravity_in_1d,
+    _self_gravity_sources,
+)

@@ -1,0 +1,245 @@
+"""The step loop.
+
+    kick(dt/2)  drift(dt)  events  forces  kick(dt/2)
+
+A kick turns accelerations into velocities; where a scene has drag, the kick is the exact relaxation of gas and dust with
+the accelerations inside. The closing kick of a step and the opening kick of the next have the same sources, and the
+relaxation composes exactly, so the loop does both at once: between steps `state.lag` says how much of a kick the
+velocities still await. Where somebody looks (`synchronised`), the closing kick is made on copies, and
+undone, so that looking never changes a bit of what follows. `euler` is the papers' first-order scheme.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+from discsim.costs import Costs
+from discsim.effects import load_effects
+from discsim.initial import make_state, setup
+from discsim.scene import Scene, SceneError, load_scene
+from discsim.state import Dust, Gas, State
+from discsim.units import Units
+
+
+class PhysicsError(Exception):
+    """The run cannot go on: something is not finite, or the step has collapsed."""
+
+
+class Simulation:
+    """A scene in motion.
+
+    scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
+    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]). Raises SceneError.
+    """
+
+    def __init__(self, scene: Scene | str | Path | dict, particles: dict[str, dict[str, Any]] | None = None):
+        if not isinstance(scene, Scene):
+            scene = load_scene(scene, own_particles=particles is not None)
+        self.scene = scene
+        if scene.run.threads is not None:
+            numba.set_num_threads(min(scene.run.threads, numba.config.NUMBA_NUM_THREADS))
+        try:
+            self.state = make_state(scene, particles if particles is not None else setup(scene).particles(scene))
+            if scene.self_gravity is not None or scene.drag is not None:
+                from discsim.grid import Grid
+
+                count = sum(p.count for p in self.state.species.values())
+                self.state.grid = Grid.from_scene(scene, count)
+            self.effects = load_effects(scene, self.state)
+        except ValueError as error:
+            raise SceneError([str(error)]) from error
+        self.costs = Costs(self.effects)
+        self.limit, self.limited_by = math.inf, ""
+        self._fresh = False
+        settle = None if particles is not None else getattr(setup(scene), "settle", None)
+        if settle is not None:
+            settle(self.state, self.effects)
+
+    @property
+    def time(self) -> float:
+        return self.state.time
+
+    @property
+    def units(self) -> Units:
+        return self.scene.units
+
+    @property
+    def gas(self) -> Gas | None:
+        return self.state.gas
+
+    @property
+    def dust(self) -> Dust | None:
+        return self.state.dust
+
+    def step(self, most: float = math.inf) -> float:
+        """One whole step, velocities and positions at the same time after it; returns its length."""
+        self._prepare()
+        dt = min(self._next_step(math.inf), most)
+        self._advance(dt)
+        self._close()
+        return dt
+
+    def run(self, until: float | None = None) -> None:
+        """Step to time `until` (code units; default that of the scene) and land on it."""
+        self.evolve(self.scene.run.until if until is None else until)
+        self._close()
+
+    def evolve(self, until: float, after_step: Callable[[], bool] | None = None) -> bool:
+        """Step to `until`, leaving the closing kick open; ends early (False) where `after_step` returns True."""
+        self._prepare()
+        while self.state.time < until:
+            self._advance(self._next_step(until), until)
+            if after_step is not None and after_step():
+                return False
+        return True
+
+    @contextmanager
+    def synchronised(self) -> Iterator[State]:
+        """The state with its closing kick made, for looking at; what follows does not notice."""
+        state = self.state
+        self._prepare()
+        if state.lag == 0.0:
+            yield state
+            return
+        saved = [(p, {k: v.copy() for k, v in p.arrays().items() if k in MOVED}) for p in state.species.values()]
+        lag = state.lag
+        kept_costs = self.costs
+        self.costs = Costs(self.effects)
+        self._close()
+        try:
+            yield state
+        finally:
+            self.costs = kept_costs
+            state.lag = lag
+            for particles, arrays in saved:
+                for name, array in arrays.items():
+                    setattr(particles, name, array)
+
+    def acceleration(self, effect: str) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """What one effect gives now to (gas, dust), each (n, dimensions) or None where there is no such species."""
+        if effect not in self.effects:
+            raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
+        kept = {name: p.acc for name, p in self.state.species.items()}
+        rate = self.gas.heating_rate.copy() if self.gas is not None and self.gas.u is not None else None
+        for p in self.state.species.values():
+            p.acc = np.zeros_like(p.acc)
+        self.effects[effect].accelerate(self.state)
+        found = {name: p.acc for name, p in self.state.species.items()}
+        for name, p in self.state.species.items():
+            p.acc = kept[name]
+        if rate is not None:
+            self.gas.heating_rate[:] = rate
+        return found.get("gas"), found.get("dust")
+
+    # The step
+
+    def _prepare(self) -> None:
+        if not self._fresh:
+            self._forces()
+            self._fresh = True
+
+    def _advance(self, dt: float, until: float = math.inf) -> None:
+        """From an open closing kick to the next: kick, drift, events, forces."""
+        state = self.state
+        if self.scene.run.integrator == "euler":
+            # x with the old velocity, v with the old forces, both first order.
+            self._move(dt)
+            self._kick(dt)
+        else:
+            self._kick(state.lag + 0.5 * dt)
+            self._move(dt)
+        state.time = until if dt == until - state.time else state.time + dt
+        state.step += 1
+        state.lag = 0.5 * dt if self.scene.run.integrator == "kdk" else 0.0
+        for name, effect in self.effects.items():
+            with self.costs(name):
+                effect.event(state)
+        self._forces()
+
+    def _close(self) -> None:
+        if self.state.lag > 0.0:
+            self._kick(self.state.lag)
+            self.state.lag = 0.0
+
+    def _kick(self, dt: float) -> None:
+        if "drag" in self.effects:
+            with self.costs("drag"):
+                self.effects["drag"].kick(self.state, dt)
+            return
+        for name, effect in self.effects.items():
+            with self.costs(name):
+                effect.kick(self.state, dt)
+
+    def _move(self, dt: float) -> None:
+        for name, effect in self.effects.items():
+            with self.costs(name):
+                effect.move(self.state, dt)
+
+    def _forces(self) -> None:
+        """Accelerations of all effects at the present positions, and the step that they allow."""
+        state = self.state
+        for p in state.species.values():
+            p.acc[:] = 0.0
+        own = [name for name, effect in self.effects.items() if not effect.shared]
+        for name in own:
+            self._accelerate(name)
+        if "drag" in self.effects:
+            with self.costs("drag"):
+                state.own_acc = {
+                    name: p.acc.copy() if name == "gas" or "external" in self.effects else p.acc[:0]
+                    for name, p in state.species.items()
+                }
+        for name in self.effects:
+            if name not in own:
+                self._accelerate(name)
+        limits = {name: effect.limit(state) for name, effect in self.effects.items()}
+        self.limited_by = min(limits, key=limits.__getitem__)
+        self.limit = limits[self.limited_by]
+        self._check_finite(limits)
+
+    def _accelerate(self, name: str) -> None:
+        with self.costs(name):
+            self.effects[name].accelerate(self.state)
+
+    def _next_step(self, until: float) -> float:
+        """The step from here: the limit's share, or the fixed one, cut so as to land on `until`."""
+        run, left = self.scene.run, until - self.state.time
+        dt = run.timestep if run.timestep is not None else run.courant * self.limit
+        if not math.isfinite(dt):
+            dt = run.until - self.state.time if left == math.inf else left
+        if dt >= left * (1.0 - 1e-9):
+            return left
+        if run.timestep is None and 2.0 * dt > left:
+            return 0.5 * left  # two even steps rather than a long and a tiny one
+        if self.state.time + dt == self.state.time:
+            raise PhysicsError(f"the step has collapsed to {dt:g}, set by {self.limited_by}")
+        return dt
+
+    def _check_finite(self, limits: dict[str, float]) -> None:
+        for name, particles in self.state.species.items():
+            bad = ~(np.isfinite(particles.acc).all(axis=1) & np.isfinite(particles.vel).all(axis=1))
+            if bad.any():
+                i = int(np.flatnonzero(bad)[0])
+                raise PhysicsError(f"{name} particle {particles.ids[i]} is not finite{self._culprit(name, i)}")
+        for name, limit in limits.items():
+            if math.isnan(limit) or limit <= 0.0:
+                raise PhysicsError(f"the step that {name} allows is {limit}")
+
+    def _culprit(self, species: str, i: int) -> str:
+        for name in self.effects:
+            found = dict(zip(("gas", "dust"), self.acceleration(name), strict=True))[species]
+            if found is not None and not np.isfinite(found[i]).all():
+                return f"; the first effect to give it an acceleration that is not finite is {name}"
+        return ""
+
+
+MOVED = ("vel", "u", "kick_acc")  # what a kick changes
+
+

@@ -1,0 +1,209 @@
+"""Where each key of a TOML text stands, and edits that keep its comments.
+
+`tomllib` reads values but forgets lines. `positions` scans a text that tomllib has accepted, so it need not
+judge it.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from bisect import bisect_right
+from collections.abc import Sequence
+from typing import Any
+
+Path = tuple[str | int, ...]
+
+_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_STRING = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}|' + r"'''.*?'{3,5}|" + r'"(?:\\.|[^"\\])*"|' + r"'[^']*'", re.S
+)
+_SCALAR = re.compile(r"[^,\]}#\n]+")
+
+
+def positions(text: str) -> dict[Path, int]:
+    """The line (from 1) of every table, key and list entry of a valid TOML text, by its path.
+
+    Entries of lists, `[[dust]]` among them, have their index in the path: ("dust", 0, "ratio").
+    """
+    return _Scanner(text).scan()
+
+
+def without_table(data: dict[str, Any], path: Sequence[str]) -> None:
+    """Remove the table `path` from nested tables in place, if it is there."""
+    for name in path[:-1]:
+        data = data.get(name, {})
+        if not hasattr(data, "get"):
+            return
+    data.pop(path[-1], None)
+
+
+def with_value(data: Any, path: Sequence[str], value: Any) -> None:
+    """Set the key `path` of nested tables in place, making the tables that are not there.
+
+    Raises KeyError with a message where the path crosses something that is not a table.
+    """
+    for depth, name in enumerate(path[:-1]):
+        is_list = isinstance(data, list)
+        data = data[_index(data, name, path[:depth])] if is_list else data.setdefault(name, {})
+        if not isinstance(data, dict | list):
+            raise KeyError(f"{'.'.join(path[: depth + 1])} is not a table")
+    if isinstance(data, list):
+        data[_index(data, path[-1], path[:-1])] = value
+    else:
+        data[path[-1]] = value
+
+
+def _index(data: list, name: str, path: Sequence[str]) -> int:
+    if not name.isdecimal() or int(name) >= len(data):
+        where = ".".join(path)
+        raise KeyError(
+            f'"{where}" is a list; expected a number from 0 to {len(data) - 1} after it, as in {where}.0'
+        )
+    return int(name)
+
+
+def edited(
+    text: str,
+    data: dict[str, Any],
+    values: Sequence[tuple[Sequence[str], Any]],
+    removed: Sequence[Sequence[str]],
+) -> str:
+    """`text` with the keys `values` set and the tables `removed` out, comments kept; it reads as `data`."""
+    if not values and not removed:
+        return text
+    import tomlkit
+
+    try:
+        document = tomlkit.parse(text)
+        for path, value in values:
+            with_value(document, path, value)
+        for path in removed:
+            without_table(document, path)
+        result = tomlkit.dumps(document)
+        if tomllib.loads(result) == data:
+            return result
+    except (tomlkit.exceptions.TOMLKitError, ValueError, KeyError, TypeError):
+        pass  # tables in an order that tomlkit cannot edit: the values matter more than the comments
+    return dumped(data)
+
+
+def dumped(data: dict[str, Any]) -> str:
+    """Nested tables as TOML text."""
+    import tomlkit
+
+    return tomlkit.dumps(data)
+
+
+class _Scanner:
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.at = 0
+        self.breaks = [i for i, character in enumerate(text) if character == "\n"]
+        self.lines: dict[Path, int] = {}
+        self.lengths: dict[Path, int] = {}  # of the arrays of tables so far
+
+    def scan(self) -> dict[Path, int]:
+        table: Path = ()
+        while self._blank() < len(self.text):
+            if self.text.startswith("[", self.at):
+                table = self._header()
+            else:
+                self._pair(table)
+        return self.lines
+
+    def _blank(self) -> int:
+        self.at = self._match(_BLANK).end()
+        return self.at
+
+    def _match(self, pattern: re.Pattern[str]) -> re.Match[str]:
+        found = pattern.match(self.text, self.at)
+        if not found:
+            raise ValueError(f"not TOML at character {self.at}")
+        return found
+
+    def _take(self, pattern: re.Pattern[str]) -> str:
+        found = self._match(pattern)
+        self.at = found.end()
+        return found[0]
+
+    def _line(self) -> int:
+        return bisect_right(self.breaks, self.at - 1) + 1
+
+    def _note(self, path: Path, line: int) -> None:
+        self.lines[path] = line
+        for end in range(1, len(path)):  # tables that the path only implies
+            self.lines.setdefault(path[:end], line)
+
+    def _header(self) -> Path:
+        line = self._line()
+        many = self.text.startswith("[[", self.at)
+        self.at += 2 if many else 1
+        keys = self._keys()
+        self.at += 2 if many else 1
+        path = (*self._inside(keys[:-1]), keys[-1])
+        if many:
+            self.lengths[path] = self.lengths.get(path, 0) + 1
+            self.lines.setdefault(path, line)
+        if path in self.lengths:
+            path += (self.lengths[path] - 1,)
+        self._note(path, line)
+        return path
+
+    def _inside(self, keys: list[str]) -> Path:
+        """The path of a table named by `keys`: the last entry of each array of tables on the way."""
+        path: Path = ()
+        for key in keys:
+            path += (key,)
+            if path in self.lengths:
+                path += (self.lengths[path] - 1,)
+        return path
+
+    def _keys(self) -> list[str]:
+        keys = []
+        while True:
+            self._blank()
+            if self.text[self.at] in "\"'":
+                keys.append(tomllib.loads("k=" + self._take(_STRING))["k"])
+            else:
+                keys.append(self._take(_BARE_KEY))
+            self._blank()
+            if not self.text.startswith(".", self.at):
+                return keys
+            self.at += 1
+
+    def _pair(self, table: Path) -> None:
+        line = self._line()
+        path = table + tuple(self._keys())
+        self._note(path, line)
+        self.at += 1  # the equals sign
+        self._blank()
+        self._value(path)
+
+    def _value(self, path: Path) -> None:
+        start = self.text[self.at]
+        if start == "[":
+            self._sequence("]", path)
+        elif start == "{":
+            self._sequence("}", path)
+        else:
+            self._take(_STRING if start in "\"'" else _SCALAR)
+
+    def _sequence(self, end: str, path: Path) -> None:
+        """An array, or the pairs of an inline table."""
+        self.at += 1
+        count = 0
+        while True:
+            self._blank()
+            if self.text[self.at] == end:
+                self.at += 1
+                return
+            if self.text[self.at] == ",":
+                self.at += 1
+            elif end == "}":
+                self._pair(path)
+            else:
+                self._note((*path, count), self._line())
+                self._value((*path, count))
+                count += 1

@@ -1,0 +1,285 @@
+"""The command line: what is wrong is told in one message with exit status 2, and nothing is written."""
+
+import os
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+from test_scene import DISC, write
+from typer.testing import CliRunner
+
+import discsim
+from discsim.check import derived, grid_bytes, warnings
+from discsim.cli import app, directory_fault
+from discsim.effects import EFFECTS
+from discsim.scene import load_scene
+
+SHEET = """\
+units.system = "code"
+[run]
+until = 1
+[space]
+size = [1, 0.5]
+cells = 32
+boundary = "periodic"
+[initial]
+kind = "sheet"
+[gas]
+particles = 512
+eos = {kind = "isothermal", sound_speed = 0.5}
+[self_gravity]
+softening = 0.01
+"""
+
+
+@pytest.fixture
+def calls(monkeypatch, tmp_path):
+    """The calls of run_scene, which a stand-in answers with status 3; the working directory is empty."""
+    seen = []
+    runner = ModuleType("discsim.runner")
+    runner.run_scene = lambda scene, directory, **options: seen.append((scene, directory, options)) or 3
+    monkeypatch.setitem(sys.modules, "discsim.runner", runner)
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    return seen
+
+
+def discsim_command(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def refused(calls, *arguments):
+    """The message of a command that must end with status 2, without a trace."""
+    done = discsim_command(*arguments)
+    assert done.exit_code == 2
+    assert calls == [] and os.listdir() == []
+    assert done.stdout == "" and "Traceback" not in done.stderr
+    return done.stderr.strip()
+
+
+def test_run_hands_the_scene_over(tmp_path, calls):
+    done = discsim_command(
+        "run", write(tmp_path, DISC), "--until", "3 yr", "--threads", 2, "--without", "dust",
+        "--without", "drag", "--set", "gas.kernel=quintic", "--quiet",
+    )  # fmt: skip
+    assert done.exit_code == 3, done.stderr
+    ((scene, directory, options),) = calls
+    assert scene.units.show_time(scene.run.until) == "3 yr"
+    assert scene.run.threads == 2 and scene.gas.kernel == "quintic" and scene.dust is None
+    assert str(directory) == "runs/scene" and options == {"resume": False, "quiet": True}
+    assert os.listdir() == []  # writing is the runner's
+
+
+BAD_SCENES = [
+    # (old, new, line, words): the kinds of bad input, each once through the whole command
+    ("[self_gravity]", "[self_gravty]", 29, 'did you mean "self_gravity"?'),
+    ("ratio = 0.01", "ratoi = 0.01", 24, 'did you mean "ratio"?'),
+    ("ratio = 0.01", "", 22, "dust.ratio: missing"),
+    ('"100 au"', '"100 yr"', 14, "is a time; expected a length"),
+    ('"100 au"', "100", 14, "a length needs a unit"),
+    ('"0.1 Msun"', '"-1 Msun"', 12, "is not positive"),
+    ("0.01", "-1", 24, "is not positive"),
+    ('"260 au"', '"-260 au"', 8, "is not positive"),
+    ("100_000", "0", 16, "are no particles"),
+    ("100_000", "10_000_000_001", 16, "is absurd"),
+    ("0.05", "nan", 19, "is not a finite number"),
+    ('"epstein"', '"epstein"\nscheme = "idic-lineal"', 33, 'did you mean "idic-linear"?'),
+    ("particles = 100_000", 'particles = 1\nkernel = "wendland"', 17, 'did you mean "wendland-c4"?'),
+    ('grain_size = "1 cm"\n', "", 22, 'drag.law "epstein" needs it'),
+    ('"260 au"', '"199 au"', 8, "the grid is smaller than the disc"),
+]
+
+
+@pytest.mark.parametrize("old, new, line, words", BAD_SCENES)
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_bad_scene(tmp_path, calls, command, old, new, line, words):
+    path = write(tmp_path, DISC.replace(old, new, 1))
+    first = refused(calls, command, path).splitlines()[0]
+    assert first.startswith(f"{path}:{line}: ") and words in first
+
+
+def test_drag_without_dust(tmp_path, calls):
+    path = write(tmp_path, DISC)
+    assert refused(calls, "run", path, "--without", "dust") == (
+        f"{path}:31: drag: there is drag, but no dust; expected a table [dust], or no [drag]"
+    )
+
+
+@pytest.mark.parametrize("text", ["", "[run", b"\xff\xfe[\x00r\x00"])
+def test_broken_file(tmp_path, calls, text):
+    path = write(tmp_path, text)
+    assert refused(calls, "run", path).startswith(f"{path}:1: ")
+
+
+def test_missing_file(tmp_path, calls):
+    assert "there is no such file" in refused(calls, "run", "no.toml")
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["run"], "Missing argument"),
+        (["run", "SCENE", "--speed"], "No such option"),
+        (["run", "SCENE", "--threads", "0"], "--threads"),
+        (["run", "SCENE", "--threads", "two"], "--threads"),
+        (["run", "SCENE", "--until", "3 au"], '"3 au" is a length; expected a time'),
+        (["run", "SCENE", "--set", "gas.kernel"], "expected table.key=value"),
+        (["run", "SCENE", "--without", "drga"], 'did you mean "drag"?'),
+        (["go"], "No such command"),
+    ],
+)
+def test_wrong_command_line(tmp_path, calls, arguments, words):
+    path = write(tmp_path, DISC)
+    assert words in refused(calls, *[path if part == "SCENE" else part for part in arguments])
+
+
+@pytest.mark.parametrize("left", ["scene.toml", "checkpoint.h5", "snapshots"])
+def test_directory_that_holds_a_run(tmp_path, calls, left):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / left).touch()
+    message = refused(calls, "run", write(tmp_path, DISC), "-o", tmp_path / "out")
+    assert f"holds a run already ({left})" in message and "--resume" in message
+    assert os.listdir(tmp_path / "out") == [left]
+
+
+def test_directory_that_is_there_but_empty_is_taken(tmp_path, calls):
+    (tmp_path / "out").mkdir()
+    assert discsim_command("run", write(tmp_path, DISC), "-o", tmp_path / "out").exit_code == 3
+
+
+def test_directory_under_a_file(tmp_path, calls):
+    path = write(tmp_path, DISC)
+    assert f"{path} is a file" in refused(calls, "run", path, "-o", path)
+    assert f"{path} is a file" in refused(calls, "run", path, "-o", path / "a" / "b")
+
+
+def test_directory_that_is_not_writable(tmp_path, calls, monkeypatch):
+    # By a stand-in for the file system's answer: the superuser may write anywhere.
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    message = refused(calls, "run", write(tmp_path, DISC), "-o", tmp_path / "out")
+    assert f"{tmp_path} is not writable" in message and not (tmp_path / "out").exists()
+
+
+def test_directory_name_too_long(calls, tmp_path):
+    assert "expected a directory" in refused(calls, "run", write(tmp_path, DISC), "-o", "x" * 5000)
+
+
+def test_resume(tmp_path, calls):
+    path, out = write(tmp_path, DISC), tmp_path / "out"
+    assert "no checkpoint.h5" in refused(calls, "run", path, "-o", out, "--resume")
+    out.mkdir()
+    assert "no checkpoint.h5" in refused(calls, "run", path, "-o", out, "--resume")
+    (out / "checkpoint.h5").touch()
+    assert directory_fault(out, resume=True) is None
+    assert discsim_command("run", path, "-o", out, "--resume").exit_code == 3
+    assert calls[0][2]["resume"] is True
+
+
+def test_module_is_the_command(tmp_path):
+    path = write(tmp_path, DISC.replace("ratio = 0.01", "ratoi = 0.01"))
+    command = [sys.executable, "-m", "discsim"]
+    done = subprocess.run([*command, "run", path], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.startswith(f"{path}:24: dust.ratoi:")
+    assert os.listdir(tmp_path) == ["scene.toml"]
+    version = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True)
+    assert version.stdout == f"discsim {discsim.__version__}\n"
+
+
+# discsim check
+
+
+def test_check_shows_effects_and_numbers(tmp_path):
+    done = discsim_command("check", write(tmp_path, DISC))
+    assert done.exit_code == 0, done.stderr
+    for words in ("a disc", "time       0.1592 yr", "gas.viscosity", "law epstein", "512 x 512 cells"):
+        assert words in done.stdout
+
+
+def test_derived_numbers_of_a_disc(tmp_path):
+    rows = dict(derived(load_scene(write(tmp_path, DISC))))
+    # Sigma = M / (2 pi r_out (1 - r_in/r_out) r) for p = 1: 0.1 Msun / (2 pi 90 au r) = 157.1 g/cm2 at 10 au.
+    assert rows["surface density of the gas"] == "157.1 g/cm2, 28.57 g/cm2, 15.71 g/cm2"
+    # Q = (H/r) M / (pi Sigma r^2) = 0.05 * 9 * 2 = 0.9 of M/M_d = 10 at 10 au.
+    assert rows["Toomre Q"] == "9, 2.51, 1.6"
+    # St = sqrt(2 pi) s rho_s / Sigma with rho_g = Sigma / (sqrt(2 pi) H): 7.52 / 157.1.
+    assert rows["Stokes number"] == "0.0479, 0.263, 0.479"
+    assert rows["orbital period"].startswith("31.62 yr")  # 10^1.5
+    assert rows["mass of a dust particle"] == "0.001665 Mearth"  # 1e-3 Msun / 2e5
+
+
+def test_toomre_q_is_the_least_of_the_disc(tmp_path):
+    text = DISC.replace('mass = "0.1 Msun"', "toomre_q = 1.7")
+    rows = dict(derived(load_scene(write(tmp_path, text))))
+    assert rows["Toomre Q"].split(", ")[-1] == "1.7"
+
+
+WARNINGS = [
+    ([], "h/H = 0.57 at 10 au, above 0.5: raise gas.particles to about 1.3e+05"),
+    (["space.cells=128"], "self_gravity.softening = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
+    ([], "self_gravity.softening = 1 au is 2 H at 10 au, above 1: lower it to 0.5 au"),
+    (["dust.grain_size=1 m"], "dust: St = 47.9 at 100 au, above 10"),
+    (["dust.ratio=1"], "4.6 gas particles in a drag cell at 10 au, below 8: raise gas.particles 1.8 times"),
+    (
+        ["dust.ratio=1"],
+        "9.1 dust particles in a drag cell at 10 au, below 30: raise dust.particles 3.3 times",
+    ),
+]
+
+
+@pytest.mark.parametrize("overrides, start", WARNINGS)
+def test_warning_has_its_number_and_its_cure(tmp_path, overrides, start):
+    found = warnings(load_scene(write(tmp_path, DISC), overrides))
+    assert any(line.startswith(start) for line in found), found
+
+
+def test_no_warning_without_a_reason(tmp_path):
+    fine = [
+        "gas.particles=1e6",
+        "dust.particles=4e6",
+        "dust.ratio=1",
+        "drag.cell=3",
+        "self_gravity.softening=0.51 au",
+    ]
+    fine.append("gas.eos.aspect_ratio=0.06")
+    assert warnings(load_scene(write(tmp_path, DISC), fine)) == []
+
+
+def test_check_of_every_start(tmp_path):
+    sheet = load_scene(write(tmp_path, SHEET))
+    assert dict(derived(sheet))["mass of a gas particle"] == "0.0009766"  # 1 * 1 * 0.5 / 512
+    assert dict(derived(sheet))["grid"] == "32 x 16 cells of 0.03125"
+    # density, potential, two gradients; 32 x 9 complex numbers; a quadrant of 17 x 9 of the kernel.
+    assert grid_bytes(sheet, [32, 16]) == 8 * (4 * 32 * 16 + 2 * 32 * 9 + 17 * 9)
+    shock = """
+    units.system = "code"
+    run.until = 0.2
+    space = {dimensions = 1, size = 1}
+    initial.kind = "shock"
+    gas = {particles = 600, eos = {kind = "adiabatic", gamma = 1.4}}
+    """
+    rows = dict(derived(load_scene(write(tmp_path, shock))))
+    assert rows["sound speed"] == "1.183, 1.058"  # sqrt(1.4), sqrt(1.4 .1/.125)
+    box = """
+    units.system = "code"
+    run.until = 0.2
+    space = {dimensions = 1, size = 2, boundary = "periodic"}
+    initial = {kind = "box", density = 3}
+    dust = {particles = 10, ratio = 0.5}
+    """
+    assert dict(derived(load_scene(write(tmp_path, box))))["mass of a dust particle"] == "0.3"
+    assert discsim_command("check", write(tmp_path, box)).exit_code == 0
+
+
+# discsim effects
+
+
+def test_effects_lists_equations_keys_units_and_defaults():
+    done = discsim_command("effects")
+    assert done.exit_code == 0
+    home = os.path.dirname(discsim.__file__)
+    for name, module in EFFECTS.items():
+        there = os.path.exists(os.path.join(os.path.dirname(home), *module.split(".")) + ".py")
+        assert (f"[{name}]" in done.stdout.splitlines()) == there
+    row = next(line for line in done.stdout.splitlines() if line.split()[:1] == ["outer_taper"])
+    assert row.split()[:3] == ["outer_taper", "length", "0"]
