@@ -5,10 +5,5 @@ Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.3. Momentum is exact a cell
 in a Keplerian shear it is a viscosity.
 """
 
-from discsim.kernels.drag import block_driver
-
+LINEAR = False  # a velocity field linear in the cell, or its mean alone
 SHIFTED = False  # moving cells smear its staircase over the particles
-
-
-def driver(dim: int, two_way: bool):
-    return block_driver(dim, False, two_way)

@@ -5,10 +5,5 @@ of a particle is damped towards its own species' line (equations in `kernels/dra
 every step, and about a star velocities are taken relative to Kepler's. Momentum is exact a cell.
 """
 
-from discsim.kernels.drag import block_driver
-
+LINEAR = True  # a velocity field linear in the cell, or its mean alone
 SHIFTED = True  # removes what is left of the lattice of cells: first-order errors at t_stop ~ dt
-
-
-def driver(dim: int, two_way: bool):
-    return block_driver(dim, True, two_way)

@@ -13,7 +13,7 @@ from discsim.drag import SCHEMES
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
 from discsim.kernels.blocks import LEVELS, leaf_counts, leaf_keys, merge
-from discsim.kernels.drag import LAWS, stopping_times
+from discsim.kernels.drag import LAWS, relax_blocks, stopping_times
 from discsim.kernels.grid import counting_sort
 from discsim.kernels.move import add_scaled
 from discsim.state import State
@@ -137,12 +137,13 @@ class Effect(base.Effect):
         size = np.ones(2)
         size[: self.dim] = state.scene.space.size
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
-        self.scheme.driver(self.dim, self.two_way)(
+        relax_blocks(
             gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density, gas.sound_speed,
             gas_order, gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"], dust.mass,
-            dust_order, dust_start, self.stopping_times, corners, len(self.values),
+            dust_order, dust_start, self.stopping_times, self.scheme.LINEAR, self.two_way,
             LAWS[self.drag.law], self.values, dt, self.exponential,
-            star.mass if star else 0.0, star.softening if star else 0.0, size, state.grid.periodic, heat,
+            star.mass if star else 0.0, star.softening if star else 0.0, corners, size,
+            state.grid.periodic, heat,
         )  # fmt: skip
         if resting is not None:
             dust.vel[dust.immobile] = resting

@@ -15,7 +15,6 @@ sum_s I_s G_s stays; what is left of a particle's velocity is damped towards its
 implicit Euler, which stays selectable. Sources are the accelerations that gas and dust do not share.
 """
 
-import functools
 import math
 
 import numpy as np
@@ -30,7 +29,7 @@ LAWS = {
 }
 
 
-@njit(inline="always")
+@njit(cache=True)
 def stopping_time(law, value, mass_ratio, density, sound, omega):
     """Stopping time of the dust in a block.
 
@@ -124,12 +123,12 @@ def relax_many(weight, time, y, b, dt, exponential, change):
     return lost
 
 
-@njit(inline="always")
+@njit(cache=True)
 def clip01(x):
     return min(max(x, 0.0), 1.0)
 
 
-@njit(inline="always")
+@njit(cache=True)
 def solve_slope(inertia, moment, dim, out):
     """out (d, d) = inertia^-1 moment, or False where the particles lie too nearly on a point or a line."""
     if dim == 1:
@@ -147,232 +146,96 @@ def solve_slope(inertia, moment, dim, out):
     return True
 
 
-@njit(inline="always")
-def local_frame(pos, i, corner, size, periodic, dim, star, softening, xi, ref):
-    """Place of particle i in its block and the common reference velocity there: Kepler's about a star, or 0."""
-    for a in range(dim):
-        x = pos[i, a] - corner[a]
-        if periodic:
-            x -= size[a] * math.floor(x / size[a])
-        xi[a] = x
-        ref[a] = 0.0
-    if star > 0.0 and dim == 2:
-        d2 = pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1] + softening * softening
-        omega = math.sqrt(star / (d2 * math.sqrt(d2)))
-        ref[0] = -omega * pos[i, 1]
-        ref[1] = omega * pos[i, 0]
+@njit(cache=True)
+def slopes(xi, y, mass, dim, inertia, moment):
+    """Moments of one species about its centroid: inertia (d, d) and, of the vectors `y` (n, d), moment (d, d)."""
+    for k in range(len(mass)):
+        for a in range(dim):
+            for c in range(dim):
+                inertia[a, c] += mass[k] * xi[k, a] * xi[k, c]
+                moment[a, c] += mass[k] * xi[k, a] * y[k, c]
 
 
-@functools.cache
-def block_driver(dim: int, linear: bool, two_way: bool):
-    """Compile the kick of all blocks: accelerations and drag together, on velocities in place.
+@njit(cache=True)
+def pack(pos, vel, own, mass, members, corner, size, periodic, star, softening, xi, y, b, m):
+    """Copy members of a block: place in it, velocity (relative to Kepler's about a star), source, mass."""
+    dim = pos.shape[1]
+    for k in range(len(members)):
+        i = members[k]
+        m[k] = mass[i]
+        for a in range(dim):
+            x = pos[i, a] - corner[a]
+            xi[k, a] = x - size[a] * math.floor(x / size[a]) if periodic else x
+            y[k, a] = vel[i, a]
+            b[k, a] = own[i, a] if len(own) > 0 else 0.0
+        if star > 0.0:
+            omega = kepler(pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1], star, softening)
+            y[k, 0] += omega * pos[i, 1]
+            y[k, 1] -= omega * pos[i, 0]
 
-    Species 0 is gas, 1.. the dust populations. `own_*` are the sources (the accelerations not shared),
-    of no entries where there are none. Writes each dust particle's stopping time, each block's heat and dust mass
-    without gas.
+
+@njit(cache=True)
+def kepler(r2, star, softening):
+    """Omega about a softened star at squared radius r2."""
+    d2 = r2 + softening * softening
+    return math.sqrt(star / (d2 * math.sqrt(d2)))
+
+
+@njit(cache=True)
+def centre(first, xi, y, b, m, mass, x, v, acc):
+    """Mass, centroid, mean velocity and source of each species; the members keep what differs from them."""
+    for s in range(len(mass)):
+        for k in range(first[s], first[s + 1]):
+            mass[s] += m[k]
+            x[s] += m[k] * xi[k]
+            v[s] += m[k] * y[k]
+            acc[s] += m[k] * b[k]
+        if mass[s] > 0.0:
+            x[s] /= mass[s]
+            v[s] /= mass[s]
+            acc[s] /= mass[s]
+        for k in range(first[s], first[s + 1]):
+            xi[k] -= x[s]
+            y[k] -= v[s]
+            b[k] -= acc[s]
+
+
+@njit(cache=True)
+def fit_slopes(first, xi, y, b, m, two_way, inertia, slope, source, pooled, pooled_source):
+    """Slopes of velocity and source: pooled within species (of the gas alone for one-way drag), and each species' own.
+
+    They fade in with the number of particles; a species with too few for its own takes the pooled one.
     """
-
-    @njit(parallel=True, cache=True)
-    def drag(
-        gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
-        dpos, dvel, dacc, down, dmass, dorder, dstart, dtime,
-        corners, species, law, values, dt, exponential, star, softening, size, periodic, heat,
-    ):  # fmt: skip
-        # dstart counts populations within blocks: those of block b are dstart[b * species : (b + 1) * species + 1].
-        for b in prange(len(corners)):
-            g0, g1 = gstart[b], gstart[b + 1]
-            d0, d1 = dstart[b * species], dstart[(b + 1) * species]
-            if g0 == g1 or d0 == d1:
-                for k in range(g0, g1):
-                    for a in range(dim):
-                        gvel[gorder[k], a] += dt * gacc[gorder[k], a]
-                for k in range(d0, d1):
-                    dtime[dorder[k]] = np.inf
-                    for a in range(dim):
-                        dvel[dorder[k], a] += dt * dacc[dorder[k], a]
-                continue
-            corner = corners[b]
-            n = species + 1
-            mass, number, time = np.zeros(n), np.zeros(n, np.int64), np.full(n, np.inf)
-            x, v, acc = np.zeros((n, dim)), np.zeros((n, dim)), np.zeros((n, dim))
-            xi, ref = np.empty(dim), np.empty(dim)
-            rho, sound, dust_r2 = 0.0, 0.0, 0.0
-            for s in range(n):
-                first, last = (g0, g1) if s == 0 else (dstart[b * species + s - 1], dstart[b * species + s])
-                for k in range(first, last):
-                    i = gorder[k] if s == 0 else dorder[k]
-                    m = gmass[i] if s == 0 else dmass[i]
-                    local_frame(
-                        gpos if s == 0 else dpos, i, corner, size, periodic, dim, star if linear else 0.0, softening, xi, ref
-                    )
-                    mass[s] += m
-                    if s == 0:
-                        rho += grho[i]
-                        sound += gsound[i]
-                    elif star > 0.0:
-                        dust_r2 += m * (dpos[i, 0] ** 2 + dpos[i, dim - 1] ** 2)
-                    for a in range(dim):
-                        x[s, a] += m * xi[a]
-                        v[s, a] += m * ((gvel[i, a] if s == 0 else dvel[i, a]) - ref[a])
-                        if s == 0:
-                            acc[s, a] += m * gown[i, a]
-                        elif len(down) > 0:
-                            acc[s, a] += m * down[i, a]
-                number[s] = last - first
-                if mass[s] > 0.0:
-                    x[s] /= mass[s]
-                    v[s] /= mass[s]
-                    acc[s] /= mass[s]
-            rho /= number[0]
-            sound /= number[0]
-            dust = mass[1:].sum()
-            omega = 0.0
-            if star > 0.0:
-                d2 = dust_r2 / dust + softening * softening
-                omega = math.sqrt(star / (d2 * math.sqrt(d2)))
-            gas_rate = 0.0
-            for s in range(1, n):
-                if mass[s] > 0.0:
-                    time[s] = stopping_time(law, values[s - 1], mass[s] / mass[0], rho, sound, omega)
-                    gas_rate += mass[s] / mass[0] / time[s]
-
-            # Slopes within species, and the pooled one.
-            slope, source = np.zeros((n, dim, dim)), np.zeros((n, dim, dim))
-            inertia = np.zeros((n, dim, dim))
-            pooled, pooled_source = np.zeros((dim, dim)), np.zeros((dim, dim))
-            if linear:
-                moment, moment_source = np.zeros((n, dim, dim)), np.zeros((n, dim, dim))
-                freedom = 0
-                for s in range(n):
-                    first, last = (g0, g1) if s == 0 else (dstart[b * species + s - 1], dstart[b * species + s])
-                    for k in range(first, last):
-                        i = gorder[k] if s == 0 else dorder[k]
-                        m = gmass[i] if s == 0 else dmass[i]
-                        local_frame(
-                            gpos if s == 0 else dpos, i, corner, size, periodic, dim, star, softening, xi, ref
-                        )
-                        for a in range(dim):
-                            for c in range(dim):
-                                q = (gvel[i, c] if s == 0 else dvel[i, c]) - ref[c] - v[s, c]
-                                own = gown[i, c] if s == 0 else (down[i, c] if len(down) > 0 else 0.0)
-                                inertia[s, a, c] += m * (xi[a] - x[s, a]) * (xi[c] - x[s, c])
-                                moment[s, a, c] += m * (xi[a] - x[s, a]) * q
-                                moment_source[s, a, c] += m * (xi[a] - x[s, a]) * (own - acc[s, c])
-                    freedom += max(number[s] - 1, 0)
-                # One-way dust follows the gas's own slope.
-                if not two_way:
-                    freedom = number[0] - 1
-                total = inertia.sum(axis=0) if two_way else inertia[0]
-                fade = clip01((freedom - dim) / (3.0 * dim))
-                sum_moment = moment.sum(axis=0) if two_way else moment[0]
-                sum_source = moment_source.sum(axis=0) if two_way else moment_source[0]
-                if fade > 0.0 and solve_slope(total, sum_moment, dim, pooled):
-                    solve_slope(total, sum_source, dim, pooled_source)
-                    pooled *= fade
-                    pooled_source *= fade
-                for s in range(n):
-                    slope[s] = pooled
-                    source[s] = pooled_source
-                    fade = clip01((number[s] - 1.0 - dim) / (2.0 * dim))
-                    fit, fit_source = np.empty((dim, dim)), np.empty((dim, dim))
-                    if fade > 0.0 and solve_slope(inertia[s], moment[s], dim, fit):
-                        solve_slope(inertia[s], moment_source[s], dim, fit_source)
-                        slope[s] = fade * fit + (1.0 - fade) * pooled
-                        source[s] = fade * fit_source + (1.0 - fade) * pooled_source
-
-            # Means, compared at one point; only the slopes' difference matters for where that is.
-            dv, lost = np.zeros((n, dim)), 0.0
-            y, by = np.empty((n, dim)), np.empty((n, dim))
-            for s in range(n):
-                for c in range(dim):
-                    y[s, c], by[s, c] = v[s, c], acc[s, c]
-                    for a in range(dim):
-                        y[s, c] -= pooled[a, c] * (x[s, a] - x[0, a])
-                        by[s, c] -= pooled_source[a, c] * (x[s, a] - x[0, a])
-            dslope = np.zeros((n, dim, dim))
-            present = np.flatnonzero(mass > 0.0)
-            if not two_way:
-                for s in present[1:]:
-                    f, g, _, _, _ = response(1.0 / time[s], dt, exponential)
-                    for c in range(dim):
-                        dv[s, c] = f * (y[s, c] - y[0, c]) + g * (by[s, c] - by[0, c])
-                        for a in range(dim):
-                            dslope[s, a, c] = f * (slope[s, a, c] - slope[0, a, c]) + g * (
-                                source[s, a, c] - source[0, a, c]
-                            )
-            elif len(present) == 2:
-                s = present[1]
-                rate = (1.0 + mass[s] / mass[0]) / time[s]
-                for c in range(dim):
-                    dv[0, c], dv[s, c], e = relax_pair(
-                        mass[0], mass[s], rate, y[0, c], y[s, c], by[0, c], by[s, c], dt, exponential
-                    )
-                    lost += e
-                if linear:
-                    lost += relax_slopes(
-                        inertia[0], inertia[s], rate, slope[0], slope[s], source[0], source[s],
-                        dt, exponential, dslope[0], dslope[s],
-                    )  # fmt: skip
-            else:
-                change = np.zeros((len(present), dim))
-                lost += relax_many(mass[present], time[present], y[present], by[present], dt, exponential, change)
-                dv[present] = change
-                if linear:
-                    weight = np.empty(len(present))
-                    for k in range(len(present)):
-                        weight[k] = np.trace(inertia[present[k]])
-                    if weight.min() > 1e-6 * weight.max():
-                        for a in range(dim):
-                            lost += relax_many(
-                                weight, time[present], np.ascontiguousarray(slope[:, a])[present],
-                                np.ascontiguousarray(source[:, a])[present], dt, exponential, change,
-                            )  # fmt: skip
-                            for k in range(len(present)):
-                                dslope[present[k], a] = change[k]
-
-            # Particles: their free kick, their species' line, and what is left of them, eq. (2).
-            for s in range(n):
-                if s == 0 and not two_way:
-                    continue
-                first, last = (g0, g1) if s == 0 else (dstart[b * species + s - 1], dstart[b * species + s])
-                rate = gas_rate if s == 0 else 1.0 / time[s]
-                f, g, p, q, r = response(rate, dt, exponential)
-                for k in range(first, last):
-                    i = gorder[k] if s == 0 else dorder[k]
-                    m = gmass[i] if s == 0 else dmass[i]
-                    local_frame(
-                        gpos if s == 0 else dpos, i, corner, size, periodic, dim, star if linear else 0.0, softening, xi, ref
-                    )
-                    if s > 0:
-                        dtime[i] = time[s]
-                    for c in range(dim):
-                        vel = gvel[i, c] if s == 0 else dvel[i, c]
-                        own = gown[i, c] if s == 0 else (down[i, c] if len(down) > 0 else 0.0)
-                        rest, rest_source, line = vel - ref[c] - v[s, c], own - acc[s, c], dv[s, c]
-                        for a in range(dim):
-                            z = xi[a] - x[s, a]
-                            rest -= slope[s, a, c] * z
-                            rest_source -= source[s, a, c] * z
-                            line += dslope[s, a, c] * z
-                        free = dt * (gacc[i, c] if s == 0 else dacc[i, c])
-                        new = vel + (free + line + f * rest + g * rest_source)
-                        lost += m * (p * rest * rest + q * rest * rest_source + r * rest_source * rest_source)
-                        if s == 0:
-                            gvel[i, c] = new
-                        else:
-                            dvel[i, c] = new
-            if not two_way:
-                for k in range(g0, g1):
-                    for a in range(dim):
-                        gvel[gorder[k], a] += dt * gacc[gorder[k], a]
-            elif len(heat) > 0:
-                for k in range(g0, g1):
-                    heat[gorder[k]] += lost / mass[0]
-
-    return drag
+    n, dim = len(first) - 1, xi.shape[1]
+    moment, moment_source, unused = np.zeros((n, dim, dim)), np.zeros((n, dim, dim)), np.zeros((dim, dim))
+    total, total_moment, total_source = np.zeros((dim, dim)), np.zeros((dim, dim)), np.zeros((dim, dim))
+    freedom = 0
+    for s in range(n):
+        lo, hi = first[s], first[s + 1]
+        slopes(xi[lo:hi], y[lo:hi], m[lo:hi], dim, inertia[s], moment[s])
+        slopes(xi[lo:hi], b[lo:hi], m[lo:hi], dim, unused, moment_source[s])
+        if s == 0 or two_way:
+            total += inertia[s]
+            total_moment += moment[s]
+            total_source += moment_source[s]
+            freedom += max(hi - lo - 1, 0)
+    fade = clip01((freedom - dim) / (3.0 * dim))
+    if fade > 0.0 and solve_slope(total, total_moment, dim, pooled):
+        solve_slope(total, total_source, dim, pooled_source)
+        pooled *= fade
+        pooled_source *= fade
+    fit, fit_source = np.empty((dim, dim)), np.empty((dim, dim))
+    for s in range(n):
+        slope[s] = pooled
+        source[s] = pooled_source
+        fade = clip01((first[s + 1] - first[s] - 1.0 - dim) / (2.0 * dim))
+        if fade > 0.0 and solve_slope(inertia[s], moment[s], dim, fit):
+            solve_slope(inertia[s], moment_source[s], dim, fit_source)
+            slope[s] += fade * (fit - pooled)
+            source[s] += fade * (fit_source - pooled_source)
 
 
-@njit(inline="always")
+@njit(cache=True)
 def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
     """Relax two slopes (d, d) such that I_0 G_0 + I_1 G_1 stays: angular momentum within the block is kept.
 
@@ -398,3 +261,173 @@ def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
                 b1, b2 = h0[a, c] - h1[a, c], h0[k, c] - h1[k, c]
                 lost += weight * (p * y1 * y2 + q * y1 * b2 + r * b1 * b2)
     return lost
+
+
+@njit(cache=True)
+def follow_gas(time, y, by, slope, source, dt, exponential, dv, dslope):
+    """One-way: every population towards the gas's mean and slope, which stay what they are."""
+    for s in range(1, len(time)):
+        f, g, _, _, _ = response(1.0 / time[s], dt, exponential)
+        dv[s] = f * (y[s] - y[0]) + g * (by[s] - by[0])
+        dslope[s] = f * (slope[s] - slope[0]) + g * (source[s] - source[0])
+
+
+@njit(cache=True)
+def exchange(mass, time, y, by, inertia, slope, source, dt, exponential, dv, dslope):
+    """Two-way: means and slopes of gas and of the populations present relax together; the energy lost."""
+    present = np.flatnonzero(mass > 0.0)
+    dim = y.shape[1]
+    lost = 0.0
+    if len(present) == 2:
+        s = present[1]
+        rate = (1.0 + mass[s] / mass[0]) / time[s]
+        for c in range(dim):
+            dv[0, c], dv[s, c], heat = relax_pair(
+                mass[0], mass[s], rate, y[0, c], y[s, c], by[0, c], by[s, c], dt, exponential
+            )
+            lost += heat
+        return lost + relax_slopes(
+            inertia[0], inertia[s], rate, slope[0], slope[s], source[0], source[s],
+            dt, exponential, dslope[0], dslope[s],
+        )  # fmt: skip
+    change = np.zeros((len(present), dim))
+    lost += relax_many(mass[present], time[present], y[present], by[present], dt, exponential, change)
+    dv[present] = change
+    weight = np.zeros(len(present))
+    for k in range(len(present)):
+        weight[k] = np.trace(inertia[present[k]])
+    if weight.min() > 1e-6 * weight.max():
+        part, part_source = np.empty((len(present), dim)), np.empty((len(present), dim))
+        for a in range(dim):
+            for k in range(len(present)):
+                part[k], part_source[k] = slope[present[k], a], source[present[k], a]
+            lost += relax_many(weight, time[present], part, part_source, dt, exponential, change)
+            for k in range(len(present)):
+                dslope[present[k], a] = change[k]
+    return lost
+
+
+@njit(cache=True)
+def apply(members, y, b, m, xi, slope, source, dv, dslope, rate, dt, exponential, vel, acc):
+    """Free kick, the change of the species' line, and what is left of each particle, eq. (2); the energy lost."""
+    f, g, p, q, r = response(rate, dt, exponential)
+    lost = 0.0
+    dim = y.shape[1]
+    for k in range(len(members)):
+        i = members[k]
+        for c in range(dim):
+            rest, rest_source, line = y[k, c], b[k, c], dv[c]
+            for a in range(dim):
+                rest -= slope[a, c] * xi[k, a]
+                rest_source -= source[a, c] * xi[k, a]
+                line += dslope[a, c] * xi[k, a]
+            vel[i, c] += dt * acc[i, c] + (line + f * rest + g * rest_source)
+            lost += m[k] * (p * rest * rest + q * rest * rest_source + r * rest_source * rest_source)
+    return lost
+
+
+@njit(cache=True)
+def free_kick(members, vel, acc, dt):
+    for i in members:
+        for a in range(vel.shape[1]):
+            vel[i, a] += dt * acc[i, a]
+
+
+@njit(cache=True)
+def relax_block(
+    gas_members, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
+    dust_members, dpos, dvel, dacc, down, dmass, dtime,
+    linear, two_way, law, values, dt, exponential, star, softening, corner, size, periodic, heat,
+):  # fmt: skip
+    """The kick of one block that holds both species; `first` (species + 1,) divides the dust by population."""
+    n, dim = len(values) + 1, gpos.shape[1]
+    ng = len(gas_members)
+    count = ng + len(dust_members)
+    reference = star if linear else 0.0
+    xi, y, b, m = np.empty((count, dim)), np.empty((count, dim)), np.empty((count, dim)), np.empty(count)
+    pack(gpos, gvel, gown, gmass, gas_members, corner, size, periodic, reference, softening, xi, y, b, m)
+    pack(
+        dpos, dvel, down, dmass, dust_members, corner, size, periodic, reference, softening,
+        xi[ng:], y[ng:], b[ng:], m[ng:],
+    )  # fmt: skip
+    bound = np.empty(n + 1, np.int64)
+    bound[0] = 0
+    bound[1:] = first - first[0] + ng
+    mass, time = np.zeros(n), np.full(n, np.inf)
+    x, v, acc = np.zeros((n, dim)), np.zeros((n, dim)), np.zeros((n, dim))
+    centre(bound, xi, y, b, m, mass, x, v, acc)
+
+    rho, sound, r2 = 0.0, 0.0, 0.0
+    for i in gas_members:
+        rho += grho[i] / ng
+        sound += gsound[i] / ng
+    for i in dust_members:
+        for a in range(dim):
+            r2 += dpos[i, a] * dpos[i, a] / len(dust_members)
+    omega = kepler(r2, star, softening) if star > 0.0 else 0.0
+    gas_rate = 0.0
+    for s in range(1, n):
+        if mass[s] > 0.0:
+            time[s] = stopping_time(law, values[s - 1], mass[s] / mass[0], rho, sound, omega)
+            gas_rate += mass[s] / mass[0] / time[s]
+
+    slope, source, dslope = np.zeros((n, dim, dim)), np.zeros((n, dim, dim)), np.zeros((n, dim, dim))
+    inertia = np.zeros((n, dim, dim))
+    pooled, pooled_source = np.zeros((dim, dim)), np.zeros((dim, dim))
+    if linear:
+        fit_slopes(bound, xi, y, b, m, two_way, inertia, slope, source, pooled, pooled_source)
+    at, at_source = v.copy(), acc.copy()
+    for s in range(1, n):  # what each species' velocity would be at the gas's centroid
+        for a in range(dim):
+            at[s] -= pooled[a] * (x[s, a] - x[0, a])
+            at_source[s] -= pooled_source[a] * (x[s, a] - x[0, a])
+    dv, lost = np.zeros((n, dim)), 0.0
+    if two_way:
+        lost += exchange(mass, time, at, at_source, inertia, slope, source, dt, exponential, dv, dslope)
+        lost += apply(
+            gas_members, y, b, m, xi, slope[0], source[0], dv[0], dslope[0],
+            gas_rate, dt, exponential, gvel, gacc,
+        )  # fmt: skip
+    else:
+        follow_gas(time, at, at_source, slope, source, dt, exponential, dv, dslope)
+        free_kick(gas_members, gvel, gacc, dt)
+    for s in range(1, n):
+        lo, hi = bound[s], bound[s + 1]
+        members = dust_members[lo - ng : hi - ng]
+        lost += apply(
+            members, y[lo:hi], b[lo:hi], m[lo:hi], xi[lo:hi], slope[s], source[s], dv[s], dslope[s],
+            1.0 / time[s], dt, exponential, dvel, dacc,
+        )  # fmt: skip
+        dtime[members] = time[s]
+    if len(heat) > 0:
+        heat[gas_members] = lost / mass[0]
+
+
+@njit(parallel=True, cache=True)
+def relax_blocks(
+    gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
+    dpos, dvel, dacc, down, dmass, dorder, dstart, dtime,
+    linear, two_way, law, values, dt, exponential, star, softening, corners, size, periodic, heat,
+):  # fmt: skip
+    """The kick of all blocks: accelerations and drag together, velocities in place.
+
+    gorder, gstart: gas by block; dorder, dstart: dust by block and, within it, by population. `own` arrays are the
+    sources (accelerations not shared; no entries where there are none). Writes each dust particle's
+    stopping time, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
+    """
+    n = len(values)
+    for block in prange(len(corners)):
+        gas = gorder[gstart[block] : gstart[block + 1]]
+        first = dstart[block * n : (block + 1) * n + 1]
+        dust = dorder[first[0] : first[n]]
+        if len(gas) > 0 and len(dust) > 0:
+            relax_block(
+                gas, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
+                dust, dpos, dvel, dacc, down, dmass, dtime, linear, two_way, law, values, dt, exponential,
+                star, softening, corners[block], size, periodic, heat,
+            )  # fmt: skip
+        else:
+            free_kick(gas, gvel, gacc, dt)
+            free_kick(dust, dvel, dacc, dt)
+            for i in dust:
+                dtime[i] = np.inf
