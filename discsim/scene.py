@@ -280,15 +280,17 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
 def _filled(data: dict[str, Any]) -> dict[str, Any]:
     """A copy with the defaults that depend on other tables."""
     filled = deepcopy(data)
+    dimensions = 1 if _get(data, "space", "dimensions") == 1 else 2
     gas = filled.get("gas")
     if isinstance(gas, dict):
-        gas.setdefault("eta", ETA.get(str(gas.get("kernel")), ETA["cubic"]))
+        eta = ETA[dimensions]
+        gas.setdefault("eta", eta.get(str(gas.get("kernel")), eta["cubic"]))
     drag = filled.get("drag")
     if isinstance(drag, dict):
         if isinstance(drag.get("cell"), str):
             drag["cell_length"] = drag.pop("cell")
         if "cell_length" not in drag:
-            drag.setdefault("cell", 1 if _get(data, "space", "dimensions") == 1 else 2)
+            drag.setdefault("cell", dimensions)
         adiabatic = _get(data, "gas", "eos", "kind") == "adiabatic"
         drag.setdefault("heating", adiabatic and drag.get("direction") != "one-way")
     if isinstance(filled.get("dust"), dict):
