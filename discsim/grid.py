@@ -83,6 +83,11 @@ class Grid:
         kernels.gather(source, pos, self.origin, 1.0 / self.cell, self.periodic, out)
         return out[:, 0] if scalar else out
 
+    def order(self, pos: Array) -> Array:
+        """Order (n,) of the particles by cell, for memory locality."""
+        key = kernels.cells_of(pos, self.origin, 1.0 / self.cell, self.shape, self.periodic)
+        return kernels.counting_sort(key, self.shape[0] * self.shape[1] + 1)[0]
+
     def outside(self, pos: Array) -> Array:
         """Indices of the particles off the grid: never deposited, and not to be gathered for."""
         return np.flatnonzero(

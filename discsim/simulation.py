@@ -12,19 +12,21 @@ undone, so that looking never changes a bit of what follows. `euler` is the pape
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
 
+from discsim.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
 from discsim.costs import Costs
 from discsim.effects import load_effects
 from discsim.initial import make_state, setup
 from discsim.scene import Scene, SceneError, load_scene
-from discsim.state import Dust, Gas, State
+from discsim.state import Dust, Gas, Ledger, State
 from discsim.units import Units
 
 
@@ -137,6 +139,42 @@ class Simulation:
         if rate is not None:
             self.gas.heating_rate[:] = rate
         return found.get("gas"), found.get("dust")
+
+    def save(self, path: str | Path, notes: Mapping[str, Scalar] | None = None) -> None:
+        """Write a checkpoint from which `restore` goes on, bit for bit, with `notes` in it. Raises OSError."""
+        self._prepare()
+        state = self.state
+        groups = {name: p.arrays() for name, p in state.species.items()}
+        groups["own_acc"] = state.own_acc
+        groups["ledger"] = {name: np.atleast_1d(value) for name, value in asdict(state.ledger).items()}
+        groups["scene"] = {"text": np.frombuffer(self.scene.text.encode(), np.uint8)}
+        groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
+        groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
+        values = {"time": state.time, "step": state.step, "lag": state.lag}
+        values |= {"limit": self.limit, "limited_by": self.limited_by}
+        write_checkpoint(path, groups, {**values, **(notes or {})})
+
+    def restore(self, path: str | Path) -> dict[str, Scalar]:
+        """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError."""
+        groups, values = read_checkpoint(path)
+        state = self.state
+        for name, particles in state.species.items():
+            if groups.get(name, {}).keys() != particles.arrays().keys():
+                raise CheckpointError(f"{path}: does not hold the {name} of this scene")
+            for array_name, array in groups[name].items():
+                setattr(particles, array_name, array)
+        state.own_acc = groups["own_acc"]
+        entries = groups["ledger"]
+        momentum = entries.pop("accreted_momentum")
+        state.ledger = Ledger(
+            accreted_momentum=momentum, **{name: float(entry[0]) for name, entry in entries.items()}
+        )
+        for table, numbers in ((self.costs.calls, "calls"), (self.costs.seconds, "seconds")):
+            table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
+        state.time, state.step, state.lag = float(values["time"]), int(values["step"]), float(values["lag"])
+        self.limit, self.limited_by = float(values["limit"]), str(values["limited_by"])
+        self._fresh = True  # forces are among the arrays
+        return values
 
     # The step
 

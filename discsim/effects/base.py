@@ -9,6 +9,10 @@ import numpy as np
 from discsim.kernels.move import add_scaled, wrap
 from discsim.state import Particles, State
 
+# Steps between reorderings of a species' arrays. A particle's place in memory decides the order of sums, so that
+# reordering must depend on the number of the step alone.
+SORT_EVERY = 16
+
 
 class Effect:
     """Base of the effects: does nothing and limits nothing."""

@@ -129,6 +129,16 @@ class Effect(base.Effect):
         if gas.immobile is not None:
             gas.vel[gas.immobile] = before[gas.immobile]
 
+    def current_stopping_times(self, state: State) -> np.ndarray:
+        """Stopping time of each dust particle where it is now (n,), inf where it has no gas; moves nothing."""
+        gas, dust = state.gas, state.dust
+        if gas.count == 0 or dust.count == 0:
+            return np.full(dust.count, np.inf)
+        vel, dust.vel = dust.vel, dust.vel.copy()
+        self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
+        dust.vel = vel
+        return self.stopping_times
+
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         gas, dust, star = state.gas, state.dust, state.scene.star
         gas_order, gas_start, dust_order, dust_start, corners = self.blocks(state)

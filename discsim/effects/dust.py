@@ -15,4 +15,6 @@ class Effect(base.Effect):
         add_scaled(state.dust.vel, state.dust.acc, dt)
 
     def move(self, state: State, dt: float) -> None:
+        if state.grid is not None and state.step % base.SORT_EVERY == 0:
+            state.dust.take(state.grid.order(state.dust.pos))
         base.drift(self.scene, state.dust, dt)

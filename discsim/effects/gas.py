@@ -12,9 +12,6 @@ from discsim.kernels.move import add_scaled
 from discsim.sph import Sph
 from discsim.state import Gas, State
 
-SORT_EVERY = 16  # steps between reorderings of the arrays, for memory locality
-
-
 class Effect(base.Effect):
     name = "gas"
 
@@ -72,8 +69,7 @@ class Effect(base.Effect):
         kick_gas(state.gas, dt)
 
     def move(self, state: State, dt: float) -> None:
-        if state.step % SORT_EVERY == 1:
-            # A particle's place in memory decides the order of sums, so it must depend on the step alone.
+        if state.step % base.SORT_EVERY == 0:
             state.gas.take(self.sph.order(state.gas))
         base.drift(self.scene, state.gas, dt)
 

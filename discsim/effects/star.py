@@ -7,7 +7,7 @@ to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the inne
 import numpy as np
 
 from discsim.effects import base
-from discsim.kernels.star import attract
+from discsim.kernels.star import attract, nearest
 from discsim.state import Particles, State
 
 
@@ -23,8 +23,8 @@ class Effect(base.Effect):
             attract(particles.pos, particles.acc, self.star.mass, self.star.softening)
 
     def limit(self, state: State) -> float:
-        nearest = min((float((p.pos * p.pos).sum(axis=1).min()) for p in state.limiting), default=np.inf)
-        return ((nearest + self.star.softening**2) ** 1.5 / self.star.mass) ** 0.5
+        distance2 = min(nearest(particles.pos) for particles in state.limiting)
+        return ((distance2 + self.star.softening**2) ** 1.5 / self.star.mass) ** 0.5
 
     def event(self, state: State) -> None:
         if self.star.accretion_radius > 0.0:
@@ -32,9 +32,9 @@ class Effect(base.Effect):
                 self._accrete(state, name, particles)
 
     def _accrete(self, state: State, name: str, particles: Particles) -> None:
-        inside = (particles.pos**2).sum(axis=1) < self.star.accretion_radius**2
-        if not inside.any():
+        if nearest(particles.pos) >= self.star.accretion_radius**2:
             return
+        inside = (particles.pos**2).sum(axis=1) < self.star.accretion_radius**2
         mass, pos, vel = particles.mass[inside], particles.pos[inside], particles.vel[inside]
         ledger = state.ledger
         setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + float(mass.sum()))

@@ -147,13 +147,18 @@ def solve_slope(inertia, moment, dim, out):
 
 
 @njit(cache=True)
-def slopes(xi, y, mass, dim, inertia, moment):
-    """Moments of one species about its centroid: inertia (d, d) and, of the vectors `y` (n, d), moment (d, d)."""
-    for k in range(len(mass)):
-        for a in range(dim):
-            for c in range(dim):
-                inertia[a, c] += mass[k] * xi[k, a] * xi[k, c]
-                moment[a, c] += mass[k] * xi[k, a] * y[k, c]
+def moments(xi, y, b, mass, inertia, moment, moment_source):
+    """Second moments of one species about its centroid: of place with place, velocity and source, (d, d) each."""
+    dim = xi.shape[1]
+    for a in range(dim):
+        for c in range(dim):
+            ii, iy, ib = 0.0, 0.0, 0.0
+            for k in range(len(mass)):
+                arm = mass[k] * xi[k, a]
+                ii += arm * xi[k, c]
+                iy += arm * y[k, c]
+                ib += arm * b[k, c]
+            inertia[a, c], moment[a, c], moment_source[a, c] = ii, iy, ib
 
 
 @njit(cache=True)
@@ -187,17 +192,19 @@ def centre(first, xi, y, b, m, mass, x, v, acc):
     for s in range(len(mass)):
         for k in range(first[s], first[s + 1]):
             mass[s] += m[k]
-            x[s] += m[k] * xi[k]
-            v[s] += m[k] * y[k]
-            acc[s] += m[k] * b[k]
-        if mass[s] > 0.0:
-            x[s] /= mass[s]
-            v[s] /= mass[s]
-            acc[s] /= mass[s]
-        for k in range(first[s], first[s + 1]):
-            xi[k] -= x[s]
-            y[k] -= v[s]
-            b[k] -= acc[s]
+        for a in range(xi.shape[1]):
+            for k in range(first[s], first[s + 1]):
+                x[s, a] += m[k] * xi[k, a]
+                v[s, a] += m[k] * y[k, a]
+                acc[s, a] += m[k] * b[k, a]
+            if mass[s] > 0.0:
+                x[s, a] /= mass[s]
+                v[s, a] /= mass[s]
+                acc[s, a] /= mass[s]
+            for k in range(first[s], first[s + 1]):
+                xi[k, a] -= x[s, a]
+                y[k, a] -= v[s, a]
+                b[k, a] -= acc[s, a]
 
 
 @njit(cache=True)
@@ -207,32 +214,37 @@ def fit_slopes(first, xi, y, b, m, two_way, inertia, slope, source, pooled, pool
     They fade in with the number of particles; a species with too few for its own takes the pooled one.
     """
     n, dim = len(first) - 1, xi.shape[1]
-    moment, moment_source, unused = np.zeros((n, dim, dim)), np.zeros((n, dim, dim)), np.zeros((dim, dim))
+    moment, moment_source = np.empty((n, dim, dim)), np.empty((n, dim, dim))
     total, total_moment, total_source = np.zeros((dim, dim)), np.zeros((dim, dim)), np.zeros((dim, dim))
     freedom = 0
     for s in range(n):
         lo, hi = first[s], first[s + 1]
-        slopes(xi[lo:hi], y[lo:hi], m[lo:hi], dim, inertia[s], moment[s])
-        slopes(xi[lo:hi], b[lo:hi], m[lo:hi], dim, unused, moment_source[s])
+        moments(xi[lo:hi], y[lo:hi], b[lo:hi], m[lo:hi], inertia[s], moment[s], moment_source[s])
         if s == 0 or two_way:
-            total += inertia[s]
-            total_moment += moment[s]
-            total_source += moment_source[s]
             freedom += max(hi - lo - 1, 0)
+            for a in range(dim):
+                for c in range(dim):
+                    total[a, c] += inertia[s, a, c]
+                    total_moment[a, c] += moment[s, a, c]
+                    total_source[a, c] += moment_source[s, a, c]
     fade = clip01((freedom - dim) / (3.0 * dim))
     if fade > 0.0 and solve_slope(total, total_moment, dim, pooled):
         solve_slope(total, total_source, dim, pooled_source)
-        pooled *= fade
-        pooled_source *= fade
-    fit, fit_source = np.empty((dim, dim)), np.empty((dim, dim))
+        for a in range(dim):
+            for c in range(dim):
+                pooled[a, c] *= fade
+                pooled_source[a, c] *= fade
     for s in range(n):
-        slope[s] = pooled
-        source[s] = pooled_source
         fade = clip01((first[s + 1] - first[s] - 1.0 - dim) / (2.0 * dim))
-        if fade > 0.0 and solve_slope(inertia[s], moment[s], dim, fit):
-            solve_slope(inertia[s], moment_source[s], dim, fit_source)
-            slope[s] += fade * (fit - pooled)
-            source[s] += fade * (fit_source - pooled_source)
+        own = fade > 0.0 and solve_slope(inertia[s], moment[s], dim, slope[s])
+        if own:
+            solve_slope(inertia[s], moment_source[s], dim, source[s])
+        else:
+            fade = 0.0
+        for a in range(dim):
+            for c in range(dim):
+                slope[s, a, c] = fade * slope[s, a, c] + (1.0 - fade) * pooled[a, c]
+                source[s, a, c] = fade * source[s, a, c] + (1.0 - fade) * pooled_source[a, c]
 
 
 @njit(cache=True)
@@ -352,7 +364,8 @@ def relax_block(
     )  # fmt: skip
     bound = np.empty(n + 1, np.int64)
     bound[0] = 0
-    bound[1:] = first - first[0] + ng
+    for s in range(n):
+        bound[s + 1] = first[s] - first[0] + ng
     mass, time = np.zeros(n), np.full(n, np.inf)
     x, v, acc = np.zeros((n, dim)), np.zeros((n, dim)), np.zeros((n, dim))
     centre(bound, xi, y, b, m, mass, x, v, acc)
@@ -379,8 +392,9 @@ def relax_block(
     at, at_source = v.copy(), acc.copy()
     for s in range(1, n):  # what each species' velocity would be at the gas's centroid
         for a in range(dim):
-            at[s] -= pooled[a] * (x[s, a] - x[0, a])
-            at_source[s] -= pooled_source[a] * (x[s, a] - x[0, a])
+            for c in range(dim):
+                at[s, c] -= pooled[a, c] * (x[s, a] - x[0, a])
+                at_source[s, c] -= pooled_source[a, c] * (x[s, a] - x[0, a])
     dv, lost = np.zeros((n, dim)), 0.0
     if two_way:
         lost += exchange(mass, time, at, at_source, inertia, slope, source, dt, exponential, dv, dslope)
@@ -398,9 +412,11 @@ def relax_block(
             members, y[lo:hi], b[lo:hi], m[lo:hi], xi[lo:hi], slope[s], source[s], dv[s], dslope[s],
             1.0 / time[s], dt, exponential, dvel, dacc,
         )  # fmt: skip
-        dtime[members] = time[s]
+        for i in members:
+            dtime[i] = time[s]
     if len(heat) > 0:
-        heat[gas_members] = lost / mass[0]
+        for i in gas_members:
+            heat[i] = lost / mass[0]
 
 
 @njit(parallel=True, cache=True)

@@ -50,6 +50,17 @@ def cell_of(x, origin, inverse, count, periodic):
     return int(s) if 0.0 <= s < count else -1
 
 
+@njit(parallel=True, cache=True)
+def cells_of(pos, origin, inverse, shape, periodic):
+    """Row-major index of the cell that holds each particle (n,), the number of cells where it is off the grid."""
+    out = np.empty(len(pos), np.int64)
+    for i in prange(len(pos)):
+        ix = cell_of(pos[i, 0], origin[0], inverse, shape[0], periodic)
+        iy = cell_of(pos[i, 1], origin[1], inverse, shape[1], periodic) if pos.shape[1] == 2 else 0
+        out[i] = ix * shape[1] + iy if ix >= 0 and iy >= 0 else shape[0] * shape[1]
+    return out
+
+
 @njit(cache=True)
 def stencil(x, origin, inverse, count, periodic):
     """The two nodes about x and the weight of the second; (-1, -1, 0) where they are not on the grid."""

@@ -25,7 +25,7 @@ from discsim.kernels.smoothing import NORM, SUPPORT, shape
 
 # No 'nnan'/'ninf': a run that goes wrong must still be seen to.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-NEWTON_TOLERANCE = 1e-6  # of h, on the last step; the error left is its square
+NEWTON_TOLERANCE = 1e-3  # of h, on the last step; the error left is its square
 NEWTON_ITERATIONS = 60
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from numba import njit, prange
 
 
@@ -14,3 +15,12 @@ def attract(pos, acc, mass, softening):
         f = mass / (d2 * math.sqrt(d2))
         acc[i, 0] -= f * x
         acc[i, 1] -= f * y
+
+
+@njit(cache=True)
+def nearest(pos):
+    """Least squared distance of positions (n, 2) from the origin, inf where there are none."""
+    least = np.inf
+    for i in range(len(pos)):
+        least = min(least, pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1])
+    return least

@@ -1,0 +1,134 @@
+"""What a run shows while it runs: a live display on a terminal, else plain lines; run.log gets the lines always."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+    from discsim.state import State
+
+LINE_EVERY = 10.0  # wall-clock seconds between plain lines
+FRAME_EVERY = 0.25  # and between frames of the live display
+
+
+class Progress:
+    """Tells of a run. Errors go to stderr, all else to stdout; `quiet` leaves only the errors and the log."""
+
+    def __init__(self, scene: Scene, quiet: bool) -> None:
+        self.scene, self.quiet = scene, quiet
+        self.console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+        self.live: Live | None = None
+        self._log: TextIO | None = None
+        self._early: list[str] = []  # said before there was a log
+        self._next_line = self._next_frame = 0.0
+        self._since: tuple[float, float, int] | None = None  # wall-clock time, time and step after the first step
+
+    def open_log(self, path: Path, resume: bool) -> None:
+        """Keep the log at `path`, with what was said until now first."""
+        self._log = path.open("a" if resume else "w", encoding="utf-8")
+        early, self._early = self._early, []
+        for line in early:
+            self._note(line)
+
+    def say(self, text: str) -> None:
+        """Lines for the screen and the log."""
+        self._note(text)
+        if not self.quiet:
+            self.console.print(text)
+
+    def fail(self, text: str) -> None:
+        """An error: one message on stderr, and in the log."""
+        self.close_live()
+        print(text, file=sys.stderr)
+        if self._log is not None:
+            self._note(text)
+
+    def step(self, state: State, dt: float, set_by: str) -> None:
+        """After each step: a frame or a line, when one is due. The first step counts for no speed: kernels compile."""
+        now = time.monotonic()
+        if self._since is None:
+            self._since = (now, state.time, state.step)
+            self._next_line = now + LINE_EVERY
+        if now >= self._next_line:
+            self._next_line = now + LINE_EVERY
+            self.line(state, dt, set_by)
+        if now >= self._next_frame and self.console.is_terminal and not self.quiet:
+            self._next_frame = now + FRAME_EVERY
+            self._frame(state, dt, set_by)
+
+    def line(self, state: State, dt: float, set_by: str, end: str = "") -> None:
+        """One plain line about the present step."""
+        facts = [*self._facts(state, dt, set_by).values(), end]
+        text = "  ".join(fact for fact in facts if fact)
+        if self.live is None:
+            self.say(text)
+        else:
+            self._note(text)
+
+    def close_live(self) -> None:
+        if self.live is not None:
+            self.live.stop()
+            self.live = None
+
+    def close(self) -> None:
+        self.close_live()
+        if self._log is not None:
+            self._log.close()
+            self._log = None
+
+    def _note(self, text: str) -> None:
+        if self._log is None:
+            self._early.append(text)
+        else:
+            self._log.write(text + "\n")
+            self._log.flush()
+
+    def _facts(self, state: State, dt: float, set_by: str) -> dict[str, str]:
+        show, until = self.scene.units.show_time, self.scene.run.until
+        facts = {
+            "step": f"step {state.step}",
+            "time": f"t = {show(state.time)} of {show(until)}",
+            "dt": f"dt = {show(dt)}, set by {set_by}" if dt > 0.0 else "",
+        }
+        if self._since is not None:
+            wall, begun, step = self._since
+            elapsed = time.monotonic() - wall
+            if state.step > step and elapsed > 0.0 and state.time > begun:
+                left = elapsed * max(until - state.time, 0.0) / (state.time - begun)
+                facts["speed"] = f"{(state.step - step) / elapsed:.3g} steps/s"
+                facts["left"] = f"{clock(left)} left"
+        return facts
+
+    def _frame(self, state: State, dt: float, set_by: str) -> None:
+        table = Table.grid(padding=(0, 2))
+        table.add_row("effects", ", ".join(self.scene.effects))
+        facts = self._facts(state, dt, set_by)
+        table.add_row("step", "  ".join(facts[name] for name in ("step", "speed") if name in facts))
+        table.add_row("time", facts["time"])
+        table.add_row("dt", facts["dt"])
+        table.add_row("", ProgressBar(total=self.scene.run.until, completed=state.time, width=40))
+        table.add_row("left", facts.get("left", ""))
+        if self.live is None:
+            self.live = Live(console=self.console, auto_refresh=False, transient=True)
+            self.live.start()
+        self.live.update(table, refresh=True)
+
+
+def clock(seconds: float) -> str:
+    """A wall-clock time for people: "3.2 s", "4 min 5 s", "2 h 5 min"."""
+    if seconds < 10.0:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 1:
+        return f"{rest} s"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
