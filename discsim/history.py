@@ -1,7 +1,7 @@
 """history.csv: totals against time, one row a step or interval.
 
-Sums over the particles that move: mass, momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin, kinetic
-energy sum m v^2 / 2; velocities at the time of the positions. Code units.
+Sums over the particles that move: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin,
+kinetic energy sum m v^2 / 2, with velocities at the time of the positions. Code units.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 COLUMNS = (
-    "step", "time", "dt", "dt_set_by", "mass_gas", "mass_dust", "momentum_x", "momentum_y", "angular_momentum",
-    "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas", "accreted_dust", "uncoupled_dust",
+    "step", "time", "dt", "dt_set_by", "mass_gas", "mass_dust", "momentum_x", "momentum_y",
+    "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
+    "accreted_dust", "uncoupled_dust",
 )  # fmt: skip
 
 
@@ -61,7 +62,7 @@ def _rows_until(path: Path, step: int) -> list[list[str]]:
 
 
 def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str) -> list[object]:
-    """The row of a synchronised state, entries as in COLUMNS; dt and who set it are those of the step before it."""
+    """The row of a synchronised state, entries as in COLUMNS; `dt` is the step that led to it."""
     gas, dust = _totals(state.gas), _totals(state.dust)
     momentum = gas.momentum + dust.momentum
     return [

@@ -1,4 +1,4 @@
-"""What a run shows while it runs: a live display on a terminal, else plain lines; run.log gets the lines always."""
+"""What a run shows: a live display on a terminal, plain lines elsewhere; the lines always go to run.log."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class Progress:
         self._log: TextIO | None = None
         self._early: list[str] = []  # said before there was a log
         self._next_line = self._next_frame = 0.0
-        self._since: tuple[float, float, int] | None = None  # wall-clock time, time and step after the first step
+        # Wall-clock time, time and step after the first step: kernels compile in that, so it tells no speed.
+        self._since: tuple[float, float, int] | None = None
 
     def open_log(self, path: Path, resume: bool) -> None:
         """Keep the log at `path`, with what was said until now first."""
@@ -53,7 +54,7 @@ class Progress:
             self._note(text)
 
     def step(self, state: State, dt: float, set_by: str) -> None:
-        """After each step: a frame or a line, when one is due. The first step counts for no speed: kernels compile."""
+        """After each step: a frame or a line, when one is due."""
         now = time.monotonic()
         if self._since is None:
             self._since = (now, state.time, state.step)

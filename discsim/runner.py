@@ -1,4 +1,4 @@
-"""A run from a validated scene to the files of its directory: outputs, checkpoints, interrupts, messages."""
+"""A run, from a validated scene to the files of its directory: outputs, checkpoints, interrupts, messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import signal
 import time
 import tomllib
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import FrameType
@@ -27,47 +27,52 @@ from discsim.simulation import PhysicsError, Simulation
 from discsim.snapshot import write_snapshot
 from discsim.state import Gas, State
 from discsim.tables import Run as RunTable
+from discsim.units import Units
 
 Array = np.ndarray
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
 SMALL = 20_000  # particles: below it history has a row for every step
 ROW_EVERY = 16  # steps between rows of a larger run
-FREE_TO_CHANGE = {f"run.{key}" for key in ("until", "snapshots", "every", "threads", "checkpoint_every", "walltime")}
-FREE_TO_CHANGE.add("title")  # what a run that goes on may do otherwise
+# What a run that goes on may do otherwise than before.
+FREE_TO_CHANGE = (
+    "title", "run.until", "run.snapshots", "run.every", "run.threads", "run.checkpoint_every", "run.walltime",
+)  # fmt: skip
 
 
 def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool = False) -> int:
     """Run `scene` with its files in `directory`, or go on with the run there; returns the exit status.
 
-    0 done (or stopped by run.walltime); 1 a file cannot be written; 2 not to be resumed; 3 stopped by the physics;
-    128 + signal interrupted. What is wrong is one message on stderr.
+    0 done, or stopped by run.walltime; 1 a file cannot be written; 2 cannot start, or be resumed; 3 stopped
+    by the physics; 128 + signal interrupted. What is wrong is one message on stderr.
     """
-    run = _Run(scene, Path(directory), Progress(scene, quiet))
+    run = _Run(scene, Path(directory), quiet)
+    fail = run.progress.fail
     with run.interrupts:
         try:
             return run.go(resume)
         except (SceneError, CheckpointError) as fault:
-            run.progress.fail(str(fault))
+            fail(str(fault))
             return WRONG_INPUT
         except PhysicsError as fault:
-            run.progress.fail(f"stopped by the physics {run.where()}: {fault}\n{run.way_back()}")
+            fail(f"stopped by the physics {run.where()}: {fault}\n{run.way_back()}")
             return PHYSICS
         except MemoryError as fault:
-            run.progress.fail(f"out of memory {run.where()}: {fault or 'no room'}\n{run.way_back()}")
+            fail(f"out of memory {run.where()}: {fault or 'no room for an array'}\n{run.way_back()}")
             return PHYSICS
         except OSError as fault:
-            run.progress.fail(f"{directory}: cannot be written: {fault.strerror or fault}. {run.way_back()}")
+            reason = fault.strerror or str(fault).splitlines()[0]
+            fail(f"{fault.filename or directory}: cannot be written: {reason}. {run.way_back()}")
             return NOT_WRITTEN
         except KeyboardInterrupt:
-            run.progress.fail(f"left at once. {run.way_back()}")
+            fail(f"left at once. {run.way_back()}")
             return 128 + run.interrupts.number
         finally:
             run.close()
 
 
 def output_times(run: RunTable) -> list[float]:
-    """Times of the snapshots after the initial one, the last of them the end.
+    """Times of the snapshots after the initial one; the last is the end of the run.
 
     Multiples are taken of the decimal numbers, so that runs of different lengths meet at the same floats.
     """
@@ -75,41 +80,36 @@ def output_times(run: RunTable) -> list[float]:
     if run.every is None:
         return [float(until * k / run.snapshots) for k in range(1, run.snapshots + 1)]
     every = Fraction(repr(run.every))
-    whole = max(1, round(until / every))
-    if abs(whole * every - until) <= until * Fraction(1, 10**9):
-        return [float(every * k) for k in range(1, whole + 1)]
-    return [*(float(every * k) for k in range(1, int(until / every) + 1)), run.until]
+    # An end that is a multiple but for rounding is that multiple: a longer run would land there as well.
+    whole = int(until / every + Fraction(1, 10**9))
+    times = [float(every * k) for k in range(1, whole + 1)]
+    return times if times and np.isclose(times[-1], run.until, rtol=1e-9, atol=0.0) else [*times, run.until]
 
 
 def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
     """The keys in which two scenes differ, by name; a table that only one of them has is one key."""
-    if type(before) is type(now):
-        parts = _parts(before)
-        if parts is not None:
-            others = _parts(now) or {}
-            for key in parts | others:
-                path = f"{name}.{key}" if name else key
-                yield from differences(parts.get(key), others.get(key), path)
-            return
-    if before != now:
-        yield name
+    parts, others = _parts(before), _parts(now)
+    if parts is None or others is None or type(before) is not type(now):
+        if before != now:
+            yield name
+        return
+    for key in parts | others:
+        yield from differences(parts.get(key), others.get(key), f"{name}.{key}" if name else key)
 
 
 def _parts(value: Any) -> dict[str, Any] | None:
-    """The named parts of a scene or table, of units, or of a list of tables."""
-    if isinstance(value, Scene):
-        return {name: getattr(value, name) for name in Scene.model_fields if name not in ("text", "path")}
+    """The named parts of a scene, a table, units, or a list of tables; None of a plain value."""
     if isinstance(value, BaseModel):
-        return {name: getattr(value, name) for name in type(value).model_fields}
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
+        return {name: entry for name, entry in value if name not in ("text", "path")}
+    if isinstance(value, Units):
+        return {"system": value.system, "length": value.length_text, "mass": value.mass_text}
     if isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
-        return {str(number): entry for number, entry in enumerate(value)} if len(value) > 1 else _parts(value[0])
+        return {str(number): entry for number, entry in enumerate(value)}
     return None
 
 
 class Interrupts:
-    """Ctrl-C and SIGTERM: the first is noted, for the end of the step; the second raises KeyboardInterrupt."""
+    """Ctrl-C and SIGTERM: the first is noted, for the end of a step; the second raises KeyboardInterrupt."""
 
     def __init__(self) -> None:
         self.number = 0
@@ -130,36 +130,213 @@ class Interrupts:
 
 
 class _Run:
-    def __init__(self, scene: Scene, directory: Path, progress: Progress) -> None:
-        self.scene, self.directory, self.progress = scene, directory, progress
-        self.interrupts = Interrupts()
+    """One run: the simulation, and the files of its directory."""
+
+    sim: Simulation
+    history: History
+
+    def __init__(self, scene: Scene, directory: Path, quiet: bool) -> None:
+        self.scene, self.directory = scene, directory
+        self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
         self.checkpoint = directory / "checkpoint.h5"
         self.begun = self.saved = time.monotonic()
         self.saved_time: float | None = None
-        self.next_snapshot = 0
-        self.sim: Simulation | None = None
-        self.history: History | None = None
-        populations = [*([scene.gas] if scene.gas else []), *(scene.dust or ())]
-        self.rows_every = 1 if sum(p.particles for p in populations) < SMALL else ROW_EVERY
+        self.snapshots = self.steps = 0  # written; made by this process
+        count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
+        self.rows_every = 1 if count < SMALL else ROW_EVERY
 
     def go(self, resume: bool) -> int:
-        until = self._time_to_resume() if resume else -1.0
-        times = [t for t in output_times(self.scene.run) if t > until * (1.0 + 1e-9)]
+        reached = self._time_to_resume() if resume else -1.0
+        times = [t for t in output_times(self.scene.run) if t > reached * (1.0 + 1e-9)]
         if not times:
-            self.progress.say(f"{self.directory}: finished already, {self._at(until)}")
+            self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
             return DONE
         self._announce()
         self.sim = Simulation(self.scene)
         self._open(resume)
-        self._watch()
         if not resume:
             self._output()
             self._save()
         for t in times:
-            if self._stopping():
+            if self._must_stop():
                 break
             self.sim.evolve(t, self._after_step)
             if self.sim.time >= t:
                 self._output()
-        self._save()
-        return self._stopped() if self.sim.time < times[-1] else self._finish()
+        self._save()  # the closing kick is still open: a longer run goes on as if it had not stopped here
+        return self._finish() if self.sim.time >= times[-1] else self._stopped()
+
+    def where(self) -> str:
+        """The time and step, for messages."""
+        if not hasattr(self, "sim"):
+            return "before the first step"
+        return f"at t = {self._show(self.sim.time)}, step {self.sim.state.step}"
+
+    def way_back(self) -> str:
+        """How to go on from the last checkpoint."""
+        if self.saved_time is None:
+            return "There is no checkpoint yet."
+        command = f"discsim run {self.directory / 'scene.toml'} -o {self.directory} --resume"
+        return f"{self.checkpoint} is of t = {self._show(self.saved_time)}; go on from it with: {command}"
+
+    def close(self) -> None:
+        self.progress.close()
+        if hasattr(self, "history"):
+            self.history.close()
+
+    def _show(self, t: float) -> str:
+        return self.scene.units.show_time(t)
+
+    # Starting
+
+    def _time_to_resume(self) -> float:
+        """Time of the checkpoint. Raises SceneError where it is of another scene."""
+        groups, values = read_checkpoint(self.checkpoint)
+        before = load_scene(tomllib.loads(groups["scene"]["text"].tobytes().decode()))
+        changed = [key for key in differences(before, self.scene) if key not in FREE_TO_CHANGE]
+        if changed:
+            wrong = f"the scene differs from that of the checkpoint in {', '.join(changed)}"
+            right = f"expected the same but for {', '.join(FREE_TO_CHANGE)}"
+            raise SceneError([f"{self.checkpoint}: {wrong}; {right}"])
+        return float(values["time"])
+
+    def _announce(self) -> None:
+        say = self.progress.say
+        say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
+        say(f"effects: {', '.join(self.scene.effects)}")
+        for line in warnings(self.scene):
+            say(f"warning: {line}")
+        say("loading kernels (the first time they are compiled, which takes a minute or two)")
+
+    def _open(self, resume: bool) -> None:
+        """Open the directory's files, and take up the state where the run goes on."""
+        sim, folder = self.sim, self.directory / "snapshots"
+        folder.mkdir(parents=True, exist_ok=True)
+        if resume:
+            self.snapshots = int(sim.restore(self.checkpoint)["snapshots"])
+            self.saved_time = sim.time
+            for path in folder.glob("*.h5"):
+                if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
+                    path.unlink()
+        temporary = self.directory / ".scene.toml.part"
+        temporary.write_text(self.scene.text, encoding="utf-8")
+        os.replace(temporary, self.directory / "scene.toml")
+        self.progress.open_log(self.directory / "run.log", resume)
+        if resume:
+            self.progress.say(f"resumed {self.where()}")
+        self.history = History(self.directory / "history.csv", sim.state.step if resume else None)
+        self.costs_before = self.costs_after_first = sim.costs.copy()
+        with sim.synchronised():  # makes the first forces, which say what sets the first step
+            self.time, self.dt, self.set_by = sim.time, 0.0, self._limiter()
+            self.next_set_by = self.set_by
+
+    # Stepping
+
+    def _after_step(self) -> bool:
+        """Rows, progress and checkpoints that are due; whether the run must stop."""
+        state = self.sim.state
+        self.dt, self.time, self.set_by = state.time - self.time, state.time, self.next_set_by
+        self.next_set_by = self._limiter()
+        self._forget_compilation()
+        if state.step % self.rows_every == 0:
+            with self.sim.synchronised():
+                self._add_row()
+        self.progress.step(state, self.dt, self.set_by)
+        if time.monotonic() - self.saved >= self.scene.run.checkpoint_every:
+            self._save()
+        return self._must_stop()
+
+    def _limiter(self) -> str:
+        """What sets the next step; to land on an output it may be cut."""
+        return self.sim.limited_by if self.scene.run.timestep is None else "run.timestep"
+
+    def _must_stop(self) -> bool:
+        """Whether somebody, or run.walltime, asks the run to end."""
+        walltime = self.scene.run.walltime
+        late = walltime is not None and time.monotonic() - self.begun >= walltime
+        return late or self.interrupts.number > 0
+
+    def _forget_compilation(self) -> None:
+        """Take the first step of this process, in which kernels compiled, out of the costs after the second."""
+        self.steps += 1
+        if self.steps == 1:
+            self.costs_after_first, self.cpu_after_first = self.sim.costs.copy(), time.process_time()
+        elif self.steps == 2:
+            self.sim.costs.forget(self.costs_before, self.costs_after_first)
+
+    # Writing
+
+    def _output(self) -> None:
+        """The next snapshot, with its row and the costs until now."""
+        sim = self.sim
+        with sim.synchronised() as state:
+            extra = {"dust": _stopping(state, sim.effects["drag"])} if "drag" in sim.effects else {}
+            gas = _with_present_pressure(self.scene, state.gas)
+            write_snapshot(self._snapshot(self.snapshots), self.scene, state.time, gas, state.dust, extra)
+            self._add_row()
+        sim.costs.write(self.directory / "costs.csv")
+        self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
+        self.snapshots += 1
+
+    def _snapshot(self, number: int) -> Path:
+        return self.directory / "snapshots" / f"{number:04d}.h5"
+
+    def _add_row(self) -> None:
+        self.history.add(history_row(self.sim.state, self.sim.effects, self.dt, self.set_by))
+
+    def _save(self) -> None:
+        self.sim.save(self.checkpoint, {"snapshots": self.snapshots})
+        self.saved, self.saved_time = time.monotonic(), self.sim.time
+
+    # Ending
+
+    def _stopped(self) -> int:
+        number = self.interrupts.number
+        if number:
+            name = signal.Signals(number).name
+            self.progress.fail(f"interrupted by {name} {self.where()}. {self.way_back()}")
+            return 128 + number
+        self.progress.close_live()
+        self.progress.say(f"stopped by run.walltime {self.where()}. {self.way_back()}")
+        return DONE
+
+    def _finish(self) -> int:
+        self.progress.close_live()
+        cost = self._cost()
+        from discsim.figure import last_state_figure  # slow to import, and needed only here
+
+        figure = self.directory / "last_state.png"
+        last_state_figure(self._snapshot(self.snapshots - 1), figure)
+        say = self.progress.say
+        say(f"done {self.where()}, after {clock(time.monotonic() - self.begun)}")
+        say(f"output  {self.directory}: {self.snapshots} snapshots, history.csv, costs.csv, run.log")
+        say(f"figure  {figure}")
+        say(f"cost    {cost}")
+        return DONE
+
+    def _cost(self) -> str:
+        """Shares of the effects in their CPU time, and what was spent outside of them since the first step."""
+        costs = self.sim.costs
+        shares = ", ".join(f"{name} {share:.0%}" for name, share in costs.shares.items())
+        if self.steps < 2:
+            return shares
+        outside = 1.0 - (costs.total - self.costs_before.total) / (time.process_time() - self.cpu_after_first)
+        return f"{shares}; outside the effects {outside:.0%} of all CPU time"
+
+
+def _stopping(state: State, drag: Any) -> dict[str, Array]:
+    """Stopping times and, about a star, Stokes numbers t_stop Omega_K of the dust."""
+    found = {"stopping_time": drag.current_stopping_times(state)}
+    star = state.scene.star
+    if star is not None and state.dust is not None:
+        squared = (state.dust.pos**2).sum(axis=1) + star.softening**2
+        found["stokes"] = found["stopping_time"] * np.sqrt(star.mass / squared**1.5)
+    return found
+
+
+def _with_present_pressure(scene: Scene, gas: Gas | None) -> Gas | None:
+    """The gas with the pressure of its present energy: the forces had to foresee that."""
+    if gas is None or gas.u is None:
+        return gas
+    pressure, sound_speed = pressure_and_sound_speed(scene, gas.pos, gas.density, gas.u)
+    return replace(gas, pressure=pressure, sound_speed=sound_speed)

@@ -150,7 +150,7 @@ class Simulation:
         groups["scene"] = {"text": np.frombuffer(self.scene.text.encode(), np.uint8)}
         groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
-        values = {"time": state.time, "step": state.step, "lag": state.lag}
+        values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
         values |= {"limit": self.limit, "limited_by": self.limited_by}
         write_checkpoint(path, groups, {**values, **(notes or {})})
 

@@ -9,12 +9,14 @@ import numpy as np
 from discsim.kernels.neighbours import cell_bounds, sort_into_cells
 from discsim.kernels.smoothing import KERNELS, SUPPORT
 from discsim.kernels.sph import density_driver, force_driver, shear_driver
+from discsim.threads import share
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.state import Gas
 
 NONE = np.empty(0)
+CELLS = 64  # the fewest that a thread takes at once
 
 
 class Sph:
@@ -55,9 +57,9 @@ class Sph:
         grids, order, start, bounds, filled = sort_into_cells(gas.pos, radius, low, width, self.periodic)
         self.cells = filled, grids, order, start
         self.box = low, width, self.periodic
-        density_driver(self.kernel, self.dim)(
-            gas.pos, gas.mass, gas.h, gas.density, gas.gradh, self.eta, self.h_most, self.fixed,
-            *self.cells, bounds, *self.box,
+        share(
+            density_driver(self.kernel, self.dim), len(filled), gas.pos, gas.mass, gas.h, gas.density, gas.gradh, self.eta, self.h_most, self.fixed,
+            *self.cells, bounds, *self.box, least=CELLS,
         )  # fmt: skip
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> np.ndarray:
@@ -70,19 +72,19 @@ class Sph:
         switch = NONE
         if self.balsara:
             switch = np.empty(gas.count)
-            shear_driver(self.kernel, self.dim)(
-                gas.pos, vel, gas.mass, gas.h, gas.density, gas.sound_speed, switch,
-                filled, grids, order, start, bounds, *self.box,
+            share(
+                shear_driver(self.kernel, self.dim), len(filled), gas.pos, vel, gas.mass, gas.h, gas.density, gas.sound_speed, switch,
+                filled, grids, order, start, bounds, *self.box, least=CELLS,
             )  # fmt: skip
         divergence = np.zeros(gas.count)
         viscous, conductive = self.viscosity is not None, self.conductivity is not None
         driver = force_driver(self.kernel, self.dim, viscous, u is not None, conductive)
-        driver(
-            gas.pos, vel, gas.mass, gas.h, radius, gas.density, gas.gradh, pressure, gas.sound_speed, switch,
+        share(
+            driver, len(filled), gas.pos, vel, gas.mass, gas.h, radius, gas.density, gas.gradh, pressure, gas.sound_speed, switch,
             NONE if u is None else u, gas.acc, NONE if u is None else gas.heating_rate, divergence,
             self.viscosity.alpha if viscous else 0.0, self.viscosity.beta if viscous else 0.0,
             self.conductivity.alpha if conductive else 0.0,
-            filled, grids, order, start, bounds, *self.box,
+            filled, grids, order, start, bounds, *self.box, least=CELLS,
         )  # fmt: skip
         return divergence
 

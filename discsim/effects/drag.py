@@ -17,6 +17,7 @@ from discsim.kernels.drag import LAWS, relax_blocks, stopping_times
 from discsim.kernels.grid import counting_sort
 from discsim.kernels.move import add_scaled
 from discsim.state import State
+from discsim.threads import share
 from discsim.units import epstein_stopping_time
 
 NONE = np.empty(0)
@@ -86,8 +87,9 @@ class Effect(base.Effect):
         if self.scheme.SHIFTED:
             shift[: self.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: self.dim]
         periodic = state.grid.periodic
-        gas_key = leaf_keys(gas.pos, origin, shift, 1.0 / leaf, nx, ny, periodic)
-        dust_key = leaf_keys(dust.pos, origin, shift, 1.0 / leaf, nx, ny, periodic)
+        gas_key, dust_key = np.empty(gas.count, np.int64), np.empty(dust.count, np.int64)
+        for particles, key in ((gas, gas_key), (dust, dust_key)):
+            share(leaf_keys, len(key), particles.pos, origin, shift, 1.0 / leaf, nx, ny, periodic, key)
         n_gas, h_sum = leaf_counts(gas_key, gas.h, nx * ny)
         n_dust, _ = leaf_counts(dust_key, NONE, nx * ny)
         # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
@@ -130,7 +132,7 @@ class Effect(base.Effect):
             gas.vel[gas.immobile] = before[gas.immobile]
 
     def current_stopping_times(self, state: State) -> np.ndarray:
-        """Stopping time of each dust particle where it is now (n,), inf where it has no gas; moves nothing."""
+        """Stopping times of the dust where it is now (n,), inf where it has no gas; changes no velocity."""
         gas, dust = state.gas, state.dust
         if gas.count == 0 or dust.count == 0:
             return np.full(dust.count, np.inf)
@@ -147,13 +149,13 @@ class Effect(base.Effect):
         size = np.ones(2)
         size[: self.dim] = state.scene.space.size
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
-        relax_blocks(
-            gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density, gas.sound_speed,
+        share(
+            relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density, gas.sound_speed,
             gas_order, gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"], dust.mass,
             dust_order, dust_start, self.stopping_times, self.scheme.LINEAR, self.two_way,
             LAWS[self.drag.law], self.values, dt, self.exponential,
             star.mass if star else 0.0, star.softening if star else 0.0, corners, size,
-            state.grid.periodic, heat,
+            state.grid.periodic, heat, least=64,
         )  # fmt: skip
         if resting is not None:
             dust.vel[dust.immobile] = resting

@@ -11,17 +11,16 @@ children stay as they are, and dust without gas stays uncoupled (and is reported
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 DONE, SMALL, FEW, LACKING = range(4)
 
 
-@njit(parallel=True, cache=True)
-def leaf_keys(pos, origin, shift, inverse, nx, ny, periodic):
-    """Leaf of each particle; nx ny where it lies outside the lattice. `shift` (2,) in leaves."""
-    out = np.empty(len(pos), np.int64)
-    for i in prange(len(pos)):
+@njit(nogil=True, cache=True)
+def leaf_keys(first, last, pos, origin, shift, inverse, nx, ny, periodic, out):
+    """Write the leaf of each particle; nx ny where it lies outside the lattice. `shift` (2,) in leaves."""
+    for i in range(first, last):
         sx = (pos[i, 0] - origin[0]) * inverse + shift[0]
         sy = (pos[i, 1] - origin[1]) * inverse + shift[1] if pos.shape[1] == 2 else 0.0
         if periodic:
@@ -30,7 +29,6 @@ def leaf_keys(pos, origin, shift, inverse, nx, ny, periodic):
             sx, sy = (sx if sx < nx else 0.0), (sy if sy < ny else 0.0)
         inside = 0.0 <= sx < nx and 0.0 <= sy < ny
         out[i] = int(sx) * ny + int(sy) if inside else nx * ny
-    return out
 
 
 @njit(cache=True)

@@ -18,7 +18,7 @@ implicit Euler, which stays selectable. Sources are the accelerations that gas a
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 CONSTANT, STOPPING_TIME, STOKES_NUMBER, EPSTEIN = range(4)
 LAWS = {
@@ -89,6 +89,42 @@ def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
 
 
 @njit(cache=True)
+def eigen(matrix):
+    """Eigenvalues and orthonormal eigenvectors (columns) of a small symmetric matrix, which is overwritten.
+
+    Jacobi's cyclic rotations (Golub & Van Loan, sec. 8.5): small rates keep their digits beside large ones, and
+    a LAPACK call would cost every run ten seconds of compilation.
+    """
+    n = len(matrix)
+    vectors = np.eye(n)
+    for _ in range(50):
+        done = True
+        for i in range(n):
+            for j in range(i + 1, n):
+                if abs(matrix[i, j]) <= 1e-17 * math.sqrt(abs(matrix[i, i] * matrix[j, j])):
+                    continue
+                done = False
+                theta = 0.5 * (matrix[j, j] - matrix[i, i]) / matrix[i, j]
+                t = math.copysign(1.0, theta) / (abs(theta) + math.hypot(theta, 1.0))
+                c = 1.0 / math.hypot(t, 1.0)
+                s = c * t
+                for k in range(n):
+                    p, q = matrix[k, i], matrix[k, j]
+                    matrix[k, i], matrix[k, j] = c * p - s * q, s * p + c * q
+                for k in range(n):
+                    p, q = matrix[i, k], matrix[j, k]
+                    matrix[i, k], matrix[j, k] = c * p - s * q, s * p + c * q
+                    p, q = vectors[k, i], vectors[k, j]
+                    vectors[k, i], vectors[k, j] = c * p - s * q, s * p + c * q
+        if done:
+            break
+    rates = np.empty(n)
+    for i in range(n):
+        rates[i] = matrix[i, i]
+    return rates, vectors
+
+
+@njit(cache=True)
 def relax_many(weight, time, y, b, dt, exponential, change):
     """The same for gas (entry 0) and several populations (n, d): writes `change`, returns the energy lost.
 
@@ -96,18 +132,27 @@ def relax_many(weight, time, y, b, dt, exponential, change):
     resting one is the barycentre.
     """
     n = len(weight)
-    root = np.sqrt(weight)
+    root = np.empty(n)
+    for i in range(n):
+        root[i] = math.sqrt(weight[i])
     matrix = np.zeros((n, n))
     for j in range(1, n):
         k = weight[j] / time[j]
         matrix[0, 0] += k / weight[0]
         matrix[j, j] = k / weight[j]
         matrix[0, j] = matrix[j, 0] = -k / (root[0] * root[j])
-    rates, modes = np.linalg.eigh(matrix)
-    rates[0] = 0.0
-    change[:] = 0.0
+    rates, modes = eigen(matrix)
+    rest = 0  # the barycentre, which no drag moves
+    for m in range(n):
+        if rates[m] < rates[rest]:
+            rest = m
+    for i in range(n):
+        for k in range(y.shape[1]):
+            change[i, k] = 0.0
     lost = 0.0
-    for m in range(1, n):
+    for m in range(n):
+        if m == rest:
+            continue
         f, g, p, q, r = response(rates[m], dt, exponential)
         for k in range(y.shape[1]):
             c, s = 0.0, 0.0
@@ -256,7 +301,10 @@ def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
     dim = len(g0)
     f, g, p, q, r = response(rate, dt, exponential)
     share0, share1 = np.zeros((dim, dim)), np.zeros((dim, dim))
-    total = i0 + i1
+    total = np.empty((dim, dim))
+    for a in range(dim):
+        for c in range(dim):
+            total[a, c] = i0[a, c] + i1[a, c]
     if not (solve_slope(total, i1, dim, share0) and solve_slope(total, i0, dim, share1)):
         return 0.0
     lost = 0.0
@@ -280,17 +328,25 @@ def follow_gas(time, y, by, slope, source, dt, exponential, dv, dslope):
     """One-way: every population towards the gas's mean and slope, which stay what they are."""
     for s in range(1, len(time)):
         f, g, _, _, _ = response(1.0 / time[s], dt, exponential)
-        dv[s] = f * (y[s] - y[0]) + g * (by[s] - by[0])
-        dslope[s] = f * (slope[s] - slope[0]) + g * (source[s] - source[0])
+        for c in range(y.shape[1]):
+            dv[s, c] = f * (y[s, c] - y[0, c]) + g * (by[s, c] - by[0, c])
+            for a in range(y.shape[1]):
+                change, change_source = slope[s, a, c] - slope[0, a, c], source[s, a, c] - source[0, a, c]
+                dslope[s, a, c] = f * change + g * change_source
 
 
 @njit(cache=True)
 def exchange(mass, time, y, by, inertia, slope, source, dt, exponential, dv, dslope):
     """Two-way: means and slopes of gas and of the populations present relax together; the energy lost."""
-    present = np.flatnonzero(mass > 0.0)
     dim = y.shape[1]
+    present = np.empty(len(mass), np.int64)
+    count = 0
+    for s in range(len(mass)):
+        if mass[s] > 0.0:
+            present[count] = s
+            count += 1
     lost = 0.0
-    if len(present) == 2:
+    if count == 2:
         s = present[1]
         rate = (1.0 + mass[s] / mass[0]) / time[s]
         for c in range(dim):
@@ -302,20 +358,30 @@ def exchange(mass, time, y, by, inertia, slope, source, dt, exponential, dv, dsl
             inertia[0], inertia[s], rate, slope[0], slope[s], source[0], source[s],
             dt, exponential, dslope[0], dslope[s],
         )  # fmt: skip
-    change = np.zeros((len(present), dim))
-    lost += relax_many(mass[present], time[present], y[present], by[present], dt, exponential, change)
-    dv[present] = change
-    weight = np.zeros(len(present))
-    for k in range(len(present)):
-        weight[k] = np.trace(inertia[present[k]])
-    if weight.min() > 1e-6 * weight.max():
-        part, part_source = np.empty((len(present), dim)), np.empty((len(present), dim))
-        for a in range(dim):
-            for k in range(len(present)):
-                part[k], part_source[k] = slope[present[k], a], source[present[k], a]
-            lost += relax_many(weight, time[present], part, part_source, dt, exponential, change)
-            for k in range(len(present)):
-                dslope[present[k], a] = change[k]
+    # First the means, weighed with mass, then the slopes along each axis, weighed with the moments of inertia.
+    weight, times = np.empty(count), np.empty(count)
+    part, part_source, change = np.empty((count, dim)), np.empty((count, dim)), np.empty((count, dim))
+    for axis in range(-1, dim):
+        least, most = np.inf, 0.0
+        for k in range(count):
+            s = present[k]
+            times[k] = time[s]
+            weight[k] = mass[s]
+            if axis >= 0:
+                weight[k] = inertia[s, 0, 0] + (inertia[s, 1, 1] if dim == 2 else 0.0)
+            least, most = min(least, weight[k]), max(most, weight[k])
+            for c in range(dim):
+                part[k, c] = y[s, c] if axis < 0 else slope[s, axis, c]
+                part_source[k, c] = by[s, c] if axis < 0 else source[s, axis, c]
+        if axis >= 0 and least <= 1e-6 * most:
+            continue  # a population on one point has no slope of its own
+        lost += relax_many(weight, times, part, part_source, dt, exponential, change)
+        for k in range(count):
+            for c in range(dim):
+                if axis < 0:
+                    dv[present[k], c] = change[k, c]
+                else:
+                    dslope[present[k], axis, c] = change[k, c]
     return lost
 
 
@@ -419,9 +485,9 @@ def relax_block(
             heat[i] = lost / mass[0]
 
 
-@njit(parallel=True, cache=True)
+@njit(nogil=True, cache=True)
 def relax_blocks(
-    gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
+    block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
     dpos, dvel, dacc, down, dmass, dorder, dstart, dtime,
     linear, two_way, law, values, dt, exponential, star, softening, corners, size, periodic, heat,
 ):  # fmt: skip
@@ -432,7 +498,7 @@ def relax_blocks(
     stopping time, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
     """
     n = len(values)
-    for block in prange(len(corners)):
+    for block in range(block_from, block_to):
         gas = gorder[gstart[block] : gstart[block + 1]]
         first = dstart[block * n : (block + 1) * n + 1]
         dust = dorder[first[0] : first[n]]

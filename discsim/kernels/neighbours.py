@@ -9,9 +9,10 @@ special case.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from discsim.kernels.grid import counting_sort
+from discsim.threads import share
 
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
@@ -59,26 +60,24 @@ def lay_grids(radius, classes, low, width, periodic):
     return grids, first
 
 
-@njit(parallel=True, cache=True)
-def cell_keys(pos, classes, grids, low):
-    out = np.empty(len(pos), np.int64)
+@njit(nogil=True, cache=True)
+def cell_keys(first, last, pos, classes, grids, low, out):
+    """Write the cell of each particle to `out` (n,)."""
     dim = pos.shape[1]
-    for i in prange(len(pos)):
+    for i in range(first, last):
         g = grids[classes[i]]
         ix = min(max(int((pos[i, 0] - low[0]) / g[SIDE_X]), 0), int(g[NX]) - 1)
         iy = 0
         if dim == 2:
             iy = min(max(int((pos[i, 1] - low[1]) / g[SIDE_Y]), 0), int(g[NY]) - 1)
         out[i] = int(g[FIRST]) + ix * int(g[NY]) + iy
-    return out
 
 
-@njit(parallel=True, cache=True)
-def cell_bounds(pos, radius, order, start):
-    """Tight box and largest support radius of the particles in each cell: (x0, x1, y0, y1, R)."""
-    out = np.empty((len(start) - 1, 5))
+@njit(nogil=True, cache=True)
+def bounds_of(first, last, pos, radius, order, start, out):
+    """Write tight box and largest support radius of the particles in each cell: (x0, x1, y0, y1, R)."""
     dim = pos.shape[1]
-    for c in prange(len(start) - 1):
+    for c in range(first, last):
         x0, x1, y0, y1, reach = np.inf, -np.inf, np.inf, -np.inf, 0.0
         for k in range(start[c], start[c + 1]):
             i = order[k]
@@ -87,6 +86,12 @@ def cell_bounds(pos, radius, order, start):
             y0, y1 = min(y0, y), max(y1, y)
             reach = max(reach, radius[i])
         out[c, 0], out[c, 1], out[c, 2], out[c, 3], out[c, 4] = x0, x1, y0, y1, reach
+
+
+def cell_bounds(pos, radius, order, start):
+    """Tight box and largest support radius of the particles in each cell (cells, 5)."""
+    out = np.empty((len(start) - 1, 5))
+    share(bounds_of, len(out), pos, radius, order, start, out)
     return out
 
 
@@ -97,7 +102,9 @@ def sort_into_cells(pos, radius, low, width, periodic):
     """
     classes = size_classes(radius)
     grids, count = lay_grids(radius, classes, low, width, periodic)
-    order, start = counting_sort(cell_keys(pos, classes, grids, low), count)
+    key = np.empty(len(pos), np.int64)
+    share(cell_keys, len(pos), pos, classes, grids, low, key)
+    order, start = counting_sort(key, count)
     bounds = cell_bounds(pos, radius, order, start)
     return grids, order, start, bounds, np.flatnonzero(np.diff(start))
 
@@ -147,8 +154,9 @@ def find_candidates(cell, reach, mutual, pos, radius, grids, order, start, bound
                 if found + n > size:
                     size = 2 * (found + n)
                     more, more_shift = np.empty(size, np.int64), np.empty((size, 2))
-                    more[:found] = index[:found]
-                    more_shift[:found] = shift[:found]
+                    for k in range(found):  # a slice's assignment takes seconds to compile
+                        more[k] = index[k]
+                        more_shift[k, 0], more_shift[k, 1] = shift[k, 0], shift[k, 1]
                     index, shift = more, more_shift
                 for k in range(start[c], start[c + 1]):
                     j = order[k]

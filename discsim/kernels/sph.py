@@ -18,7 +18,7 @@ import functools
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from discsim.kernels.neighbours import find_candidates
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
@@ -85,9 +85,11 @@ def density_driver(kernel: int, dim: int):
     """Compile the pass that gives each particle its h, density and Omega."""
     support = SUPPORT[kernel]
 
-    @njit(parallel=True, cache=True, fastmath=FAST)
-    def density(pos, mass, h, rho, gradh, eta, h_most, fixed, filled, grids, order, start, bounds, low, width, periodic):
-        for c in prange(len(filled)):
+    @njit(nogil=True, cache=True, fastmath=FAST)
+    def density(
+        piece, last, pos, mass, h, rho, gradh, eta, h_most, fixed, filled, grids, order, start, bounds, low, width, periodic,
+    ):  # fmt: skip
+        for c in range(piece, last):
             cell = filled[c]
             members = order[start[cell] : start[cell + 1]]
             ox = 0.5 * (bounds[cell, 0] + bounds[cell, 1])
@@ -131,9 +133,12 @@ def shear_driver(kernel: int, dim: int):
     """Compile the pass for Balsara's factor from the velocity's divergence and curl."""
     sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
 
-    @njit(parallel=True, cache=True, fastmath=FAST)
-    def shear(pos, vel, mass, h, rho, sound, factor, filled, grids, order, start, bounds, low, width, periodic):
-        for c in prange(len(filled)):
+    @njit(nogil=True, cache=True, fastmath=FAST)
+    def shear(
+        piece, last, pos, vel, mass, h, rho, sound, factor,
+        filled, grids, order, start, bounds, low, width, periodic,
+    ):  # fmt: skip
+        for c in range(piece, last):
             cell = filled[c]
             index, shift = find_candidates(
                 cell, bounds[cell, 4], False, pos, h, grids, order, start, bounds, low, width, periodic
@@ -216,12 +221,12 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
     """
     columns = P + 1 if conductive else (SWITCH + 1 if viscous else (VY + 1 if energetic else PRESS + 1))
 
-    @njit(parallel=True, cache=True, fastmath=FAST)
+    @njit(nogil=True, cache=True, fastmath=FAST)
     def forces(
-        pos, vel, mass, h, radius, rho, gradh, pressure, sound, switch, u, acc, rate, div, alpha, beta, alpha_u,
+        piece, last, pos, vel, mass, h, radius, rho, gradh, pressure, sound, switch, u, acc, rate, div, alpha, beta, alpha_u,
         filled, grids, order, start, bounds, low, width, periodic,
     ):  # fmt: skip
-        for c in prange(len(filled)):
+        for c in range(piece, last):
             cell = filled[c]
             ox = 0.5 * (bounds[cell, 0] + bounds[cell, 1])
             oy = 0.5 * (bounds[cell, 2] + bounds[cell, 3])
