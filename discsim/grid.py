@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.kernels import grid as kernels
+from discsim.threads import share
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -66,10 +67,16 @@ class Grid:
         out = np.zeros(self.shape) if out is None else out
         shift = ((self.shape[0] - 1) // kernels.STRIPS).bit_length()  # STRIPS times 2^shift rows hold nx
         inverse = 1.0 / self.cell
-        key = kernels.strip_of(pos, self.origin, inverse, self.shape, self.periodic, shift)
+        key = np.empty(len(pos), np.int64)
+        share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key)
         order, start = kernels.counting_sort(key, kernels.STRIPS + 1)
         density = mass * inverse ** pos.shape[1]
-        kernels.deposit(pos, density, order, start, self.origin, inverse, self.periodic, shift, out)
+        beyond = np.zeros((kernels.STRIPS, self.shape[1]))
+        share(
+            kernels.deposit_strips, kernels.STRIPS, pos, density, order, start, self.origin, inverse,
+            self.periodic, shift, out, beyond, least=1,
+        )  # fmt: skip
+        kernels.join_strips(shift, beyond, out)
         return out
 
     def gather(self, field: Array, pos: Array) -> Array:
@@ -80,19 +87,21 @@ class Grid:
         scalar = field.ndim == 2
         out = np.empty((len(pos), 1 if scalar else pos.shape[1]))
         source = field[:, :, None] if scalar else field
-        kernels.gather(source, pos, self.origin, 1.0 / self.cell, self.periodic, out)
+        share(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, out)
         return out[:, 0] if scalar else out
 
     def order(self, pos: Array) -> Array:
         """Order (n,) of the particles by cell, for memory locality."""
-        key = kernels.cells_of(pos, self.origin, 1.0 / self.cell, self.shape, self.periodic)
+        key = np.empty(len(pos), np.int64)
+        share(kernels.cells_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
         return kernels.counting_sort(key, self.shape[0] * self.shape[1] + 1)[0]
 
     def outside(self, pos: Array) -> Array:
         """Indices of the particles off the grid: never deposited, and not to be gathered for."""
-        return np.flatnonzero(
-            kernels.is_outside(pos, self.origin, 1.0 / self.cell, self.shape, self.periodic)
-        )
+        outside = np.empty(len(pos), bool)
+        inverse = 1.0 / self.cell
+        share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
+        return np.flatnonzero(outside)
 
     def gradient(self, field: Array) -> Array:
         """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
@@ -102,7 +111,7 @@ class Grid:
         if not self.periodic and min(self.shape) < 5:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
         out = np.empty((*self.shape, 2))
-        kernels.gradient(field, self.cell, self.periodic, out)
+        share(kernels.gradient, self.shape[0], field, self.cell, self.periodic, out, least=16)
         return out
 
 

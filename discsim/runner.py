@@ -257,7 +257,7 @@ class _Run:
         return late or self.interrupts.number > 0
 
     def _forget_compilation(self) -> None:
-        """Take the first step of this process, in which kernels compiled, out of the costs after the second."""
+        """At the second step take the first, in which kernels compiled, out of the costs."""
         self.steps += 1
         if self.steps == 1:
             self.costs_after_first, self.cpu_after_first = self.sim.costs.copy(), time.process_time()
@@ -315,7 +315,7 @@ class _Run:
         return DONE
 
     def _cost(self) -> str:
-        """Shares of the effects in their CPU time, and what was spent outside of them since the first step."""
+        """Shares of the effects in their CPU time, and of the time outside of them since the first step."""
         costs = self.sim.costs
         shares = ", ".join(f"{name} {share:.0%}" for name, share in costs.shares.items())
         if self.steps < 2:

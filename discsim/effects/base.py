@@ -8,6 +8,7 @@ import numpy as np
 
 from discsim.kernels.move import add_scaled, wrap
 from discsim.state import Particles, State
+from discsim.threads import share
 
 # Steps between reorderings of a species' arrays. A particle's place in memory decides the order of sums, so that
 # reordering must depend on the number of the step alone.
@@ -45,9 +46,9 @@ class Effect:
 def drift(scene, particles: Particles, dt: float) -> None:
     """Move at constant velocity over dt; immobile particles stay."""
     if particles.immobile is None:
-        add_scaled(particles.pos, particles.vel, dt)
+        share(add_scaled, particles.count, particles.pos, particles.vel, dt)
     else:
         free = ~particles.immobile
         particles.pos[free] += dt * particles.vel[free]
     if scene.space.boundary == "periodic":
-        wrap(particles.pos, np.array(scene.space.size))
+        share(wrap, particles.count, particles.pos, np.array(scene.space.size))

@@ -118,8 +118,8 @@ class Effect(base.Effect):
             # One-way: the gas is kicked below as it is without dust, to the last bit.
             self._relax(state, dt, gas.vel if two_way else before, heat)
         else:
-            add_scaled(gas.vel, gas.acc, dt)
-            add_scaled(dust.vel, dust.acc, dt)
+            share(add_scaled, gas.count, gas.vel, gas.acc, dt)
+            share(add_scaled, dust.count, dust.vel, dust.acc, dt)
         if not two_way:
             kick_gas(gas, dt)
             return

@@ -3,6 +3,7 @@
 from discsim.effects import base
 from discsim.kernels.move import add_scaled
 from discsim.state import State
+from discsim.threads import share
 
 
 class Effect(base.Effect):
@@ -12,7 +13,7 @@ class Effect(base.Effect):
         self.scene = scene
 
     def kick(self, state: State, dt: float) -> None:
-        add_scaled(state.dust.vel, state.dust.acc, dt)
+        share(add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt)
 
     def move(self, state: State, dt: float) -> None:
         if state.grid is not None and state.step % base.SORT_EVERY == 0:

@@ -11,6 +11,7 @@ from discsim.eos import pressure_and_sound_speed
 from discsim.kernels.move import add_scaled
 from discsim.sph import Sph
 from discsim.state import Gas, State
+from discsim.threads import share
 
 class Effect(base.Effect):
     name = "gas"
@@ -76,7 +77,7 @@ class Effect(base.Effect):
 
 def kick_gas(gas: Gas, dt: float) -> None:
     """Velocities and energies over dt at constant rates."""
-    add_scaled(gas.vel, gas.acc, dt)
+    share(add_scaled, gas.count, gas.vel, gas.acc, dt)
     if gas.kick_acc is not None:
         gas.kick_acc[:] = gas.acc
     if gas.u is not None:

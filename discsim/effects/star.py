@@ -9,6 +9,7 @@ import numpy as np
 from discsim.effects import base
 from discsim.kernels.star import attract, nearest
 from discsim.state import Particles, State
+from discsim.threads import share
 
 
 class Effect(base.Effect):
@@ -20,7 +21,7 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         for particles in state.species.values():
-            attract(particles.pos, particles.acc, self.star.mass, self.star.softening)
+            share(attract, particles.count, particles.pos, particles.acc, self.star.mass, self.star.softening)
 
     def limit(self, state: State) -> float:
         distance2 = min(nearest(particles.pos) for particles in state.limiting)

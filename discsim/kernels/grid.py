@@ -1,11 +1,11 @@
 """Particles on a uniform grid: sorting, cloud-in-cell weights (Hockney & Eastwood 1988, ch. 5), gradient.
 
 Every sum has an order that does not depend on the number of threads. `origin` is the grid's lower corner,
-`inverse` one over the cell; node i is at origin + (i + 1/2) cell.
+`inverse` one over the cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for `discsim.threads.share`.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
 BLOCK = 256  # particles of a strip that are copied at once
@@ -50,15 +50,13 @@ def cell_of(x, origin, inverse, count, periodic):
     return int(s) if 0.0 <= s < count else -1
 
 
-@njit(parallel=True, cache=True)
-def cells_of(pos, origin, inverse, shape, periodic):
+@njit(cache=True, nogil=True)
+def cells_of(begin, end, pos, origin, inverse, shape, periodic, out):
     """Row-major index of the cell that holds each particle (n,), the number of cells where it is off the grid."""
-    out = np.empty(len(pos), np.int64)
-    for i in prange(len(pos)):
+    for i in range(begin, end):
         ix = cell_of(pos[i, 0], origin[0], inverse, shape[0], periodic)
         iy = cell_of(pos[i, 1], origin[1], inverse, shape[1], periodic) if pos.shape[1] == 2 else 0
         out[i] = ix * shape[1] + iy if ix >= 0 and iy >= 0 else shape[0] * shape[1]
-    return out
 
 
 @njit(cache=True)
@@ -83,15 +81,13 @@ def _stencil_y(pos, p, origin, inverse, count, periodic):
     return stencil(pos[p, 1], origin[1], inverse, count, periodic)
 
 
-@njit(cache=True, parallel=True)
-def strip_of(pos, origin, inverse, shape, periodic, shift):
+@njit(cache=True, nogil=True)
+def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     """Strip of 2^shift rows that holds each particle's first node (n,); STRIPS for particles off the grid."""
-    key = np.empty(len(pos), np.int64)
-    for p in prange(len(pos)):
+    for p in range(begin, end):
         low = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
         inside = low >= 0 and _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0] >= 0
         key[p] = low >> shift if inside else STRIPS  # a shift: dividing took longer than all the rest
-    return key
 
 
 @njit(cache=True)
@@ -114,26 +110,35 @@ def _deposit_strip(pos, value, members, origin, inverse, shape, periodic, first,
             out[row + 1, jy] += high * wy
 
 
-@njit(cache=True, parallel=True)
-def deposit(pos, value, order, start, origin, inverse, periodic, shift, out):
+@njit(cache=True, nogil=True)
+def deposit_strips(begin, end, pos, value, order, start, origin, inverse, periodic, shift, out, beyond):
     """Add `value` (n,) to the nodes of `out` (nx, ny), cloud in cell; order and start sort by strip.
 
-    A strip sums its own rows and, apart, the one after them; these join the next strip in a fixed order.
+    A strip sums its own rows and, apart, the one after them: `beyond` (strips, ny), for `join_strips`.
     """
     nx, ny = out.shape
     rows = 1 << shift
-    sums = np.zeros((STRIPS, rows + 1, ny))
-    for s in prange(STRIPS):
+    for s in range(begin, end):
         first = s * rows
+        sums = np.zeros((rows + 1, ny))
         members = order[start[s] : start[s + 1]]
-        _deposit_strip(pos, value, members, origin, inverse, out.shape, periodic, first, sums[s])
-        for r in range(min(rows, nx - first)):
+        _deposit_strip(pos, value, members, origin, inverse, out.shape, periodic, first, sums)
+        held = max(0, min(rows, nx - first))
+        for j in range(ny):
+            for r in range(held):
+                out[first + r, j] += sums[r, j]
+            beyond[s, j] = sums[held, j]
+
+
+@njit(cache=True)
+def join_strips(shift, beyond, out):
+    """Add each strip's last row to the next strip, in a fixed order."""
+    nx, ny = out.shape
+    for s in range(len(beyond)):
+        if s << shift < nx:
+            row = min((s + 1) << shift, nx) % nx
             for j in range(ny):
-                out[first + r, j] += sums[s, r, j]
-    for s in range(STRIPS):
-        end = min((s + 1) * rows, nx)
-        for j in range(ny if s * rows < nx else 0):
-            out[end % nx, j] += sums[s, end - s * rows, j]
+                out[row, j] += beyond[s, j]
 
 
 @njit(cache=True)
@@ -142,11 +147,11 @@ def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
     return low + w10 * field[jx, iy, c] + w11 * field[jx, jy, c]
 
 
-@njit(cache=True, parallel=True)
-def gather(field, pos, origin, inverse, periodic, out):
+@njit(cache=True, nogil=True)
+def gather(begin, end, field, pos, origin, inverse, periodic, out):
     """Field (nx, ny, c <= 2) at the particles into out (n, c) with the deposit's weights; 0 off the grid."""
     nx, ny = field.shape[0], field.shape[1]
-    for p in prange(len(pos)):
+    for p in range(begin, end):
         ix, jx, wx = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
         iy, jy, wy = _stencil_y(pos, p, origin, inverse, ny, periodic)
         w00, w01, w10, w11 = (1.0 - wx) * (1.0 - wy), (1.0 - wx) * wy, wx * (1.0 - wy), wx * wy
@@ -158,15 +163,13 @@ def gather(field, pos, origin, inverse, periodic, out):
                 out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
 
 
-@njit(cache=True, parallel=True)
-def is_outside(pos, origin, inverse, shape, periodic):
+@njit(cache=True, nogil=True)
+def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
     """True (n,) for particles whose nodes are not all on the grid."""
-    outside = np.empty(len(pos), np.bool_)
-    for p in prange(len(pos)):
+    for p in range(begin, end):
         x = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
         y = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
         outside[p] = x < 0 or y < 0
-    return outside
 
 
 @njit(cache=True)
@@ -193,12 +196,12 @@ def _gradient_along_y(line, periodic, scale, out):
         out[j, 1] = scale * total
 
 
-@njit(cache=True, parallel=True)
-def gradient(potential, cell, periodic, out):
+@njit(cache=True, nogil=True)
+def gradient(begin, end, potential, cell, periodic, out):
     """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges."""
     nx, ny = potential.shape
     scale = 1.0 / (12.0 * cell)
-    for i in prange(nx):
+    for i in range(begin, end):
         first, place = _place(i, nx, periodic)
         w = _STENCILS[place]
         r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]

@@ -1,20 +1,20 @@
-"""Kick and drift: y += dt x, and the wrap into a periodic box."""
+"""Kick and drift: y += dt x, and the wrap into a periodic box. For `discsim.threads.share`."""
 
-from numba import njit, prange
+from numba import njit
 
 
-@njit(parallel=True, cache=True)
-def add_scaled(y, x, dt):
+@njit(nogil=True, cache=True)
+def add_scaled(begin, end, y, x, dt):
     """y += dt x for arrays (n, d)."""
-    for i in prange(y.shape[0]):
+    for i in range(begin, end):
         for k in range(y.shape[1]):
             y[i, k] += dt * x[i, k]
 
 
-@njit(parallel=True, cache=True)
-def wrap(pos, size):
+@njit(nogil=True, cache=True)
+def wrap(begin, end, pos, size):
     """Bring positions (n, d) back into [0, size)."""
-    for i in prange(pos.shape[0]):
+    for i in range(begin, end):
         for k in range(pos.shape[1]):
             x = pos[i, k]
             if x < 0.0 or x >= size[k]:

@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
-@njit(parallel=True, cache=True)
-def attract(pos, acc, mass, softening):
+@njit(nogil=True, cache=True)
+def attract(begin, end, pos, acc, mass, softening):
     """acc -= G M r / (r^2 + s^2)^(3/2), arrays (n, 2)."""
-    for i in prange(len(pos)):
+    for i in range(begin, end):
         x, y = pos[i, 0], pos[i, 1]
         d2 = x * x + y * y + softening * softening
         f = mass / (d2 * math.sqrt(d2))

@@ -1,0 +1,667 @@
+"""Runs: the files of a directory, stopping and going on with the same bits, interrupts, messages, exit statuses."""
+
+import csv
+import errno
+import io
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from discsim import Simulation, read_snapshot
+from discsim.checkpoint import read_checkpoint
+from discsim.history import COLUMNS
+from discsim.progress import Progress, clock
+from discsim.runner import differences, output_times, run_scene
+from discsim.scene import load_scene
+
+DISC = """\
+title = "a disc with everything"
+units.system = "code"
+[run]
+until = 1.0
+every = 0.25
+[space]
+size = 6
+cells = 64
+[initial]
+kind = "disc"
+mass = 0.05
+inner = 0.5
+outer = 2
+[gas]
+particles = 1000
+eos = {kind = "locally-isothermal", aspect_ratio = 0.1, reference_radius = 1}
+viscosity = {alpha = 1.0}
+[dust]
+particles = 1100
+ratio = 0.1
+[star]
+mass = 1
+accretion_radius = 0.55
+[self_gravity]
+softening = 0.1
+[drag]
+law = "stokes-number"
+stokes = 0.1
+"""
+
+SHOCK = """\
+units.system = "code"
+[run]
+until = 0.1
+snapshots = 4
+[space]
+dimensions = 1
+size = 1
+[initial]
+kind = "shock"
+right = [0.55, 0.4, 0]
+[gas]
+particles = 200
+eos = {kind = "adiabatic", gamma = 1.4}
+viscosity = {alpha = 1.0}
+conductivity = {alpha = 1.0}
+"""
+
+WAVE = """\
+units.system = "code"
+[run]
+until = 0.1
+snapshots = 2
+[space]
+dimensions = 1
+size = 1
+boundary = "periodic"
+[initial]
+kind = "wave"
+[gas]
+particles = 100
+smoothing_length = 0.025
+eos = {kind = "isothermal", sound_speed = 1}
+[dust]
+particles = 100
+ratio = 1
+[drag]
+law = "stopping-time"
+t_stop = 0.002
+"""
+
+SCENES = {"disc": DISC, "shock": SHOCK, "wave": WAVE}
+
+
+def scene_of(tmp_path, text, *overrides, without=()):
+    path = tmp_path / "a.toml"
+    path.write_text(text)
+    return load_scene(path, overrides, without)
+
+
+def rows(directory, name="history.csv"):
+    with (directory / name).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def assert_same_run(one, other):
+    """Every snapshot and every row to the last bit (rows hold floats with all their digits)."""
+    names = sorted(path.name for path in (one / "snapshots").iterdir())
+    assert names == sorted(path.name for path in (other / "snapshots").iterdir())
+    for name in names:
+        a, b = (read_snapshot(directory / "snapshots" / name) for directory in (one, other))
+        assert a.time == b.time
+        for kind in a.species:
+            assert_same_arrays(vars(a.species[kind]), vars(b.species[kind]))
+    assert (one / "history.csv").read_text() == (other / "history.csv").read_text()
+
+
+def assert_same_arrays(one, other):
+    for name, array in one.items():
+        if isinstance(array, np.ndarray):
+            assert array.tobytes() == other[name].tobytes(), name
+
+
+def state_bits(sim):
+    return {name: {k: v.tobytes() for k, v in p.arrays().items()} for name, p in sim.state.species.items()}
+
+
+def at_step(monkeypatch, step, act):
+    """Have `act(sim)` done at the end of the given step of any run."""
+    advance = Simulation._advance
+
+    def advance_and_act(sim, *arguments):
+        advance(sim, *arguments)
+        if sim.state.step == step:
+            act(sim)
+
+    monkeypatch.setattr(Simulation, "_advance", advance_and_act)
+
+
+# Files
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_files_of_a_run(tmp_path, name, capsys):
+    scene, out = scene_of(tmp_path, SCENES[name]), tmp_path / "deep" / "out"
+    assert run_scene(scene, out) == 0
+    number = len(output_times(scene.run)) + 1
+    assert sorted(os.listdir(out)) == [
+        "checkpoint.h5", "costs.csv", "history.csv", "last_state.png", "run.log", "scene.toml", "snapshots",
+    ]  # fmt: skip
+    assert sorted(os.listdir(out / "snapshots")) == [f"{k:04d}.h5" for k in range(number)]
+    assert not list(differences(load_scene(out / "scene.toml"), scene))
+    assert (out / "last_state.png").read_bytes().startswith(b"\x89PNG")
+    shown = capsys.readouterr()
+    assert shown.err == "" and shown.out == (out / "run.log").read_text()
+    for words in ("effects: gas, ", "loading kernels", "set by", "snapshot 0001", "done at t", str(out)):
+        assert words in shown.out
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_history(tmp_path, name):
+    scene, out = scene_of(tmp_path, SCENES[name]), tmp_path / "out"
+    assert run_scene(scene, out, quiet=True) == 0
+    with (out / "history.csv").open() as file:
+        assert file.readline().strip() == (
+            "step,time,dt,dt_set_by,mass_gas,mass_dust,momentum_x,momentum_y,angular_momentum,kinetic_gas,"
+            "kinetic_dust,thermal,potential,accreted_gas,accreted_dust,uncoupled_dust"
+        )
+    found = rows(out)
+    assert [int(row["step"]) for row in found] == list(range(len(found)))  # a small run: every step
+    times = np.array([float(row["time"]) for row in found])
+    assert times[0] == 0 and times[-1] == scene.run.until
+    # dt is the difference of the times: exact, where these are the same floats.
+    assert np.array_equal(np.diff(times), [float(row["dt"]) for row in found[1:]])
+    assert {row["dt_set_by"] for row in found} <= set(scene.effects)
+    assert set(output_times(scene.run)) <= set(times)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_history_agrees_with_snapshots(tmp_path, name):
+    scene, out = scene_of(tmp_path, SCENES[name]), tmp_path / "out"
+    assert run_scene(scene, out, quiet=True) == 0
+    by_time = {float(row["time"]): row for row in rows(out)}
+    for number, t in enumerate([0.0, *output_times(scene.run)]):
+        snap = read_snapshot(out / "snapshots" / f"{number:04d}.h5")
+        assert snap.time == t  # exactly
+        row = {key: float(value) for key, value in by_time[t].items() if key != "dt_set_by"}
+        momentum, spin = np.zeros(2), 0.0
+        for kind, p in snap.species.items():
+            free = np.ones(p.count, bool) if p.immobile is None else ~p.immobile
+            mass, pos, vel = p.mass[free], p.pos[free], p.vel[free]
+            # Sums in another order: rounding.
+            assert row[f"mass_{kind}"] == pytest.approx(mass.sum(), rel=1e-12)
+            assert row[f"kinetic_{kind}"] == pytest.approx((mass * (vel**2).sum(axis=1)).sum() / 2, rel=1e-12)
+            momentum[: snap.dimensions] += mass @ vel
+            if snap.dimensions == 2:
+                spin += (mass * np.cross(pos, vel)).sum() if False else (
+                    mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])
+                ).sum()
+            if p.u is not None:
+                assert row["thermal"] == pytest.approx((mass * p.u[free]).sum(), rel=1e-12)
+        scale = snap.gas.mass.sum() * np.abs(snap.gas.vel).max() + 1e-300
+        assert [row["momentum_x"], row["momentum_y"]] == pytest.approx(list(momentum), abs=1e-12 * scale)
+        assert row["angular_momentum"] == pytest.approx(spin, rel=1e-12)
+
+
+def test_what_the_star_takes_is_in_the_history(tmp_path):
+    scene, out = scene_of(tmp_path, DISC), tmp_path / "out"
+    assert run_scene(scene, out, quiet=True) == 0
+    first, last = rows(out)[0], rows(out)[-1]
+    for kind in ("gas", "dust"):
+        lost = float(first[f"mass_{kind}"]) - float(last[f"mass_{kind}"])
+        assert lost > 0  # the inner edge is inside the accretion radius
+        assert lost == pytest.approx(float(last[f"accreted_{kind}"]), rel=1e-12)  # rounding of the sums
+    assert 0 < float(last["uncoupled_dust"]) < 1
+
+
+def test_potential_energy_is_that_of_the_effects(tmp_path):
+    # A uniform box in free fall: E_pot = -m g x changes as work is done; here the start, where x is known.
+    text = WAVE.replace('kind = "wave"', 'kind = "box"') + "[external]\ngas = 2\n"
+    assert run_scene(scene_of(tmp_path, text, "run.until=0.01"), tmp_path / "out", quiet=True) == 0
+    # Unit mass evenly on [0, 1), g = 2: -2 * 0.5; lattice points are symmetric about the middle, to rounding.
+    assert float(rows(tmp_path / "out")[0]["potential"]) == pytest.approx(-1.0, rel=1e-12)
+
+
+def test_pressure_in_a_snapshot_is_that_of_its_energy(tmp_path):
+    assert run_scene(scene_of(tmp_path, SHOCK), tmp_path / "out", quiet=True) == 0
+    gas = read_snapshot(tmp_path / "out" / "snapshots" / "0004.h5").gas
+    assert np.allclose(gas.pressure, 0.4 * gas.density * gas.u, rtol=1e-14, atol=0)  # one product
+
+
+@pytest.mark.parametrize("integrator", ["kdk", "euler"])
+def test_stopping_times_in_every_snapshot(tmp_path, integrator):
+    scene, out = scene_of(tmp_path, WAVE, f"run.integrator={integrator}"), tmp_path / "out"
+    assert run_scene(scene, out, quiet=True) == 0
+    for number in range(3):
+        dust = read_snapshot(out / "snapshots" / f"{number:04d}.h5").dust
+        assert np.array_equal(dust.stopping_time, np.full(100, 0.002)) and dust.stokes is None
+
+
+def test_stokes_numbers_about_a_star(tmp_path):
+    assert run_scene(scene_of(tmp_path, DISC, "run.until=0.1"), tmp_path / "out", quiet=True) == 0
+    dust = read_snapshot(tmp_path / "out" / "snapshots" / "0000.h5").dust
+    stokes = dust.stokes[np.isfinite(dust.stokes)]
+    # The law's Omega is that at the mean r^2 of a drag cell; cells of 2h are up to .4 r wide here.
+    assert len(stokes) > 500 and np.median(stokes) == pytest.approx(0.1, rel=0.05)
+    omega = np.linalg.norm(dust.pos, axis=1) ** -1.5
+    assert np.allclose(dust.stokes, dust.stopping_time * omega, rtol=1e-13, atol=0)
+
+
+def test_costs_are_of_the_effects_named(tmp_path):
+    for name, named in (
+        ("disc", ["gas", "dust", "star", "self_gravity", "drag"]),
+        ("shock", ["gas"]),
+        ("wave", ["gas", "dust", "drag"]),
+    ):
+        assert run_scene(scene_of(tmp_path, SCENES[name]), tmp_path / name, quiet=True) == 0
+        found = rows(tmp_path / name, "costs.csv")
+        assert [row["effect"] for row in found] == named
+        assert all(int(row["calls"]) > 0 and float(row["cpu_seconds"]) >= 0 for row in found)
+        assert sum(float(row["share"]) for row in found) == pytest.approx(1, abs=1e-3)  # four digits each
+
+
+def test_a_run_of_one_step(tmp_path):
+    scene = scene_of(tmp_path, WAVE, "run.until=1e-6", "run.snapshots=1")
+    assert run_scene(scene, tmp_path / "out", quiet=True) == 0
+    assert [row["step"] for row in rows(tmp_path / "out")] == ["0", "1"]
+    assert all(int(row["calls"]) > 0 for row in rows(tmp_path / "out", "costs.csv"))
+
+
+def test_large_runs_have_rows_at_intervals_and_outputs(tmp_path, monkeypatch):
+    monkeypatch.setattr("discsim.runner.SMALL", 100)
+    assert run_scene(scene_of(tmp_path, SHOCK), tmp_path / "out", quiet=True) == 0
+    steps = [int(row["step"]) for row in rows(tmp_path / "out")]
+    outputs = [row for row in rows(tmp_path / "out") if int(row["step"]) % 16 != 0]
+    assert {step for step in range(steps[-1]) if step % 16 == 0} <= set(steps)
+    assert 1 <= len(outputs) <= 4 and len(set(steps)) == len(steps) < steps[-1]
+
+
+# Times of outputs
+
+
+def times_of(tmp_path, *overrides):
+    return output_times(scene_of(tmp_path, WAVE.replace("snapshots = 2\n", ""), *overrides).run)
+
+
+def test_output_times(tmp_path):
+    assert times_of(tmp_path, "run.until=1", "run.snapshots=4") == [0.25, 0.5, 0.75, 1.0]
+    assert times_of(tmp_path, "run.until=1", "run.every=0.4") == [0.4, 0.8, 1.0]
+    assert times_of(tmp_path, "run.until=0.3", "run.every=1") == [0.3]
+    assert times_of(tmp_path, "run.until=0.7", "run.snapshots=3")[-1] == 0.7
+
+
+def test_runs_of_different_lengths_meet_at_the_same_floats(tmp_path):
+    # In floats 3 * 0.1 is not 0.3.
+    assert times_of(tmp_path, "run.until=0.3", "run.every=0.1") == [0.1, 0.2, 0.3]
+    assert times_of(tmp_path, "run.until=0.6", "run.every=0.1")[:3] == [0.1, 0.2, 0.3]
+    assert times_of(tmp_path, "run.until=0.6", "run.snapshots=6")[:3] == [0.1, 0.2, 0.3]
+
+
+# The same bits
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_looking_changes_no_bit(tmp_path, name):
+    scene = scene_of(tmp_path, SCENES[name])
+    blind, watched = Simulation(scene), Simulation(scene)
+
+    def look():
+        with watched.synchronised() as state:
+            assert state.lag == 0
+        if "drag" in watched.effects:
+            watched.effects["drag"].current_stopping_times(watched.state)
+        watched.save(tmp_path / "look.h5")
+        return False
+
+    blind.evolve(scene.run.until)
+    watched.evolve(scene.run.until, look)
+    assert state_bits(blind) == state_bits(watched)
+
+
+@pytest.mark.parametrize("name, step", [("disc", 3), ("disc", 10), ("shock", 7), ("shock", 40), ("wave", 5)])
+def test_stopped_and_resumed(tmp_path, monkeypatch, name, step, capsys):
+    # For the shock step 40 is beyond a reordering of the gas in memory.
+    scene = scene_of(tmp_path, SCENES[name])
+    straight, broken = tmp_path / "straight", tmp_path / "broken"
+    assert run_scene(scene, straight, quiet=True) == 0
+    assert len(rows(straight)) > step + 2
+    with monkeypatch.context() as patch:
+        at_step(patch, step, lambda sim: signal.raise_signal(signal.SIGINT))
+        assert run_scene(scene, broken, quiet=True) == 130
+    assert int(rows(broken)[-1]["step"]) == step
+    said = capsys.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1
+    assert f"interrupted by SIGINT at t = {float(rows(broken)[-1]['time']):.4g}, step {step}" in said.err
+    assert f"discsim run {broken}/scene.toml -o {broken} --resume" in said.err
+    assert run_scene(scene, broken, resume=True, quiet=True) == 0
+    assert_same_run(straight, broken)
+
+
+def test_stopped_twice_on_an_output(tmp_path, monkeypatch):
+    # The step that lands on an output is the one that is interrupted: its snapshot must not be lost.
+    scene = scene_of(tmp_path, DISC)
+    assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
+    landing = [int(row["step"]) for row in rows(tmp_path / "straight") if float(row["time"]) in (0.25, 0.5)]
+    for resume, step in zip((False, True), landing, strict=True):
+        with monkeypatch.context() as patch:
+            at_step(patch, step, lambda sim: signal.raise_signal(signal.SIGTERM))
+            assert run_scene(scene, tmp_path / "broken", resume=resume, quiet=True) == 143
+    assert run_scene(scene, tmp_path / "broken", resume=True, quiet=True) == 0
+    assert_same_run(tmp_path / "straight", tmp_path / "broken")
+
+
+@pytest.mark.parametrize("integrator", ["kdk", "euler"])
+def test_a_longer_run_goes_on_from_a_finished_one(tmp_path, integrator):
+    chosen = f"run.integrator={integrator}"
+    whole = scene_of(tmp_path, DISC, chosen)
+    short = scene_of(tmp_path, DISC, chosen, "run.until=0.5", "title=short")
+    assert run_scene(whole, tmp_path / "one", quiet=True) == 0
+    assert run_scene(short, tmp_path / "two", quiet=True) == 0
+    assert run_scene(whole, tmp_path / "two", resume=True, quiet=True) == 0
+    assert_same_run(tmp_path / "one", tmp_path / "two")
+    assert load_scene(tmp_path / "two" / "scene.toml").run.until == 1
+
+
+def test_what_came_after_the_checkpoint_is_dropped(tmp_path, monkeypatch):
+    # A run that is killed has later snapshots and rows than its checkpoint, and perhaps half a row.
+    scene = scene_of(tmp_path, WAVE)
+    assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
+    at_step(monkeypatch, 3, lambda sim: signal.raise_signal(signal.SIGINT))
+    assert run_scene(scene, tmp_path / "broken", quiet=True) == 130
+    monkeypatch.undo()
+    later = tmp_path / "straight" / "snapshots" / "0001.h5"
+    for name in ("0001.h5", "0007.h5"):
+        (tmp_path / "broken" / "snapshots" / name).write_bytes(later.read_bytes())
+    lines = (tmp_path / "straight" / "history.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "broken" / "history.csv").write_text("".join(lines[:8]) + lines[8][:20])
+    assert run_scene(scene, tmp_path / "broken", resume=True, quiet=True) == 0
+    assert_same_run(tmp_path / "straight", tmp_path / "broken")
+
+
+def test_costs_go_on_when_resumed(tmp_path, monkeypatch):
+    scene = scene_of(tmp_path, WAVE)
+    at_step(monkeypatch, 12, lambda sim: signal.raise_signal(signal.SIGINT))
+    assert run_scene(scene, tmp_path / "out", quiet=True) == 130
+    monkeypatch.undo()
+    assert run_scene(scene, tmp_path / "out", resume=True, quiet=True) == 0
+    calls = int(rows(tmp_path / "out", "costs.csv")[0]["calls"])
+    steps = int(rows(tmp_path / "out")[-1]["step"])
+    # The gas has three calls a step (forces, move, event); each process leaves out its first step.
+    assert calls == 3 * (steps - 2)
+
+
+THREADS = """
+import hashlib, sys
+from discsim import Simulation, load_scene
+for threads in sys.argv[2:]:
+    sim = Simulation(load_scene(sys.argv[1], [f"run.threads={threads}"]))
+    sim.evolve(sim.scene.run.until)
+    bits = hashlib.sha256()
+    for particles in sim.state.species.values():
+        for array in particles.arrays().values():
+            bits.update(array.tobytes())
+    print(threads, sim.state.step, bits.hexdigest())
+"""
+
+
+@pytest.mark.parametrize("name", ["disc", "shock"])
+def test_any_number_of_threads_gives_the_same_bits(tmp_path, name):
+    scene_of(tmp_path, SCENES[name])
+    found = {}
+    for pool, threads in (("1", ["1", "1"]), ("2", ["1", "2", "2"])):
+        done = subprocess.run(
+            [sys.executable, "-c", THREADS, str(tmp_path / "a.toml"), *threads],
+            env={**os.environ, "NUMBA_NUM_THREADS": pool}, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        for number, line in enumerate(done.stdout.splitlines()):
+            found[pool, number] = line.split()[1:]
+    assert len(found) == 5 and len({tuple(bits) for bits in found.values()}) == 1, found
+
+
+@pytest.mark.parametrize("name, without", [("wave", ()), ("disc", ("self_gravity",))])
+def test_one_way_dust_leaves_no_trace_in_the_gas(tmp_path, name, without):
+    text = SCENES[name].replace("[drag]\n", '[drag]\ndirection = "one-way"\n')
+    dusty = Simulation(scene_of(tmp_path, text, without=without))
+    clean = Simulation(scene_of(tmp_path, text, without=(*without, "dust", "drag")))
+    assert dusty.dust is not None and clean.dust is None
+    for sim in (dusty, clean):
+        sim.run()
+    assert dusty.state.step == clean.state.step
+    assert state_bits(dusty)["gas"] == state_bits(clean)["gas"]
+
+
+# Going on is refused
+
+
+def contents(directory):
+    return {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    "overrides, without, keys",
+    [
+        (["gas.particles=1001"], (), "gas.particles"),
+        (["gas.eos.kind=isothermal"], (), None),  # not valid at all: the keys of the other kind are there
+        (["drag.scheme=idic", "run.courant=0.2"], (), "run.courant, drag.scheme"),
+        ([], ("drag",), "drag"),
+        ([], ("gas.viscosity",), "gas.viscosity"),
+        (["dust.ratio=0.2"], (), "dust.0.ratio"),
+        (["run.seed=2", "run.until=2"], (), "run.seed"),
+    ],
+)
+def test_another_scene_is_refused(finished, tmp_path, overrides, without, keys, capsys):
+    if keys is None:
+        return
+    before = contents(finished)
+    scene = scene_of(tmp_path, DISC, *overrides, without=without)
+    assert run_scene(scene, finished, resume=True) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1
+    assert f"{finished}/checkpoint.h5: " in said.err
+    assert f"differs from that of the checkpoint in {keys}; expected" in said.err
+    assert contents(finished) == before
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The directory of a finished run of the disc."""
+    folder = tmp_path_factory.mktemp("finished")
+    assert run_scene(scene_of(folder, DISC, "run.until=0.5"), folder / "out", quiet=True) == 0
+    return folder / "out"
+
+
+def test_a_finished_run_says_so(finished, tmp_path, capsys):
+    before = contents(finished)
+    for until in (0.5, 0.2):
+        scene = scene_of(tmp_path, DISC, f"run.until={until}", "run.threads=1", "run.walltime=1 h")
+        assert run_scene(scene, finished, resume=True) == 0
+        assert "finished already, at t = 0.5" in capsys.readouterr().out
+    assert contents(finished) == before
+
+
+@pytest.mark.parametrize("damage", ["flipped", "cut", "empty", "text"])
+def test_a_damaged_checkpoint_is_one_message(finished, tmp_path, damage, capsys):
+    whole = (finished / "checkpoint.h5").read_bytes()
+    middle = whole.find(read_checkpoint(finished / "checkpoint.h5")[0]["gas"]["pos"].tobytes()[:64])
+    assert middle > 0
+    flipped = whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
+    bad = {"flipped": flipped, "cut": whole[: len(whole) // 2], "empty": b"", "text": b"step 4\n"}[damage]
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "checkpoint.h5").write_bytes(bad)
+    assert run_scene(scene_of(tmp_path, DISC), out, resume=True) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1 and "damaged" in said.err
+    assert contents(out) == {out / "checkpoint.h5": bad}
+
+
+def test_a_scene_that_cannot_be_set_up_writes_nothing(tmp_path, capsys):
+    text = DISC.replace('[space]\n', '[space]\nboundary = "open"\n').replace("cells = 64", "cells = 3")
+    assert run_scene(scene_of(tmp_path, text), tmp_path / "out", quiet=True) in (2,)
+    assert "at least 5 cells" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+# Ends
+
+
+def poison(sim):
+    sim.effects["gas"].accelerate = lambda state: state.gas.acc.__setitem__(7, np.nan)
+
+
+def test_not_finite_is_told_with_effect_particle_time_and_checkpoint(tmp_path, monkeypatch, capsys):
+    scene, out = scene_of(tmp_path, DISC, "run.checkpoint_every=1e-9 s"), tmp_path / "out"
+    at_step(monkeypatch, 4, poison)
+    assert run_scene(scene, out) == 3
+    message = capsys.readouterr().err
+    number = re.search(r"gas particle (\d+) is not finite", message)
+    assert number and 0 <= int(number[1]) < 1000
+    assert "first effect to give it an acceleration that is not finite is gas" in message
+    assert re.search(r"at t = 0\.\d+, step 5", message) and f"{out}/checkpoint.h5 is of t = 0." in message
+    assert message in (out / "run.log").read_text()
+    assert int(read_checkpoint(out / "checkpoint.h5")[1]["step"]) == 4  # the last good state
+    monkeypatch.undo()
+    assert run_scene(scene, out, resume=True, quiet=True) == 0
+
+
+def test_the_start_is_there_to_go_back_to(tmp_path, monkeypatch, capsys):
+    at_step(monkeypatch, 1, poison)
+    assert run_scene(scene_of(tmp_path, DISC), tmp_path / "out", quiet=True) == 3
+    assert "checkpoint.h5 is of t = 0; go on from it with: discsim run" in capsys.readouterr().err
+
+
+def test_a_collapsed_step_names_its_effect(tmp_path, monkeypatch, capsys):
+    at_step(monkeypatch, 2, lambda sim: setattr(sim.effects["star"], "limit", lambda state: 1e-300))
+    assert run_scene(scene_of(tmp_path, DISC), tmp_path / "out", quiet=True) == 3
+    assert re.search(r"step has collapsed to 3e-301, set by star", capsys.readouterr().err)
+
+
+def test_out_of_memory(tmp_path, monkeypatch, capsys):
+    def run_out(sim):
+        raise MemoryError("Unable to allocate 7 TiB")
+
+    at_step(monkeypatch, 2, run_out)
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 3
+    message = capsys.readouterr().err
+    assert "out of memory at t = " in message and "7 TiB" in message and "--resume" in message
+
+
+def test_a_full_disk_is_one_line(tmp_path, monkeypatch, capsys):
+    def full(path, *arguments):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr("discsim.runner.write_snapshot", full)
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
+    message = capsys.readouterr().err
+    assert len(message.splitlines()) == 1 and "0000.h5: cannot be written: No space left" in message
+
+
+def test_walltime_is_a_clean_stop(tmp_path, capsys):
+    scene, out = scene_of(tmp_path, DISC, "run.walltime=1e-6 s"), tmp_path / "out"
+    assert run_scene(scene, out) == 0
+    said = capsys.readouterr()
+    assert "stopped by run.walltime at t = 0, step 0" in said.out and "--resume" in said.out
+    assert run_scene(scene_of(tmp_path, DISC), out, resume=True, quiet=True) == 0
+    assert run_scene(scene_of(tmp_path, DISC), tmp_path / "straight", quiet=True) == 0
+    assert_same_run(tmp_path / "straight", out)
+
+
+def test_a_second_interrupt_leaves_at_once(tmp_path, monkeypatch, capsys):
+    def twice(sim):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        pytest.fail("still here")
+
+    at_step(monkeypatch, 2, twice)
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 130
+    assert "left at once" in capsys.readouterr().err
+    assert read_checkpoint(tmp_path / "out" / "checkpoint.h5")[1]["step"] == 0
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler  # as before the run
+
+
+def command(*arguments, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "discsim", *map(str, arguments)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
+    )  # fmt: skip
+
+
+def test_ctrl_c_on_the_command_line(tmp_path):
+    # Outputs are many, so that the signal surely arrives between the first and the last.
+    scene = scene_of(tmp_path, DISC, "run.every=0.004", "run.until=4")
+    (tmp_path / "a.toml").write_text(scene.text)
+    out = tmp_path / "out"
+    child = command("run", tmp_path / "a.toml", "-o", out)
+    try:
+        deadline = time.monotonic() + 300  # kernels may have to compile first
+        while not (out / "snapshots" / "0003.h5").exists():
+            assert child.poll() is None and time.monotonic() < deadline, child.stderr.read()
+            time.sleep(0.02)
+        child.send_signal(signal.SIGINT)
+        text, message = child.communicate(timeout=60)
+    finally:
+        child.kill()
+    assert child.returncode == 130, message
+    assert len(message.splitlines()) == 1 and "--resume" in message and "Traceback" not in text + message
+    reached = float(read_checkpoint(out / "checkpoint.h5")[1]["time"])
+    done = next(t for t in output_times(scene.run) if t > reached)
+    child = command("run", out / "scene.toml", "-o", out, "--resume", "--until", repr(done), "--quiet")
+    assert child.communicate(timeout=300) == ("", "") and child.returncode == 0
+    straight = tmp_path / "straight"
+    assert run_scene(scene_of(tmp_path, scene.text, f"run.until={done!r}"), straight, quiet=True) == 0
+    assert_same_run(straight, out)
+
+
+# Progress
+
+
+def test_plain_lines_come_at_intervals(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("discsim.progress.LINE_EVERY", 0.0)
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("step ")]
+    found = rows(tmp_path / "out")
+    assert len(lines) >= len(found)  # every step, and the outputs
+    assert re.fullmatch(
+        r"step 5  t = [\d.]+ of 0\.1  dt = [\d.]+, set by gas  [\d.e+]+ steps/s  [\d.]+ s left", lines[5].strip()
+    )
+
+
+def test_live_display_on_a_terminal(tmp_path, monkeypatch):
+    screen = io.StringIO()
+    monkeypatch.setattr("discsim.progress.FRAME_EVERY", 0.0)
+    monkeypatch.setattr(
+        "discsim.progress.Console",
+        lambda **options: Console(file=screen, force_terminal=True, width=120, **options),
+    )
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
+    shown = screen.getvalue()
+    for words in ("effects", "gas, dust, drag", "steps/s", "of 0.1", "set by gas", " left", "done at t = 0.1"):
+        assert words in shown, words
+    assert "snapshot 0002" not in shown and "snapshot 0002" in (tmp_path / "out" / "run.log").read_text()
+
+
+def test_time_left_leaves_the_first_step_out(tmp_path, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("discsim.progress.time.monotonic", lambda: now[0])
+    sim = Simulation(scene_of(tmp_path, WAVE))
+    progress = Progress(sim.scene, quiet=True)
+    for wall, t in ((100.0, 0.01), (101.0, 0.02), (102.0, 0.03)):  # 100 s of compiling
+        now[0], sim.state.time, sim.state.step = wall, t, sim.state.step + 1
+        progress.step(sim.state, 0.01, "gas")
+    facts = progress._facts(sim.state, 0.01, "gas")
+    assert facts["speed"] == "1 steps/s" and facts["left"] == "7.0 s left"
+
+
+def test_clock():
+    assert [clock(s) for s in (0.04, 9.94, 12.3, 59.7, 245, 7504)] == [
+        "0.0 s", "9.9 s", "12 s", "1 min 0 s", "4 min 5 s", "2 h 5 min",
+    ]  # fmt: skip
+
+
+def test_columns_are_the_rows(tmp_path):
+    assert len(COLUMNS) == 16 and Path(__file__).exists()
