@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from discsim.eos import thermal_speed
+from discsim.initial import profile
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
 from discsim.units import Units, epstein_stopping_time
@@ -59,12 +61,13 @@ class Local:
 
 
 def local(scene: Scene) -> Local:
-    """The gas at the inner edge, middle and outer edge of a disc, or in the states of another start."""
+    """The gas at the edges (within the tapers) and the middle of a disc, or in the states of another start."""
     start: Any = scene.initial
     radius = None
     if start.kind == "disc":
-        radius = np.array([start.inner, (start.inner + start.outer) / 2, start.outer])
-        density = _disc_density(scene, radius)
+        inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper  # where tapers end
+        radius = np.array([inner, (start.inner + start.outer) / 2, outer])
+        density = profile.surface_density(scene, radius)
         places = [scene.units.show(r, "length") for r in radius]
     elif start.kind == "shock":
         density = np.array([start.left[0], start.right[0]])
@@ -293,39 +296,9 @@ def _uniform_density(start: Any) -> float:
     return start.density if start.kind == "box" else 1.0
 
 
-def _disc_shape(start: Any, radius: Array) -> Array:
-    return (radius / start.reference_radius) ** -start.surface_density_index
-
-
-def _disc_scale(scene: Scene) -> float:
-    """Sigma at the reference radius."""
-    start: Any = scene.initial
-    if start.surface_density is not None:
-        return start.surface_density
-    if start.mass is not None:
-        return start.mass / _shape_mass(start, start.inner, start.outer)
-    radius = np.linspace(start.inner, start.outer, 1001)
-    shape = _disc_shape(start, radius)
-    speed = _sound_speed(scene, radius, shape)
-    assert speed is not None and scene.star is not None
-    q_of_shape = speed * np.sqrt(scene.star.mass / radius**3) / (math.pi * shape)
-    return q_of_shape.min() / start.toomre_q
-
-
-def _disc_density(scene: Scene, radius: Array) -> Array:
-    return _disc_scale(scene) * _disc_shape(scene.initial, radius)
-
-
 def _disc_mass(scene: Scene, inner: float, outer: float) -> float:
-    return _disc_scale(scene) * _shape_mass(scene.initial, inner, outer)
-
-
-def _shape_mass(start: Any, inner: float, outer: float) -> float:
-    """Integral of 2 pi r (r / r_ref)^-p from inner to outer."""
-    reference, power = start.reference_radius, 2 - start.surface_density_index
-    if abs(power) < 1e-12:
-        return 2 * math.pi * reference**2 * math.log(outer / inner)
-    return 2 * math.pi * reference**2 * ((outer / reference) ** power - (inner / reference) ** power) / power
+    radius = np.linspace(inner, outer, profile.SAMPLES)
+    return profile.scale(scene) * float(profile.cumulative(scene.initial, radius)[-1])
 
 
 def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | None:
@@ -337,8 +310,7 @@ def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | 
     if getattr(eos, "sound_speed", None) is not None:
         return np.full_like(density, eos.sound_speed)
     if eos.aspect_ratio is not None and scene.star and radius is not None:
-        reference = eos.aspect_ratio * math.sqrt(scene.star.mass / eos.reference_radius)
-        return reference * (radius / eos.reference_radius) ** (-eos.temperature_index / 2)
+        return thermal_speed(scene, radius)
     return _shock_speed(scene, density)
 
 

@@ -61,7 +61,7 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
             fail(f"out of memory {run.where()}: {fault or 'no room for an array'}\n{run.way_back()}")
             return PHYSICS
         except OSError as fault:
-            reason = fault.strerror or str(fault).splitlines()[0]
+            reason = (fault.strerror or str(fault)).partition("\n")[0]
             fail(f"{fault.filename or directory}: cannot be written: {reason}. {run.way_back()}")
             return NOT_WRITTEN
         except KeyboardInterrupt:

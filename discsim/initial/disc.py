@@ -25,7 +25,8 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
     out = {}
     if scene.gas is not None:
         stream = random_stream(scene, "gas")
-        out["gas"] = _species(scene, stream, scene.gas.particles, start.inner, start.outer, 1.0, "even")
+        gas = scene.gas
+        out["gas"] = _species(scene, stream, gas.particles, start.inner, start.outer, 1.0, gas.placement)
     if scene.dust is not None:
         stream = random_stream(scene, "dust")
         parts = []

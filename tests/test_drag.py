@@ -1,0 +1,212 @@
+"""The operators of the drag: exact relaxation, its energy, blocks of drag cells; before any run."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.linalg import expm
+
+from discsim.exact import dustybox
+from discsim.kernels.blocks import merge
+from discsim.kernels.drag import relax_many, relax_pair, response
+
+DT = 0.7
+
+
+def decay(rate, dt, y, b):
+    """dy/dt = b - rate y at dt, and rate times the integral of y^2, by quadrature of the textbook solution."""
+
+    def at(t):
+        x = rate * t
+        phi = -math.expm1(-x) / rate
+        return y * math.exp(-x) + b * phi
+
+    knots = [dt * p for p in (1e-8, 1e-6, 1e-4, 1e-2, 0.1, 0.5)]
+    lost, _ = quad(lambda t: rate * at(t) ** 2, 0, dt, points=knots, epsabs=0, epsrel=1e-12, limit=400)
+    return at(dt), lost
+
+
+@pytest.mark.parametrize("x", [1e-12, 1e-6, 9.9e-3, 1.01e-2, 0.3, 3.0, 50.0, 1e4])
+@pytest.mark.parametrize(("y", "b"), [(1.0, 0.0), (0.0, 1.0), (0.8, -1.3)])
+def test_response_is_the_exact_solution(x, y, b):
+    rate = x / DT
+    f, g, p, q, r = response(rate, DT, True)
+    end, lost = decay(rate, DT, y, b)
+    # The series of g leaves x^5/720 of b dt at its end, x = .01: 1.4e-13.
+    assert y + b * DT + f * y + g * b == pytest.approx(end, rel=1e-13, abs=2e-13)
+    # r is a difference of terms x at the switch between series and closed form, x^3/3 itself: 1e-16/1e-6.
+    assert p * y * y + q * y * b + r * b * b == pytest.approx(lost, rel=2e-9)
+
+
+@pytest.mark.parametrize("x", [1e-9, 1e-3, 0.3, 50.0, 1e6])
+def test_implicit_response_is_backward_euler(x):
+    """y' = (y + b dt) / (1 + x); what is lost is the work of b at the mean velocity less the energy gained."""
+    rate, y, b = x / DT, 0.8, -1.3
+    f, g, p, q, r = response(rate, DT, False)
+    end = (y + b * DT) / (1.0 + x)
+    assert y + b * DT + f * y + g * b == pytest.approx(end, rel=1e-13, abs=1e-15)
+    lost = b * DT * 0.5 * (y + end) - 0.5 * (end**2 - y**2)
+    # The difference cancels where x is small.
+    assert p * y * y + q * y * b + r * b * b == pytest.approx(lost, rel=1e-12, abs=1e-15)
+
+
+def test_response_joins_its_series():
+    """Series and closed form agree where one takes over from the other."""
+    low, high = response(0.01 * (1 - 1e-9), 1.0, True), response(0.01 * (1 + 1e-9), 1.0, True)
+    # The slopes carry 1e-9 across; r in closed form keeps 1e-16/1e-6 of its digits.
+    np.testing.assert_allclose(low, high, rtol=1e-8)
+
+
+def coupled(weight, time, y, b, dt):
+    """Velocities after dt of eq. (1) for gas (first) and populations, by the matrix exponential, and the free ones."""
+    n = len(weight)
+    a = np.zeros((2 * n, 2 * n))
+    for j in range(1, n):
+        e = weight[j] / weight[0]
+        a[0, 0] -= e / time[j]
+        a[0, j] += e / time[j]
+        a[j, j] -= 1 / time[j]
+        a[j, 0] += 1 / time[j]
+    a[:n, n:] = np.eye(n)
+    return (expm(a * dt) @ np.concatenate([y, b]))[:n]
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 1.0, 100.0])
+@pytest.mark.parametrize("time", [0.01, 0.7, 40.0])
+def test_pair_is_the_matrix_exponential(ratio, time):
+    weight, y, b = np.array([1.0, ratio]), np.array([0.3, -1.0]), np.array([-0.4, 0.9])
+    d0, d1, lost = relax_pair(1.0, ratio, (1 + ratio) / time, *y, *b, DT, True)
+    expected = coupled(weight, [np.inf, time], y, b, DT)
+    # expm's own error grows with its argument, up to 7000 here.
+    np.testing.assert_allclose(y + b * DT + [d0, d1], expected, rtol=1e-11, atol=1e-11)
+    assert lost > 0
+
+
+def test_many_is_the_matrix_exponential():
+    rng = np.random.default_rng(4)
+    weight, time = np.array([1.0, 0.5, 0.01, 2.0]), np.array([np.inf, 0.02, 0.5, 9.0])
+    y, b, change = rng.normal(size=(4, 2)), rng.normal(size=(4, 2)), np.empty((4, 2))
+    lost = relax_many(weight, time, y, b, DT, True, change)
+    for c in range(2):
+        expected = coupled(weight, time, y[:, c], b[:, c], DT)
+        # expm's error at an argument of 100.
+        np.testing.assert_allclose((y + b * DT + change)[:, c], expected, rtol=1e-12, atol=1e-12)
+    assert lost > 0
+
+
+def test_many_of_one_is_the_pair():
+    weight, time = np.array([1.3, 0.4]), np.array([np.inf, 0.2])
+    y, b, change = np.array([[0.1], [0.8]]), np.array([[1.0], [-2.0]]), np.empty((2, 1))
+    lost = relax_many(weight, time, y, b, DT, True, change)
+    pair = relax_pair(1.3, 0.4, (1 + 0.4 / 1.3) / 0.2, 0.1, 0.8, 1.0, -2.0, DT, True)
+    np.testing.assert_allclose([*change[:, 0], lost], pair, rtol=1e-13)
+
+
+def test_many_keeps_slow_modes_beside_stiff_ones():
+    """Boulders beside dust that is stopped 1e10 times as fast still drift at their own rate."""
+    weight, time = np.array([1.0, 0.01, 0.01]), np.array([np.inf, 1e-10, 1.0])
+    y, b, change = np.array([[0.0], [0.0], [1.0]]), np.zeros((3, 1)), np.empty((3, 1))
+    relax_many(weight, time, y, b, DT, True, change)
+    # Gas and fine dust are one body of mass 1.01.
+    slip = math.exp(-DT * (1 + 0.01 / 1.01))
+    expected = 0.01 / 1.02 + slip * 1.01 / 1.02
+    # Rounding of the stiff rate, 1e10 of the slow one, is 1e-6 of it.
+    assert 1.0 + change[2, 0] == pytest.approx(expected, rel=1e-5)
+
+
+VELOCITY = st.floats(-1e3, 1e3)
+WIDE = {"ratio": st.floats(-6, 6).map(lambda e: 10**e), "stiff": st.floats(-8, 12).map(lambda e: 10**e)}
+
+
+@settings(deadline=None, max_examples=300)
+@given(**WIDE, v=VELOCITY, u=VELOCITY, a=VELOCITY, c=VELOCITY, exact=st.booleans())
+def test_pair_conserves_momentum_and_never_gains_energy(ratio, stiff, v, u, a, c, exact):
+    largest = max(abs(v), abs(u), abs(a), abs(c), 1e-300)
+    d0, d1, lost = relax_pair(1.0, ratio, stiff, v, u, a, c, 1.0, exact)
+    assert math.isfinite(d0) and math.isfinite(d1) and math.isfinite(lost)
+    if exact:  # backward Euler's loss is an account, not an integral of a square
+        assert lost >= -1e-12 * largest**2
+    assert abs(d0 + ratio * d1) <= 1e-14 * max(1.0, ratio) * largest
+    # Without sources the slip only shrinks.
+    d0, d1, lost = relax_pair(1.0, ratio, stiff, v, u, 0.0, 0.0, 1.0, exact)
+    assert abs(v + d0 - u - d1) <= abs(v - u) + 1e-13 * largest
+    # The slip's energy is what is lost, of the reduced mass.
+    reduced = ratio / (1 + ratio)
+    slip = (v + d0) - (u + d1)
+    assert lost == pytest.approx(0.5 * reduced * ((v - u) ** 2 - slip**2), abs=1e-12 * reduced * largest**2)
+
+
+@settings(deadline=None, max_examples=200)
+@given(**WIDE, v=VELOCITY, u=VELOCITY, a=VELOCITY, c=VELOCITY, boost=VELOCITY)
+def test_pair_is_dustybox_in_every_frame(ratio, stiff, v, u, a, c, boost):
+    """Exact from K = 1e-8 to 1e12 and eps = 1e-6 to 1e6, to 1e-12 of the largest velocity."""
+    coefficient = stiff / (1 + 1 / ratio)
+    largest = max(abs(v), abs(u), abs(a), abs(c), abs(boost))
+    d0, d1, _ = relax_pair(1.0, ratio, stiff, v + boost, u + boost, a, c, 1.0, True)
+    gas, dust = dustybox.velocities(1.0, v, u, 1.0, ratio, coefficient, a, c)
+    assert abs(v + a + d0 - gas) <= 1e-12 * largest
+    assert abs(u + c + d1 - dust) <= 1e-12 * largest
+    if stiff > 1e10:
+        barycentre = (v + a + ratio * (u + c)) / (1 + ratio)
+        # What is left of the slip: (a - c) / rate.
+        assert abs(v + a + d0 - barycentre) <= 1e-9 * largest
+
+
+# Blocks of drag cells
+
+def merged(gas, dust, size=2.0, length=0.0, least=(8, 8), soft=2.0, hard=4.0, two_way=True, h=1.0, nx=32, ny=32):
+    return merge(
+        gas.ravel(), dust.ravel(), h * gas.ravel(), nx, ny, 1.0, size, length, *least, soft, hard, two_way
+    )
+
+
+def sides(number, ny=32):
+    """Width and height in leaves of each block, and its members' count."""
+    out = {}
+    for block in range(number.max() + 1):
+        ix, iy = np.divmod(np.flatnonzero(number == block), ny)
+        out[block] = (np.ptp(ix) + 1, np.ptp(iy) + 1, len(ix), ix.min(), iy.min())
+    return out
+
+
+def test_blocks_are_nested_squares_of_the_wanted_side():
+    """Powers of two of leaves, aligned to their own side, filled without holes, none below the wanted side."""
+    rng = np.random.default_rng(6)
+    gas, dust = rng.poisson(3.0, (32, 32)), rng.poisson(1.0, (32, 32))
+    gas[:16, :16] *= 5
+    dust[:16, :16] = 0
+    dust[3, 3] = 9
+    number, count, first, enlarged = merged(gas, dust)
+    assert number.max() + 1 == count == len(first) == len(enlarged)
+    assert (number[(gas + dust).ravel() > 0] >= 0).all()
+    for block, (width, height, leaves, ix, iy) in sides(number).items():
+        assert width == height and leaves == width * height
+        assert width & (width - 1) == 0 and ix % width == 0 and iy % width == 0
+        assert (first[block] == (ix, iy)).all()
+        assert width >= 2  # 2 mean h of 1
+        held = number == block
+        here = gas.ravel()[held].sum(), dust.ravel()[held].sum()
+        # Enough of both, or as large as want of particles may make it: 2 wanted sides, 4 where a species lacks.
+        assert width >= 4 or min(here) >= 8
+        assert width >= 8 or min(here) > 0
+
+
+def test_blocks_stay_small_where_particles_are_many():
+    gas = dust = np.full((32, 32), 10)
+    number, count, _, enlarged = merged(gas, dust)
+    assert count == 256 and not enlarged.any()
+    assert {side[:2] for side in sides(number).values()} == {(2, 2)}
+
+
+def test_dust_far_from_gas_stays_uncoupled():
+    """Its block has no gas, and no block grows beyond its limit to reach some."""
+    gas, dust = np.zeros((32, 32), int), np.zeros((32, 32), int)
+    gas[:4, :4], dust[:4, :4] = 20, 20
+    dust[30, 30] = 1
+    number, _, _, _ = merged(gas, dust)
+    lonely = number.reshape(32, 32)[30, 30]
+    assert lonely >= 0 and gas.ravel()[number == lonely].sum() == 0
+    assert {width for width, *_ in sides(number).values()} >= {2}

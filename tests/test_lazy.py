@@ -1,0 +1,87 @@
+"""Only what a scene names is imported: looked at in the modules of a fresh process."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from test_runner import DISC, SHOCK, WAVE
+
+RUN = """
+import json, sys
+from pathlib import Path
+from discsim.runner import run_scene
+from discsim.scene import load_scene
+assert run_scene(load_scene(sys.argv[1], [], sys.argv[3:]), Path(sys.argv[2]), quiet=True) == 0
+print(json.dumps(list(sys.modules)))
+"""
+
+COMMAND = """
+import json, sys
+from discsim.cli import app
+app(sys.argv[1:], standalone_mode=False)
+print(json.dumps(list(sys.modules)))
+"""
+
+GRAVITY = {"pyfftw", "discsim.poisson", "discsim.kernels.poisson", "discsim.effects.self_gravity"}
+DUST = {"discsim.effects.dust"}
+DRAG = {
+    "discsim.effects.drag",
+    "discsim.drag",
+    "discsim.drag.idic_linear",
+    "discsim.kernels.drag",
+    "discsim.kernels.blocks",
+}
+OTHER_SCHEME = {"discsim.drag.idic"}
+STAR = {"discsim.effects.star", "discsim.kernels.star"}
+GAS = {"discsim.effects.gas", "discsim.sph", "discsim.kernels.sph", "discsim.kernels.neighbours"}
+SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}
+
+DUST_ONLY = """\
+units.system = "code"
+run = {until = 1, snapshots = 1}
+space.size = 6
+initial = {kind = "disc", mass = 0.01, inner = 0.5, outer = 2}
+dust = {particles = 50, ratio = 0.01}
+star.mass = 1
+"""
+
+
+def modules(code, *arguments):
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a.toml"
+
+
+@pytest.mark.parametrize(
+    "text, without, there, absent",
+    [
+        (DISC, (), GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME),
+        (DISC, ("self_gravity",), GAS | DUST | DRAG | STAR, GRAVITY),
+        (DISC, ("dust", "drag"), GAS | STAR | GRAVITY, DUST | DRAG),
+        (DISC, ("drag",), GAS | DUST | STAR | GRAVITY, DRAG),
+        (SHOCK, (), GAS, DUST | DRAG | STAR | GRAVITY),
+        (WAVE, (), GAS | DUST | DRAG, STAR | GRAVITY | OTHER_SCHEME),
+        (DUST_ONLY, (), DUST | STAR, GAS | DRAG | GRAVITY),
+    ],
+)
+def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, without, there, absent):
+    path.write_text(text)
+    found = modules(RUN, path, tmp_path / "out", *without)
+    assert there <= found
+    assert not absent & found
+
+
+@pytest.mark.parametrize("arguments", [["check"], ["effects"], ["--help"]])
+def test_checking_imports_nothing_slow(path, arguments):
+    path.write_text(DISC)
+    if arguments == ["check"]:
+        arguments = ["check", path]
+    assert not SLOW & modules(COMMAND, *arguments)
