@@ -8,7 +8,7 @@ polytropic          P = K rho^gamma,  c_s^2 = gamma P / rho
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def thermal_speed(scene: Scene, r: Array | float) -> Array:
 
     For adiabatic gas a given sound speed is the adiabatic one, an aspect ratio the isothermal one.
     """
-    eos = scene.gas.eos
+    eos: Any = scene.gas.eos
     r = np.asarray(r, dtype=float)
     if getattr(eos, "aspect_ratio", None) is not None:
         r0 = eos.reference_radius
@@ -45,9 +45,11 @@ def initial_energy(scene: Scene, r: Array) -> Array | None:
     return thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)
 
 
-def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
+def pressure_and_sound_speed(
+    scene: Scene, pos: Array, density: Array, u: Array | None
+) -> tuple[Array, Array]:
     """P and c_s, (n,) each, from positions, densities and specific internal energies."""
-    eos = scene.gas.eos
+    eos: Any = scene.gas.eos
     if eos.kind == "adiabatic":
         pressure = (eos.gamma - 1.0) * density * u
         return pressure, np.sqrt(eos.gamma * pressure / density)
@@ -60,7 +62,7 @@ def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array 
 
 def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:
     """Thermal energy of the gas: of what it holds where it holds any, 0 for (locally) isothermal gas."""
-    eos = scene.gas.eos
+    eos: Any = scene.gas.eos
     if eos.kind == "adiabatic":
         return float((mass * u).sum())
     if eos.kind == "polytropic":

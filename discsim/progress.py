@@ -110,18 +110,16 @@ class Progress:
         return facts
 
     def _frame(self, state: State, dt: float, set_by: str) -> None:
-        table = Table.grid(padding=(0, 2))
-        table.add_row("effects", ", ".join(self.scene.effects))
         facts = self._facts(state, dt, set_by)
-        table.add_row("step", "  ".join(facts[name] for name in ("step", "speed") if name in facts))
-        table.add_row("time", facts["time"])
-        table.add_row("dt", facts["dt"])
-        table.add_row("", ProgressBar(total=self.scene.run.until, completed=state.time, width=40))
-        table.add_row("left", facts.get("left", ""))
+        pace = "  ".join(facts[name] for name in ("step", "speed", "left") if name in facts)
+        bar = ProgressBar(total=self.scene.run.until, completed=state.time, width=60)
+        frame = Table.grid()
+        for row in (f"effects: {', '.join(self.scene.effects)}", facts["time"], bar, facts["dt"], pace):
+            frame.add_row(row)
         if self.live is None:
             self.live = Live(console=self.console, auto_refresh=False, transient=True)
             self.live.start()
-        self.live.update(table, refresh=True)
+        self.live.update(frame, refresh=True)
 
 
 def clock(seconds: float) -> str:

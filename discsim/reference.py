@@ -3,42 +3,69 @@
 from __future__ import annotations
 
 import ast
+import textwrap
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, get_origin
 
 import discsim
 from discsim import tables
+from discsim.drag import SCHEMES
 from discsim.effects import EFFECTS
 from discsim.tables import TABLES, Default, Table, measure_of, models_in
 
-_HOME = Path(discsim.__file__).parent
+SETUP_TABLES = ("units", "run", "space", "initial")
+COLUMNS = ("key", "value", "default", "meaning")
+WIDTHS = (22, 20, 18, 46)
+_HOME = Path(discsim.__file__).parent.parent
+
+
+class Part(NamedTuple):
+    """A table of a scene, or one of the kinds that it may be of, with the rows of its keys."""
+
+    table: str
+    kind: str
+    about: str
+    rows: list[tuple[str, ...]]  # as COLUMNS
 
 
 def effects_text() -> str:
     """Every effect with its equation and keys, then the tables that set up a run."""
     lines: list[str] = []
     for name, module in EFFECTS.items():
-        source = _HOME.parent / (module.replace(".", "/") + ".py")
-        if source.exists():
-            lines += ["", f"[{name}]", *_indented(docstring(source)), *_table_lines(name, TABLES[name])]
+        lines += ["", f"[{name}]", *_indented(docstring(module)), "", *_text_of(name)]
         if name == "drag":
             lines += _schemes()
     lines += ["", "Tables that set up a run"]
-    for name in ("units", "run", "space", "initial"):
-        lines += ["", f"[{name}]", *_table_lines(name, TABLES[name])]
+    for name in SETUP_TABLES:
+        lines += ["", f"[{name}]", *_text_of(name)]
     return "\n".join(lines[1:])
 
 
-def docstring(source: Path) -> str:
+def scene_markdown() -> str:
+    """The tables of a scene and their keys, for the README."""
+    lines: list[str] = []
+    for name in (*SETUP_TABLES, *EFFECTS):
+        for part in _parts(name, TABLES[name]):
+            heading = f"`[{part.table}]`" + (f" with `kind = {part.kind}`" if part.kind else "")
+            lines += ["", f"{heading}: {part.about}" if part.about else heading, ""]
+            lines += [_cells(COLUMNS), _cells("-" * len(COLUMNS))]
+            lines += [_cells((f"`{key}`", *rest)) for key, *rest in part.rows]
+    return "\n".join(lines[1:])
+
+
+def docstring(module: str) -> str:
     """The docstring of a module, which is its equation, without importing it."""
+    source = _HOME / (module.replace(".", "/") + ".py")
     return ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
 
 
 def _schemes() -> Iterator[str]:
-    for source in sorted((_HOME / "drag").glob("[!_]*.py")):
-        yield f"  drag.{source.stem}"
-        yield from _indented(docstring(source), "    ")
+    for name, module in SCHEMES.items():
+        yield ""
+        yield f'  scheme = "{name}"'
+        yield from _indented(docstring(module).removeprefix(f"{name}: "), "    ")
 
 
 def _indented(text: str, space: str = "  ") -> Iterator[str]:
@@ -46,44 +73,64 @@ def _indented(text: str, space: str = "  ") -> Iterator[str]:
         yield space + line if line else ""
 
 
-def _table_lines(name: str, annotation: Any) -> Iterator[str]:
-    """The keys of a table, of each of its kinds, and of the tables in it."""
+def _cells(entries: Any) -> str:
+    return "| " + " | ".join(entries) + " |"
+
+
+def _text_of(name: str) -> Iterator[str]:
+    for part in _parts(name, TABLES[name]):
+        if part.kind:
+            yield f"  {part.table}.kind = {part.kind}: {part.about}"
+        elif part.about:
+            yield f"  {part.about}" if part.table == name else f"  [{part.table}] {part.about}"
+        for row in part.rows:
+            columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in zip(row, WIDTHS, strict=True)]
+            for line in zip_longest(*columns, fillvalue=""):
+                shown = (f"{text:<{width}}" for text, width in zip(line, WIDTHS, strict=True))
+                yield ("    " + " ".join(shown)).rstrip()
+
+
+def _parts(name: str, annotation: Any) -> Iterator[Part]:
+    """A table, each of its kinds, and the tables in it."""
     models = models_in(annotation)
     for model in models:
-        if len(models) > 1:
-            yield f'  kind = "{model.model_fields["kind"].default}": {model.__doc__}'
-        inner = []
-        for key, field in model.model_fields.items():
-            if key == "kind" and len(models) > 1:
-                continue
-            if models_in(field.annotation):
-                inner.append((key, field))
-            else:
-                yield "    {:<24} {:<27} {:<22} {}".format(*key_row(model, key))
-        for key, field in inner:
-            yield f"  [{name}.{key}]"
-            yield from _table_lines(f"{name}.{key}", field.annotation)
+        kinds = len(models) > 1
+        keys = [key for key in model.model_fields if not (kinds and key == "kind")]
+        inner = [key for key in keys if models_in(model.model_fields[key].annotation)]
+        rows = [key_row(model, key) for key in keys if key not in inner]
+        kind = tables.shown(model.model_fields["kind"].default) if kinds else ""
+        yield Part(name, kind, _about(name, annotation, model), rows)
+        for key in inner:
+            yield from _parts(f"{name}.{key}", model.model_fields[key].annotation)
+
+
+def _about(name: str, annotation: Any, model: type[Table]) -> str:
+    words = "" if model.__doc__ == Table.__doc__ else model.__doc__ or ""
+    several = f" `[[{name}]]` for each of several." if get_origin(annotation) is tuple else ""
+    return words + several
 
 
 def key_row(model: type[Table], key: str) -> tuple[str, str, str, str]:
-    """Name, unit, default and meaning of a key, in words."""
+    """Name, dimension or choices, default and meaning of a key, in words."""
     field = model.model_fields[key]
-    return key, _unit_words(model, key), _default_words(field), field.description or ""
+    return key, _value_words(model, key), _default_words(field), field.description or ""
 
 
-def _unit_words(model: type[Table], key: str) -> str:
+def _value_words(model: type[Table], key: str) -> str:
     field = model.model_fields[key]
     measure = measure_of(field)
     if model is tables.Shock:
         return "density, pressure, velocity"
-    if measure and measure.name:
-        return measure.name.replace("_", " ")
+    if measure:
+        return measure.name.replace("_", " ") or "number"
     choices = tables.choices_in(field.annotation)
     if choices:
-        return " | ".join(str(choice) for choice in choices)
+        return ", ".join(tables.shown(choice) for choice in choices)
     if key in ("checkpoint_every", "walltime"):
         return "wall-clock time"
-    return "text" if field.annotation is str else ""
+    if key == "heating":
+        return "true, false"
+    return "text" if field.annotation is str else "whole number"
 
 
 def _default_words(field: Any) -> str:
@@ -99,4 +146,6 @@ def _default_words(field: Any) -> str:
         return "0"
     if measure and measure.name and isinstance(field.default, float):
         return f"{field.default:g} code unit"
-    return tables.shown(list(field.default) if isinstance(field.default, tuple) else field.default)
+    if isinstance(field.default, tuple):
+        return "[" + ", ".join(tables.shown(entry) for entry in field.default) + "]"
+    return tables.shown(field.default)

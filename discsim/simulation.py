@@ -18,7 +18,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
 from discsim.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
@@ -27,6 +26,7 @@ from discsim.effects import load_effects
 from discsim.initial import make_state, setup
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.state import Dust, Gas, Ledger, State
+from discsim.threads import use_threads
 from discsim.units import Units
 
 
@@ -45,10 +45,11 @@ class Simulation:
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
         self.scene = scene
-        if scene.run.threads is not None:
-            numba.set_num_threads(min(scene.run.threads, numba.config.NUMBA_NUM_THREADS))
+        use_threads(scene.run.threads)
         try:
-            self.state = make_state(scene, particles if particles is not None else setup(scene).particles(scene))
+            self.state = make_state(
+                scene, particles if particles is not None else setup(scene).particles(scene)
+            )
             if scene.self_gravity is not None or scene.drag is not None:
                 from discsim.grid import Grid
 
@@ -110,7 +111,9 @@ class Simulation:
         if state.lag == 0.0:
             yield state
             return
-        saved = [(p, {k: v.copy() for k, v in p.arrays().items() if k in MOVED}) for p in state.species.values()]
+        saved = [
+            (p, {k: v.copy() for k, v in p.arrays().items() if k in MOVED}) for p in state.species.values()
+        ]
         lag = state.lag
         kept_costs = self.costs
         self.costs = Costs(self.effects)
@@ -265,7 +268,9 @@ class Simulation:
             bad = ~(np.isfinite(particles.acc).all(axis=1) & np.isfinite(particles.vel).all(axis=1))
             if bad.any():
                 i = int(np.flatnonzero(bad)[0])
-                raise PhysicsError(f"{name} particle {particles.ids[i]} is not finite{self._culprit(name, i)}")
+                raise PhysicsError(
+                    f"{name} particle {particles.ids[i]} is not finite{self._culprit(name, i)}"
+                )
         for name, limit in limits.items():
             if math.isnan(limit) or limit <= 0.0:
                 raise PhysicsError(f"the step that {name} allows is {limit}")
@@ -279,5 +284,3 @@ class Simulation:
 
 
 MOVED = ("vel", "u", "kick_acc")  # what a kick changes
-
-

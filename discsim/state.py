@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Particles:
     """Particles of one kind, in code units; every array has one entry a particle.
 
@@ -26,6 +26,7 @@ class Particles:
     acc: Array
     mass: Array
     ids: Array
+    immobile: Array | None = None  # boundary particles of a shock tube (mask); None where there are none
 
     @property
     def count(self) -> int:
@@ -45,7 +46,7 @@ class Particles:
         return type(self)(**{name: array.copy() for name, array in self.arrays().items()})
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Gas(Particles):
     """SPH particles. `h` is the smoothing length, `gradh` the factor Omega of the grad-h terms."""
 
@@ -58,15 +59,13 @@ class Gas(Particles):
     u: Array | None = None  # specific internal energy (adiabatic gas)
     heating_rate: Array | None = None  # du/dt of pressure work, viscosity and conductivity
     kick_acc: Array | None = None  # mean acceleration over the last kick, drag included (viscous gas)
-    immobile: Array | None = None  # boundary particles of a shock tube
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Dust(Particles):
     """Dust particles of one or several populations."""
 
     species: Array
-    immobile: Array | None = None
 
 
 @dataclass

@@ -341,7 +341,9 @@ class Gas(Table):
         gt=0, description="h = eta (m/rho)^(1/d)"
     )
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
-    placement: Literal["even", "random"] = Field("even", description="of the particles of a disc at the start")
+    placement: Literal["even", "random"] = Field(
+        "even", description="of the particles of a disc at the start"
+    )
     eos: Annotated[Isothermal | LocallyIsothermal | Adiabatic | Polytropic, Field(discriminator="kind")] = (
         Field(description="equation of state")
     )

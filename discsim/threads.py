@@ -17,6 +17,12 @@ PIECES = 8  # a thread, so that a fast one can take more
 _pools: dict[int, ThreadPoolExecutor] = {}
 
 
+def use_threads(number: int | None) -> None:
+    """Let loops take `number` threads, at most one a core (or NUMBA_NUM_THREADS); None: that many."""
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    numba.set_num_threads(most if number is None else min(number, most))
+
+
 def share(kernel: Callable, count: int, *arguments, least: int = 4096) -> None:
     """Run `kernel(first, last, *arguments)` over [0, count) in pieces of at least `least`."""
     threads = numba.get_num_threads()

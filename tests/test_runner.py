@@ -143,14 +143,13 @@ def at_step(monkeypatch, step, act):
 @pytest.fixture(autouse=True)
 def no_figure(request, monkeypatch):
     """Drawing takes longer than these runs; one test looks at the figure."""
-    if "drawn" not in request.keywords:
+    if request.node.originalname != "test_files_of_a_run":
         monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: None)
 
 
 # Files
 
 
-@pytest.mark.drawn
 @pytest.mark.parametrize("name", SCENES)
 def test_files_of_a_run(tmp_path, name, capsys):
     scene, out = scene_of(tmp_path, SCENES[name]), tmp_path / "deep" / "out"

@@ -50,7 +50,9 @@ class Effect(base.Effect):
             # t_stop c_s rho_g, all of it that is the grain's.
             grain = population.grain_size, population.grain_density
             return epstein_stopping_time(*grain, 1.0, 1.0, self.drag.convention)
-        return {"constant": self.drag.K, "stopping-time": self.drag.t_stop}.get(self.drag.law, self.drag.stokes)
+        return {"constant": self.drag.K, "stopping-time": self.drag.t_stop}.get(
+            self.drag.law, self.drag.stokes
+        )
 
     def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
@@ -102,7 +104,9 @@ class Effect(base.Effect):
         gas_order, gas_start = counting_sort(np.append(number, count)[gas_key], count + 2)
         population = len(self.values)
         dust_block = np.append(number, count + 1)[dust_key]
-        dust_order, dust_start = counting_sort(dust_block * population + dust.species, (count + 2) * population)
+        dust_order, dust_start = counting_sort(
+            dust_block * population + dust.species, (count + 2) * population
+        )
         corners = np.zeros((count + 2, 2))
         corners[:count] = origin + (first - shift) * leaf
         alone = np.diff(gas_start)[dust_block] == 0

@@ -6,7 +6,7 @@ Sekiya & Hayashi (1986) for the local Stokes number and dust-to-gas ratio; one-w
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from discsim.initial import profile, random_stream
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
-    from discsim.state import Particles, State
+    from discsim.state import State
 
 Array = np.ndarray
 
 
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
-    start = scene.initial
+    start: Any = scene.initial
     out = {}
     if scene.gas is not None:
         stream = random_stream(scene, "gas")
@@ -97,13 +97,16 @@ def settle(state: State, effects: dict) -> None:
         particles.vel[:] = radial[:, None] * direction + (keplerian + lag)[:, None] * across
 
 
-def _drift(state, drag, name, particles: Particles, r, omega, headwind) -> tuple[Array, Array]:
+def _drift(state, drag, name, particles: Any, r, omega, headwind) -> tuple[Array, Array]:
     """Radial and azimuthal velocity relative to Keplerian of one species."""
     scene = state.scene
     density, sound = profile.surface_density(scene, r), profile.thermal_speed(scene, r)
     two_way = scene.drag.direction == "two-way"
     loads = [population.ratio if two_way else 0.0 for population in scene.dust]
-    times = [drag.stopping_time(k, density, sound, omega, population.ratio) for k, population in enumerate(scene.dust)]
+    times = [
+        drag.stopping_time(k, density, sound, omega, population.ratio)
+        for k, population in enumerate(scene.dust)
+    ]
     if name == "dust":
         stokes = np.choose(particles.species, times) * omega
         found = nsh.velocities(stokes, sum(loads), headwind)

@@ -6,7 +6,7 @@ outer one; Sigma_ref from the mass, from the least Toomre Q = c_s Omega_K / (pi 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def cumulative(start, r: Array) -> Array:
 
 def scale(scene: Scene) -> float:
     """Sigma_ref in code units."""
-    start = scene.initial
+    start: Any = scene.initial
     if start.surface_density is not None:
         return start.surface_density
     r = radii(start)
@@ -58,7 +58,7 @@ def surface_density(scene: Scene, r: Array) -> Array:
 
 def pressure_acceleration(scene: Scene, r: Array) -> Array:
     """-(1/Sigma) dP/dr of the gas at radius `r`, from the smooth profile: an edge without taper gives none."""
-    start = scene.initial
+    start: Any = scene.initial
     speed2 = thermal_speed(scene, r) ** 2
     slope = start.surface_density_index + getattr(scene.gas.eos, "temperature_index", 0.0) * (
         getattr(scene.gas.eos, "aspect_ratio", None) is not None

@@ -27,7 +27,7 @@ def particles(scene):
 
     def tube(count, ratio, offset):
         mass = total / count
-        parts = {"pos": [], "vel": [], "density": [], "u": []}
+        parts: dict[str, list[np.ndarray]] = {"pos": [], "vel": [], "density": [], "u": []}
         for sign, (density, pressure, velocity) in states.items():
             h = fixed or eta * total / scene.gas.particles / density
             x = _side(density, mass, half, sign, MARGIN * support * h, offset)

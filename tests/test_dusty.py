@@ -1,0 +1,365 @@
+"""Gas and dust in the whole loop: boxes, waves, shocks and discs against their exact solutions."""
+
+import astropy.constants as const
+import astropy.units as un
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from discsim import Simulation
+from discsim.exact import dustybox, dustyshock, dustywave
+
+ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
+
+
+def scene(initial, until, drag, gas=40, dust=40, ratio=1.0, dimensions=1, **tables):
+    gas = {"particles": gas, "eos": ISOTHERMAL} if isinstance(gas, int) else gas
+    dust = {"particles": dust, "ratio": ratio} if isinstance(dust, int) else dust
+    space = {"dimensions": dimensions, "size": 1.0, "boundary": "periodic"} | tables.pop("space", {})
+    run = {"until": until} | tables.pop("run", {})
+    return {
+        "units": {"system": "code"}, "run": run, "space": space, "initial": initial,
+        "gas": gas, "dust": dust, "drag": drag, **tables,
+    }  # fmt: skip
+
+
+# DustyBox
+
+
+def box_error(coefficient, ratio, scheme="idic-linear", start=(0.3, -1.0), external=(0.7, -0.4), **drag):
+    """Largest error of all particles over the largest velocity, after .2 with accelerations."""
+    box = {"kind": "box", "gas_velocity": start[0], "dust_velocity": start[1]}
+    law = {"law": "constant", "K": coefficient, "scheme": scheme} | drag
+    forces = {"gas": external[0], "dust": external[1]}
+    sim = Simulation(scene(box, 0.2, law, ratio=ratio, external=forces))
+    largest = max(np.abs(start))
+    for _ in range(3):
+        sim.step()
+        gas, dust = dustybox.velocities(sim.time, *start, 1.0, ratio, coefficient, *external)
+        error = max(np.abs(sim.gas.vel - gas).max(), np.abs(sim.dust.vel - dust).max())
+        largest = max(largest, abs(gas), abs(dust))
+    return error / largest
+
+
+@pytest.mark.parametrize("scheme", ["idic", "idic-linear"])
+@pytest.mark.parametrize("ratio", [1e-6, 1e-2, 1.0, 1e6])
+@pytest.mark.parametrize("coefficient", [1e-8, 1e-2, 1.0, 1e4, 1e12])
+def test_dustybox_is_exact(coefficient, ratio, scheme):
+    """Accelerations inside the relaxation: exact at any stiffness, to rounding."""
+    assert box_error(coefficient, ratio, scheme) <= 1e-12
+
+
+def test_dustybox_with_a_stopping_time():
+    """K = eps rho_g / t_stop."""
+    ratio, time = 0.3, 0.05
+    box = {"kind": "box", "gas_velocity": 0.0, "dust_velocity": 1.0}
+    sim = Simulation(scene(box, 0.2, {"law": "stopping-time", "t_stop": time}, ratio=ratio))
+    sim.run()
+    gas, dust = dustybox.velocities(0.2, 0.0, 1.0, 1.0, ratio, ratio / time)
+    np.testing.assert_allclose(sim.gas.vel, gas, atol=1e-12)
+    np.testing.assert_allclose(sim.dust.vel, dust, atol=1e-12)
+
+
+def test_slip_at_long_steps():
+    """dt = 50 t_stop under constant accelerations: the slip is (a_d - a_g) t_stop / (1 + eps), far from the free one."""
+    time = 0.002
+    drag = {"law": "stopping-time", "t_stop": time}
+    box = {"kind": "box"}
+    external = {"gas": 0.5, "dust": 0.0}
+    sim = Simulation(scene(box, 1.0, drag, run={"timestep": 50 * time}, external=external))
+    sim.run()
+    slip = sim.dust.vel.mean() - sim.gas.vel.mean()
+    assert sim.state.step == 10
+    assert slip == pytest.approx(-0.5 * time / 2, rel=0.01)
+
+
+def test_one_way_box():
+    """The dust follows; the gas does not notice."""
+    box = {"kind": "box", "gas_velocity": 0.3, "dust_velocity": -1.0}
+    drag = {"law": "stopping-time", "t_stop": 0.1, "direction": "one-way"}
+    sim = Simulation(scene(box, 0.2, drag, ratio=2.0))
+    sim.run()
+    np.testing.assert_allclose(sim.gas.vel, 0.3, atol=1e-13)
+    np.testing.assert_allclose(sim.dust.vel, 0.3 - 1.3 * np.exp(-2.0), atol=1e-12)
+
+
+def test_implicit_integration_is_first_order():
+    errors = []
+    for steps in (20, 40, 80):
+        box = {"kind": "box", "gas_velocity": 1.0, "dust_velocity": 0.0}
+        drag = {"law": "constant", "K": 5.0, "integration": "implicit"}
+        sim = Simulation(scene(box, 0.2, drag, run={"timestep": 0.2 / steps}))
+        sim.run()
+        errors.append(abs(sim.gas.vel.mean() - dustybox.velocities(0.2, 1.0, 0.0, 1.0, 1.0, 5.0)[0]))
+    # Next order: K dt = .1, .05, .025.
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)
+    assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.03)
+
+
+@pytest.mark.parametrize("scheme", ["idic", "idic-linear"])
+def test_three_populations(scheme):
+    """Each with its own stopping time, coupled through the gas: the matrix exponential."""
+    ratios, until = [0.5, 0.1, 1.0], 0.2
+    dust = [{"particles": 40, "ratio": r} for r in ratios]
+    box = {"kind": "box", "gas_velocity": 1.0, "dust_velocity": -0.5}
+    sim = Simulation(scene(box, until, {"law": "constant", "K": 3.0, "scheme": scheme}, dust=dust))
+    sim.run()
+    a = np.zeros((4, 4))
+    for j, ratio in enumerate(ratios, 1):
+        a[0, 0] -= 3.0
+        a[0, j] += 3.0
+        a[j, j] -= 3.0 / ratio
+        a[j, 0] += 3.0 / ratio
+    exact = expm(a * until) @ [1.0, -0.5, -0.5, -0.5]
+    np.testing.assert_allclose(sim.gas.vel, exact[0], atol=1e-12)
+    for s in range(3):
+        np.testing.assert_allclose(sim.dust.vel[sim.dust.species == s], exact[s + 1], atol=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["idic", "idic-linear"])
+def test_momentum_with_random_velocities(scheme):
+    """Gas and dust in 2D, dust at random places, all velocities random: momentum to 1e-12 of its terms a step."""
+    rng = np.random.default_rng(8)
+    given = {
+        "gas": {"pos": rng.random((900, 2)), "vel": rng.normal(size=(900, 2)), "mass": np.full(900, 1 / 900)},
+        "dust": {
+            "pos": rng.random((700, 2)), "vel": rng.normal(size=(700, 2)), "mass": rng.uniform(0.5, 2, 700) / 700,
+            "species": rng.integers(0, 2, 700),
+        },
+    }  # fmt: skip
+    law = {"law": "constant", "K": 30.0, "scheme": scheme}
+    tables = scene(None, 1.0, law, 900, [{"particles": 350, "ratio": 0.5}] * 2, dimensions=2)
+    tables["initial"] = None
+    sim = Simulation(tables, particles=given)
+
+    def momentum():
+        return sum((p.mass[:, None] * p.vel).sum(axis=0) for p in (sim.gas, sim.dust))
+
+    scale = sum((p.mass[:, None] * np.abs(p.vel)).sum() for p in (sim.gas, sim.dust))
+    for _ in range(3):
+        before = momentum()
+        sim.step()
+        assert np.abs(momentum() - before).max() < 1e-12 * scale
+
+
+# Cells that lack a species
+
+
+def test_few_dust_particles_are_all_coupled():
+    """8 dust particles among 600 of gas: blocks grow until each has gas, and momentum stays."""
+    dust = {"particles": 8, "ratio": 0.5}
+    box = {"kind": "box", "gas_velocity": 0.0, "dust_velocity": 1.0}
+    sim = Simulation(scene(box, 0.05, {"law": "stopping-time", "t_stop": 0.01}, gas=600, dust=dust))
+    sim.run()
+    slip = sim.dust.vel.mean() - sim.gas.vel.mean()
+    momentum = (sim.gas.mass[:, None] * sim.gas.vel).sum() + (sim.dust.mass[:, None] * sim.dust.vel).sum()
+    assert momentum == pytest.approx(0.5, rel=1e-13)
+    # Each particle has met gas; in uneven loads the slip still falls at about exp(-t (1 + eps)/t_stop) = 5e-4.
+    assert np.isfinite(sim.effects["drag"].stopping_times).all()
+    assert abs(slip) < 0.05 and sim.dust.vel.max() < 0.8
+
+
+def test_dust_without_gas_is_reported():
+    """Gas in one corner of an open box: dust far from it moves freely, and its share is told."""
+    rng = np.random.default_rng(9)
+    x = (np.arange(30) + 0.5) / 30 * 0.2
+    gas = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2) - 0.5
+    near = rng.random((300, 2)) * 0.15 - 0.475
+    dust = np.concatenate([near, rng.random((100, 2)) * 0.1 + 0.35])
+    given = {
+        "gas": {"pos": gas, "vel": np.zeros((900, 2)), "mass": np.full(900, 1 / 900)},
+        "dust": {"pos": dust, "vel": np.tile([0.0, 0.1], (400, 1)), "mass": np.full(400, 1 / 400)},
+    }
+    law = {"law": "stopping-time", "t_stop": 1e-3}
+    tables = scene(None, 1.0, law, 900, 400, dimensions=2, space={"boundary": "open", "cells": 64})
+    tables["initial"] = None
+    sim = Simulation(tables, particles=given)
+    sim.step(most=0.01)
+    far = slice(300, 400)
+    assert (sim.effects["drag"].stopping_times[far] == np.inf).all()
+    np.testing.assert_array_equal(sim.dust.vel[far], np.tile([0.0, 0.1], (100, 1)))
+    assert (sim.dust.vel[:300, 1] < 0.09).mean() > 0.9
+    assert 0.25 <= sim.effects["drag"].uncoupled < 0.6
+
+
+# Heat
+
+
+@pytest.mark.parametrize("coefficient", [5.0, 1e4])
+def test_friction_heats_the_gas(coefficient):
+    """Energy of motion, less the work of the accelerations, is the heat: nothing is lost."""
+    gas = {"particles": 40, "eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}}
+    box = {"kind": "box", "gas_velocity": 1.0, "dust_velocity": -1.0}
+    drag = {"law": "constant", "K": coefficient}
+    sim = Simulation(scene(box, 0.2, drag, gas=gas, ratio=0.5, external={"gas": 0.7, "dust": -0.4}))
+
+    def energy():
+        thermal = (sim.gas.mass * sim.gas.u).sum()
+        return thermal + sum(0.5 * (p.mass[:, None] * p.vel**2).sum() for p in (sim.gas, sim.dust))
+
+    start = energy()
+    sim.run()
+    # Work of the constant accelerations along the exact paths, from the exact velocities.
+    t = np.polynomial.legendre.leggauss(40)
+    knots = np.concatenate([[0.0], np.geomspace(1e-8, 0.2, 60)])
+    work = 0.0
+    for lo, hi in zip(knots, knots[1:], strict=False):
+        times, weights = 0.5 * (hi - lo) * t[0] + 0.5 * (hi + lo), 0.5 * (hi - lo) * t[1]
+        v, u = dustybox.velocities(times, 1.0, -1.0, 1.0, 0.5, coefficient, 0.7, -0.4)
+        work += (weights * (0.7 * v - 0.5 * 0.4 * u)).sum()
+    assert energy() - start == pytest.approx(work, abs=1e-10 * start)
+    assert np.ptp(sim.gas.u) < 1e-10
+
+
+# One-way
+
+
+def disc(drag, **tables):
+    start = {"kind": "disc", "mass": 0.01, "inner": 1.0, "outer": 3.0}
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.1}
+    out = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "initial": start,
+        "space": {"size": 8.0, "cells": 32}, "gas": {"particles": 1500, "viscosity": {}, "eos": eos},
+        "star": {"mass": 1.0, "accretion_radius": 0.9}, **tables,
+    }  # fmt: skip
+    return out | ({"dust": {"particles": 1000, "ratio": 0.5}, "drag": drag} if drag else {})
+
+
+@pytest.mark.parametrize("gravity", [{}, {"self_gravity": {"softening": 0.3, "sources": ["gas"]}}])
+def test_one_way_gas_is_that_without_dust(gravity):
+    """To the last bit, from the start through accretion, sorting and the choice of the step."""
+    drag = {"law": "stokes-number", "stokes": 0.1, "direction": "one-way"}
+    with_dust, without = Simulation(disc(drag, **gravity)), Simulation(disc(None, **gravity))
+    np.testing.assert_array_equal(with_dust.gas.vel, without.gas.vel)
+    for sim in (with_dust, without):
+        sim.run(until=0.6)
+    assert with_dust.state.step == without.state.step > 16
+    for name, array in without.gas.arrays().items():
+        np.testing.assert_array_equal(getattr(with_dust.gas, name), array, err_msg=name)
+
+
+def test_gravity_does_not_make_dust_slip():
+    """Gas and dust fall alike: in a self-gravitating sheet the pressure alone makes them slip."""
+    time = 0.01
+    drag = {"law": "stopping-time", "t_stop": time}
+    gas = {"particles": 1024, "kernel": "quintic", "eos": ISOTHERMAL}
+    sheet = {"kind": "sheet", "amplitude": 0.01}
+    tables = scene(sheet, 1.0, drag, gas=gas, dust=1024, dimensions=2, space={"cells": 32})
+    sim = Simulation(tables | {"self_gravity": {"softening": 0.1}})
+    sim.step(most=8 * time)
+    k = 2 * np.pi
+
+    def wave(p):
+        return 2 * (p.mass * p.vel[:, 0] * np.cos(k * p.pos[:, 0])).sum()
+
+    slip = wave(sim.gas) - wave(sim.dust)
+    # Terminal velocity: -c_s^2 k A cos(k x) t_stop / (1 + eps); the SPH pressure is right to some per cent at 32^2.
+    assert slip == pytest.approx(-k * 0.01 * time / 2, rel=0.15)
+
+
+# Laws
+
+
+@pytest.mark.parametrize(("convention", "factor"), [("papers", 1.0), ("kinetic", np.sqrt(np.pi / 8))])
+def test_epstein_stopping_times_of_a_disc(convention, factor):
+    """t_stop = s rho_s / (c_s rho_g), rho_g = Sigma / (sqrt(2 pi) H), H = c_s / Omega: with astropy from the scene."""
+    tables = {
+        "run": {"until": "10 yr"}, "space": {"size": "260 au", "cells": 64},
+        "initial": {"kind": "disc", "mass": "0.01 Msun", "inner": "10 au", "outer": "100 au"},
+        "gas": {"particles": 4000, "eos": {
+            "kind": "locally-isothermal", "aspect_ratio": 0.05, "reference_radius": "10 au"}},
+        "dust": {"particles": 4000, "ratio": 0.01, "grain_size": "1 cm", "grain_density": "3 g/cm3"},
+        "star": {"mass": "1 Msun"}, "drag": {"law": "epstein", "convention": convention},
+    }  # fmt: skip
+    sim = Simulation(tables)
+    sim.step()
+    r = np.sqrt((sim.dust.pos**2).sum(axis=1)) * un.au
+    middle = (r > 30 * un.au) & (r < 80 * un.au)
+    omega = np.sqrt(const.G * const.M_sun / r**3)
+    sigma = 0.01 * un.Msun / (2 * np.pi * 90 * un.au * r)
+    sound = 0.05 * np.sqrt(const.G * const.M_sun / (10 * un.au)) * (r / (10 * un.au)) ** -0.25
+    midplane = sigma / (np.sqrt(2 * np.pi) * sound / omega)
+    expected = (factor * 1 * un.cm * 3 * un.g / un.cm**3 / (sound * midplane)).to(un.yr)
+    unit = np.sqrt(un.au**3 / (const.G * un.Msun)).to(un.yr)
+    found = sim.effects["drag"].stopping_times * unit
+    ratio = (found / expected).decompose().value[middle]
+    # Cells of ~10 au, with their SPH density: the median over 2000 grains.
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.04)
+    assert (np.abs(ratio - 1) < 0.3).mean() > 0.9
+
+
+def test_stokes_number_law():
+    """t_stop Omega is the number asked for, but for the width of a cell."""
+    sim = Simulation(disc({"law": "stokes-number", "stokes": 0.1}))
+    sim.step()
+    r = np.sqrt((sim.dust.pos**2).sum(axis=1))
+    stokes = sim.effects["drag"].stopping_times * r**-1.5
+    coupled = np.isfinite(stokes)
+    assert np.median(stokes[coupled]) == pytest.approx(0.1, rel=0.02)
+    assert coupled.mean() > 0.9
+
+
+# DustyWave: K = 500, 600 + 600 particles, t = .5 unless said; errors are rms over particles / max |exact|
+
+
+def wave(h, coefficient=500.0, scheme="idic-linear", boost=0.0, offset=0.0):
+    gas = {"particles": 600, "smoothing_length": h, "eos": ISOTHERMAL}
+    dust = {"particles": 600, "ratio": 1.0, "offset": offset}
+    start = {"kind": "wave", "velocity": boost}
+    sim = Simulation(scene(start, 0.5, {"law": "constant", "K": coefficient, "scheme": scheme}, gas, dust))
+    sim.run()
+    out = []
+    for p, name in ((sim.gas, "gas_velocity"), (sim.dust, "dust_velocity")):
+        exact = getattr(dustywave.solution(p.pos[:, 0], 0.5, coefficient, 1.0, boost=boost), name)
+        out.append(np.sqrt(((p.vel[:, 0] - exact) ** 2).mean()) / np.abs(exact - boost).max())
+    return out
+
+
+@pytest.mark.parametrize(("h", "bound"), [(0.025, 0.001), (0.01, 0.0006)])
+@pytest.mark.parametrize("boost", [0.0, 1.0])
+def test_dustywave(h, bound, boost):
+    """The published aim for this scheme, in every frame."""
+    assert max(wave(h, boost=boost)) <= bound
+
+
+@pytest.mark.parametrize("h", [0.025, 0.01])
+def test_dustywave_with_offset_dust(h):
+    assert max(wave(h, offset=0.5)) <= 0.001
+
+
+@pytest.mark.parametrize("coefficient", [0.5, 5.0, 5e5])
+def test_dustywave_from_weak_to_stiff(coefficient):
+    assert max(wave(0.01, coefficient)) <= 0.001
+
+
+@pytest.mark.parametrize("h", [0.025, 0.01])
+def test_plain_idic_has_its_staircase(h):
+    """Velocities uniform in a cell of side h: the rest of a sine is k h / sqrt(24) whatever K."""
+    assert wave(h, scheme="idic")[1] == pytest.approx(2 * np.pi * h / np.sqrt(24), rel=0.3)
+
+
+def test_dustyshock():
+    """K = 500, eps = 1: the tube of a gas twice as heavy."""
+    gas = {
+        "particles": 1000, "smoothing_length": 0.01, "eos": {"kind": "adiabatic", "gamma": 1.4},
+        "viscosity": {"alpha": 1.0, "beta": 2.0},
+    }  # fmt: skip
+    space = {"boundary": "open"}
+    tables = scene({"kind": "shock"}, 0.2, {"law": "constant", "K": 500.0}, gas, 1000, space=space)
+    sim = Simulation(tables)
+    sim.run()
+    x = sim.dust.pos[:, 0]
+    inside = np.abs(x) < 0.45
+    exact = dustyshock.solution(x, 0.2, 1.0)
+    error = sim.dust.vel[:, 0] - exact.velocity
+    # Front and contact are h wide: .01 / .3 of the motion's length, and some of it.
+    assert np.abs(error)[inside].mean() < 0.015
+    assert np.sqrt((error[inside] ** 2).mean()) < 0.06
+    plateau = inside & (np.abs(exact.velocity / exact.velocity.max() - 1) < 1e-9)
+    edges = np.quantile(x[plateau], [0.25, 0.75])
+    middle = (x > edges[0]) & (x < edges[1])
+    assert sim.dust.vel[middle, 0].mean() == pytest.approx(exact.velocity.max(), rel=0.02)
+    gas_x = sim.gas.pos[:, 0]
+    inside = np.abs(gas_x) < 0.45
+    density = dustyshock.solution(gas_x, 0.2, 1.0).gas_density
+    assert np.abs(sim.gas.density - density)[inside].mean() < 0.015
