@@ -39,8 +39,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, A
     """What `write_checkpoint` was given, every array with its bits. Raises CheckpointError."""
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
         groups = {
-            group: {name: dataset[()] for name, dataset in members.items()}
-            for group, members in file["arrays"].items()
+            group: {name: dataset[()] for name, dataset in members.items()} for group, members in file["arrays"].items()
         }
         attrs = {name: _scalar(value) for name, value in file["values"].attrs.items()}
     return groups, attrs

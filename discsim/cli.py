@@ -24,15 +24,11 @@ app = typer.Typer(
     help="2D circumstellar discs: SPH gas, particle-in-cell dust, FFT gravity, implicit drag-in-cell.",
 )
 
-SceneArgument = Annotated[
-    Path, typer.Argument(help="Scene file (TOML).", metavar="SCENE.toml", readable=False)
-]
+SceneArgument = Annotated[Path, typer.Argument(help="Scene file (TOML).", metavar="SCENE.toml", readable=False)]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
 ]
-WithoutOption = Annotated[
-    list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")
-]
+WithoutOption = Annotated[list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")]
 
 
 def _version(wanted: bool) -> None:
@@ -61,9 +57,7 @@ def run(
     ] = None,
     settings: SetOption = None,
     without: WithoutOption = None,
-    until: Annotated[
-        str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')
-    ] = None,
+    until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="Threads; results do not depend on it.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in DIR.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
@@ -113,13 +107,9 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
     except OSError as error:
         return f"{directory}: {error.strerror}; expected a directory to write to"
     if resume and "checkpoint.h5" not in left:
-        return (
-            f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
-        )
+        return f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
     if left and not resume:
-        return (
-            f"{directory}: holds a run already ({', '.join(left)}); expected another directory, or --resume"
-        )
+        return f"{directory}: holds a run already ({', '.join(left)}); expected another directory, or --resume"
     return None
 
 

@@ -45,9 +45,7 @@ def initial_energy(scene: Scene, r: Array) -> Array | None:
     return thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)
 
 
-def pressure_and_sound_speed(
-    scene: Scene, pos: Array, density: Array, u: Array | None
-) -> tuple[Array, Array]:
+def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
     """P and c_s, (n,) each, from positions, densities and specific internal energies."""
     eos: Any = scene.gas.eos
     if eos.kind == "adiabatic":

@@ -117,14 +117,10 @@ def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
         sigma = density * particles.radial_profile(edges)
         peaks.append(sigma.max())
         axes.plot(radius, np.where(sigma > 0, sigma, np.nan), color=COLOURS[kind], label=kind)
-    axes.set(
-        xlabel=f"r{length_unit}", ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length)
-    )
+    axes.set(xlabel=f"r{length_unit}", ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length))
     if min(peaks) > 0:
         axes.set_yscale("log")
-        axes.set_ylim(
-            bottom=max(axes.get_ylim()[0], 1e-3 * min(peaks))
-        )  # a lone particle must not set the scale
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * min(peaks)))  # a lone particle must not set the scale
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
 

@@ -28,9 +28,7 @@ class Poisson:
     A sheet that varies along x only has ny = 1. Raises ValueError for such a sheet with open edges.
     """
 
-    def __init__(
-        self, shape: tuple[int, int], cell: float, softening: float, periodic: bool, threads: int
-    ) -> None:
+    def __init__(self, shape: tuple[int, int], cell: float, softening: float, periodic: bool, threads: int) -> None:
         if not periodic and 1 in shape:
             raise ValueError("self-gravity with open boundaries needs two dimensions; make the box periodic")
         self.shape = shape
@@ -107,9 +105,7 @@ def _columns(length: int) -> Array:
 
 
 def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
-    return pyfftw.FFTW(
-        source, target, axes=(1,), direction=direction, flags=("FFTW_ESTIMATE", *flags), threads=1
-    )
+    return pyfftw.FFTW(source, target, axes=(1,), direction=direction, flags=("FFTW_ESTIMATE", *flags), threads=1)
 
 
 def _padded(count: int) -> int:

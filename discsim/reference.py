@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple, get_origin
@@ -27,7 +27,7 @@ class Part(NamedTuple):
     table: str
     kind: str
     about: str
-    rows: list[tuple[str, ...]]  # as COLUMNS
+    rows: list[tuple[str, str, str, str]]  # as COLUMNS
 
 
 def effects_text() -> str:
@@ -73,7 +73,7 @@ def _indented(text: str, space: str = "  ") -> Iterator[str]:
         yield space + line if line else ""
 
 
-def _cells(entries: Any) -> str:
+def _cells(entries: Iterable[str]) -> str:
     return "| " + " | ".join(entries) + " |"
 
 
@@ -84,10 +84,15 @@ def _text_of(name: str) -> Iterator[str]:
         elif part.about:
             yield f"  {part.about}" if part.table == name else f"  [{part.table}] {part.about}"
         for row in part.rows:
-            columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in zip(row, WIDTHS, strict=True)]
-            for line in zip_longest(*columns, fillvalue=""):
-                shown = (f"{text:<{width}}" for text, width in zip(line, WIDTHS, strict=True))
-                yield ("    " + " ".join(shown)).rstrip()
+            yield from _wrapped(row)
+
+
+def _wrapped(row: Iterable[str]) -> Iterator[str]:
+    cells = zip(row, WIDTHS, strict=True)
+    columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in cells]
+    for line in zip_longest(*columns, fillvalue=""):
+        shown = (f"{text:<{width}}" for text, width in zip(line, WIDTHS, strict=True))
+        yield "    " + " ".join(shown).rstrip()
 
 
 def _parts(name: str, annotation: Any) -> Iterator[Part]:

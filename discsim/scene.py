@@ -53,9 +53,7 @@ class Scene(BaseModel):
     @property
     def effects(self) -> tuple[str, ...]:
         """The names of the effects that run, in the order of a step."""
-        named = {
-            name: getattr(self, name) for name in ("gas", "dust", "star", "self_gravity", "external", "drag")
-        }
+        named = {name: getattr(self, name) for name in ("gas", "dust", "star", "self_gravity", "external", "drag")}
         named["gas.viscosity"] = self.gas and self.gas.viscosity
         named["gas.conductivity"] = self.gas and self.gas.conductivity
         return tuple(name for name in EFFECTS if named[name] is not None)
@@ -170,9 +168,7 @@ def _changed(
         name, equals, written = text.partition("=")
         path = [part.strip() for part in name.split(".")]
         if not equals or not all(path):
-            problems.append(
-                f'--set {text}: not an assignment; expected table.key=value, like run.until="10 yr"'
-            )
+            problems.append(f'--set {text}: not an assignment; expected table.key=value, like run.until="10 yr"')
             continue
         value = _override_value(written)
         try:
@@ -413,9 +409,7 @@ def _worded_choice(kind: str, context: dict[str, Any], path: KeyPath, value: Any
             return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
         path, value = (*path, "kind"), value.get("kind")
         if kind == "union_tag_not_found":
-            union = models_in(
-                TABLES["initial"] if path[0] == "initial" else tables.Gas.model_fields["eos"].annotation
-            )
+            union = models_in(TABLES["initial"] if path[0] == "initial" else tables.Gas.model_fields["eos"].annotation)
             tags = [str(_tag(model)) for model in union]
             return path, "missing; expected one of " + ", ".join(f'"{tag}"' for tag in tags)
     return path, f"{shown(value)} is unknown; expected one of {words}{_near(str(value), choices)}"

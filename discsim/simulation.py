@@ -2,7 +2,8 @@
 
     kick(dt/2)  drift(dt)  events  forces  kick(dt/2)
 
-A kick turns accelerations into velocities; where a scene has drag, the kick is the exact relaxation of gas and dust with
+A kick turns accelerations into velocities; where a scene has drag, the kick is the exact relaxation of gas and
+dust with
 the accelerations inside. The closing kick of a step and the opening kick of the next have the same sources, and the
 relaxation composes exactly, so the loop does both at once: between steps `state.lag` says how much of a kick the
 velocities still await. Where somebody looks (`synchronised`), the closing kick is made on copies, and
@@ -47,9 +48,7 @@ class Simulation:
         self.scene = scene
         use_threads(scene.run.threads)
         try:
-            self.state = make_state(
-                scene, particles if particles is not None else setup(scene).particles(scene)
-            )
+            self.state = make_state(scene, particles if particles is not None else setup(scene).particles(scene))
             if scene.self_gravity is not None or scene.drag is not None:
                 from discsim.grid import Grid
 
@@ -111,9 +110,7 @@ class Simulation:
         if state.lag == 0.0:
             yield state
             return
-        saved = [
-            (p, {k: v.copy() for k, v in p.arrays().items() if k in MOVED}) for p in state.species.values()
-        ]
+        saved = [(p, {k: v.copy() for k, v in p.arrays().items() if k in MOVED}) for p in state.species.values()]
         lag = state.lag
         kept_costs = self.costs
         self.costs = Costs(self.effects)
@@ -169,9 +166,7 @@ class Simulation:
         state.own_acc = groups["own_acc"]
         entries = groups["ledger"]
         momentum = entries.pop("accreted_momentum")
-        state.ledger = Ledger(
-            accreted_momentum=momentum, **{name: float(entry[0]) for name, entry in entries.items()}
-        )
+        state.ledger = Ledger(accreted_momentum=momentum, **{name: float(entry[0]) for name, entry in entries.items()})
         for table, numbers in ((self.costs.calls, "calls"), (self.costs.seconds, "seconds")):
             table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
         state.time, state.step, state.lag = float(values["time"]), int(values["step"]), float(values["lag"])
@@ -268,9 +263,7 @@ class Simulation:
             bad = ~(np.isfinite(particles.acc).all(axis=1) & np.isfinite(particles.vel).all(axis=1))
             if bad.any():
                 i = int(np.flatnonzero(bad)[0])
-                raise PhysicsError(
-                    f"{name} particle {particles.ids[i]} is not finite{self._culprit(name, i)}"
-                )
+                raise PhysicsError(f"{name} particle {particles.ids[i]} is not finite{self._culprit(name, i)}")
         for name, limit in limits.items():
             if math.isnan(limit) or limit <= 0.0:
                 raise PhysicsError(f"the step that {name} allows is {limit}")

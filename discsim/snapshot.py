@@ -46,9 +46,7 @@ _COMMON = {
 _GAS = _COMMON | {
     "density": _Field("Densities", "density", "SPH density; a surface density in 2D"),
     "h": _Field("SmoothingLengths", "length", "radius of the support of the kernel"),
-    "u": _Field(
-        "InternalEnergies", "specific_energy", "per mass; 3/2 P/rho where the gas has no energy equation"
-    ),
+    "u": _Field("InternalEnergies", "specific_energy", "per mass; 3/2 P/rho where the gas has no energy equation"),
     "pressure": _Field("Pressures", "pressure", "pressure; vertically integrated in 2D"),
     "sound_speed": _Field("SoundSpeeds", "velocity", "sound speed"),
     "temperature": _Field("Temperatures", "temperature", "P/rho mu m_H/k_B"),
@@ -242,9 +240,7 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
         for kind, (group, fields) in _GROUPS.items():
             if group not in file:
                 continue
-            arrays = {
-                name: file[group][f.dataset][()] for name, f in fields.items() if f.dataset in file[group]
-            }
+            arrays = {name: file[group][f.dataset][()] for name, f in fields.items() if f.dataset in file[group]}
             arrays["pos"] = arrays["pos"][:, :dimensions] + origin
             arrays["vel"] = arrays["vel"][:, :dimensions]
             if "h" in arrays:

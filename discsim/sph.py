@@ -58,7 +58,8 @@ class Sph:
         self.cells = filled, grids, order, start
         self.box = low, width, self.periodic
         share(
-            density_driver(self.kernel, self.dim), len(filled), gas.pos, gas.mass, gas.h, gas.density, gas.gradh, self.eta, self.h_most, self.fixed,
+            density_driver(self.kernel, self.dim), len(filled), gas.pos, gas.mass, gas.h, gas.density, gas.gradh,
+            self.eta, self.h_most, self.fixed,
             *self.cells, bounds, *self.box, least=CELLS,
         )  # fmt: skip
 
@@ -73,14 +74,16 @@ class Sph:
         if self.balsara:
             switch = np.empty(gas.count)
             share(
-                shear_driver(self.kernel, self.dim), len(filled), gas.pos, vel, gas.mass, gas.h, gas.density, gas.sound_speed, switch,
+                shear_driver(self.kernel, self.dim), len(filled), gas.pos, vel, gas.mass, gas.h, gas.density,
+                gas.sound_speed, switch,
                 filled, grids, order, start, bounds, *self.box, least=CELLS,
             )  # fmt: skip
         divergence = np.zeros(gas.count)
         viscous, conductive = self.viscosity is not None, self.conductivity is not None
         driver = force_driver(self.kernel, self.dim, viscous, u is not None, conductive)
         share(
-            driver, len(filled), gas.pos, vel, gas.mass, gas.h, radius, gas.density, gas.gradh, pressure, gas.sound_speed, switch,
+            driver, len(filled), gas.pos, vel, gas.mass, gas.h, radius, gas.density, gas.gradh, pressure,
+            gas.sound_speed, switch,
             NONE if u is None else u, gas.acc, NONE if u is None else gas.heating_rate, divergence,
             self.viscosity.alpha if viscous else 0.0, self.viscosity.beta if viscous else 0.0,
             self.conductivity.alpha if conductive else 0.0,

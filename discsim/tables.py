@@ -83,9 +83,7 @@ class Measure:
         units = _units(info)
         if not self.name or units.system == "code":
             if self.name and isinstance(value, str):
-                raise fault(
-                    f"{shown(value)} is a text, but the scene is in code units; expected a plain number"
-                )
+                raise fault(f"{shown(value)} is a text, but the scene is in code units; expected a plain number")
             return number(value)
         gamma = info.data.get("gamma", 2.0)  # an earlier key of the same table
         if isinstance(value, str):
@@ -175,9 +173,7 @@ class Table(BaseModel):
 
 
 class UnitsTable(Table):
-    system: Literal["physical", "code"] = Field(
-        "physical", description='"code": the scene is dimensionless, G = 1'
-    )
+    system: Literal["physical", "code"] = Field("physical", description='"code": the scene is dimensionless, G = 1')
     length: str = Field("1 au", description="code unit of length")
     mass: str = Field("1 Msun", description="code unit of mass; G = 1 fixes the time")
 
@@ -195,18 +191,14 @@ class Run(Table):
     threads: Annotated[Count | None, Default("all cores")] = Field(
         None, ge=1, description="results do not depend on it"
     )
-    checkpoint_every: Annotated[Seconds, Default('"10 min"')] = Field(
-        600.0, description="between checkpoints"
-    )
+    checkpoint_every: Annotated[Seconds, Default('"10 min"')] = Field(600.0, description="between checkpoints")
     walltime: Seconds | None = Field(None, description='end after it, with a checkpoint; like "2 h"')
 
 
 class Space(Table):
-    dimensions: Annotated[Literal[1, 2], BeforeValidator(_count)] = Field(
-        2, description="dimensions of space"
-    )
-    size: Annotated[tuple[Annotated[float, Field(gt=0), Measure("length")], ...], BeforeValidator(_size)] = (
-        Field(description="side, or [x, y]")
+    dimensions: Annotated[Literal[1, 2], BeforeValidator(_count)] = Field(2, description="dimensions of space")
+    size: Annotated[tuple[Annotated[float, Field(gt=0), Measure("length")], ...], BeforeValidator(_size)] = Field(
+        description="side, or [x, y]"
     )
     cells: Annotated[Count | None, Default("from the particles")] = Field(
         None, ge=1, le=65536, description="grid cells along the longest side; cells are square"
@@ -237,9 +229,7 @@ class Box(Table):
     kind: Literal["box"] = "box"
     density: Density = Field(1.0, gt=0, description="of the gas")
     gas_velocity: VelocityVector = Field(0, validate_default=True, description="a number (along x) or [x, y]")
-    dust_velocity: VelocityVector = Field(
-        0, validate_default=True, description="a number (along x) or [x, y]"
-    )
+    dust_velocity: VelocityVector = Field(0, validate_default=True, description="a number (along x) or [x, y]")
 
 
 class Wave(Table):
@@ -249,8 +239,8 @@ class Wave(Table):
     amplitude: Number = Field(1e-4, description="A")
     wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
     velocity: VelocityVector = Field(0, validate_default=True, description="uniform boost of everything")
-    direction: Annotated[tuple[float, ...], Measure(vector=True, whole=True), BeforeValidator(_direction)] = (
-        Field(_ALONG_X, validate_default=True, description="whole waves along x and y")
+    direction: Annotated[tuple[float, ...], Measure(vector=True, whole=True), BeforeValidator(_direction)] = Field(
+        _ALONG_X, validate_default=True, description="whole waves along x and y"
     )
 
 
@@ -303,9 +293,7 @@ class Adiabatic(Table):
     kind: Literal["adiabatic"] = "adiabatic"
     gamma: Number = Field(gt=1, description="ratio of specific heats")
     sound_speed: Velocity | None = Field(None, gt=0, description="at the start, uniform")
-    aspect_ratio: Number | None = Field(
-        None, gt=0, description="H/r at reference_radius at the start, instead"
-    )
+    aspect_ratio: Number | None = Field(None, gt=0, description="H/r at reference_radius at the start, instead")
     temperature_index: Number = Field(0.5, description="q in c_s^2 ~ r^-q, with aspect_ratio")
     reference_radius: Length = Field(1.0, gt=0, description="where aspect_ratio holds")
     mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
@@ -341,11 +329,9 @@ class Gas(Table):
         gt=0, description="h = eta (m/rho)^(1/d)"
     )
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
-    placement: Literal["even", "random"] = Field(
-        "even", description="of the particles of a disc at the start"
-    )
-    eos: Annotated[Isothermal | LocallyIsothermal | Adiabatic | Polytropic, Field(discriminator="kind")] = (
-        Field(description="equation of state")
+    placement: Literal["even", "random"] = Field("even", description="of the particles of a disc at the start")
+    eos: Annotated[Isothermal | LocallyIsothermal | Adiabatic | Polytropic, Field(discriminator="kind")] = Field(
+        description="equation of state"
     )
     viscosity: Viscosity | None = None
     conductivity: Conductivity | None = None
@@ -367,9 +353,7 @@ class Dust(Table):
 
 
 class Drag(Table):
-    law: Literal["epstein", "constant", "stopping-time", "stokes-number"] = Field(
-        description="of the stopping time"
-    )
+    law: Literal["epstein", "constant", "stopping-time", "stokes-number"] = Field(description="of the stopping time")
     K: Annotated[float | None, Measure("drag_coefficient")] = Field(
         None, gt=0, description='law "constant": force density K (v - u)'
     )
@@ -383,9 +367,7 @@ class Drag(Table):
     cell: Annotated[Number | None, Default("1 in 1D, 2 in 2D")] = Field(
         None, gt=0, description="side of a drag cell in local mean h; or a length"
     )
-    cell_length: Length | None = Field(
-        None, gt=0, description="side of a drag cell as a length, instead of cell"
-    )
+    cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
     heating: Annotated[StrictBool, Default("true for adiabatic gas and two-way drag")] = Field(
         description="frictional heat goes to the gas"
     )
@@ -397,9 +379,7 @@ class Drag(Table):
 class SelfGravity(Table):
     softening: Length = Field(gt=0, description="Plummer length")
     kernel: Literal["plummer"] = Field("plummer", description="1 / sqrt(r^2 + softening^2)")
-    sources: tuple[Literal["gas", "dust"], ...] = Field(
-        ("gas", "dust"), min_length=1, description="what attracts"
-    )
+    sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 
 class Star(Table):
@@ -410,9 +390,7 @@ class Star(Table):
 
 class External(Table):
     gas: AccelerationVector = Field(0, validate_default=True, description="constant acceleration of the gas")
-    dust: AccelerationVector = Field(
-        0, validate_default=True, description="constant acceleration of the dust"
-    )
+    dust: AccelerationVector = Field(0, validate_default=True, description="constant acceleration of the dust")
     vertical_frequency: Annotated[float, Measure("frequency")] = Field(
         0.0, ge=0, description="Omega in -Omega^2 z, on both"
     )

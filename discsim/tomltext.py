@@ -16,9 +16,7 @@ Path = tuple[str | int, ...]
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_STRING = re.compile(
-    r'"""(?:\\.|[^\\])*?"{3,5}|' + r"'''.*?'{3,5}|" + r'"(?:\\.|[^"\\])*"|' + r"'[^']*'", re.S
-)
+_STRING = re.compile(r'"""(?:\\.|[^\\])*?"{3,5}|' + r"'''.*?'{3,5}|" + r'"(?:\\.|[^"\\])*"|' + r"'[^']*'", re.S)
 _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
@@ -58,9 +56,7 @@ def with_value(data: Any, path: Sequence[str], value: Any) -> None:
 def _index(data: list, name: str, path: Sequence[str]) -> int:
     if not name.isdecimal() or int(name) >= len(data):
         where = ".".join(path)
-        raise KeyError(
-            f'"{where}" is a list; expected a number from 0 to {len(data) - 1} after it, as in {where}.0'
-        )
+        raise KeyError(f'"{where}" is a list; expected a number from 0 to {len(data) - 1} after it, as in {where}.0')
     return int(name)
 
 

@@ -48,9 +48,7 @@ _COMMON_UNITS = (
     "yr", "kyr", "Myr", "day", "hour", "min", "s", "km/s", "m/s", "cm/s", "g/cm2", "g/cm3", "kg/m3",
 )  # fmt: skip
 
-_NUMBER = re.compile(
-    r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))\s*\*?\s*(.*)", re.S
-)
+_NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))\s*\*?\s*(.*)", re.S)
 
 
 class UnitError(ValueError):
@@ -187,9 +185,7 @@ class Units:
         except UnitError as error:
             raise UnitError(f"{error}; expected {self.expected(name, gamma)}") from error
         if any(abs(x - y) > 1e-9 for x, y in zip(found, wanted, strict=True)):
-            raise UnitError(
-                f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name, gamma)}'
-            )
+            raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name, gamma)}')
         value = quantity.value * factor
         if not math.isfinite(value):
             raise UnitError(f'"{text}" is not a finite number in code units')
@@ -304,7 +300,5 @@ def seconds(text: str) -> float:
 
     quantity = parse_quantity(text)
     if not quantity.unit.is_equivalent(u.s):
-        raise UnitError(
-            f'"{text}" is {_dimension_words(quantity)}; expected a wall-clock time, like "10 min"'
-        )
+        raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected a wall-clock time, like "10 min"')
     return quantity.to_value(u.s)

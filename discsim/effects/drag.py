@@ -1,7 +1,8 @@
 """Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved in cells.
 
 Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is right
-at any step. Cells are blocks of grid cells (`kernels/blocks.py`), schemes are in `discsim/drag`, laws in `kernels/drag.py`.
+at any step. Cells are blocks of grid cells (`kernels/blocks.py`), schemes are in `discsim/drag`, laws in
+`kernels/drag.py`.
 It limits no step.
 """
 
@@ -50,9 +51,7 @@ class Effect(base.Effect):
             # t_stop c_s rho_g, all of it that is the grain's.
             grain = population.grain_size, population.grain_density
             return epstein_stopping_time(*grain, 1.0, 1.0, self.drag.convention)
-        return {"constant": self.drag.K, "stopping-time": self.drag.t_stop}.get(
-            self.drag.law, self.drag.stokes
-        )
+        return {"constant": self.drag.K, "stopping-time": self.drag.t_stop}.get(self.drag.law, self.drag.stokes)
 
     def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
@@ -104,9 +103,7 @@ class Effect(base.Effect):
         gas_order, gas_start = counting_sort(np.append(number, count)[gas_key], count + 2)
         population = len(self.values)
         dust_block = np.append(number, count + 1)[dust_key]
-        dust_order, dust_start = counting_sort(
-            dust_block * population + dust.species, (count + 2) * population
-        )
+        dust_order, dust_start = counting_sort(dust_block * population + dust.species, (count + 2) * population)
         corners = np.zeros((count + 2, 2))
         corners[:count] = origin + (first - shift) * leaf
         alone = np.diff(gas_start)[dust_block] == 0
@@ -154,7 +151,8 @@ class Effect(base.Effect):
         size[: self.dim] = state.scene.space.size
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
         share(
-            relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density, gas.sound_speed,
+            relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
+            gas.sound_speed,
             gas_order, gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"], dust.mass,
             dust_order, dust_start, self.stopping_times, self.scheme.LINEAR, self.two_way,
             LAWS[self.drag.law], self.values, dt, self.exponential,

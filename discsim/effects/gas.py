@@ -57,9 +57,7 @@ class Effect(base.Effect):
         return gas.acc
 
     def _step_limit(self, gas: Gas, acc: np.ndarray, divergence: np.ndarray) -> float:
-        alpha, beta = (
-            (self.sph.viscosity.alpha, self.sph.viscosity.beta) if self.sph.viscosity else (0.0, 0.0)
-        )
+        alpha, beta = (self.sph.viscosity.alpha, self.sph.viscosity.beta) if self.sph.viscosity else (0.0, 0.0)
         signal = gas.sound_speed * (1.0 + 1.2 * alpha)
         signal = signal + gas.h * (1.0 + 1.2 * beta) * np.maximum(0.0, -divergence)
         strength = np.sqrt((acc * acc).sum(axis=1))

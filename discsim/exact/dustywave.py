@@ -71,9 +71,7 @@ def solution(
     )
 
 
-def _evolve(
-    time: float, k: float, drag: float, ratio: float, sound_speed: float
-) -> tuple[np.ndarray, complex]:
+def _evolve(time: float, k: float, drag: float, ratio: float, sound_speed: float) -> tuple[np.ndarray, complex]:
     """The mode ((d_g, d_d, V), s) at `time` that was (1, 1, 1), 0."""
     a = -1j * k * np.array([[0, 0, 1], [0, 0, 1], [sound_speed**2 / (1 + ratio), 0, 0]])
     b = -1j * k / (1 + ratio) * np.array([-ratio, 1, 0])

@@ -22,9 +22,7 @@ def surface_density(radius: ArrayLike, disc_radius: float, mass: float) -> np.nd
     return 3 * mass / (2 * np.pi * disc_radius**2) * np.sqrt(inside)
 
 
-def radial_acceleration(
-    radius: ArrayLike, disc_radius: float, mass: float, height: float = 0.0
-) -> np.ndarray:
+def radial_acceleration(radius: ArrayLike, disc_radius: float, mass: float, height: float = 0.0) -> np.ndarray:
     """Radial acceleration at `radius` and `height`, or in the plane with that softening."""
     radius = np.asarray(radius, dtype=float)
     zeta = _zeta(radius / disc_radius, height / disc_radius)

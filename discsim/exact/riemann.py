@@ -38,9 +38,7 @@ def solution(
 
     The defaults are Sod's tube. Raises ValueError where the two sides fly apart and leave a vacuum.
     """
-    pressure = _root(
-        lambda p: _jump(p, left, gamma) + _jump(p, right, gamma) + right[2] - left[2], left[1], right[1]
-    )
+    pressure = _root(lambda p: _jump(p, left, gamma) + _jump(p, right, gamma) + right[2] - left[2], left[1], right[1])
     velocity = 0.5 * (left[2] + right[2] + _jump(pressure, right, gamma) - _jump(pressure, left, gamma))
     speed = np.asarray(x, dtype=float) / time
     # The right side is the left side seen in a mirror.

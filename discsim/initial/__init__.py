@@ -47,9 +47,7 @@ def make_state(scene: Scene, given: Given) -> State:
             immobile=given["dust"].get("immobile"),
         )
         if species.min(initial=0) < 0 or species.max(initial=0) >= len(scene.dust):
-            raise ValueError(
-                f"dust species must be 0 to {len(scene.dust) - 1}, one a population of the scene"
-            )
+            raise ValueError(f"dust species must be 0 to {len(scene.dust) - 1}, one a population of the scene")
     return State(scene, gas, dust, None)
 
 

@@ -1,6 +1,7 @@
 """A disc with power laws and tapers: particles of equal mass on rings, turning in balance.
 
-Gas: v_phi^2 / r = GM/r^2 (softened) + g_self + (1/Sigma) dP/dr; with two-way drag gas and dust start at the velocities of Nakagawa,
+Gas: v_phi^2 / r = GM/r^2 (softened) + g_self + (1/Sigma) dP/dr; with two-way drag gas and dust start at the
+velocities of Nakagawa,
 Sekiya & Hayashi (1986) for the local Stokes number and dust-to-gas ratio; one-way dust at those for a ratio of zero.
 """
 
@@ -103,10 +104,7 @@ def _drift(state, drag, name, particles: Any, r, omega, headwind) -> tuple[Array
     density, sound = profile.surface_density(scene, r), profile.thermal_speed(scene, r)
     two_way = scene.drag.direction == "two-way"
     loads = [population.ratio if two_way else 0.0 for population in scene.dust]
-    times = [
-        drag.stopping_time(k, density, sound, omega, population.ratio)
-        for k, population in enumerate(scene.dust)
-    ]
+    times = [drag.stopping_time(k, density, sound, omega, population.ratio) for k, population in enumerate(scene.dust)]
     if name == "dust":
         stokes = np.choose(particles.species, times) * omega
         found = nsh.velocities(stokes, sum(loads), headwind)

@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-def lattice(
-    size: tuple[float, ...], particles: int, offset: float = 0.0, spacing: Array | None = None
-) -> Array:
+def lattice(size: tuple[float, ...], particles: int, offset: float = 0.0, spacing: Array | None = None) -> Array:
     """Square lattice of about `particles` points (n, d) in [0, size), shifted by `offset` times `spacing` (d,).
 
     In 2D the number is the nearest product of whole rows and columns.

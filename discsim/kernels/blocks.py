@@ -6,7 +6,8 @@ Leaves of a regular lattice are merged upwards as in a quadtree (in pairs in one
     while it holds fewer particles than asked for, but both species, FEW, up to `soft` times the wanted side;
     while it lacks a species, LACKING, up to `hard` times the wanted side.
 
-If any of its children waits, all particles of a parent make one block; where the parent would be larger than its limit, the
+If any of its children waits, all particles of a parent make one block; where the parent would be larger than its
+limit, the
 children stay as they are, and dust without gas stays uncoupled (and is reported).
 """
 

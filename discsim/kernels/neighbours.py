@@ -55,9 +55,7 @@ def lay_grids(radius, classes, low, width, periodic):
         for axis in range(2):
             n = max(1.0, math.floor(width[axis] / side))
             grids[k, NX + axis] = n
-            grids[k, SIDE_X + axis] = (
-                max(width[axis] / n, 1e-300) if periodic or n > 1.0 else max(width[axis], side)
-            )
+            grids[k, SIDE_X + axis] = max(width[axis] / n, 1e-300) if periodic or n > 1.0 else max(width[axis], side)
         first += int(grids[k, NX] * grids[k, NY])
     return grids, first
 

@@ -7,7 +7,8 @@
     Pi_ij   = (-alpha c_ij w + beta w^2) / rho_ij,   w = min(0, v_ij . r_ij / r_ij)                   (5)
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
-kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction: Price 2008, eq. 28.
+kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction: Price
+2008, eq. 28.
 
 All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the same on
 any number of threads. Candidates of a cell are packed once, relative to the cell's centre, and serve every particle
@@ -87,7 +88,8 @@ def density_driver(kernel: int, dim: int):
 
     @njit(nogil=True, cache=True, fastmath=FAST)
     def density(
-        piece, last, pos, mass, h, rho, gradh, eta, h_most, fixed, filled, grids, order, start, bounds, low, width, periodic,
+        piece, last, pos, mass, h, rho, gradh, eta, h_most, fixed, filled, grids, order, start, bounds, low, width,
+        periodic,
     ):  # fmt: skip
         for c in range(piece, last):
             cell = filled[c]
@@ -114,9 +116,7 @@ def density_driver(kernel: int, dim: int):
                         rho[i], _ = density_sums(kernel, dim, x, y, h[i], cx, cy, cm)
                         gradh[i] = 1.0
                         continue
-                    new, density_i, omega = solve_h(
-                        kernel, dim, x, y, mass[i], h[i], eta, h_most, reach, cx, cy, cm
-                    )
+                    new, density_i, omega = solve_h(kernel, dim, x, y, mass[i], h[i], eta, h_most, reach, cx, cy, cm)
                     if density_i < 0.0:
                         missing = max(missing, support * new)
                     else:
@@ -169,7 +169,8 @@ X, Y, MASS, INV_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(12)
 
 @njit(inline="always")
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, x, y, vx, vy, h, press, inv_rho_i, c_i, f_i, u_i, p_i, alpha, beta, alpha_u, pack
+    kernel, dim, viscous, energetic, conductive, x, y, vx, vy, h, press, inv_rho_i, c_i, f_i, u_i, p_i, alpha,
+    beta, alpha_u, pack
 ):  # fmt: skip
     """Sums of one particle: acceleration, du/dt and divergence."""
     sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
@@ -223,7 +224,8 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
 
     @njit(nogil=True, cache=True, fastmath=FAST)
     def forces(
-        piece, last, pos, vel, mass, h, radius, rho, gradh, pressure, sound, switch, u, acc, rate, div, alpha, beta, alpha_u,
+        piece, last, pos, vel, mass, h, radius, rho, gradh, pressure, sound, switch, u, acc, rate, div, alpha,
+        beta, alpha_u,
         filled, grids, order, start, bounds, low, width, periodic,
     ):  # fmt: skip
         for c in range(piece, last):
@@ -259,7 +261,8 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
                 if dim == 2:
                     y, vy = pos[i, 1] - oy, vel[i, 1]
                 ax, ay, r, d = force_sums(
-                    kernel, dim, viscous, energetic, conductive, pos[i, 0] - ox, y, vel[i, 0], vy, h[i], pressure[i] / (gradh[i] * rho[i] * rho[i]),
+                    kernel, dim, viscous, energetic, conductive, pos[i, 0] - ox, y, vel[i, 0], vy, h[i],
+                    pressure[i] / (gradh[i] * rho[i] * rho[i]),
                     1.0 / rho[i], sound[i], switch[i] if len(switch) > 0 else 1.0, u[i] if conductive else 0.0,
                     pressure[i], alpha, beta, alpha_u, pack,
                 )  # fmt: skip
