@@ -128,16 +128,17 @@ class Simulation:
         """What one effect gives now to (gas, dust), each (n, dimensions) or None where there is no such species."""
         if effect not in self.effects:
             raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
-        kept = {name: p.acc for name, p in self.state.species.items()}
-        rate = self.gas.heating_rate.copy() if self.gas is not None and self.gas.u is not None else None
-        for p in self.state.species.values():
-            p.acc = np.zeros_like(p.acc)
-        self.effects[effect].accelerate(self.state)
-        found = {name: p.acc for name, p in self.state.species.items()}
-        for name, p in self.state.species.items():
-            p.acc = kept[name]
-        if rate is not None:
-            self.gas.heating_rate[:] = rate
+        state = self.state
+        gas, dust = state.gas, state.dust
+        try:
+            # On copies: the gas's effect settles h as well.
+            state.gas, state.dust = gas and gas.copy(), dust and dust.copy()
+            for p in state.species.values():
+                p.acc[:] = 0.0
+            self.effects[effect].accelerate(state)
+            found = {name: p.acc for name, p in state.species.items()}
+        finally:
+            state.gas, state.dust = gas, dust
         return found.get("gas"), found.get("dust")
 
     def save(self, path: str | Path, notes: Mapping[str, Scalar] | None = None) -> None:
@@ -185,9 +186,14 @@ class Simulation:
         """From an open closing kick to the next: kick, drift, events, forces."""
         state = self.state
         if self.scene.run.integrator == "euler":
-            # x with the old velocity, v with the old forces, both first order.
-            self._move(dt)
+            # v with the forces at the old places, x with the old velocity: both first order.
+            other = {name: p.vel.copy() for name, p in state.species.items()}
             self._kick(dt)
+            for name, p in state.species.items():
+                p.vel, other[name] = other[name], p.vel
+            self._move(dt)
+            for name, p in state.species.items():
+                p.vel = other[name]
         else:
             self._kick(state.lag + 0.5 * dt)
             self._move(dt)

@@ -403,27 +403,35 @@ import hashlib, sys
 from discsim import Simulation, load_scene
 for threads in sys.argv[2:]:
     sim = Simulation(load_scene(sys.argv[1], [f"run.threads={threads}"]))
-    sim.evolve(sim.scene.run.until)
+    for _ in range(3):
+        sim.step()
     bits = hashlib.sha256()
     for particles in sim.state.species.values():
         for array in particles.arrays().values():
             bits.update(array.tobytes())
-    print(threads, sim.state.step, bits.hexdigest())
+    print(bits.hexdigest())
 """
 
 
-@pytest.mark.parametrize("name", ["disc", "shock"])
-def test_any_number_of_threads_gives_the_same_bits(tmp_path, name):
-    scene_of(tmp_path, SCENES[name])
-    found = {}
-    for pool, threads in (("1", ["1", "1"]), ("2", ["1", "2", "2"])):
+# Loops are shared out where they have more than 8192 entries; odd numbers, so that no piece is like another.
+@pytest.mark.parametrize(
+    "name, counts",
+    [("disc", ["gas.particles=17011", "dust.particles=19013"]), ("shock", ["gas.particles=9001"])],
+)
+def test_any_number_of_threads_gives_the_same_bits(tmp_path, name, counts):
+    path = tmp_path / "b.toml"
+    path.write_text(scene_of(tmp_path, SCENES[name], *counts).text)
+    found = []
+    for pool, threads in (("1", ["1", "1"]), ("2", ["1", "2", "2"]), ("3", ["3"])):
         done = subprocess.run(
-            [sys.executable, "-c", THREADS, str(tmp_path / "a.toml"), *threads],
-            env={**os.environ, "NUMBA_NUM_THREADS": pool}, capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        for number, line in enumerate(done.stdout.splitlines()):
-            found[pool, number] = line.split()[1:]
-    assert len(found) == 5 and len({tuple(bits) for bits in found.values()}) == 1, found
+            [sys.executable, "-c", THREADS, str(path), *threads],
+            env={**os.environ, "NUMBA_NUM_THREADS": pool},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found += done.stdout.split()
+    assert len(found) == 6 and len(set(found)) == 1, found
 
 
 @pytest.mark.parametrize("name, without", [("wave", ()), ("disc", ("self_gravity",))])

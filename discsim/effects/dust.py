@@ -16,6 +16,8 @@ class Effect(base.Effect):
         share(add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt)
 
     def move(self, state: State, dt: float) -> None:
+        base.drift(self.scene, state.dust, dt)
+
+    def event(self, state: State) -> None:
         if state.grid is not None and state.step % base.SORT_EVERY == 0:
             state.dust.take(state.grid.order(state.dust.pos))
-        base.drift(self.scene, state.dust, dt)

@@ -71,9 +71,11 @@ class Effect(base.Effect):
         kick_gas(state.gas, dt)
 
     def move(self, state: State, dt: float) -> None:
+        base.drift(self.scene, state.gas, dt)
+
+    def event(self, state: State) -> None:
         if state.step % base.SORT_EVERY == 0:
             state.gas.take(self.sph.order(state.gas))
-        base.drift(self.scene, state.gas, dt)
 
 
 def kick_gas(gas: Gas, dt: float) -> None:
