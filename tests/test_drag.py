@@ -157,10 +157,9 @@ def test_pair_is_dustybox_in_every_frame(ratio, stiff, v, u, a, c, boost):
 
 # Blocks of drag cells
 
+
 def merged(gas, dust, size=2.0, length=0.0, least=(8, 8), soft=2.0, hard=4.0, two_way=True, h=1.0, nx=32, ny=32):
-    return merge(
-        gas.ravel(), dust.ravel(), h * gas.ravel(), nx, ny, 1.0, size, length, *least, soft, hard, two_way
-    )
+    return merge(gas.ravel(), dust.ravel(), h * gas.ravel(), nx, ny, 1.0, size, length, *least, soft, hard, two_way)
 
 
 def sides(number, ny=32):

@@ -1,5 +1,7 @@
 """Gas and dust in the whole loop: boxes, waves, shocks and discs against their exact solutions."""
 
+import itertools
+
 import astropy.constants as const
 import astropy.units as un
 import numpy as np
@@ -203,7 +205,7 @@ def test_friction_heats_the_gas(coefficient):
     t = np.polynomial.legendre.leggauss(40)
     knots = np.concatenate([[0.0], np.geomspace(1e-8, 0.2, 60)])
     work = 0.0
-    for lo, hi in zip(knots, knots[1:], strict=False):
+    for lo, hi in itertools.pairwise(knots):
         times, weights = 0.5 * (hi - lo) * t[0] + 0.5 * (hi + lo), 0.5 * (hi - lo) * t[1]
         v, u = dustybox.velocities(times, 1.0, -1.0, 1.0, 0.5, coefficient, 0.7, -0.4)
         work += (weights * (0.7 * v - 0.5 * 0.4 * u)).sum()

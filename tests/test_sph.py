@@ -220,14 +220,12 @@ def test_rotation_boost_and_order():
     # Newton's method stops a step earlier or later: Omega, and with it the force, differ by some 1e-4.
     cases = {
         "turned": (lively("open", pos=pos @ turn, vel=vel @ turn), gas.acc @ turn, slice(None)),
-        "boosted": (lively("open", vel=vel + [3.0, -2.0]), gas.acc, slice(None)),
+        "boosted": (lively("open", vel=[*vel, 3.0, -2.0]), gas.acc, slice(None)),
         "reordered": (lively("open", pos=pos[order], vel=vel[order], u=u[order], mass=mass[order]), gas.acc, order),
     }
     for name, (other, acc, index) in cases.items():
         np.testing.assert_allclose(other.gas.acc, acc[index], atol=1e-4 * scale, err_msg=name)
-        np.testing.assert_allclose(
-            other.gas.heating_rate, gas.heating_rate[index], atol=1e-4 * rate, err_msg=name
-        )
+        np.testing.assert_allclose(other.gas.heating_rate, gas.heating_rate[index], atol=1e-4 * rate, err_msg=name)
 
 
 def test_viscosity_acts_on_approach_only():

@@ -1,9 +1,9 @@
 """idic-linear: implicit drag in cell with a linear velocity field per cell and species.
 
-Means and slopes of the two species relax exactly with the accelerations inside, compared at one common point; what
-is left
-of a particle is damped towards its own species' line (equations in `kernels/drag.py`). The cells' origin moves with
-every step, and about a star velocities are taken relative to Kepler's. Momentum is exact a cell.
+Means and slopes of the two species relax exactly with the accelerations inside, compared at one common point;
+what is left of a particle is damped towards its own species' line (equations in `kernels/drag.py`). The cells'
+origin moves with every step, and about a star velocities are taken relative to Kepler's. Momentum is exact in
+each cell.
 """
 
 LINEAR = True  # a velocity field linear in the cell, or its mean alone

@@ -2,8 +2,7 @@
 
 Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is right
 at any step. Cells are blocks of grid cells (`kernels/blocks.py`), schemes are in `discsim/drag`, laws in
-`kernels/drag.py`.
-It limits no step.
+`kernels/drag.py`. It limits no step.
 """
 
 from importlib import import_module
@@ -108,7 +107,8 @@ class Effect(base.Effect):
         corners[:count] = origin + (first - shift) * leaf
         alone = np.diff(gas_start)[dust_block] == 0
         alone |= np.append(enlarged, [True, True])[dust_block]
-        self.uncoupled = float(dust.mass[alone].sum() / dust.mass.sum())
+        mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
+        self.uncoupled = float(mass[alone].sum() / mass.sum())
         return gas_order, gas_start, dust_order, dust_start, corners
 
     def kick(self, state: State, dt: float) -> None:
@@ -119,7 +119,7 @@ class Effect(base.Effect):
             # One-way: the gas is kicked below as it is without dust, to the last bit.
             self._relax(state, dt, gas.vel if two_way else before, heat)
         else:
-            share(add_scaled, gas.count, gas.vel, gas.acc, dt)
+            share(add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt)
             share(add_scaled, dust.count, dust.vel, dust.acc, dt)
         if not two_way:
             kick_gas(gas, dt)
