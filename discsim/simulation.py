@@ -3,11 +3,11 @@
     kick(dt/2)  drift(dt)  events  forces  kick(dt/2)
 
 A kick turns accelerations into velocities; where a scene has drag, the kick is the exact relaxation of gas and
-dust with
-the accelerations inside. The closing kick of a step and the opening kick of the next have the same sources, and the
-relaxation composes exactly, so the loop does both at once: between steps `state.lag` says how much of a kick the
-velocities still await. Where somebody looks (`synchronised`), the closing kick is made on copies, and
-undone, so that looking never changes a bit of what follows. `euler` is the papers' first-order scheme.
+dust with the accelerations inside. The closing kick of a step and the opening kick of the next have the same
+sources, and the relaxation composes exactly, so the loop does both at once: between steps `state.lag` says how
+much of a kick the velocities still await. Where somebody looks (`synchronised`), the closing kick is made on
+copies, and undone, so that looking never changes a bit of what follows. `euler` is the papers' first-order
+scheme.
 """
 
 from __future__ import annotations

@@ -3,9 +3,8 @@
     @njit(nogil=True, cache=True)
     def kernel(first, last, ...):      # for i in range(first, last)
 
-Pieces only divide independent work, so results are bitwise the same for any number of threads. One loop a kernel,
-without
-numba's own parallel lowering, also compiles in a fraction of the time.
+Pieces only divide independent work, so results are bitwise the same for any number of threads. One loop a
+kernel, without numba's own parallel lowering, also compiles in a fraction of the time.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved in cells.
 
-Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is right
-at any step. Cells are blocks of grid cells (`kernels/blocks.py`), schemes are in `discsim/drag`, laws in
+Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is
+right at any step. Cells are blocks of grid cells (`kernels/blocks.py`), schemes are in `discsim/drag`, laws in
 `kernels/drag.py`. It limits no step.
 """
 

@@ -1,8 +1,8 @@
 """A disc with power laws and tapers: particles of equal mass on rings, turning in balance.
 
 Gas: v_phi^2 / r = GM/r^2 (softened) + g_self + (1/Sigma) dP/dr; with two-way drag gas and dust start at the
-velocities of Nakagawa,
-Sekiya & Hayashi (1986) for the local Stokes number and dust-to-gas ratio; one-way dust at those for a ratio of zero.
+velocities of Nakagawa, Sekiya & Hayashi (1986) for the local Stokes number and dust-to-gas ratio; one-way dust
+at those for a ratio of zero.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The disc that a scene asks for, as functions of radius: Sigma, c_s and the pressure's pull. Numpy only.
 
 Sigma = Sigma_ref (r / r_ref)^-p T(r) between the edges, T rising as sin^2 over the inner taper and falling as
-cos^2 over the
-outer one; Sigma_ref from the mass, from the least Toomre Q = c_s Omega_K / (pi G Sigma), or given.
+cos^2 over the outer one; Sigma_ref from the mass, from the least Toomre Q = c_s Omega_K / (pi G Sigma), or
+given.
 """
 
 from __future__ import annotations

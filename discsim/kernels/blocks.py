@@ -1,14 +1,14 @@
 """Drag cells as blocks of a lattice: small where particles are many, merged in 2 x 2 where they are too few.
 
-Leaves of a regular lattice are merged upwards as in a quadtree (in pairs in one dimension). A block waits for more
+Leaves of a regular lattice are merged upwards as in a quadtree (in pairs in one dimension). A block waits for
+more
 
     while its side is below the wanted one (a number of mean smoothing lengths of its gas, or a length), SMALL;
     while it holds fewer particles than asked for, but both species, FEW, up to `soft` times the wanted side;
     while it lacks a species, LACKING, up to `hard` times the wanted side.
 
-If any of its children waits, all particles of a parent make one block; where the parent would be larger than its
-limit, the
-children stay as they are, and dust without gas stays uncoupled (and is reported).
+If any of its children waits, all particles of a parent make one block; where the parent would be larger than
+its limit, the children stay as they are, and dust without gas stays uncoupled (and is reported).
 """
 
 import numpy as np

@@ -1,19 +1,19 @@
 """Implicit drag in cells: exact relaxation of gas and dust in a block, with the accelerations inside.
 
-In a block the species s have masses M_s, centroids X_s, mean velocities V_s and sources A_s, and (linear scheme) slopes
-G_s, H_s of velocity and source about their own centroids. With e_j = M_j / M_g
+In a block the species s have masses M_s, centroids X_s, mean velocities V_s and sources A_s, and (linear
+scheme) slopes G_s, H_s of velocity and source about their own centroids. With e_j = M_j / M_g
 
     dV_g/dt = A_g + sum_j e_j (V_j - V_g) / t_j,    dV_j/dt = A_j + (V_g - V_j) / t_j                 (1)
 
-is solved exactly over dt for V_s compared at one common point, V_s - G (X_s - X), G the slope pooled within species;
-the slopes' difference relaxes the same way, weighed with the moments of inertia, so that
-sum_s I_s G_s stays; what is left of a particle's velocity is damped towards its own species' line:
+is solved exactly over dt for V_s compared at one common point, V_s - G (X_s - X), G the slope pooled within
+species; the slopes' difference relaxes the same way, weighed with the moments of inertia, so that sum_s I_s G_s
+stays; what is left of a particle's velocity is damped towards its own species' line:
 
     r_i' = r_i exp(-dt/t) + b_i t (1 - exp(-dt/t)),   1/t = 1/t_j for dust, sum_j e_j / t_j for gas    (2)
 
 (1), (2) with G = 0 are Stoyanovskaya et al. 2018, sec. 3.3 (individual accelerations); the exact exponential
-replaces their
-implicit Euler, which stays selectable. Sources are the accelerations that gas and dust do not share.
+replaces their implicit Euler, which stays selectable. Sources are the accelerations that gas and dust do not
+share.
 """
 
 import math

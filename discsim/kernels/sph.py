@@ -7,12 +7,12 @@
     Pi_ij   = (-alpha c_ij w + beta w^2) / rho_ij,   w = min(0, v_ij . r_ij / r_ij)                   (5)
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
-kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction: Price
-2008, eq. 28.
+kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction:
+Price 2008, eq. 28.
 
-All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the same on
-any number of threads. Candidates of a cell are packed once, relative to the cell's centre, and serve every particle
-of it and every Newton iteration.
+All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the
+same on any number of threads. Candidates of a cell are packed once, relative to the cell's centre, and serve
+every particle of it and every Newton iteration.
 """
 
 import functools
