@@ -8,7 +8,7 @@ import numpy as np
 
 from discsim.kernels.neighbours import cell_bounds, sort_into_cells
 from discsim.kernels.smoothing import KERNELS, SUPPORT
-from discsim.kernels.sph import density_driver, force_driver, shear_driver
+from discsim.kernels.sph import density_driver, force_driver
 from discsim.threads import share
 
 if TYPE_CHECKING:
@@ -50,16 +50,17 @@ class Sph:
         """Order of the particles by neighbour cell, for memory locality (n,)."""
         return sort_into_cells(gas.pos, self.support * gas.h, *self._box(gas), self.periodic)[1]
 
-    def density(self, gas: Gas) -> None:
-        """Density, Omega and, unless fixed, smoothing length of all gas particles."""
+    def density(self, gas: Gas, vel: np.ndarray) -> None:
+        """Density, Omega and, unless fixed, smoothing length of all gas particles; what a switch needs of `vel`."""
         low, width = self._box(gas)
         radius = self.support * gas.h
         grids, order, start, bounds, filled = sort_into_cells(gas.pos, radius, low, width, self.periodic)
         self.cells = filled, grids, order, start
         self.box = low, width, self.periodic
+        self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
         share(
-            density_driver(self.kernel, self.dim), len(filled), gas.pos, gas.mass, gas.h, gas.density, gas.gradh,
-            self.eta, self.h_most, self.fixed,
+            density_driver(self.kernel, self.dim, self.balsara), len(filled), gas.pos, vel, gas.mass, gas.h,
+            gas.density, gas.gradh, *self.shear, self.eta, self.h_most, self.fixed,
             *self.cells, bounds, *self.box, least=CELLS,
         )  # fmt: skip
 
@@ -72,12 +73,8 @@ class Sph:
         grids = _with_reach(grids, bounds)
         switch = NONE
         if self.balsara:
-            switch = np.empty(gas.count)
-            share(
-                shear_driver(self.kernel, self.dim), len(filled), gas.pos, vel, gas.mass, gas.h, gas.density,
-                gas.sound_speed, switch,
-                filled, grids, order, start, bounds, *self.box, least=CELLS,
-            )  # fmt: skip
+            div, curl = self.shear
+            switch = div / (div + curl + 1e-4 * gas.sound_speed / gas.h)
         divergence = np.zeros(gas.count)
         viscous, conductive = self.viscosity is not None, self.conductivity is not None
         driver = force_driver(self.kernel, self.dim, viscous, u is not None, conductive)

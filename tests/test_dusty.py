@@ -63,7 +63,7 @@ def test_dustybox_with_a_stopping_time():
 
 
 def test_slip_at_long_steps():
-    """dt = 50 t_stop under constant accelerations: the slip is (a_d - a_g) t_stop / (1 + eps), far from the free one."""
+    """dt = 50 t_stop under constant accelerations: the slip is (a_d - a_g) t_stop / (1 + eps)."""
     time = 0.002
     drag = {"law": "stopping-time", "t_stop": time}
     box = {"kind": "box"}

@@ -381,7 +381,7 @@ def test_what_came_after_the_checkpoint_is_dropped(tmp_path, monkeypatch):
     for name in ("0001.h5", "0007.h5"):
         (tmp_path / "broken" / "snapshots" / name).write_bytes(later.read_bytes())
     lines = (tmp_path / "straight" / "history.csv").read_text().splitlines(keepends=True)
-    (tmp_path / "broken" / "history.csv").write_text("".join(lines[:8]) + lines[8][:20])
+    (tmp_path / "broken" / "history.csv").write_text("".join(lines[:8]) + "2,0.1")  # of row 2...
     assert run_scene(scene, tmp_path / "broken", resume=True, quiet=True) == 0
     assert_same_run(tmp_path / "straight", tmp_path / "broken")
 

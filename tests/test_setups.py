@@ -19,7 +19,7 @@ LOCALLY = {"kind": "locally-isothermal", "aspect_ratio": 0.1}
 
 
 def scene(initial, gas=None, dimensions=1, boundary="periodic", **tables):
-    """A scene of 64 gas particles in 1D, about as many times as many in 2D."""
+    """A scene in code units, of 64 gas particles in 1D and 400 in 2D."""
     gas = {"particles": 64 if dimensions == 1 else 400, "eos": ISOTHERMAL} | (gas or {})
     return {
         "units": {"system": "code"},
@@ -50,9 +50,6 @@ def moving(sim):
     for p in sim.state.species.values():
         free = slice(None) if p.immobile is None else ~p.immobile
         yield p.mass[free], p.pos[free], p.vel[free]
-
-
-gas_and_dust = pytest.mark.parametrize("dimensions", [1, 2])
 
 
 def totals(sim):
@@ -122,7 +119,7 @@ def test_setup_steps(path):
 EVERYTHING = disc(
     gas={
         "particles": 400,
-        "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1},
+        "eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.1},
         "viscosity": {},
         "conductivity": {},
     },
@@ -183,15 +180,15 @@ LAWS = {
     "epstein": {},
     "stokes-number": {"stokes": 0.3},
 }
-GRAINS = {"ratio": 0.5, "grain_size": 0.1, "grain_density": 1.0}
 
 
 def dragged(dimensions, law, **drag):
-    """A wave with more dust than places for it in 1D, a disc in 2D, gas and dust apart in velocity."""
+    """A wave in 1D, a disc in 2D, with stopping times of about .1 (in the disc grains are small in its units)."""
     drag = {"law": law, **LAWS[law], **drag}
+    dust = {"particles": 90, "ratio": 0.5, "grain_density": 1.0}
     if dimensions == 2:
-        return disc(dust={"particles": 500, **GRAINS}, drag=drag)
-    return scene({"kind": "wave", "amplitude": 0.1}, dust={"particles": 90, **GRAINS}, drag=drag)
+        return disc(dust=dust | {"particles": 500, "grain_size": 1e-4}, drag=drag)
+    return scene({"kind": "wave", "amplitude": 0.1}, dust=dust | {"grain_size": 0.1}, drag=drag)
 
 
 def test_every_drag_law_is_stepped_here():
@@ -212,17 +209,15 @@ def test_two_way_drag_conserves_momentum(dimensions, law, scheme, integration):
     sim = Simulation(dragged(dimensions, law, scheme=scheme, integration=integration))
     sim.step()
     assert_sane(sim)
-    both = (sim.gas, sim.dust)
-    slip = sim.dust.vel.copy()
     sim.dust.vel += 0.3
-    sim.state.step += 1
-    before, push, dt = totals(sim), sum(p.mass @ p.acc for p in both), 0.2
-    free = sim.dust.vel + dt * sim.dust.acc
+    before, dt = totals(sim), 0.2
+    push = sum(p.mass @ p.acc for p in (sim.gas, sim.dust))
+    undragged = sim.dust.vel + dt * sim.dust.acc
     sim.effects["drag"].kick(sim.state, dt)
     # All that the kick adds is the forces' own momentum: rounding of a sum of 900 terms.
     gained = totals(sim)["momentum"] - before["momentum"]
     np.testing.assert_allclose(gained, dt * push, rtol=0, atol=1e-14 * before["size"])
-    assert np.abs(sim.dust.vel - free).max() > 1e-3 and slip.shape == free.shape
+    assert np.abs(sim.dust.vel - undragged).max() > 0.01
 
 
 @every_drag
@@ -244,7 +239,7 @@ def test_one_way_drag_leaves_the_gas_alone(dimensions, law, scheme):
 # Kernels, starts, equations of state, integrators
 
 
-@gas_and_dust
+@pytest.mark.parametrize("dimensions", [1, 2])
 @pytest.mark.parametrize("kernel", choices(tables.Gas, "kernel"))
 def test_kernel(kernel, dimensions):
     sim = Simulation(scene({"kind": "box", "gas_velocity": 0.5}, {"kernel": kernel}, dimensions))
@@ -265,9 +260,7 @@ STARTS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("kind", "dimensions"), [(kind, d) for kind, (*_, allowed) in STARTS.items() for d in allowed]
-)
+@pytest.mark.parametrize(("kind", "dimensions"), [(kind, d) for kind, (*_, allowed) in STARTS.items() for d in allowed])
 def test_start(kind, dimensions):
     keys, boundary, eos, _ = STARTS[kind]
     dust = {"particles": 80, "ratio": 0.1}

@@ -25,7 +25,7 @@ class Effect(base.Effect):
     def accelerate(self, state: State) -> None:
         gas = state.gas
         vel, u = self.predicted(state)
-        self.sph.density(gas)
+        self.sph.density(gas, vel)
         gas.pressure, gas.sound_speed = pressure_and_sound_speed(self.scene, gas.pos, gas.density, u)
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
@@ -52,7 +52,7 @@ class Effect(base.Effect):
         gas = state.gas.copy()
         gas.acc[:] = 0.0
         vel, u = self.predicted(state)
-        self.sph.density(gas)
+        self.sph.density(gas, vel)
         self.sph.forces(gas, vel, u, np.zeros(gas.count))
         return gas.acc
 

@@ -81,14 +81,32 @@ def solve_h(kernel, dim, x, y, m, h, eta, h_most, reach, cx, cy, cm):
     return h, rho, omega
 
 
+@njit(inline="always")
+def shear_sums(kernel, dim, x, y, vx, vy, h, cx, cy, cm, cvx, cvy):
+    """|div v| and |curl v| over packed candidates, times the density."""
+    support = SUPPORT[kernel]
+    inv_h = 1.0 / h
+    div, curl = 0.0, 0.0
+    for k in range(len(cx)):
+        dx, dy = x - cx[k], y - cy[k]
+        dvx, dvy = vx - cvx[k], vy - cvy[k]
+        inv_r = 1.0 / math.sqrt(dx * dx + dy * dy + 1e-300)
+        _, dw = shape(kernel, dim, min((dx * dx + dy * dy) * inv_r * inv_h, support))
+        weight = cm[k] * dw * inv_r
+        div += weight * (dvx * dx + dvy * dy)
+        curl += weight * (dvy * dx - dvx * dy)
+    norm = NORM[dim - 1][kernel] * inv_h ** (dim + 1)
+    return abs(div) * norm, abs(curl) * norm
+
+
 @functools.cache
-def density_driver(kernel: int, dim: int):
-    """Compile the pass that gives each particle its h, density and Omega."""
+def density_driver(kernel: int, dim: int, shear: bool):
+    """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|."""
     support = SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, fastmath=FAST)
     def density(
-        piece, last, pos, mass, h, rho, gradh, eta, h_most, fixed, filled, grids, order, start, bounds, low, width,
+        piece, last, pos, vel, mass, h, rho, gradh, div, curl, eta, h_most, fixed, filled, grids, order, start, bounds, low, width,
         periodic,
     ):  # fmt: skip
         for c in range(piece, last):
@@ -124,64 +142,20 @@ def density_driver(kernel: int, dim: int):
                 if missing == 0.0:
                     break
                 reach = 1.2 * missing
+            if shear:
+                cvx, cvy = np.empty(n), np.zeros(n)
+                for k in range(n):
+                    cvx[k] = vel[index[k], 0]
+                    if dim == 2:
+                        cvy[k] = vel[index[k], 1]
+                for i in members:
+                    y, vy = 0.0, 0.0
+                    if dim == 2:
+                        y, vy = pos[i, 1] - oy, vel[i, 1]
+                    d, r = shear_sums(kernel, dim, pos[i, 0] - ox, y, vel[i, 0], vy, h[i], cx, cy, cm, cvx, cvy)
+                    div[i], curl[i] = d / rho[i], r / rho[i]
 
     return density
-
-
-@njit(inline="always")
-def shear_sums(kernel, dim, x, y, vx, vy, h, cx, cy, cm, cvx, cvy):
-    """|div v| and |curl v| over packed candidates, times the density."""
-    support = SUPPORT[kernel]
-    inv_h = 1.0 / h
-    div, curl = 0.0, 0.0
-    for k in range(len(cx)):
-        dx, dy = x - cx[k], y - cy[k]
-        dvx, dvy = vx - cvx[k], vy - cvy[k]
-        inv_r = 1.0 / math.sqrt(dx * dx + dy * dy + 1e-300)
-        _, dw = shape(kernel, dim, min((dx * dx + dy * dy) * inv_r * inv_h, support))
-        weight = cm[k] * dw * inv_r
-        div += weight * (dvx * dx + dvy * dy)
-        curl += weight * (dvy * dx - dvx * dy)
-    norm = NORM[dim - 1][kernel] * inv_h ** (dim + 1)
-    return abs(div) * norm, abs(curl) * norm
-
-
-@functools.cache
-def shear_driver(kernel: int, dim: int):
-    """Compile the pass for Balsara's factor from the velocity's divergence and curl."""
-
-    @njit(nogil=True, cache=True, fastmath=FAST)
-    def shear(
-        piece, last, pos, vel, mass, h, rho, sound, factor,
-        filled, grids, order, start, bounds, low, width, periodic,
-    ):  # fmt: skip
-        for c in range(piece, last):
-            cell = filled[c]
-            ox = 0.5 * (bounds[cell, 0] + bounds[cell, 1])
-            oy = 0.5 * (bounds[cell, 2] + bounds[cell, 3])
-            index, shift = find_candidates(
-                cell, bounds[cell, 4], False, pos, h, grids, order, start, bounds, low, width, periodic
-            )
-            n = len(index)
-            cx, cy, cm, cvx, cvy = np.empty(n), np.zeros(n), np.empty(n), np.empty(n), np.zeros(n)
-            for k in range(n):
-                j = index[k]
-                cx[k] = pos[j, 0] + (shift[k, 0] - ox)
-                cvx[k] = vel[j, 0]
-                cm[k] = mass[j]
-                if dim == 2:
-                    cy[k] = pos[j, 1] + (shift[k, 1] - oy)
-                    cvy[k] = vel[j, 1]
-            for i in order[start[cell] : start[cell + 1]]:
-                y, vy = 0.0, 0.0
-                if dim == 2:
-                    y, vy = pos[i, 1] - oy, vel[i, 1]
-                div, curl = shear_sums(
-                    kernel, dim, pos[i, 0] - ox, y, vel[i, 0], vy, h[i], cx, cy, cm, cvx, cvy
-                )
-                factor[i] = div / (div + curl + 1e-4 * rho[i] * sound[i] / h[i])
-
-    return shear
 
 
 # Columns of the packed candidates that eqs. (3-5) read.
