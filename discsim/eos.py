@@ -20,7 +20,7 @@ Array = np.ndarray
 
 def radius(pos: Array) -> Array:
     """Distance from the origin (n,)."""
-    return np.sqrt((pos * pos).sum(axis=1))
+    return np.sqrt(np.einsum("ij,ij->i", pos, pos))
 
 
 def thermal_speed(scene: Scene, r: Array | float) -> Array:

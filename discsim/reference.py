@@ -1,4 +1,7 @@
-"""The reference of effects and keys, made from what runs: module docstrings and the tables' own fields."""
+"""The reference of effects and keys, made from what runs: module docstrings and the tables' own fields.
+
+`python -m discsim.reference` writes the keys into the README.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from discsim.tables import TABLES, Default, Table, measure_of, models_in
 SETUP_TABLES = ("units", "run", "space", "initial")
 COLUMNS = ("key", "value", "default", "meaning")
 WIDTHS = (22, 20, 18, 46)
+BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
 _HOME = Path(discsim.__file__).parent.parent
 
 
@@ -154,3 +158,17 @@ def _default_words(field: Any) -> str:
     if isinstance(field.default, tuple):
         return "[" + ", ".join(tables.shown(entry) for entry in field.default) + "]"
     return tables.shown(field.default)
+
+
+def with_reference(readme: str) -> str:
+    """The text of the README with its part between the markers made anew. Raises ValueError without them."""
+    before, begin, rest = readme.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not end:
+        raise ValueError(f"no {BEGIN} ... {END} in the text")
+    return f"{before}{begin}\n\n{scene_markdown()}\n\n{end}{after}"
+
+
+if __name__ == "__main__":
+    page = _HOME / "README.md"
+    page.write_text(with_reference(page.read_text(encoding="utf-8")), encoding="utf-8")

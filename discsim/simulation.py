@@ -52,8 +52,9 @@ class Simulation:
             if scene.self_gravity is not None or scene.drag is not None:
                 from discsim.grid import Grid
 
-                count = sum(p.count for p in self.state.species.values())
-                self.state.grid = Grid.from_scene(scene, count)
+                # As fine as the gas, where there is any: one-way dust must not change it.
+                first = next(iter(self.state.species.values()))
+                self.state.grid = Grid.from_scene(scene, first.count)
             self.effects = load_effects(scene, self.state)
         except ValueError as error:
             raise SceneError([str(error)]) from error
@@ -282,4 +283,4 @@ class Simulation:
         return ""
 
 
-MOVED = ("vel", "u", "kick_acc")  # what a kick changes
+MOVED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes

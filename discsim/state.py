@@ -58,7 +58,9 @@ class Gas(Particles):
     # Only what a scene calls for:
     u: Array | None = None  # specific internal energy (adiabatic gas)
     heating_rate: Array | None = None  # du/dt of pressure work, viscosity and conductivity
-    kick_acc: Array | None = None  # mean acceleration over the last kick, drag included (viscous gas)
+    # Mean rates over the last kick, drag and its heat included (viscous or adiabatic gas; adiabatic gas).
+    kick_acc: Array | None = None
+    kick_rate: Array | None = None
 
 
 @dataclass(kw_only=True)

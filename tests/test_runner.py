@@ -434,9 +434,10 @@ def test_any_number_of_threads_gives_the_same_bits(tmp_path, name, counts):
     assert len(found) == 6 and len(set(found)) == 1, found
 
 
-@pytest.mark.parametrize("name, without", [("wave", ()), ("disc", ("self_gravity",))])
+@pytest.mark.parametrize("name, without", [("wave", ()), ("disc", ("self_gravity",)), ("disc", ())])
 def test_one_way_dust_leaves_no_trace_in_the_gas(tmp_path, name, without):
     text = SCENES[name].replace("[drag]\n", '[drag]\ndirection = "one-way"\n')
+    text = text.replace("[self_gravity]\n", '[self_gravity]\nsources = ["gas"]\n')
     dusty = Simulation(scene_of(tmp_path, text, without=without))
     clean = Simulation(scene_of(tmp_path, text, without=(*without, "dust", "drag")))
     assert dusty.dust is not None and clean.dust is None

@@ -63,10 +63,9 @@ class Effect(base.Effect):
         periodic = grid.periodic
         extent = np.array(grid.shape) * grid.cell
         if self.dim == 2:
-            whole = max(1, int(wanted / grid.cell + 1e-9))
-            if periodic:
-                while any(n % whole for n in grid.shape):
-                    whole -= 1
+            whole = max(1, int(np.ceil(wanted / grid.cell - 1e-9)))
+            while periodic and whole < max(grid.shape) and any(n % whole for n in grid.shape):
+                whole += 1
             leaf = whole * grid.cell
             nx, ny = (-(-n // whole) for n in grid.shape)
         elif periodic:
@@ -127,8 +126,9 @@ class Effect(base.Effect):
         if gas.kick_acc is not None:
             gas.kick_acc[:] = (gas.vel - before) / dt
         if gas.u is not None:
-            gas.u += dt * gas.heating_rate
-            gas.u[: len(heat)] += heat
+            gas.kick_rate[:] = gas.heating_rate
+            gas.kick_rate[: len(heat)] += heat / dt
+            gas.u += dt * gas.kick_rate
         if gas.immobile is not None:
             gas.vel[gas.immobile] = before[gas.immobile]
 

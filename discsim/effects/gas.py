@@ -40,12 +40,12 @@ class Effect(base.Effect):
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Velocity and energy at the time of the positions, which viscosity and pressure need.
 
-        `vel` and `u` await their closing kick: it is foreseen with the mean rates of the last one, drag
-        included, which keeps the step second order.
+        `vel` and `u` await their closing kick: it is foreseen with the mean rates of the last one, drag and
+        its heat included, which keeps the step second order.
         """
         gas = state.gas
         vel = gas.vel if gas.kick_acc is None else gas.vel + state.lag * gas.kick_acc
-        return vel, None if gas.u is None else gas.u + state.lag * gas.heating_rate
+        return vel, None if gas.u is None else gas.u + state.lag * gas.kick_rate
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
         """The part of the acceleration that artificial viscosity gives (n, d)."""
@@ -60,7 +60,7 @@ class Effect(base.Effect):
         alpha, beta = (self.sph.viscosity.alpha, self.sph.viscosity.beta) if self.sph.viscosity else (0.0, 0.0)
         signal = gas.sound_speed * (1.0 + 1.2 * alpha)
         signal = signal + gas.h * (1.0 + 1.2 * beta) * np.maximum(0.0, -divergence)
-        strength = np.sqrt((acc * acc).sum(axis=1))
+        strength = np.sqrt(np.einsum("ij,ij->i", acc, acc))
         with np.errstate(divide="ignore", over="ignore"):
             return float(min((gas.h / signal).min(), np.sqrt(gas.h / strength).min()))
 
@@ -84,4 +84,5 @@ def kick_gas(gas: Gas, dt: float) -> None:
     if gas.kick_acc is not None:
         gas.kick_acc[:] = gas.acc
     if gas.u is not None:
-        gas.u += dt * gas.heating_rate
+        gas.kick_rate[:] = gas.heating_rate
+        gas.u += dt * gas.kick_rate

@@ -32,6 +32,7 @@ class Effect(base.Effect):
     """
 
     name = "self_gravity"
+    shared = True
 
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.self_gravity is not None and state.grid is not None

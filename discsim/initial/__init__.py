@@ -95,6 +95,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         sound_speed=np.zeros(n),
         u=u,
         heating_rate=None if u is None else np.zeros(n),
+        kick_rate=None if u is None else np.zeros(n),
         kick_acc=np.zeros((n, dim)) if foreseen else None,
         immobile=given.get("immobile"),
     )

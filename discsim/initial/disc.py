@@ -82,16 +82,18 @@ def settle(state: State, effects: dict) -> None:
     gravity = _mean_gravity(state, effects)
     for name, particles in state.species.items():
         r = np.sqrt((particles.pos**2).sum(axis=1))
-        keplerian = np.sqrt(np.maximum(gravity(r) * r, 0.0))
+        # Where gravity points outwards nothing can turn in balance; a start at rest is as good as any.
+        keplerian = np.sqrt(np.maximum(gravity(r) * r, 1e-300))
         omega = keplerian / r
         headwind = np.zeros(len(r))
         if scene.gas is not None:
             headwind = 0.5 * profile.pressure_acceleration(scene, r) / omega  # eta v_K
-        radial, lag = np.zeros(len(r)), -headwind * (name == "gas")
-        if "drag" in effects:
+            headwind[keplerian <= 1e-100] = 0.0
+        radial, lag = np.zeros(len(r)), np.zeros(len(r))
+        if "drag" in effects and (name == "dust" or scene.drag.direction == "two-way"):
             radial, lag = _drift(state, effects["drag"], name, particles, r, omega, headwind)
         elif name == "gas":
-            # Without drag the balance is exact, not to first order in the headwind.
+            # Alone its balance is exact, not to first order in the headwind.
             lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
         direction = particles.pos / r[:, None]
         across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
@@ -102,8 +104,7 @@ def _drift(state, drag, name, particles: Any, r, omega, headwind) -> tuple[Array
     """Radial and azimuthal velocity relative to Keplerian of one species."""
     scene = state.scene
     density, sound = profile.surface_density(scene, r), profile.thermal_speed(scene, r)
-    two_way = scene.drag.direction == "two-way"
-    loads = [population.ratio if two_way else 0.0 for population in scene.dust]
+    loads = [p.ratio if scene.drag.direction == "two-way" else 0.0 for p in scene.dust]
     times = [drag.stopping_time(k, density, sound, omega, population.ratio) for k, population in enumerate(scene.dust)]
     if name == "dust":
         stokes = np.choose(particles.species, times) * omega
@@ -114,21 +115,24 @@ def _drift(state, drag, name, particles: Any, r, omega, headwind) -> tuple[Array
     radial, lag = np.zeros(len(r)), -headwind
     for load, time in zip(loads, times, strict=True):
         found = nsh.velocities(time * omega, total, headwind)
-        radial = radial + (load / total if total > 0.0 else 0.0) * found.gas_radial
-        lag = lag + (load / total if total > 0.0 else 0.0) * (found.gas_azimuthal + headwind)
+        radial = radial + load / total * found.gas_radial
+        lag = lag + load / total * (found.gas_azimuthal + headwind)
     return radial, lag
 
 
 def _mean_gravity(state: State, effects: dict):
-    """Inward acceleration by the star and self-gravity, averaged in azimuth, as a function of radius."""
-    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.species.values()])
+    """Inward acceleration by the star and self-gravity, averaged in azimuth, as a function of radius.
+
+    Taken at the limiting particles: one-way dust must not change the gas.
+    """
+    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting])
     inward = np.zeros(len(r))
     for name in ("star", "self_gravity"):
         if name in effects:
             for p in state.species.values():
                 p.acc[:] = 0.0
             effects[name].accelerate(state)
-            inward -= np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.species.values()]) / r
+            inward -= np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting]) / r
     star = state.scene.star
     smooth = star.mass * r / (r * r + star.softening**2) ** 1.5 if star else np.zeros(len(r))
     # The star's part is known; only the rest is averaged, over annuli of a grid cell and more.

@@ -73,7 +73,7 @@ def response(rate, dt, exponential):
         g = -f / rate - dt
         r = (x + f - 0.5 * f * f) / rate / rate
     else:
-        g = -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0)))
+        g = -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
         r = dt * dt * x * (1.0 / 3.0 - x * (0.25 - x * (7.0 / 60.0 - x / 24.0)))
     q = f * f / rate if rate > 0.0 else 0.0
     return f, g, -0.5 * f * (2.0 + f), q, r

@@ -45,7 +45,8 @@ def lay_grids(radius, classes, low, width, periodic):
         grids[k, REACH] = max(grids[k, REACH], radius[i])
     first = 0
     for k in range(count):
-        side = CELL_OVER_REACH * grids[k, REACH]
+        # A class may be empty where h jumps: then one cell that holds nobody.
+        side = CELL_OVER_REACH * grids[k, REACH] if members[k] > 0 else max(width[0], width[1])
         most = 16.0 * members[k] + 64.0
         # Few particles far apart: coarser cells rather than an array of empty ones.
         if (width[0] / side + 1.0) * (width[1] / side + 1.0) > most:

@@ -26,7 +26,7 @@ from discsim.kernels.smoothing import NORM, SUPPORT, shape
 
 # No 'nnan'/'ninf': a run that goes wrong must still be seen to.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-NEWTON_TOLERANCE = 1e-3  # of h, on the last step; the error left is its square
+NEWTON_TOLERANCE = 1e-3  # of h, on the last step before the final sums; the error left is its square
 NEWTON_ITERATIONS = 60
 
 
@@ -48,36 +48,36 @@ def density_sums(kernel, dim, x, y, h, cx, cy, cm):
 
 @njit(inline="always")
 def solve_h(kernel, dim, x, y, m, h, eta, h_most, reach, cx, cy, cm):
-    """(h, rho, Omega) of eq. (1) by Newton's method kept in a bracket.
+    """(h, rho, Omega) of eq. (1) by Newton's method kept in a bracket; the sums are those at the last h.
 
     (h wanted, -1, 1) where the candidates do not reach far enough.
     """
-    low, high = 0.0, h_most
+    h = min(h, h_most)
+    low, high = 0.0, np.inf
     rho, omega = -1.0, 1.0
+    near = False
     for _ in range(NEWTON_ITERATIONS):
         rho = -1.0
         if SUPPORT[kernel] * h > reach:
             break
         rho, drho = density_sums(kernel, dim, x, y, h, cx, cy, cm)
         wanted = m * (eta / h) ** dim
-        step = -(rho - wanted) / (drho + dim * wanted / h)
         omega = 1.0 + h / (dim * rho) * drho
-        if abs(step) <= NEWTON_TOLERANCE * h:
-            h += step
-            rho = m * (eta / h) ** dim
+        if near:
             break
         if rho > wanted:
             high = h
-        else:
-            low = h
-        if low >= h_most:  # a lone particle: h stays at its cap, as if fixed
+        elif h >= h_most:  # a lone particle: h stays at its cap, as if fixed
             omega = 1.0
             break
-        h = min(max(h + step, 0.7 * h), 1.5 * h)
-        if h >= high:
-            h = h_most if high >= h_most else 0.5 * (low + high)
-        elif h <= low:
-            h = 0.5 * (low + high)
+        else:
+            low = h
+        step = -(rho - wanted) / (drho + dim * wanted / h)
+        near = abs(step) <= NEWTON_TOLERANCE * h
+        new = min(h + min(max(step, -0.3 * h), 0.5 * h), h_most)
+        if not low < new < high and not near:
+            new = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
+        h = new
     return h, rho, omega
 
 
