@@ -57,8 +57,7 @@ class Run:
         self.times = self._factor("time", "yr") * np.array([snap.time for snap in snapshots])
         # Profiles by kind: (times, rings).
         self.profiles = {
-            kind: self.density
-            * np.array([snap.species[kind].radial_profile(self.edges) for snap in snapshots])
+            kind: self.density * np.array([snap.species[kind].radial_profile(self.edges) for snap in snapshots])
             for kind in self.kinds
         }
 
@@ -136,9 +135,7 @@ def radius_time_figure(run: Run) -> Figure:
         norm = LogNorm(*range_of_mass(sigma), clip=True)
         shown = np.maximum(sigma, norm.vmin)
         edges = run.length * run.edges
-        image = axes.pcolormesh(
-            edges, _between(run.times), shown, norm=norm, cmap=COLOURS[kind], rasterized=True
-        )
+        image = axes.pcolormesh(edges, _between(run.times), shown, norm=norm, cmap=COLOURS[kind], rasterized=True)
         axes.set(title=kind, xlabel=run.label("r", "au"), ylabel=run.label("t", "yr"))
         label = run.label(rf"$\langle\Sigma_\mathrm{{{kind}}}\rangle$", "g cm$^{-2}$")
         figure.colorbar(image, ax=axes, label=label, pad=0.02)
@@ -158,9 +155,7 @@ def write_csv(run: Run, path: Path) -> None:
     with path.open("w", newline="") as file:
         table = csv.writer(file)
         units = ("_yr", "_au", "_g_cm2") if run.physical else ("", "", "")
-        table.writerow(
-            [f"time{units[0]}", f"radius{units[1]}", *(f"sigma_{kind}{units[2]}" for kind in run.kinds)]
-        )
+        table.writerow([f"time{units[0]}", f"radius{units[1]}", *(f"sigma_{kind}{units[2]}" for kind in run.kinds)])
         for index, time in enumerate(run.times):
             for ring, radius in enumerate(run.radius):
                 sigmas = (f"{run.profiles[kind][index, ring]:.6g}" for kind in run.kinds)
@@ -178,9 +173,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("directories", metavar="DIR", nargs="+", type=Path, help="output directory of a run")
-    parser.add_argument(
-        "-o", "--output", metavar="OUT", type=Path, help="where to write; default: into each DIR"
-    )
+    parser.add_argument("-o", "--output", metavar="OUT", type=Path, help="where to write; default: into each DIR")
     parser.add_argument("--rings", type=int, default=80, help="rings of a radial profile (default 80)")
     options = parser.parse_args(arguments)
     if options.rings < 1:
@@ -195,9 +188,7 @@ def main(arguments: list[str] | None = None) -> int:
                 figure = draw(run)
                 FigureCanvasAgg(figure)
                 figure.savefig(into / f"{run.name}-{name}.png", dpi=130)
-            print(
-                f"{directory}: {len(run.times)} snapshots -> {into}/{run.name}-*.png, {run.name}-profiles.csv"
-            )
+            print(f"{directory}: {len(run.times)} snapshots -> {into}/{run.name}-*.png, {run.name}-profiles.csv")
     except (Fault, SnapshotError, OSError) as error:
         print(f"surface_density: {error}", file=sys.stderr)
         return 2

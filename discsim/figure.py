@@ -12,7 +12,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from discsim.exact import dustywave, riemann
 from discsim.scene import load_scene
 from discsim.snapshot import Snapshot, SnapshotParticles, range_of_mass, read_snapshot
 
@@ -164,6 +163,8 @@ def _exact(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
     kind = snap.tables.get("initial", {}).get("kind")
     if kind not in ("wave", "shock"):
         return {}
+    from discsim.exact import dustywave, riemann
+
     scene: Any = load_scene(snap.tables)
     eos, drag = scene.gas and scene.gas.eos.kind, scene.drag
     x = np.linspace(snap.lower[0], snap.upper[0], 1000)

@@ -49,7 +49,7 @@ class Grid:
                     f"space.size: {cells} square cells along the longest side leave {side / cell:g} along "
                     "another; a periodic box needs whole cells on each side"
                 )
-        origin = [-count * cell / 2 if _centred(scene) else 0.0 for count in counts]
+        origin = [-count * cell / 2 if scene.centred else 0.0 for count in counts]
         if len(counts) == 1:
             counts.append(1)
             origin.append(0.0)
@@ -119,9 +119,3 @@ def _cells_for(particles: int, dimensions: int) -> int:
     # About one particle a cell: the grid resolves what they resolve. A power of two, for the FFT.
     along_a_side = max(particles, 1) ** (1.0 / dimensions)
     return max(8, 2 ** round(np.log2(along_a_side)))
-
-
-def _centred(scene: Scene) -> bool:
-    if scene.initial is None:
-        return scene.space.boundary == "open"
-    return scene.initial.kind in ("disc", "shock")

@@ -5,6 +5,7 @@ Arrays carry a fletcher32 checksum; the format of HDF5 1.10 checksums all else (
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,13 +19,19 @@ _CHUNK = 1 << 16  # entries; a chunk is read and checked as a whole
 
 @contextmanager
 def create(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """A new file that appears at `path` only when complete; an exception leaves what was there before."""
+    """A new file that appears at `path` only when complete; an exception leaves what was there before.
+
+    Built in memory: HDF5 itself may crash where the disk is full, a plain write raises OSError.
+    """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    content = io.BytesIO()
+    with h5py.File(content, "w", libver=("v110", "v110")) as file:
+        yield file
     try:
-        with h5py.File(temporary, "w", libver=("v110", "v110")) as file:
-            yield file
-        with temporary.open("rb") as written:
+        with temporary.open("wb") as written:
+            written.write(content.getbuffer())
+            written.flush()
             os.fsync(written.fileno())  # else a power cut may leave the new name with no content
         os.replace(temporary, path)
     finally:

@@ -51,6 +51,13 @@ class Scene(BaseModel):
     path: Path | None = None
 
     @property
+    def centred(self) -> bool:
+        """Whether the origin is the middle of space, as for a disc and a shock, or its lower corner."""
+        if self.initial is None:
+            return self.space.boundary == "open"
+        return self.initial.kind in ("disc", "shock")
+
+    @property
     def effects(self) -> tuple[str, ...]:
         """The names of the effects that run, in the order of a step."""
         named = {name: getattr(self, name) for name in ("gas", "dust", "star", "self_gravity", "external", "drag")}

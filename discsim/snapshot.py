@@ -279,11 +279,7 @@ def _support(scene: Scene) -> float:
 def _box(scene: Scene, kinds: list[Particles]) -> tuple[Array, Array]:
     """Corners of the scene's box, widened to hold what has left it through an open boundary."""
     size = np.asarray(scene.space.size, dtype=float)
-    if scene.initial is None:
-        centred = scene.space.boundary == "open"
-    else:
-        centred = scene.initial.kind in ("disc", "shock")
-    lower = -size / 2 if centred else np.zeros_like(size)
+    lower = -size / 2 if scene.centred else np.zeros_like(size)
     upper = lower + size
     for particles in kinds:
         if particles.count:

@@ -56,12 +56,14 @@ SHEET = {
 def as_gas(pos, mass, density, rng):
     n, ones = len(pos), np.ones(len(pos))
     zero = np.zeros_like(pos)
-    return Gas(pos, zero, zero, mass * ones, rng.permutation(n), ones, density, ones, ones, ones)
+    state = {"h": ones, "density": density, "gradh": ones, "pressure": ones, "sound_speed": ones}
+    return Gas(pos=pos, vel=zero, acc=zero, mass=mass * ones, ids=rng.permutation(n), **state)
 
 
 def as_dust(pos, mass, rng):
     zero = np.zeros_like(pos)
-    return Dust(pos, zero, zero, mass * np.ones(len(pos)), rng.permutation(len(pos)), np.zeros(len(pos), int))
+    ids, species = rng.permutation(len(pos)), np.zeros(len(pos), int)
+    return Dust(pos=pos, vel=zero, acc=zero, mass=mass * np.ones(len(pos)), ids=ids, species=species)
 
 
 def disc_positions(n, rng, spiral=0.0):

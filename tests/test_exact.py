@@ -193,9 +193,7 @@ def test_maclaurin_against_quadrature(radius, height):
 
 def test_maclaurin_in_its_plane_and_far_away():
     inside = np.array([0.1, 0.5, 0.99, 1.0])
-    np.testing.assert_allclose(
-        maclaurin.radial_acceleration(inside, 1.0, 1.0), -0.75 * np.pi * inside, rtol=1e-12
-    )
+    np.testing.assert_allclose(maclaurin.radial_acceleration(inside, 1.0, 1.0), -0.75 * np.pi * inside, rtol=1e-12)
     # A point mass at 1000 disc radii, but for the quadrupole: (3/10) * 1e-6.
     assert maclaurin.radial_acceleration(1e3, 1.0, 1.0) == pytest.approx(-1e-6, rel=1e-6)
     assert maclaurin.potential(1e3, 1.0, 1.0) == pytest.approx(-1e-3, rel=1e-6)

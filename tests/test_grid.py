@@ -130,9 +130,7 @@ def test_periodic_gradient_is_of_fourth_order(axis):
         got = grid.gradient(field)
         errors.append(np.abs(got[:, :, axis] - (exact[:, None] if axis == 0 else exact)).max())
         assert np.abs(got[:, :, 1 - axis]).max() < 100 * ROUNDING
-    assert errors[0] / errors[1] == pytest.approx(
-        16, rel=0.05
-    )  # the next order is (k cell)^2 ~ .15 of a fifth
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.05)  # the next order is (k cell)^2 ~ .15 of a fifth
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 1), (3, 2), (4, 9)])
@@ -150,7 +148,8 @@ def test_an_open_grid_too_small_for_a_gradient():
 
 def scene(size, cells=None, boundary="open", kind="disc"):
     space = SimpleNamespace(size=size, cells=cells, boundary=boundary, dimensions=len(size))
-    return SimpleNamespace(space=space, initial=kind and SimpleNamespace(kind=kind))
+    centred = kind in ("disc", "shock") if kind else boundary == "open"
+    return SimpleNamespace(space=space, initial=kind and SimpleNamespace(kind=kind), centred=centred)
 
 
 def test_grid_of_a_disc_is_centred():

@@ -120,9 +120,7 @@ def test_scene_is_frozen():
 def test_text_of_a_dict_reads_as_the_same_scene(tmp_path):
     scene = load_scene(WAVE)
     again = load_scene(write(tmp_path, scene.text))
-    assert again.model_dump(exclude={"text", "path", "units"}) == scene.model_dump(
-        exclude={"text", "path", "units"}
-    )
+    assert again.model_dump(exclude={"text", "path", "units"}) == scene.model_dump(exclude={"text", "path", "units"})
 
 
 def test_dict_may_hold_quantities_and_numpy_numbers(tmp_path):
@@ -135,9 +133,7 @@ def test_dict_may_hold_quantities_and_numpy_numbers(tmp_path):
     assert "100.0 AU" in scene.text
 
 
-@pytest.mark.parametrize(
-    "kernel, eta", [("cubic", 1.2), ("quintic", 1.2), ("quintic-h", 3.6), ("wendland-c4", 1.3)]
-)
+@pytest.mark.parametrize("kernel, eta", [("cubic", 2.0), ("quintic", 2.0), ("quintic-h", 6.0), ("wendland-c4", 2.0)])
 def test_eta_follows_the_kernel(kernel, eta):
     assert load_scene(changed(WAVE, gas={"kernel": kernel})).gas.eta == eta
     assert load_scene(changed(WAVE, gas={"kernel": kernel, "eta": 1.7})).gas.eta == 1.7
@@ -404,9 +400,7 @@ def test_a_mistyped_table_is_one_fault(typo):
     if typo == "spce":  # the dimension is then unknown, as is the boundary
         scene["initial"] = {"kind": "wave"}
     (message,) = problems(scene)
-    assert message.startswith(f"scene: {typo}: unknown table") and message.endswith(
-        f'did you mean "{right}"?'
-    )
+    assert message.startswith(f"scene: {typo}: unknown table") and message.endswith(f'did you mean "{right}"?')
 
 
 def test_a_mistyped_key_is_one_fault():
@@ -438,9 +432,7 @@ def test_any_value_anywhere_gives_a_scene_or_a_scene_error(scene, data, junk):
 
 def test_disc_without_a_centre_and_grid_too_small_for_gravity(tmp_path):
     path = write(tmp_path, DISC)
-    assert_matches(
-        problems(path, without=["star", "self_gravity"]), f"{path}:11: initial.kind: nothing holds*"
-    )
+    assert_matches(problems(path, without=["star", "self_gravity"]), f"{path}:11: initial.kind: nothing holds*")
     assert_matches(problems(path, ["space.cells=4"]), "--set space.cells=4: space.cells: self-gravity*")
     small = problems(path, ["initial.toomre_q=2"], ["star"])
     assert_matches(small, "--set initial.toomre_q=2: initial.toomre_q: Q = c_s kappa*")
@@ -474,29 +466,21 @@ def documents(draw):
     lines = []
     for table in range(draw(st.integers(0, 4))):
         if table:
-            name = draw(st.sampled_from(["t", "t.u", "t . 'v'", "w"])) + draw(
-                st.sampled_from(["", f".n{table}"])
-            )
+            name = draw(st.sampled_from(["t", "t.u", "t . 'v'", "w"])) + draw(st.sampled_from(["", f".n{table}"]))
             many = draw(st.booleans())
             lines.append(
-                draw(BREAKS)
-                + (f"[[{name}]]" if many else f"[{name}]")
-                + draw(st.sampled_from(["", " # [x]"]))
+                draw(BREAKS) + (f"[[{name}]]" if many else f"[{name}]") + draw(st.sampled_from(["", " # [x]"]))
             )
         for key in draw(st.lists(KEYS, max_size=3, unique=True)):
             dotted = draw(st.sampled_from([key, f"{key} . d", f"{key}.d.e"]))
-            lines.append(
-                f"{draw(BREAKS)}{dotted} = {draw(values())}{draw(st.sampled_from(['', ' # x = 1']))}"
-            )
+            lines.append(f"{draw(BREAKS)}{dotted} = {draw(values())}{draw(st.sampled_from(['', ' # x = 1']))}")
     return "\n".join(lines) + draw(BREAKS)
 
 
 def paths(value, path=()):
     if path:
         yield path
-    entries = (
-        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    )
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, entry in entries:
         yield from paths(entry, (*path, key))
 

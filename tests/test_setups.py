@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene, tables
+from discsim.check import dust_masses, gas_mass
 from discsim.cli import app
 from discsim.drag import SCHEMES
 from discsim.effects import EFFECTS
@@ -92,6 +93,9 @@ def test_setup_steps(path):
         reduced = []  # small as they are, and with a fixed smoothing length
     sim = Simulation(load_scene(path, reduced))
     before = totals(sim)
+    # What `discsim check` says, but for the particle at the end of a tube.
+    expected = (gas_mass(sim.scene) if sim.gas is not None else 0.0) + sum(dust_masses(sim.scene))
+    assert before["mass"] == pytest.approx(expected, rel=2e-3 if sim.scene.initial.kind == "shock" else 1e-6)
     for _ in range(3):
         sim.step()
     after = totals(sim)

@@ -56,7 +56,8 @@ def make_gas(n, dimensions, rng, u=False):
 
 def make_dust(n, dimensions, rng):
     pos, vel, acc = rng.uniform(0.01, 0.99, (3, n, dimensions))
-    return Dust(pos, vel, acc, rng.uniform(1, 2, n), rng.permutation(n), rng.integers(0, 3, n))
+    mass, ids, species = rng.uniform(1, 2, n), rng.permutation(n), rng.integers(0, 3, n)
+    return Dust(pos=pos, vel=vel, acc=acc, mass=mass, ids=ids, species=species)
 
 
 @pytest.fixture
@@ -134,9 +135,7 @@ def test_quantities(disc):
     sigma = snap.quantity("gas.density").to_value("g/cm2")
     # 1 Msun/au^2 in g/cm2: 1.98841e33/1.495978707e13^2.
     np.testing.assert_allclose(sigma, snap.gas.density * 8.88497e6, rtol=1e-5)
-    assert snap.quantity("time").to_value("yr") == pytest.approx(
-        1.25 / (2 * np.pi), rel=1e-4
-    )  # astropy's own GM
+    assert snap.quantity("time").to_value("yr") == pytest.approx(1.25 / (2 * np.pi), rel=1e-4)  # astropy's own GM
     assert snap.dust.quantity("stopping_time").unit.is_equivalent(u.s)
     assert snap.dust.quantity("stokes").unit == u.dimensionless_unscaled
     c2 = (snap.quantity("gas.sound_speed") ** 2).to("m2/s2")

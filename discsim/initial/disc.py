@@ -103,7 +103,8 @@ def settle(state: State, effects: dict) -> None:
 def _drift(state, drag, name, particles: Any, r, omega, headwind) -> tuple[Array, Array]:
     """Radial and azimuthal velocity relative to Keplerian of one species."""
     scene = state.scene
-    density, sound = profile.surface_density(scene, r), profile.thermal_speed(scene, r)
+    density = profile.surface_density(scene, r)
+    sound = profile.sound_speed(scene, r, density)
     loads = [p.ratio if scene.drag.direction == "two-way" else 0.0 for p in scene.dust]
     times = [drag.stopping_time(k, density, sound, omega, population.ratio) for k, population in enumerate(scene.dust)]
     if name == "dust":
@@ -125,28 +126,21 @@ def _mean_gravity(state: State, effects: dict):
 
     Taken at the limiting particles: one-way dust must not change the gas.
     """
-    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting])
-    inward = np.zeros(len(r))
-    for name in ("star", "self_gravity"):
-        if name in effects:
-            for p in state.species.values():
-                p.acc[:] = 0.0
-            effects[name].accelerate(state)
-            inward -= np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting]) / r
     star = state.scene.star
-    smooth = star.mass * r / (r * r + star.softening**2) ** 1.5 if star else np.zeros(len(r))
-    # The star's part is known; only the rest is averaged, over annuli of a grid cell and more.
-    rest = inward - smooth
-    width = state.grid.cell if state.grid is not None else np.ptp(r)
-    edges = np.linspace(r.min(), r.max(), max(2, int(np.ptp(r) / width)) + 1)
+
+    def pull(radius: Array) -> Array:
+        return star.mass * radius / (radius**2 + star.softening**2) ** 1.5 if star else np.zeros(len(radius))
+
+    if "self_gravity" not in effects:
+        return pull
+    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting])
+    for p in state.species.values():
+        p.acc[:] = 0.0
+    effects["self_gravity"].accelerate(state)
+    inward = -np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting]) / r
+    edges = np.linspace(r.min(), r.max(), max(2, int(np.ptp(r) / state.grid.cell)) + 1)
     number, _ = np.histogram(r, edges)
-    total, _ = np.histogram(r, edges, weights=rest)
+    total, _ = np.histogram(r, edges, weights=inward)
     filled = number > 0
-    centre = 0.5 * (edges[1:] + edges[:-1])[filled]
-    mean = total[filled] / number[filled]
-
-    def gravity(radius: Array) -> Array:
-        own = star.mass * radius / (radius**2 + star.softening**2) ** 1.5 if star else 0.0
-        return own + np.interp(radius, centre, mean)
-
-    return gravity
+    centre, mean = 0.5 * (edges[1:] + edges[:-1])[filled], total[filled] / number[filled]
+    return lambda radius: pull(radius) + np.interp(radius, centre, mean)

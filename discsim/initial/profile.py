@@ -48,9 +48,19 @@ def scale(scene: Scene) -> float:
     r = radii(start)
     if start.mass is not None:
         return start.mass / float(cumulative(start, r)[-1])
-    with np.errstate(divide="ignore"):
-        q = thermal_speed(scene, r) * np.sqrt(scene.star.mass / r**3) / (np.pi * shape(start, r))
-    return float(q.min()) / start.toomre_q
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = sound_speed(scene, r, shape(start, r)) * np.sqrt(scene.star.mass / r**3) / (np.pi * shape(start, r))
+    eos: Any = scene.gas.eos
+    power = 0.5 * (3.0 - eos.gamma) if eos.kind == "polytropic" else 1.0  # Q ~ Sigma_ref^-power
+    return (float(np.nanmin(q)) / start.toomre_q) ** (1.0 / power)
+
+
+def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
+    """sqrt(dP/dSigma) of the gas at radius `r` and surface density `density`, isothermal but for a polytrope."""
+    eos: Any = scene.gas.eos
+    if eos.kind == "polytropic":
+        return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1.0))
+    return thermal_speed(scene, r)
 
 
 def surface_density(scene: Scene, r: Array) -> Array:
@@ -60,13 +70,11 @@ def surface_density(scene: Scene, r: Array) -> Array:
 def pressure_acceleration(scene: Scene, r: Array) -> Array:
     """-(1/Sigma) dP/dr of the gas at radius `r`, from the smooth profile: an edge without taper gives none."""
     start: Any = scene.initial
-    speed2 = thermal_speed(scene, r) ** 2
-    slope = start.surface_density_index + getattr(scene.gas.eos, "temperature_index", 0.0) * (
-        getattr(scene.gas.eos, "aspect_ratio", None) is not None
-    )
-    if scene.gas.eos.kind == "polytropic":
-        sigma = surface_density(scene, r)
-        speed2 = scene.gas.eos.constant * scene.gas.eos.gamma * sigma ** (scene.gas.eos.gamma - 1.0)
+    eos: Any = scene.gas.eos
+    speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2
+    slope = start.surface_density_index
+    if getattr(eos, "aspect_ratio", None) is not None:
+        slope += eos.temperature_index
     out = slope * speed2 / r
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:

@@ -106,8 +106,8 @@ def density_driver(kernel: int, dim: int, shear: bool):
 
     @njit(nogil=True, cache=True, fastmath=FAST)
     def density(
-        piece, last, pos, vel, mass, h, rho, gradh, div, curl, eta, h_most, fixed, filled, grids, order, start, bounds, low, width,
-        periodic,
+        piece, last, pos, vel, mass, h, rho, gradh, div, curl, eta, h_most, fixed,
+        filled, grids, order, start, bounds, low, width, periodic,
     ):  # fmt: skip
         for c in range(piece, last):
             cell = filled[c]
