@@ -30,7 +30,7 @@ LAWS = {
 }
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def stopping_time(law, value, mass_ratio, density, sound, omega):
     """Stopping time of the dust in a block.
 
@@ -48,7 +48,7 @@ def stopping_time(law, value, mass_ratio, density, sound, omega):
     return value / (sound * density)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def stopping_times(law, value, mass_ratio, density, sound, omega):
     """`stopping_time` for arrays of density, sound speed and Omega (n,)."""
     out = np.empty(len(density))
@@ -57,7 +57,7 @@ def stopping_times(law, value, mass_ratio, density, sound, omega):
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def response(rate, dt, exponential):
     """What dy/dt = b - rate y does beyond the free y + b dt: (f, g, p, q, r).
 
@@ -79,7 +79,7 @@ def response(rate, dt, exponential):
     return f, g, -0.5 * f * (2.0 + f), q, r
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     """Increments of two coupled velocities of weights w0, w1 beyond their free motion, and the energy lost."""
     f, g, p, q, r = response(rate, dt, exponential)
@@ -89,7 +89,7 @@ def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     return w1 / total * change, -w0 / total * change, w0 * w1 / total * (p * y * y + q * y * b + r * b * b)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def eigen(matrix):
     """Eigenvalues and orthonormal eigenvectors (columns) of a small symmetric matrix, which is overwritten.
 
@@ -125,7 +125,7 @@ def eigen(matrix):
     return rates, vectors
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def relax_many(weight, time, y, b, dt, exponential, change):
     """The same for gas (entry 0) and several populations (n, d): writes `change`, returns the energy lost.
 
@@ -169,12 +169,12 @@ def relax_many(weight, time, y, b, dt, exponential, change):
     return lost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def clip01(x):
     return min(max(x, 0.0), 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def solve_slope(inertia, moment, dim, out):
     """out (d, d) = inertia^-1 moment, or False where the particles lie too nearly on a point or a line."""
     if dim == 1:
@@ -192,7 +192,7 @@ def solve_slope(inertia, moment, dim, out):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def moments(xi, y, b, mass, inertia, moment, moment_source):
     """Second moments of one species about its centroid: of place with place, velocity and source, (d, d) each."""
     dim = xi.shape[1]
@@ -207,7 +207,7 @@ def moments(xi, y, b, mass, inertia, moment, moment_source):
             inertia[a, c], moment[a, c], moment_source[a, c] = ii, iy, ib
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pack(pos, vel, own, mass, members, corner, size, periodic, star, softening, xi, y, b, m):
     """Copy members of a block: place in it, velocity (relative to Kepler's about a star), source, mass."""
     dim = pos.shape[1]
@@ -225,14 +225,14 @@ def pack(pos, vel, own, mass, members, corner, size, periodic, star, softening, 
             y[k, 1] -= omega * pos[i, 0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def kepler(r2, star, softening):
     """Omega about a softened star at squared radius r2."""
     d2 = r2 + softening * softening
     return math.sqrt(star / (d2 * math.sqrt(d2)))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def centre(first, xi, y, b, m, mass, x, v, acc):
     """Mass, centroid, mean velocity and source of each species; the members keep what differs from them."""
     for s in range(len(mass)):
@@ -253,7 +253,7 @@ def centre(first, xi, y, b, m, mass, x, v, acc):
                 b[k, a] -= acc[s, a]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fit_slopes(first, xi, y, b, m, two_way, inertia, slope, source, pooled, pooled_source):
     """Slopes of velocity and source: pooled within species (of the gas alone for one-way drag), and each species' own.
 
@@ -293,7 +293,7 @@ def fit_slopes(first, xi, y, b, m, two_way, inertia, slope, source, pooled, pool
                 source[s, a, c] = fade * source[s, a, c] + (1.0 - fade) * pooled_source[a, c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
     """Relax two slopes (d, d) such that I_0 G_0 + I_1 G_1 stays: angular momentum within the block is kept.
 
@@ -324,7 +324,7 @@ def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
     return lost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def follow_gas(time, y, by, slope, source, dt, exponential, dv, dslope):
     """One-way: every population towards the gas's mean and slope, which stay what they are."""
     for s in range(1, len(time)):
@@ -336,7 +336,7 @@ def follow_gas(time, y, by, slope, source, dt, exponential, dv, dslope):
                 dslope[s, a, c] = f * change + g * change_source
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def exchange(mass, time, y, by, inertia, slope, source, dt, exponential, dv, dslope):
     """Two-way: means and slopes of gas and of the populations present relax together; the energy lost."""
     dim = y.shape[1]
@@ -386,7 +386,7 @@ def exchange(mass, time, y, by, inertia, slope, source, dt, exponential, dv, dsl
     return lost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def apply(members, y, b, m, xi, slope, source, dv, dslope, rate, dt, exponential, vel, acc):
     """Free kick, the change of the species' line, and what is left of each particle, eq. (2); the energy lost."""
     f, g, p, q, r = response(rate, dt, exponential)
@@ -405,14 +405,14 @@ def apply(members, y, b, m, xi, slope, source, dv, dslope, rate, dt, exponential
     return lost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def free_kick(members, vel, acc, dt):
     for i in members:
         for a in range(vel.shape[1]):
             vel[i, a] += dt * acc[i, a]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def relax_block(
     gas_members, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
     dust_members, dpos, dvel, dacc, down, dmass, dtime,
@@ -486,7 +486,7 @@ def relax_block(
             heat[i] = lost / mass[0]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_blocks(
     block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
     dpos, dvel, dacc, down, dmass, dorder, dstart, dtime,

@@ -22,7 +22,7 @@ MAX_CLASSES = 24
 CELL_OVER_REACH = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def size_classes(radius):
     """Class of each support radius, in factors of two above the smallest."""
     smallest = radius.min()
@@ -33,7 +33,7 @@ def size_classes(radius):
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def lay_grids(radius, classes, low, width, periodic):
     """The table of grids over the box [low, low + width], with at most some cells a particle."""
     count = classes.max() + 1
@@ -61,7 +61,7 @@ def lay_grids(radius, classes, low, width, periodic):
     return grids, first
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def cell_keys(first, last, pos, classes, grids, low, out):
     """Write the cell of each particle to `out` (n,)."""
     dim = pos.shape[1]
@@ -74,7 +74,7 @@ def cell_keys(first, last, pos, classes, grids, low, out):
         out[i] = int(g[FIRST]) + ix * int(g[NY]) + iy
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def bounds_of(first, last, pos, radius, order, start, out):
     """Write tight box and largest support radius of the particles in each cell: (x0, x1, y0, y1, R)."""
     dim = pos.shape[1]
@@ -116,7 +116,7 @@ def gap(a0, a1, b0, b1):
     return max(0.0, max(b0 - a1, a0 - b1))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_candidates(cell, reach, mutual, pos, radius, grids, order, start, bounds, low, width, periodic):
     """Particles that may lie within `reach` of a particle of `cell`: (index, shift_x, shift_y).
 

@@ -25,6 +25,7 @@ from discsim.kernels.neighbours import find_candidates
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
 
 # No 'nnan'/'ninf': a run that goes wrong must still be seen to.
+# Drivers take error_model="numpy": with Python's, a division may raise, and no loop with one is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 NEWTON_TOLERANCE = 1e-3  # of h, on the last step before the final sums; the error left is its square
 NEWTON_ITERATIONS = 60
@@ -104,7 +105,7 @@ def density_driver(kernel: int, dim: int, shear: bool):
     """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|."""
     support = SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, fastmath=FAST)
+    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
     def density(
         piece, last, pos, vel, mass, h, rho, gradh, div, curl, eta, h_most, fixed,
         filled, grids, order, start, bounds, low, width, periodic,
@@ -159,49 +160,49 @@ def density_driver(kernel: int, dim: int, shear: bool):
 
 
 # Columns of the packed candidates that eqs. (3-5) read.
-X, Y, MASS, INV_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(12)
+X, Y, MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(13)
 
 
 @njit(inline="always")
 def force_sums(
     kernel, dim, viscous, energetic, conductive, x, y, vx, vy, h, press, inv_rho_i, c_i, f_i, u_i, p_i, alpha,
-    beta, alpha_u, pack
+    beta, alpha_u, rows
 ):  # fmt: skip
     """Sums of one particle: acceleration, du/dt and divergence."""
     sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
     inv_h = 1.0 / h
     gi = sigma * inv_h ** (dim + 1)
     ax, ay, rate, div = 0.0, 0.0, 0.0, 0.0
-    for k in range(pack.shape[1]):
-        dx, dy = x - pack[X, k], y - pack[Y, k]
+    for k in range(len(rows[X])):
+        dx, dy = x - rows[X][k], y - rows[Y][k]
         r2 = dx * dx + dy * dy
         inv_r = 1.0 / math.sqrt(r2 + 1e-300)
         r = r2 * inv_r
         _, dwi = shape(kernel, dim, min(r * inv_h, support))
-        inv_hj = pack[INV_H, k]
+        inv_hj = rows[INV_H][k]
         _, dwj = shape(kernel, dim, min(r * inv_hj, support))
         dwi *= gi
-        dwj *= sigma * inv_hj ** (dim + 1)
-        m = pack[MASS, k]
-        force = press * dwi + pack[PRESS, k] * dwj
+        dwj *= rows[NORM_H][k]
+        m = rows[MASS][k]
+        force = press * dwi + rows[PRESS][k] * dwj
         if viscous or energetic:
-            w = ((vx - pack[VX, k]) * dx + (vy - pack[VY, k]) * dy) * inv_r
+            w = ((vx - rows[VX][k]) * dx + (vy - rows[VY][k]) * dy) * inv_r
             div += m * w * dwi
             heat = press * dwi * w
             if viscous:
                 mu = min(w, 0.0)
                 mean = 0.5 * (dwi + dwj)
-                inv_rho = 0.5 * (inv_rho_i + pack[INV_RHO, k])
-                switch = 0.5 * (f_i + pack[SWITCH, k])
-                c = 0.5 * (c_i + pack[SOUND, k])
+                inv_rho = 0.5 * (inv_rho_i + rows[INV_RHO][k])
+                switch = 0.5 * (f_i + rows[SWITCH][k])
+                c = 0.5 * (c_i + rows[SOUND][k])
                 pi = switch * (beta * mu - alpha * c) * mu * inv_rho  # eq. (5)
                 force += pi * mean
                 heat += 0.5 * pi * mu * mean
             if conductive:
                 mean = 0.5 * (dwi + dwj)
-                inv_rho = 0.5 * (inv_rho_i + pack[INV_RHO, k])
-                signal = math.sqrt(abs(p_i - pack[P, k]) * inv_rho)
-                heat += alpha_u * signal * (u_i - pack[ENERGY, k]) * inv_rho * mean
+                inv_rho = 0.5 * (inv_rho_i + rows[INV_RHO][k])
+                signal = math.sqrt(abs(p_i - rows[P][k]) * inv_rho)
+                heat += alpha_u * signal * (u_i - rows[ENERGY][k]) * inv_rho * mean
             if energetic:
                 rate += m * heat
         ax -= m * force * dx * inv_r
@@ -215,9 +216,10 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence.
     """
-    columns = P + 1 if conductive else (SWITCH + 1 if viscous else (VY + 1 if energetic else PRESS + 1))
 
-    @njit(nogil=True, cache=True, fastmath=FAST)
+    sigma = NORM[dim - 1][kernel]
+
+    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
     def forces(
         piece, last, pos, vel, mass, h, radius, rho, gradh, pressure, sound, switch, u, acc, rate, div, alpha,
         beta, alpha_u,
@@ -230,7 +232,12 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
             index, shift = find_candidates(
                 cell, bounds[cell, 4], True, pos, radius, grids, order, start, bounds, low, width, periodic
             )
-            pack = np.zeros((columns, len(index)))
+            pack = np.zeros((P + 1, len(index)))
+            # Rows by themselves: loops over a row of a matrix are not vectorised.
+            rows = (
+                pack[0], pack[1], pack[2], pack[3], pack[4], pack[5],
+                pack[6], pack[7], pack[8], pack[9], pack[10], pack[11], pack[12],
+            )  # fmt: skip
             for k in range(len(index)):
                 j = index[k]
                 pack[X, k] = pos[j, 0] + (shift[k, 0] - ox)
@@ -238,6 +245,7 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
                     pack[Y, k] = pos[j, 1] + (shift[k, 1] - oy)
                 pack[MASS, k] = mass[j]
                 pack[INV_H, k] = 1.0 / h[j]
+                pack[NORM_H, k] = sigma / h[j] ** (dim + 1)
                 pack[PRESS, k] = pressure[j] / (gradh[j] * rho[j] * rho[j])
                 if viscous or energetic:
                     pack[VX, k] = vel[j, 0]
@@ -259,7 +267,7 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
                     kernel, dim, viscous, energetic, conductive, pos[i, 0] - ox, y, vel[i, 0], vy, h[i],
                     pressure[i] / (gradh[i] * rho[i] * rho[i]),
                     1.0 / rho[i], sound[i], switch[i] if len(switch) > 0 else 1.0, u[i] if conductive else 0.0,
-                    pressure[i], alpha, beta, alpha_u, pack,
+                    pressure[i], alpha, beta, alpha_u, rows,
                 )  # fmt: skip
                 acc[i, 0] += ax
                 if dim == 2:

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def attract(begin, end, pos, acc, mass, softening):
     """acc -= G M r / (r^2 + s^2)^(3/2), arrays (n, 2)."""
     for i in range(begin, end):
@@ -17,7 +17,7 @@ def attract(begin, end, pos, acc, mass, softening):
         acc[i, 1] -= f * y
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def nearest(pos):
     """Least squared distance of positions (n, 2) from the origin, inf where there are none."""
     least = np.inf
