@@ -38,9 +38,18 @@ class Particles:
         return {name: array for name, array in named.items() if array is not None}
 
     def take(self, index: Array) -> None:
-        """Keep the particles `index` (order or mask), in that order, in every array."""
+        """Keep the particles `index` (whole numbers), in that order, in every array."""
         for name, array in self.arrays().items():
-            setattr(self, name, array[index])
+            setattr(self, name, array.take(index, axis=0))
+
+    def remove(self, gone: Array) -> None:
+        """Drop the particles of the mask `gone` (n,); the last ones take their places, so that little is moved."""
+        left = self.count - int(gone.sum())
+        holes = np.flatnonzero(gone[:left])
+        tail = left + np.flatnonzero(~gone[left:])
+        for name, array in self.arrays().items():
+            array[holes] = array[tail]
+            setattr(self, name, array[:left])
 
     def copy(self) -> Self:
         return type(self)(**{name: array.copy() for name, array in self.arrays().items()})

@@ -223,6 +223,9 @@ class Disc(Table):
     surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
     inner_taper: Length = Field(0.0, ge=0, description="width of the inner taper")
     outer_taper: Length = Field(0.0, ge=0, description="width of the outer taper")
+    perturbation: Number = Field(
+        0.0, ge=0, lt=0.2, description="amplitude in Sigma of each of the azimuthal modes 2 to 6, of random phases"
+    )
 
 
 class Box(Table):
@@ -331,7 +334,6 @@ class Gas(Table):
         Number, Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c4 1.7; in 1D 2, quintic-h 6")
     ] = Field(gt=0, description="h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
-    placement: Literal["even", "random"] = Field("even", description="of the particles of a disc at the start")
     eos: Annotated[Isothermal | LocallyIsothermal | Adiabatic | Polytropic, Field(discriminator="kind")] = Field(
         description="equation of state"
     )

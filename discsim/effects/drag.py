@@ -59,7 +59,11 @@ class Effect(base.Effect):
     def lattice(self, state: State) -> tuple[np.ndarray, float, int, int]:
         """Origin, side of a leaf and number of leaves; leaves are whole grid cells in two dimensions."""
         grid, gas = state.grid, state.gas
-        wanted = self.drag.cell_length or self.drag.cell * float(gas.h.min())
+        wanted = self.drag.cell_length
+        if wanted is None:
+            # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
+            fewest = self.least[0] ** (1.0 / self.dim) / self.scene.gas.eta
+            wanted = float(gas.h.min()) * (max(self.drag.cell, fewest) if self.dim == 2 else self.drag.cell)
         periodic = grid.periodic
         extent = np.array(grid.shape) * grid.cell
         if self.dim == 2:

@@ -42,7 +42,7 @@ class Effect(base.Effect):
         ledger.accreted_momentum += (mass[:, None] * vel).sum(axis=0)
         spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])
         ledger.accreted_angular_momentum += float(spin.sum())
-        particles.take(~inside)
+        particles.remove(inside)
 
     def potential_energy(self, state: State) -> float:
         total = 0.0

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from discsim.exact import nsh
-from discsim.initial import profile, random_stream
+from discsim.initial import SPECIES, profile, random_stream
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -26,8 +27,7 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
     out = {}
     if scene.gas is not None:
         stream = random_stream(scene, "gas")
-        gas = scene.gas
-        out["gas"] = _species(scene, stream, gas.particles, start.inner, start.outer, 1.0, gas.placement)
+        out["gas"] = _species(scene, stream, scene.gas.particles, start.inner, start.outer, 1.0, "even")
     if scene.dust is not None:
         stream = random_stream(scene, "dust")
         parts = []
@@ -47,6 +47,8 @@ def _species(scene, stream, count, inner, outer, ratio, placement) -> dict[str, 
         angle = 2.0 * np.pi * stream.random(count)
     else:
         radius, angle = rings(r, mass / mass[-1] * count, stream)
+    if scene.initial.perturbation > 0.0:
+        angle = perturbed(scene, radius, angle)
     pos = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return {
         "pos": pos,
@@ -74,6 +76,22 @@ def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, 
     place = np.arange(count) - np.repeat(edges[:-1], held)
     angle = 2.0 * np.pi * (place + np.repeat(phase, held)) / np.repeat(held, held)
     return np.repeat(radius, held), angle
+
+
+def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
+    """Angles (n,) moved so that their density is 1 + A sum_m cos(m phi + phase_m(r)) to first order, m = 2 to 6.
+
+    The seeds of spiral arms, leading and trailing: phases are random, ten from edge to edge and smooth
+    between. On quiet rings nothing else breaks the symmetry. Gas and dust share them.
+    """
+    start: Any = scene.initial
+    stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
+    nodes = np.linspace(start.inner, start.outer, 10)
+    moved = angle.copy()
+    for m in range(2, 7):
+        phase = make_interp_spline(nodes, 2.0 * np.pi * stream.random(len(nodes)), k=3)(radius)
+        moved -= start.perturbation / m * np.sin(m * angle + phase)
+    return moved
 
 
 def settle(state: State, effects: dict) -> None:

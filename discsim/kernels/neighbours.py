@@ -19,7 +19,7 @@ FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
 MAX_CLASSES = 24
 
 # Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
-CELL_OVER_REACH = 1.0
+CELL_OVER_REACH = 1.4
 
 
 @njit(cache=True, error_model="numpy")
