@@ -215,7 +215,7 @@ def test_toomre_q_is_the_least_of_the_disc(tmp_path):
 
 
 WARNINGS = [
-    ([], "h/H = 0.57 at 10 au, above 0.5: raise gas.particles to about 1.3e+05"),
+    ([], "h/H = 0.64 at 10 au, above 0.5: raise gas.particles to about 1.6e+05"),
     (["space.cells=128"], "self_gravity.softening = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
     ([], "self_gravity.softening = 1 au is 2 H at 10 au, above 1: lower it to 0.5 au"),
     (["dust.grain_size=1 m"], "dust: St = 47.9 at 100 au, above 10"),

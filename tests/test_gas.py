@@ -157,6 +157,7 @@ def disc(n=5000, until=6.0, accretion=0.0, **start):
     gas = {
         "particles": n,
         "kernel": "wendland-c4",
+        "eta": 1.3,
         "viscosity": {},
         "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1, "temperature_index": 0.5},
     }
