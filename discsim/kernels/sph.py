@@ -27,7 +27,7 @@ from discsim.kernels.smoothing import NORM, SUPPORT, shape
 # No 'nnan'/'ninf': a run that goes wrong must still be seen to.
 # Drivers take error_model="numpy": with Python's, a division may raise, and no loop with one is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-NEWTON_TOLERANCE = 2e-3  # of h, on the last step before the final sums; the error left is its square
+NEWTON_TOLERANCE = 1e-3  # of h, on the last step before the final sums; the error left is its square
 NEWTON_ITERATIONS = 60
 
 
