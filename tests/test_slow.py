@@ -47,5 +47,5 @@ def test_disc_keeps_its_mass_and_angular_momentum():
     assert ledger.accreted_gas > 0.0
     assert left + ledger.accreted_gas + ledger.accreted_dust == pytest.approx(mass, rel=1e-12)
     # Star and self-gravity are central or antisymmetric but for the grid, pressure exactly so; drag cells lose what
-    # their centroids' offsets carry. Seen: about 1e-5 of the total.
-    assert turning + ledger.accreted_angular_momentum == pytest.approx(spin, rel=1e-3)
+    # their centroids' offsets carry. Seen: 4e-7 of the total.
+    assert turning + ledger.accreted_angular_momentum == pytest.approx(spin, rel=1e-5)
