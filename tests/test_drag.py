@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 
 from discsim.exact import dustybox
-from discsim.kernels.blocks import merge
+from discsim.kernels.blocks import IGNORE, INSIDE, NEAR, merge
 from discsim.kernels.drag import relax_many, relax_pair, response
 
 DT = 0.7
@@ -158,8 +158,8 @@ def test_pair_is_dustybox_in_every_frame(ratio, stiff, v, u, a, c, boost):
 # Blocks of drag cells
 
 
-def merged(gas, dust, size=2.0, length=0.0, least=(8, 8), soft=2.0, hard=4.0, two_way=True, h=1.0, nx=32, ny=32):
-    return merge(gas.ravel(), dust.ravel(), h * gas.ravel(), nx, ny, 1.0, size, length, *least, soft, hard, two_way)
+def merged(gas, dust, size=2.0, length=0.0, least=(8, 8), soft=2.0, hard=4.0, dust_wanted=INSIDE, h=1.0, nx=32, ny=32):
+    return merge(gas.ravel(), dust.ravel(), h * gas.ravel(), nx, ny, 1.0, size, length, *least, soft, hard, dust_wanted)
 
 
 def sides(number, ny=32):
@@ -178,12 +178,12 @@ def test_blocks_are_nested_squares_of_the_wanted_side():
     gas[:16, :16] *= 5
     dust[:16, :16] = 0
     dust[3, 3] = 9
-    number, count, first, enlarged = merged(gas, dust)
-    assert number.max() + 1 == count == len(first) == len(enlarged)
+    number, first, level, enlarged = merged(gas, dust)
+    assert number.max() + 1 == len(level) == len(first) == len(enlarged)
     assert (number[(gas + dust).ravel() > 0] >= 0).all()
     for block, (width, height, leaves, ix, iy) in sides(number).items():
         assert width == height and leaves == width * height
-        assert width & (width - 1) == 0 and ix % width == 0 and iy % width == 0
+        assert width == 2 ** level[block] and ix % width == 0 and iy % width == 0
         assert (first[block] == (ix, iy)).all()
         assert width >= 2  # 2 mean h of 1
         held = number == block
@@ -195,8 +195,8 @@ def test_blocks_are_nested_squares_of_the_wanted_side():
 
 def test_blocks_stay_small_where_particles_are_many():
     gas = dust = np.full((32, 32), 10)
-    number, count, _, enlarged = merged(gas, dust)
-    assert count == 256 and not enlarged.any()
+    number, _, level, enlarged = merged(gas, dust)
+    assert len(level) == 256 and not enlarged.any()
     assert {side[:2] for side in sides(number).values()} == {(2, 2)}
 
 
@@ -209,3 +209,14 @@ def test_dust_far_from_gas_stays_uncoupled():
     lonely = number.reshape(32, 32)[30, 30]
     assert lonely >= 0 and gas.ravel()[number == lonely].sum() == 0
     assert {width for width, *_ in sides(number).values()} >= {2}
+
+
+def test_dust_nearby_will_do():
+    """Blocks that want dust near them stay small where their parent has some, and grow where it has none."""
+    gas, dust = np.full((32, 32), 3), np.zeros((32, 32), int)
+    dust[0, 0] = 1
+    number, _, level, _ = merged(gas, dust, size=1.0, least=(1, 0), dust_wanted=NEAR, hard=2.0)
+    blocks = level[number].reshape(32, 32)
+    assert (blocks[:2, :2] == 0).all() and (blocks[4:, 4:] == 1).all()
+    _, _, level, _ = merged(gas, dust, size=1.0, least=(1, 0), dust_wanted=IGNORE)
+    assert (level == 0).all()

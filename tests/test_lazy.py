@@ -28,11 +28,13 @@ DUST = {"discsim.effects.dust"}
 DRAG = {
     "discsim.effects.drag",
     "discsim.drag",
-    "discsim.drag.idic_linear",
+    "discsim.drag.cells",
+    "discsim.drag.tsc",
     "discsim.kernels.drag",
+    "discsim.kernels.nodes",
     "discsim.kernels.blocks",
 }
-OTHER_SCHEME = {"discsim.drag.idic"}
+OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}
 GAS = {"discsim.effects.gas", "discsim.sph", "discsim.kernels.sph", "discsim.kernels.neighbours"}
 SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}

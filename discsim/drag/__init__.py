@@ -1,4 +1,9 @@
-"""Drag schemes, one a file: each says what a cell does with the velocities in it, and whether the cells move."""
+"""Drag schemes, one a file, with one signature: `relax(drag, state, dt, gas_vel, heat)`.
+
+It kicks gas and dust over dt, accelerations and drag together: dust in place, the gas in `gas_vel` (n, d), a copy
+for one-way drag. It writes `drag.stopping_times` of the dust and `drag.uncoupled`, and if `heat` has entries the
+heat per mass of each gas particle.
+"""
 
 # Name in the scene -> module.
-SCHEMES = {"idic": "discsim.drag.idic", "idic-linear": "discsim.drag.idic_linear"}
+SCHEMES = {"idic": "discsim.drag.idic", "idic-linear": "discsim.drag.idic_linear", "tsc": "discsim.drag.tsc"}

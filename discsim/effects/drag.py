@@ -1,8 +1,7 @@
 """Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved in cells.
 
 Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is
-right at any step. Cells are blocks of grid cells (`kernels/blocks.py`), schemes are in `discsim/drag`, laws in
-`kernels/drag.py`. It limits no step.
+right at any step. Schemes are in `discsim/drag`, laws in `kernels/drag.py`. It limits no step.
 """
 
 from importlib import import_module
@@ -12,19 +11,11 @@ import numpy as np
 from discsim.drag import SCHEMES
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
-from discsim.kernels.blocks import LEVELS, leaf_counts, leaf_keys, merge
-from discsim.kernels.drag import LAWS, relax_blocks, stopping_times
-from discsim.kernels.grid import counting_sort
+from discsim.kernels.drag import LAWS, stopping_times
 from discsim.kernels.move import add_scaled
-from discsim.state import State
+from discsim.state import Dust, State
 from discsim.threads import share
 from discsim.units import epstein_stopping_time
-
-NONE = np.empty(0)
-
-# Steps of the cells' origin, in fractions of the largest block: n a 2^k mod 1 is well spread for k = 0..5 (for
-# n <= 60, n |n a 2^k - nearest whole number| >= .17; found by search).
-SHIFT_STEP = np.array([0.70493075, 0.64794019])
 
 
 class Effect(base.Effect):
@@ -37,13 +28,13 @@ class Effect(base.Effect):
         self.scheme = import_module(SCHEMES[self.drag.scheme])
         self.exponential = self.drag.integration == "exponential"
         self.values = np.array([self._law_value(population) for population in scene.dust])
-        loaded = sum(population.ratio for population in scene.dust) > 0.1
-        # Fewer than these and a cell grows: shot noise in the loading matters at dust-to-gas ratios near one.
-        self.least = (4, 4) if self.dim == 1 else (8, 30 if loaded and self.two_way else 8)
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
         self.soft, self.hard = (2.0, 8.0) if self.dim == 1 else (2.0, 4.0)
+        self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
+        self.size = np.ones(2)
+        self.size[: self.dim] = scene.space.size
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
-        self.stopping_times = NONE
+        self.stopping_times = np.empty(0)
 
     def _law_value(self, population) -> float:
         if self.drag.law == "epstein":
@@ -56,63 +47,10 @@ class Effect(base.Effect):
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
         return stopping_times(LAWS[self.drag.law], self.values[population], ratio, density, sound, omega)
 
-    def lattice(self, state: State) -> tuple[np.ndarray, float, int, int]:
-        """Origin, side of a leaf and number of leaves; leaves are whole grid cells in two dimensions."""
-        grid, gas = state.grid, state.gas
-        wanted = self.drag.cell_length
-        if wanted is None:
-            # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
-            fewest = self.least[0] ** (1.0 / self.dim) / self.scene.gas.eta
-            wanted = float(gas.h.min()) * (max(self.drag.cell, fewest) if self.dim == 2 else self.drag.cell)
-        periodic = grid.periodic
-        extent = np.array(grid.shape) * grid.cell
-        if self.dim == 2:
-            whole = max(1, int(np.ceil(wanted / grid.cell - 1e-9)))
-            while periodic and whole < max(grid.shape) and any(n % whole for n in grid.shape):
-                whole += 1
-            leaf = whole * grid.cell
-            nx, ny = (-(-n // whole) for n in grid.shape)
-        elif periodic:
-            nx, ny = max(1, int(extent[0] / wanted + 1e-9)), 1
-            leaf = extent[0] / nx
-        else:
-            leaf = max(wanted, extent[0] / (4.0 * gas.count))
-            nx, ny = int(np.ceil(extent[0] / leaf)), 1
-        if not periodic:  # room for the shift
-            nx, ny = nx + 2**LEVELS, (ny + 2**LEVELS if self.dim == 2 else 1)
-        return np.array(grid.origin), leaf, nx, ny
-
-    def blocks(self, state: State):
-        """Sort gas and dust into blocks: (gas order, start, dust order, start, corners)."""
-        gas, dust, drag = state.gas, state.dust, self.drag
-        origin, leaf, nx, ny = self.lattice(state)
-        shift = np.zeros(2)
-        if self.scheme.SHIFTED:
-            shift[: self.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: self.dim]
-        periodic = state.grid.periodic
-        gas_key, dust_key = np.empty(gas.count, np.int64), np.empty(dust.count, np.int64)
-        for particles, key in ((gas, gas_key), (dust, dust_key)):
-            share(leaf_keys, len(key), particles.pos, origin, shift, 1.0 / leaf, nx, ny, periodic, key)
-        n_gas, h_sum = leaf_counts(gas_key, gas.h, nx * ny)
-        n_dust, _ = leaf_counts(dust_key, NONE, nx * ny)
-        # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
-        length = leaf if drag.cell_length else 0.0
-        number, count, first, enlarged = merge(
-            n_gas, n_dust, h_sum, nx, ny, leaf, drag.cell or 0.0, length, *self.least,
-            self.soft, self.hard, self.two_way,
-        )  # fmt: skip
-        # What lies outside the lattice meets nobody: a block of its own for each species.
-        gas_order, gas_start = counting_sort(np.append(number, count)[gas_key], count + 2)
-        population = len(self.values)
-        dust_block = np.append(number, count + 1)[dust_key]
-        dust_order, dust_start = counting_sort(dust_block * population + dust.species, (count + 2) * population)
-        corners = np.zeros((count + 2, 2))
-        corners[:count] = origin + (first - shift) * leaf
-        alone = np.diff(gas_start)[dust_block] == 0
-        alone |= np.append(enlarged, [True, True])[dust_block]
+    def count_uncoupled(self, dust: Dust, order: np.ndarray, alone: np.ndarray) -> None:
+        """Note the share of the dust mass that is `alone` (n,), a mask in the order `order` (n,)."""
         mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
-        self.uncoupled = float(mass[alone].sum() / mass.sum())
-        return gas_order, gas_start, dust_order, dust_start, corners
+        self.uncoupled = float(mass[order[alone]].sum() / mass.sum())
 
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way
@@ -147,21 +85,10 @@ class Effect(base.Effect):
         return self.stopping_times
 
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
-        gas, dust, star = state.gas, state.dust, state.scene.star
-        gas_order, gas_start, dust_order, dust_start, corners = self.blocks(state)
+        dust = state.dust
         if len(self.stopping_times) != dust.count:
             self.stopping_times = np.empty(dust.count)
-        size = np.ones(2)
-        size[: self.dim] = state.scene.space.size
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
-        share(
-            relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
-            gas.sound_speed,
-            gas_order, gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"], dust.mass,
-            dust_order, dust_start, self.stopping_times, self.scheme.LINEAR, self.two_way,
-            LAWS[self.drag.law], self.values, dt, self.exponential,
-            star.mass if star else 0.0, star.softening if star else 0.0, corners, size,
-            state.grid.periodic, heat, least=64,
-        )  # fmt: skip
+        self.scheme.relax(self, state, dt, gas_vel, heat)
         if resting is not None:
             dust.vel[dust.immobile] = resting

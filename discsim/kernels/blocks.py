@@ -5,7 +5,9 @@ more
 
     while its side is below the wanted one (a number of mean smoothing lengths of its gas, or a length), SMALL;
     while it holds fewer particles than asked for, but both species, FEW, up to `soft` times the wanted side;
-    while it lacks a species, LACKING, up to `hard` times the wanted side.
+    while it lacks gas, LACKING, up to `hard` times the wanted side;
+    while it lacks dust, if it is to have both: LACKING too, or, if dust next to it will do, LONELY until its parent
+    has some.
 
 If any of its children waits, all particles of a parent make one block; where the parent would be larger than
 its limit, the children stay as they are, and dust without gas stays uncoupled (and is reported).
@@ -15,7 +17,8 @@ import numpy as np
 from numba import njit
 
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
-DONE, SMALL, FEW, LACKING = range(4)
+DONE, LONELY, SMALL, FEW, LACKING = range(5)
+IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 
 
 @njit(nogil=True, cache=True)
@@ -44,9 +47,9 @@ def leaf_counts(key, weight, count):
 
 
 @njit(cache=True)
-def _status(gas, dust, h_sum, side, size, length, least_gas, least_dust, two_way):
+def _status(gas, dust, h_sum, side, size, length, least_gas, least_dust, dust_wanted):
     """What a block still waits for."""
-    if gas + dust == 0 or (dust == 0 and not two_way):
+    if gas + dust == 0:
         return DONE
     if gas == 0:
         return LACKING
@@ -54,13 +57,13 @@ def _status(gas, dust, h_sum, side, size, length, least_gas, least_dust, two_way
     if side < wanted * (1.0 - 1e-9):
         return SMALL
     if dust == 0:
-        return LACKING
+        return LACKING if dust_wanted == INSIDE else LONELY if dust_wanted == NEAR else DONE
     return FEW if gas < least_gas or dust < least_dust else DONE
 
 
 @njit(cache=True)
-def merge(gas, dust, h_sum, nx, ny, leaf, size, length, least_gas, least_dust, soft, hard, two_way):
-    """Block of each leaf, number of blocks, first leaf (ix, iy) of each block, and whether want of particles
+def merge(gas, dust, h_sum, nx, ny, leaf, size, length, least_gas, least_dust, soft, hard, dust_wanted):
+    """Block of each leaf, and of each block its first leaf (ix, iy), its level and whether want of particles
     enlarged it. `gas`, `dust`, `h_sum` (nx ny,): particles in each leaf and the sum of the gas's h.
     """
     width, height = np.empty(LEVELS + 1, np.int64), np.empty(LEVELS + 1, np.int64)
@@ -91,16 +94,17 @@ def merge(gas, dust, h_sum, nx, ny, leaf, size, length, least_gas, least_dust, s
                             enlarged[b] |= enlarged[c]
                     if worst == DONE:
                         continue
-                    if g[b] > 0 and worst > SMALL:
+                    if g[b] > 0 and worst != SMALL:
                         wanted = size * s[b] / g[b] if length == 0.0 else length
-                        if side > (soft if worst == FEW else hard) * wanted:
+                        limit = (soft if worst == FEW else hard) * wanted
+                        if side > limit or (worst == LONELY and d[b] > 0):
                             for cx in range(2 * bx, min(2 * bx + 2, width[level - 1])):
                                 for cy in range(2 * by, min(2 * by + 2, height[level - 1])):
                                     c = first[level - 1] + cx * height[level - 1] + cy
                                     final[c] |= status[c] != DONE
                             continue
-                    enlarged[b] |= worst > SMALL
-                status[b] = _status(g[b], d[b], s[b], side, size, length, least_gas, least_dust, two_way)
+                    enlarged[b] |= worst != SMALL
+                status[b] = _status(g[b], d[b], s[b], side, size, length, least_gas, least_dust, dust_wanted)
                 if g[b] + d[b] > 0 and (status[b] == DONE or level == LEVELS):
                     final[b] = True
     return _number(final, enlarged, g, d, width, height, first, nx, ny)
@@ -111,7 +115,7 @@ def _number(final, enlarged, g, d, width, height, first, nx, ny):
     """Number the blocks from the top down: the largest final ancestor of a leaf is its block."""
     number = np.full(len(final), -1, np.int64)
     corner = np.empty((nx * ny, 2), np.int64)
-    flag = np.empty(nx * ny, np.bool_)
+    flag, height_of = np.empty(nx * ny, np.bool_), np.empty(nx * ny, np.int64)
     count = 0
     for level in range(LEVELS, -1, -1):
         for bx in range(width[level]):
@@ -122,6 +126,6 @@ def _number(final, enlarged, g, d, width, height, first, nx, ny):
                 if number[b] < 0 and final[b]:
                     number[b] = count
                     corner[count, 0], corner[count, 1] = bx << level, by << level
-                    flag[count] = enlarged[b]
+                    flag[count], height_of[count] = enlarged[b], level
                     count += 1
-    return number[: nx * ny], count, corner[:count], flag[:count]
+    return number[: nx * ny], corner[:count], height_of[:count], flag[:count]

@@ -1,0 +1,129 @@
+"""Drag cells: gas and dust sorted into blocks of a lattice, and the schemes that relax each block by itself."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS, leaf_counts, leaf_keys, merge
+from discsim.kernels.drag import LAWS, relax_blocks
+from discsim.kernels.grid import counting_sort
+from discsim.threads import share
+
+Array = np.ndarray
+NONE = np.empty(0)
+
+# Steps of the cells' origin, in fractions of the largest block: n a 2^k mod 1 is well spread for k = 0..5 (for
+# n <= 60, n |n a 2^k - nearest whole number| >= .17; found by search).
+SHIFT_STEP = np.array([0.70493075, 0.64794019])
+
+
+class Lattice(NamedTuple):
+    """Leaves that blocks are made of: whole grid cells in two dimensions."""
+
+    origin: Array
+    side: float
+    shape: tuple[int, int]
+    periodic: bool
+
+
+class Blocks(NamedTuple):
+    """Members of each block: order[start[block] : start[block + 1]] of the gas, and of the dust by population.
+
+    The last two blocks hold the gas and the dust outside the lattice.
+    """
+
+    gas_order: Array
+    gas_start: Array
+    dust_order: Array
+    dust_start: Array
+    first_leaf: Array  # (blocks, 2)
+    level: Array  # (blocks,)
+    enlarged: Array  # (blocks,)
+    lattice: Lattice  # with the origin of this step
+
+    @property
+    def sides(self) -> Array:
+        return self.lattice.side * 2.0**self.level
+
+    @property
+    def corners(self) -> Array:
+        return self.lattice.origin + self.first_leaf * self.lattice.side
+
+
+def lattice(drag, state, wanted: float) -> Lattice:
+    """Leaves at least as large as `wanted`, of a lattice that has room to move where it is not periodic."""
+    grid, dim = state.grid, drag.dim
+    extent = np.array(grid.shape) * grid.cell
+    if dim == 2:
+        whole = max(1, int(np.ceil(wanted / grid.cell - 1e-9)))
+        while grid.periodic and whole < max(grid.shape) and any(n % whole for n in grid.shape):
+            whole += 1
+        side = whole * grid.cell
+        nx, ny = (-(-n // whole) for n in grid.shape)
+    elif grid.periodic:
+        nx, ny = max(1, int(extent[0] / wanted + 1e-9)), 1
+        side = extent[0] / nx
+    else:
+        side = max(wanted, extent[0] / (4.0 * state.gas.count))
+        nx, ny = int(np.ceil(extent[0] / side)), 1
+    if not grid.periodic:
+        nx, ny = nx + 2**LEVELS, (ny + 2**LEVELS if dim == 2 else 1)
+    return Lattice(np.array(grid.origin), side, (nx, ny), grid.periodic)
+
+
+def sort_into_blocks(drag, state, leaves: Lattice, least, size: float, dust_wanted: int, shifted: bool) -> Blocks:
+    """Sort gas and dust into blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them."""
+    gas, dust, (nx, ny) = state.gas, state.dust, leaves.shape
+    shift = np.zeros(2)
+    if shifted:
+        shift[: drag.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
+    gas_key, dust_key = np.empty(gas.count, np.int64), np.empty(dust.count, np.int64)
+    for particles, key in ((gas, gas_key), (dust, dust_key)):
+        share(
+            leaf_keys, len(key), particles.pos, leaves.origin, shift, 1.0 / leaves.side, nx, ny, leaves.periodic, key
+        )  # fmt: skip
+    n_gas, h_sum = leaf_counts(gas_key, gas.h, nx * ny)
+    n_dust, _ = leaf_counts(dust_key, NONE, nx * ny)
+    # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
+    length = leaves.side if drag.drag.cell_length else 0.0
+    number, first_leaf, level, enlarged = merge(
+        n_gas, n_dust, h_sum, nx, ny, leaves.side, size, length, least[0], least[1], drag.soft, drag.hard, dust_wanted
+    )
+    # What lies outside the lattice meets nobody: a block of its own for each species.
+    count, population = len(level), len(drag.values)
+    gas_order, gas_start = counting_sort(np.append(number, count)[gas_key], count + 2)
+    dust_block = np.append(number, count + 1)[dust_key]
+    dust_order, dust_start = counting_sort(dust_block * population + dust.species, (count + 2) * population)
+    moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
+    return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
+
+
+def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
+    """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
+    gas, dust = state.gas, state.dust
+    loaded = sum(population.ratio for population in state.scene.dust) > 0.1
+    # Fewer than these and a cell grows: shot noise in the loading matters at dust-to-gas ratios near one.
+    least = (4, 4) if drag.dim == 1 else (8, 30 if loaded and drag.two_way else 8)
+    wanted = drag.drag.cell_length
+    if wanted is None:
+        # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
+        fewest = least[0] ** (1.0 / drag.dim) / state.scene.gas.eta
+        wanted = float(gas.h.min()) * (max(drag.drag.cell, fewest) if drag.dim == 2 else drag.drag.cell)
+    blocks = sort_into_blocks(
+        drag, state, lattice(drag, state, wanted), least, drag.drag.cell or 0.0,
+        INSIDE if drag.two_way else IGNORE, shifted=linear,
+    )  # fmt: skip
+    corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
+    share(
+        relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
+        gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
+        dust.mass, blocks.dust_order, blocks.dust_start, drag.stopping_times, linear, drag.two_way,
+        LAWS[drag.drag.law], drag.values, dt, drag.exponential, *drag.star, corners, drag.size,
+        state.grid.periodic, heat, least=64,
+    )  # fmt: skip
+    population = len(drag.values)
+    alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
+    members = np.diff(blocks.dust_start[::population])
+    drag.count_uncoupled(dust, blocks.dust_order, np.repeat(alone, members))

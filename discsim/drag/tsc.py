@@ -1,0 +1,93 @@
+"""tsc: drag between nodes of a lattice with the weights of a triangular-shaped cloud.
+
+The slip at a node, from velocities of nine cells and slopes within each species, relaxes exactly with the
+accelerations inside; its change is scattered with the weights that gathered it, so that momentum is exact; what is
+left of a particle decays towards its own species' line (equations in `kernels/nodes.py`). About a star velocities
+are taken relative to Kepler's. Cells are those of `drag/cells.py` at the power of two nearest to the wanted side,
+each side a lattice of its own, whose origin moves with every step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discsim.drag.cells import lattice, sort_into_blocks
+from discsim.kernels import nodes as kernels
+from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
+from discsim.kernels.drag import LAWS, free_kick
+from discsim.threads import share
+
+NONE = np.empty(0)
+NEAREST = 0.5**0.5  # the power of two nearest to the wanted side is at least this share of it
+
+
+def relax(drag, state, dt, gas_vel, heat):
+    wanted = drag.drag.cell_length
+    if wanted is None:
+        # Levels of leaves such that the side nearest to the wanted one of the mean h is one of them.
+        wanted = drag.drag.cell * float(np.exp(np.log(state.gas.h).mean()))
+        wanted *= 0.5 ** max(0.0, np.ceil(np.log2(wanted / drag.drag.cell / state.gas.h.min()) - 0.5))
+    size = NEAREST * (drag.drag.cell or 0.0)
+    # A node has the dust of nine cells.
+    dust_wanted = NEAR if drag.two_way else IGNORE
+    blocks = sort_into_blocks(drag, state, lattice(drag, state, wanted), (1, 0), size, dust_wanted, shifted=True)
+    gas, dust, dim, count = state.gas, state.dust, drag.dim, len(blocks.level)
+    population = len(drag.values)
+    species = population + 1
+    node, at, first, width, height, wrap = kernels.place_blocks(
+        blocks.level, blocks.first_leaf, *blocks.lattice.shape, blocks.lattice.periodic, LEVELS + 1
+    )
+    home, dense, about, near = kernels.list_nodes(node, blocks.level, first, width, height, wrap, dim == 1, at)
+    total = len(near)
+    cells, clouds = np.zeros((count, species, kernels.MOMENTS)), np.zeros((count, species, 9, kernels.FIELDS))
+    nodes = np.zeros((total, species, kernels.FIELDS))
+    law = LAWS[drag.drag.law]
+    packed, norm = {}, {"gas": NONE, "dust": np.empty(dust.count)}
+    members = {
+        "gas": (gas_vel, gas.density, gas.sound_speed, blocks.gas_order, blocks.gas_start, 1, 0),
+        "dust": (dust.vel, NONE, NONE, blocks.dust_order, blocks.dust_start, population, 1),
+    }
+    for name, (vel, density, sound, order, start, number, begin) in members.items():
+        p = state.species[name]
+        packed[name] = np.zeros((p.count, kernels.FIELDS))
+        share(
+            kernels.pack, count, order, start, number, p.pos, vel, state.own_acc[name], p.mass, density, sound, law,
+            blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, *drag.star, packed[name], least=64,
+        )  # fmt: skip
+        share(
+            kernels.deposit, count, home, about, start, number, begin, dim == 1, packed[name], nodes, norm[name],
+            cells, clouds, least=64,
+        )  # fmt: skip
+        share(kernels.collect, total, near, begin, begin + number, clouds, nodes, least=64)
+    centre = kernels.node_centres(dense, first, height, blocks.lattice.origin, blocks.lattice.side)
+    slopes = np.zeros((total, dim, dim))
+    change, rate = np.zeros((total, species, dim)), np.zeros((total, species))
+    pooled = species if drag.two_way else 1
+    share(
+        kernels.relax_nodes, total, near, cells, nodes, centre, pooled, law, drag.values, drag.two_way, dt,
+        drag.exponential, *drag.star, slopes, change, rate, least=64,
+    )  # fmt: skip
+    sharp = np.empty_like(change)
+    share(kernels.sharpen, total, about, nodes, drag.two_way, change, sharp, least=64)
+    sharp_slopes = np.empty_like(slopes)
+    share(kernels.sharpen_slopes, total, about, nodes, slopes, sharp_slopes, least=64)
+    node_heat = np.zeros(total if len(heat) > 0 else 0)
+    share(kernels.node_heat, len(node_heat), nodes, sharp, dt, node_heat, least=64)
+    drag.stopping_times[:] = np.inf
+    times = {"gas": NONE, "dust": drag.stopping_times}
+    for name, (vel, _, _, order, start, number, begin) in members.items():
+        acc = state.species[name].acc
+        share(
+            kernels.apply_nodes, count, home, about, order, start, begin, number, packed[name],
+            len(state.own_acc[name]) > 0, norm[name], nodes, sharp_slopes, sharp, rate, dt, drag.exponential, vel, acc,
+            times[name], node_heat, least=64,
+        )  # fmt: skip
+        free_kick(order[start[count * number] :], vel, acc, dt)  # outside the lattice
+    if len(heat) > 0:
+        kernels.pass_on(nodes, about, node_heat)
+        share(
+            kernels.spread_heat, count, home, about, blocks.gas_order, blocks.gas_start, dim == 1, packed["gas"], nodes,
+            node_heat, heat, least=64,
+        )  # fmt: skip
+    enlarged = np.repeat(np.append(blocks.enlarged, [True, True]), np.diff(blocks.dust_start[::population]))
+    drag.count_uncoupled(dust, blocks.dust_order, enlarged | ~np.isfinite(drag.stopping_times[blocks.dust_order]))

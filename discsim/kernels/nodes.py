@@ -1,0 +1,581 @@
+"""Implicit drag between nodes of a lattice: gathered, relaxed and scattered with one set of weights.
+
+Nodes J are the centres of cells, w the weights of the triangular-shaped cloud (Hockney & Eastwood 1988, ch. 5) in
+units of the cell. Of each species s a node holds
+
+    M_s = sum m w,   X_s = sum m w x / M_s,   V_s = sum m w y / M_s,   A_s = sum m w b / M_s              (1)
+
+with y velocities (relative to Kepler's about a star) and b sources. The slip is that at the gas's centroid,
+
+    V_s + G (X_g - X_s) - V_g,                                                                           (2)
+
+G the slope pooled within species over the nine cells about the node. It relaxes exactly with the sources inside,
+which changes the velocities by D_s, sum_s M_s D_s = 0, and a particle's by
+
+    sum_J w_J D_s,J,                                                                                     (3)
+
+so that momentum is exact. What is left of a particle beside the line of its own species in its cell decays at the
+species' own rate (`rest`).
+"""
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.drag import EPSTEIN, kepler, relax_many, relax_pair, response, solve_slope, stopping_time
+
+# A packed particle: mass, place from the middle of its cell in sides (2), velocity (2), source (2), and what the law
+# of the drag needs of the gas; unused axes are 0. A species at a node: sums of w m times 1 and each of these.
+FIELDS = 8
+MOMENTS = 12  # of a species in a cell: m, m x (2), m xx, m xy, m yy, m v (2), m x v (2), m y v (2)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def pack(
+    block_from, block_to, order, start, stride, pos, vel, own, mass, density, sound, law,
+    corners, sides, size, periodic, star, softening, out,
+):  # fmt: skip
+    """Copy the members of the blocks in their order into out (n, FIELDS)."""
+    dim = pos.shape[1]
+    for block in range(block_from, block_to):
+        inverse = 1.0 / sides[block]
+        for k in range(start[block * stride], start[(block + 1) * stride]):
+            i, o = order[k], out[k]
+            o[0] = mass[i]
+            for a in range(dim):
+                d = pos[i, a] - corners[block, a]
+                if periodic:
+                    d -= size[a] * np.floor(d / size[a])
+                o[1 + a] = d * inverse - 0.5
+                o[3 + a] = vel[i, a]
+                if len(own) > 0:
+                    o[5 + a] = own[i, a]
+            if star > 0.0:
+                omega = kepler(pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1], star, softening)
+                o[3] += omega * pos[i, 1]
+                o[4] -= omega * pos[i, 0]
+            if len(density) > 0:
+                o[7] = density[i] * (sound[i] if law == EPSTEIN and star == 0.0 else 1.0)
+
+
+@njit(cache=True, inline="always")
+def cloud(x, flat):
+    """Weights on the nodes -1, 0 and 1 from its own of a particle at x in [-1/2, 1/2]; `flat`: all on its own."""
+    low, high = 0.5 - x, 0.5 + x
+    if flat:
+        return 0.0, 1.0, 0.0
+    return 0.5 * low * low, 0.75 - x * x, 0.5 * high * high
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def deposit(block_from, block_to, home, about, start, species, first, flat, packed, nodes, norm, cells, clouds):
+    """What each block gives to the nodes about it, clouds (blocks, all species, 9, FIELDS), and its own moments,
+    cells (blocks, all species, MOMENTS).
+
+    `norm`, where it has entries, receives one over a particle's weights on nodes that have gas; 0 where none has.
+    """
+    value, w = np.empty(FIELDS), np.empty(9)
+    for block in range(block_from, block_to):
+        near = about[home[block]]
+        whole = True
+        for k in range(9):
+            if len(norm) > 0 and (near[k] < 0 or nodes[near[k], 0, 0] <= 0.0):
+                whole = whole and flat and k % 3 != 1
+        for s in range(species):
+            o, c = clouds[block, first + s], cells[block, first + s]
+            for p in range(start[block * species + s], start[block * species + s + 1]):
+                q = packed[p]
+                m, x, y, vx, vy = q[0], q[1], q[2], q[3], q[4]
+                c[0] += m
+                c[1] += m * x
+                c[2] += m * y
+                c[3] += m * x * x
+                c[4] += m * x * y
+                c[5] += m * y * y
+                c[6] += m * vx
+                c[7] += m * vy
+                c[8] += m * x * vx
+                c[9] += m * x * vy
+                c[10] += m * y * vx
+                c[11] += m * y * vy
+                u0, u1, u2 = cloud(x, False)
+                t0, t1, t2 = cloud(y, flat)
+                w[0], w[1], w[2] = u0 * t0, u0 * t1, u0 * t2
+                w[3], w[4], w[5] = u1 * t0, u1 * t1, u1 * t2
+                w[6], w[7], w[8] = u2 * t0, u2 * t1, u2 * t2
+                scale = 1.0
+                if len(norm) > 0:
+                    if not whole:
+                        total = 0.0
+                        for k in range(9):
+                            if near[k] >= 0 and nodes[near[k], 0, 0] > 0.0:
+                                total += w[k]
+                            else:
+                                w[k] = 0.0
+                        scale = 1.0 / total if total > 0.0 else 0.0
+                    norm[p] = scale
+                m *= scale
+                value[0] = m
+                for f in range(1, FIELDS):
+                    value[f] = m * q[f]
+                for k in range(9):
+                    for f in range(FIELDS):
+                        o[k, f] += w[k] * value[f]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def collect(node_from, node_to, blocks, first, last, clouds, out):
+    """Eq. (1): sums over species `first` to `last` at each node, places from it, into out (nodes, species, FIELDS)."""
+    for n in range(node_from, node_to):
+        for k in range(9):
+            block = blocks[n, k]
+            if block < 0:
+                continue
+            i, j = k // 3 - 1, k % 3 - 1
+            for s in range(first, last):
+                o, given = out[n, s], clouds[block, s, 8 - k]
+                for f in range(FIELDS):
+                    o[f] += given[f]
+                o[1] += i * given[0]
+                o[2] += j * given[0]
+
+
+@njit(cache=True)
+def place_blocks(level, leaf, nx, ny, periodic, levels):
+    """Nodes of the blocks: (node of a block (blocks,), block of a node or -1, strides, whether levels wrap).
+
+    Each level has a lattice of its own with a border of nodes all round; `first` is where it starts. `leaf`
+    (blocks, 2) is a block's first leaf.
+    """
+    width, height = np.empty(levels, np.int64), np.empty(levels, np.int64)
+    wrap = np.zeros((levels, 2), np.bool_)
+    first = np.zeros(levels + 1, np.int64)
+    for n in range(levels):
+        width[n], height[n] = (nx - 1 >> n) + 1, (ny - 1 >> n) + 1
+        # A level whose cells do not fill the period is open where it joins itself.
+        wrap[n, 0], wrap[n, 1] = periodic and width[n] << n == nx, periodic and height[n] << n == ny
+        first[n + 1] = first[n] + (width[n] + 2) * (height[n] + 2)
+    at = np.full(first[levels], -1, np.int64)
+    node = np.empty(len(level), np.int64)
+    for block in range(len(level)):
+        n = level[block]
+        node[block] = first[n] + ((leaf[block, 0] >> n) + 1) * (height[n] + 2) + (leaf[block, 1] >> n) + 1
+        at[node[block]] = block
+    return node, at, first, width, height, wrap
+
+
+@njit(cache=True, inline="always")
+def step_along(index, by, count, wraps):
+    """Index (with the border's 1 added) of a neighbour along one axis."""
+    index += by
+    if wraps:
+        if index < 1:
+            index += count
+        elif index > count:
+            index -= count
+    return index
+
+
+@njit(cache=True)
+def neighbours(node, level, first, width, height, wrap, flat, out):
+    """Nodes (9,) about `node`, itself in the middle, -1 beyond the border; `flat` in one dimension."""
+    rows = height[level] + 2
+    ix, iy = (node - first[level]) // rows, (node - first[level]) % rows
+    for i in range(-1, 2):
+        for j in range(-1, 2):
+            jx, jy = step_along(ix, i, width[level], wrap[level, 0]), step_along(iy, j, height[level], wrap[level, 1])
+            inside = 0 <= jx < width[level] + 2 and 0 <= jy < rows and not (flat and j != 0)
+            out[3 * (i + 1) + j + 1] = first[level] + jx * rows + jy if inside else -1
+
+
+@njit(cache=True)
+def list_nodes(node, level, first, width, height, wrap, flat, at):
+    """The nodes in reach of the blocks, numbered: of each block its own, and of each node its number with borders,
+    the nodes about it (n, 9) and the blocks about it (n, 9), -1 where there is none.
+    """
+    index = np.full(len(at), -1, np.int64)
+    dense, levels = np.empty(len(at), np.int64), np.empty(len(at), np.int64)
+    total = 0
+    about = np.empty(9, np.int64)
+    for block in range(len(node)):
+        neighbours(node[block], level[block], first, width, height, wrap, flat, about)
+        for k in range(9):
+            if about[k] >= 0 and index[about[k]] < 0:
+                index[about[k]] = total
+                dense[total], levels[total] = about[k], level[block]
+                total += 1
+    nodes, blocks = np.empty((total, 9), np.int64), np.empty((total, 9), np.int64)
+    for n in range(total):
+        neighbours(dense[n], levels[n], first, width, height, wrap, flat, about)
+        for k in range(9):
+            nodes[n, k] = index[about[k]] if about[k] >= 0 else -1
+            blocks[n, k] = at[about[k]] if about[k] >= 0 else -1
+    return index[node], dense[:total], nodes, blocks
+
+
+@njit(cache=True)
+def node_centres(dense, first, height, origin, leaf):
+    """Places (n, 2) of the nodes, whose numbers with borders are `dense`."""
+    out = np.empty((len(dense), 2))
+    level = 0
+    for n in range(len(dense)):
+        while dense[n] < first[level]:
+            level -= 1
+        while dense[n] >= first[level + 1]:
+            level += 1
+        rows, side = height[level] + 2, leaf * 2.0**level
+        ix, iy = (dense[n] - first[level]) // rows, (dense[n] - first[level]) % rows
+        out[n, 0], out[n, 1] = origin[0] + (ix - 0.5) * side, origin[1] + (iy - 0.5) * side
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def pooled_slope(n, blocks, cells, species, dim, inertia, moment, part, slope):
+    """Slope (d, d) of the velocity about node n, in sides, pooled within species; nearer cells count more."""
+    inertia[:] = 0.0
+    moment[:] = 0.0
+    number = 0.0
+    for s in range(species):
+        for f in range(MOMENTS):
+            part[f] = 0.0
+        for k in range(9):
+            block = blocks[n, k]
+            if block < 0 or cells[block, s, 0] == 0.0:
+                continue
+            i, j = k // 3 - 1, k % 3 - 1
+            w = (0.5 if i == 0 else 0.25) * (0.5 if j == 0 else 0.25)
+            c = cells[block, s]
+            number += 1.0
+            # About the node, which lies at (-i, -j) from the cell's middle.
+            part[0] += w * c[0]
+            part[1] += w * (c[1] + i * c[0])
+            part[2] += w * (c[2] + j * c[0])
+            part[3] += w * (c[3] + i * (2.0 * c[1] + i * c[0]))
+            part[4] += w * (c[4] + i * c[2] + j * (c[1] + i * c[0]))
+            part[5] += w * (c[5] + j * (2.0 * c[2] + j * c[0]))
+            part[6] += w * c[6]
+            part[7] += w * c[7]
+            part[8] += w * (c[8] + i * c[6])
+            part[9] += w * (c[9] + i * c[7])
+            part[10] += w * (c[10] + j * c[6])
+            part[11] += w * (c[11] + j * c[7])
+        if part[0] > 0.0:
+            for a in range(dim):
+                for c2 in range(dim):
+                    inertia[a, c2] += part[3 + a + c2] - part[1 + a] * part[1 + c2] / part[0]
+                    moment[a, c2] += part[8 + 2 * a + c2] - part[1 + a] * part[6 + c2] / part[0]
+    for a in range(dim):
+        for c2 in range(dim):
+            slope[a, c2] = 0.0
+    solve_slope(inertia, moment, dim, slope)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def relax_nodes(
+    node_from, node_to, blocks, cells, nodes, centre, pooled, law, values, two_way, dt, exponential, star, softening,
+    slopes, change, rate,
+):  # fmt: skip
+    """Relax the slip at each node: pooled slopes (nodes, d, d), changes (nodes, species, d) of eq. (3) and rates of
+    decay (nodes, species).
+    """
+    species, dim = nodes.shape[1], change.shape[2]
+    inertia, moment, part = np.empty((2, 2)), np.empty((2, 2)), np.empty(MOMENTS)
+    present = np.empty(species, np.int64)
+    weights, times = np.empty(species), np.empty(species)
+    y, b, more = np.empty((species, dim)), np.empty((species, dim)), np.empty((species, dim))
+    for n in range(node_from, node_to):
+        gas = nodes[n, 0]
+        count = 0
+        for s in range(species):
+            if nodes[n, s, 0] > 0.0:
+                present[count] = s
+                count += 1
+        if gas[0] <= 0.0:
+            continue
+        slope = slopes[n]
+        pooled_slope(n, blocks, cells, pooled, dim, inertia, moment, part, slope)
+        if count < 2:
+            continue
+        omega = 0.0
+        if star > 0.0:
+            omega = kepler(centre[n, 0] * centre[n, 0] + centre[n, 1] * centre[n, 1], star, softening)
+        for k in range(count):
+            o = nodes[n, present[k]]
+            weights[k] = o[0]
+            times[k] = np.inf
+            if k > 0:
+                times[k] = stopping_time(law, values[present[k] - 1], o[0] / gas[0], gas[7] / gas[0], 1.0, omega)
+            for c in range(dim):
+                y[k, c], b[k, c] = o[3 + c] / o[0], o[5 + c] / o[0]
+                for a in range(dim):  # eq. (2)
+                    y[k, c] += slope[a, c] * (gas[1 + a] / gas[0] - o[1 + a] / o[0])
+        if not two_way:
+            for k in range(1, count):
+                f, g, _, _, _ = response(1.0 / times[k], dt, exponential)
+                for c in range(dim):
+                    change[n, present[k], c] = f * (y[k, c] - y[0, c]) + g * (b[k, c] - b[0, c])
+                rate[n, present[k]] = 1.0 / times[k]
+            continue
+        if count == 2:
+            total = (1.0 + weights[1] / weights[0]) / times[1]
+            for c in range(dim):
+                change[n, 0, c], change[n, present[1], c], _ = relax_pair(
+                    weights[0], weights[1], total, y[0, c], y[1, c], b[0, c], b[1, c], dt, exponential
+                )
+        else:
+            relax_many(weights[:count], times[:count], y[:count], b[:count], dt, exponential, more[:count])
+            for k in range(count):
+                for c in range(dim):
+                    change[n, present[k], c] = more[k, c]
+        for k in range(1, count):
+            rate[n, present[k]] = 1.0 / times[k]
+            rate[n, 0] += weights[k] / weights[0] / times[k]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sharpen(node_from, node_to, about, nodes, two_way, change, out):
+    """Changes (nodes, species, d) with what gathering and scattering smoothed away given back to second order.
+
+    To the clouds' two variances of 1/4 a side, through the faces between nodes and in proportion to the lesser
+    reduced mass there: a uniform change stays what it is, and momentum is exact.
+    """
+    species, dim = change.shape[1], change.shape[2]
+    for n in range(node_from, node_to):
+        for s in range(species):
+            for c in range(dim):
+                out[n, s, c] = change[n, s, c]
+        for s in range(1, species):
+            mass = reduced_mass(nodes[n, 0, 0], nodes[n, s, 0], two_way)
+            if mass == 0.0:
+                continue
+            for k in range(1, 9, 2):  # across faces
+                other = about[n, k]
+                if other < 0:
+                    continue
+                face = min(mass, reduced_mass(nodes[other, 0, 0], nodes[other, s, 0], two_way))
+                for c in range(dim):
+                    d = change[n, s, c] - change[n, 0, c] - change[other, s, c] + change[other, 0, c]
+                    d *= 0.25 * face
+                    out[n, s, c] += d / nodes[n, s, 0]
+                    if two_way:
+                        out[n, 0, c] -= d / nodes[n, 0, 0]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sharpen_slopes(node_from, node_to, about, nodes, slopes, out):
+    """Slopes (nodes, d, d) with what pooling over nine cells took from a curved field given back to second order.
+
+    Of a sine the fit along the slope takes k^2 m_4 / (6 m_2), the mean across it k^2 m_2 / 2, with m_2 = 7/12 and
+    m_4 = 61/80 the moments of the cells' weights 1/4, 1/2, 1/4.
+    """
+    dim = slopes.shape[1]
+    for n in range(node_from, node_to):
+        for a in range(dim):
+            for c in range(dim):
+                out[n, a, c] = slopes[n, a, c]
+        for axis in range(dim):
+            step = 3 if axis == 0 else 1
+            low, high = about[n, 4 - step], about[n, 4 + step]
+            if low < 0 or high < 0 or min(nodes[n, 0, 0], nodes[low, 0, 0], nodes[high, 0, 0]) <= 0.0:
+                continue
+            for a in range(dim):
+                given = 61.0 / 280.0 if a == axis else 7.0 / 24.0
+                for c in range(dim):
+                    out[n, a, c] -= given * (slopes[low, a, c] - 2.0 * slopes[n, a, c] + slopes[high, a, c])
+
+
+@njit(cache=True, inline="always")
+def reduced_mass(gas, dust, two_way):
+    if gas <= 0.0 or dust <= 0.0:
+        return 0.0
+    return gas * dust / (gas + dust) if two_way else dust
+
+
+@njit(cache=True, error_model="numpy")
+def curvature(about, nodes, slopes, dim, out):
+    """Second derivatives (3, d) of the velocity along xx, xy and yy, in sides, from the slopes at the next nodes."""
+    for a in range(3):
+        for c in range(dim):
+            out[a, c] = 0.0
+    for a in range(dim):
+        step = 3 if a == 0 else 1
+        low, high = about[4 - step], about[4 + step]
+        if low < 0 or high < 0 or min(nodes[low, 0, 0], nodes[high, 0, 0]) <= 0.0:
+            continue
+        for e in range(dim):
+            for c in range(dim):
+                d = 0.5 * (slopes[high, e, c] - slopes[low, e, c])
+                # The mixed derivative is the mean of both.
+                out[a + e, c] += d if a == e else 0.5 * d
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def node_heat(node_from, node_to, nodes, change, dt, heat):
+    """Energy that eq. (3) takes at each node, to first order in the changes (the rest is the particles')."""
+    for n in range(node_from, node_to):
+        for s in range(change.shape[1]):
+            for c in range(change.shape[2]):
+                heat[n] -= change[n, s, c] * (nodes[n, s, 3 + c] + 0.5 * dt * nodes[n, s, 5 + c])
+
+
+@njit(cache=True, error_model="numpy")
+def pass_on(nodes, about, heat):
+    """Heat of nodes without gas to those about them, in equal parts to each that has."""
+    for n in range(len(heat)):
+        if heat[n] == 0.0 or nodes[n, 0, 0] > 0.0:
+            continue
+        takers = 0
+        for k in range(9):
+            takers += 1 if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0 else 0
+        for k in range(9):
+            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
+                heat[about[n, k]] += heat[n] / takers
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def spread_heat(block_from, block_to, home, about, order, start, flat, packed, nodes, node_heats, heat):
+    """Heat per mass of each gas particle from that of the nodes."""
+    table = np.zeros((9, 1))
+    for block in range(block_from, block_to):
+        near = about[home[block]]
+        for k in range(9):
+            n = near[k]
+            table[k, 0] = node_heats[n] / nodes[n, 0, 0] if n >= 0 and nodes[n, 0, 0] > 0.0 else 0.0
+        for p in range(start[block], start[block + 1]):
+            u0, u1, u2 = cloud(packed[p, 1], False)
+            t0, t1, t2 = cloud(packed[p, 2], flat)
+            heat[order[p]] = blend(table, 0, u0, u1, u2, t0, t1, t2)
+
+
+@njit(cache=True, error_model="numpy")
+def own_line(first, last, packed, field, pooled, dim, inertia, moment, slope):
+    """Mean place and mean of fields `field` and the next of some particles, and their slope; the pooled one if few.
+
+    Any more than a line needs will do: with few of them little is left beside it, but nothing false.
+    """
+    m, sx, sy, sv, sw = 0.0, 0.0, 0.0, 0.0, 0.0
+    for p in range(first, last):
+        q = packed[p]
+        m += q[0]
+        sx += q[0] * q[1]
+        sy += q[0] * q[2]
+        sv += q[0] * q[field]
+        sw += q[0] * q[field + 1]
+    sx, sy, sv, sw = sx / m, sy / m, sv / m, sw / m
+    own = last - first > dim + 1
+    if own:
+        xx, xy, yy, xv, xw, yv, yw = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for p in range(first, last):
+            q = packed[p]
+            x, y, v, w = q[1] - sx, q[2] - sy, q[field] - sv, q[field + 1] - sw
+            mx, my = q[0] * x, q[0] * y
+            xx += mx * x
+            xy += mx * y
+            yy += my * y
+            xv += mx * v
+            xw += mx * w
+            yv += my * v
+            yw += my * w
+        inertia[0, 0], inertia[0, 1], inertia[1, 0], inertia[1, 1] = xx, xy, xy, yy
+        moment[0, 0], moment[0, 1], moment[1, 0], moment[1, 1] = xv, xw, yv, yw
+        own = solve_slope(inertia, moment, dim, slope)
+    if not own:
+        for a in range(dim):
+            for c in range(dim):
+                slope[a, c] = pooled[a, c]
+    return sx, sy, sv, sw
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def apply_nodes(
+    block_from, block_to, home, about, order, start, first, species, packed, sources, norm,
+    nodes, slopes, change, rate, dt, exponential, vel, acc, time, heat,
+):  # fmt: skip
+    """The kick of the particles in each block: free motion, eq. (3), and the decay of what is left beside the line.
+
+    Writes stopping times of dust into `time` and adds the energy lost to that of a block's own node in `heat`, where
+    they have entries; packed velocities are overwritten.
+    """
+    dim = vel.shape[1]
+    flat = dim == 1
+    inertia, moment, even = np.empty((2, 2)), np.empty((2, 2)), np.zeros((2, 2))
+    slope, slope_source, bend = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((3, 2))
+    table = np.zeros((9, 3))
+    for block in range(block_from, block_to):
+        near = about[home[block]]
+        for s in range(species):
+            lo, hi = start[block * species + s], start[block * species + s + 1]
+            if hi == lo:
+                continue
+            for k in range(9):
+                n = near[k]
+                table[k, 0] = rate[n, first + s] if n >= 0 else 0.0
+                for c in range(dim):
+                    table[k, 1 + c] = change[n, first + s, c] if n >= 0 else 0.0
+            met, lost = 0.0, 0.0
+            for p in range(lo, hi):
+                q, i = packed[p], order[p]
+                u0, u1, u2 = cloud(q[1], False)
+                t0, t1, t2 = cloud(q[2], flat)
+                scale = norm[p] if len(norm) > 0 else 1.0
+                local = scale * blend(table, 0, u0, u1, u2, t0, t1, t2)
+                d = scale * blend(table, 1, u0, u1, u2, t0, t1, t2)
+                q[3] += d
+                lost -= 0.5 * q[0] * d * d
+                vel[i, 0] += dt * acc[i, 0] + d
+                if not flat:
+                    d = scale * blend(table, 2, u0, u1, u2, t0, t1, t2)
+                    q[4] += d
+                    lost -= 0.5 * q[0] * d * d
+                    vel[i, 1] += dt * acc[i, 1] + d
+                met += local / (hi - lo)
+                if len(time) > 0:
+                    time[i] = 1.0 / local if local > 0.0 else np.inf
+            if met > 0.0:
+                f, g, _, _, _ = response(met, dt, exponential)
+                curvature(near, nodes, slopes, dim, bend)
+                for p in range(lo, hi):
+                    q = packed[p]
+                    bx, by = bent(bend, q[1], q[2])
+                    q[3] -= bx
+                    q[4] -= by
+                sx, sy, sv, sw = own_line(lo, hi, packed, 3, slopes[home[block]], dim, inertia, moment, slope)
+                tx, ty, tv, tw = 0.0, 0.0, 0.0, 0.0
+                if sources:
+                    tx, ty, tv, tw = own_line(lo, hi, packed, 5, even, dim, inertia, moment, slope_source)
+                for p in range(lo, hi):
+                    q, i = packed[p], order[p]
+                    x, y = q[1] - sx, q[2] - sy
+                    rest = q[3] - sv - slope[0, 0] * x - slope[1, 0] * y
+                    rest_y = q[4] - sw - slope[0, 1] * x - slope[1, 1] * y
+                    more, more_y = f * rest, f * rest_y
+                    if sources:
+                        x, y = q[1] - tx, q[2] - ty
+                        more += g * (q[5] - tv - slope_source[0, 0] * x - slope_source[1, 0] * y)
+                        more_y += g * (q[6] - tw - slope_source[0, 1] * x - slope_source[1, 1] * y)
+                    vel[i, 0] += more
+                    if not flat:
+                        vel[i, 1] += more_y
+                    if len(heat) > 0:
+                        # The changes have no mean: what is common to the cell does no work.
+                        bx, by = bent(bend, q[1], q[2])
+                        lost -= q[0] * more * (q[3] - sv + bx + 0.5 * (dt * q[5] + more))
+                        if not flat:
+                            lost -= q[0] * more_y * (q[4] - sw + by + 0.5 * (dt * q[6] + more_y))
+            if len(heat) > 0:
+                heat[home[block]] += lost
+
+
+@njit(cache=True, inline="always")
+def bent(bend, x, y):
+    """The quadratic part of a velocity at (x, y) from its second derivatives."""
+    xx, xy, yy = 0.5 * x * x, x * y, 0.5 * y * y
+    return bend[0, 0] * xx + bend[1, 0] * xy + bend[2, 0] * yy, bend[0, 1] * xx + bend[1, 1] * xy + bend[2, 1] * yy
+
+
+@njit(cache=True, inline="always")
+def blend(table, c, u0, u1, u2, t0, t1, t2):
+    """Sum of column c over the nine nodes with the products of the weights."""
+    low = t0 * table[0, c] + t1 * table[1, c] + t2 * table[2, c]
+    middle = t0 * table[3, c] + t1 * table[4, c] + t2 * table[5, c]
+    high = t0 * table[6, c] + t1 * table[7, c] + t2 * table[8, c]
+    return u0 * low + u1 * middle + u2 * high
