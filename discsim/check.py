@@ -12,16 +12,19 @@ from typing import Any
 
 import numpy as np
 
+from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
 from discsim.initial import profile
+from discsim.rules import OF_CELLS
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
 from discsim.units import Units, epstein_stopping_time
 
 Array = np.ndarray
 
-# Shot noise of the dust loading: drag at eps ~ 1 wants these counts in a cell.
-FEW_GAS, FEW_DUST = 8, 30
+# Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell; the clouds of tsc
+# are as good as (1/.55)^2 = 3.3 cells.
+FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (3, 9)}
 WEAK_DUST = 0.1
 
 
@@ -68,6 +71,8 @@ def local(scene: Scene) -> Local:
         inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper  # where tapers end
         radius = np.array([inner, (start.inner + start.outer) / 2, outer])
         density = profile.surface_density(scene, radius)
+        if scene.background:
+            density = GivenDisc(scene).surface_density(radius)
         places = [scene.units.show(r, "length") for r in radius]
     elif start.kind == "shock":
         density = np.array([start.left[0], start.right[0]])
@@ -280,7 +285,7 @@ def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
         return
     if scene.drag.direction == "one-way" or scene.space.dimensions == 1:
         return
-    for name, count, few in (("gas", counts[0], FEW_GAS), ("dust", counts[1], FEW_DUST)):
+    for name, count, few in zip(("gas", "dust"), counts, FEW[scene.drag.scheme], strict=True):
         if count.min() < few:
             where = at.places[int(np.argmin(count))]
             factor = few / count.min()
@@ -302,6 +307,8 @@ def _disc_mass(scene: Scene, inner: float, outer: float) -> float:
 
 
 def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | None:
+    if scene.background and radius is not None:
+        return GivenDisc(scene).sound_speed(radius)
     if scene.gas is None:
         return None
     eos: Any = scene.gas.eos
@@ -357,18 +364,19 @@ def _effect_lines(scene: Scene) -> Iterator[str]:
         first, _, second = name.partition(".")
         table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
         for one in table if isinstance(table, tuple) else (table,):
-            yield f"{name:<18} {_parameters(scene.units, one)}"
+            skip = OF_CELLS if name == "drag" and scene.background else ()
+            yield f"{name:<18} {_parameters(scene.units, one, skip)}"
 
 
-def _parameters(units: Units, table: Table) -> str:
-    """The keys of a table and their values; of a table in it the first one, its kind."""
+def _parameters(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
+    """The keys of a table and their values, but for `skip`; of a table in it the first one, its kind."""
     texts = []
     for key, field in type(table).model_fields.items():
         value = getattr(table, key)
         if isinstance(value, Table):
             if "kind" in type(value).model_fields:
                 texts.append(f"{value.kind} ({_parameters(units, value)})")  # type: ignore[attr-defined]
-        elif value is not None and key != "kind":
+        elif value is not None and key != "kind" and key not in skip:
             texts.append(f"{key} {_shown(units, value, measure_of(field), getattr(table, 'gamma', 1.0))}")
     return ", ".join(texts)
 

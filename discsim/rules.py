@@ -11,6 +11,7 @@ from typing import Any
 
 Problem = tuple[tuple[str | int, ...], str]
 
+OF_CELLS = ("scheme", "cell", "heating", "integration")  # keys of the drag that only its cells use
 LAW_KEYS = {"constant": "K", "stopping-time": "t_stop", "stokes-number": "stokes"}
 
 
@@ -225,8 +226,30 @@ def _dust_place(draft: Draft) -> Iterator[Problem]:
 
 def _drag_partners(draft: Draft) -> Iterator[Problem]:
     for table in ("gas", "dust"):
-        if draft.has("drag") and not draft.has(table):
-            yield ("drag",), f"there is drag, but no {table}; expected a table [{table}], or no [drag]"
+        if draft.has("drag") and not draft.has(table) and not (table == "gas" and draft.has("background")):
+            also = " or [background]" if table == "gas" else ""
+            yield ("drag",), f"there is drag, but no {table}; expected a table [{table}]{also}, or no [drag]"
+
+
+def _background(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("background"):
+        return
+    if draft.has("gas"):
+        yield ("background",), "[gas] is there too; expected one of the two: SPH gas, or gas as a given disc"
+    for table, why in (("dust", "moves in it"), ("star", "it turns about"), ("drag", "couples dust to it")):
+        if not draft.has(table):
+            yield ("background",), f"nothing {why}; expected a table [{table}] too"
+    if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
+        yield ("space",), 'a [background] is a disc; expected dimensions = 2 and boundary = "open"'
+    if draft.run and draft.run.integrator != "kdk":
+        yield ("run", "integrator"), 'dust in a [background] needs "kdk"'
+    if draft.drag and draft.drag.direction != "one-way":
+        yield ("drag", "direction"), 'nothing moves a [background]; expected direction = "one-way"'
+    for key in OF_CELLS:
+        if draft.gives("drag", key):
+            yield ("drag", key), "a [background] has no drag cells; expected no such key"
+    if draft.initial and draft.kind == "disc" and draft.initial.toomre_q is not None:
+        yield ("initial", "toomre_q"), "there is no [gas] to have a Q; expected mass or surface_density"
 
 
 def _drag_law(draft: Draft) -> Iterator[Problem]:
@@ -315,6 +338,7 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _conductivity,
     _dust_place,
     _drag_partners,
+    _background,
     _drag_law,
     _drag_orbits,
     _epstein_grains,

@@ -42,6 +42,7 @@ class Scene(BaseModel):
     space: tables.Space
     initial: tables.Initial | None = None
     gas: tables.Gas | None = None
+    background: tables.Background | None = None
     dust: tuple[tables.Dust, ...] | None = None
     drag: tables.Drag | None = None
     self_gravity: tables.SelfGravity | None = None
@@ -60,7 +61,7 @@ class Scene(BaseModel):
     @property
     def effects(self) -> tuple[str, ...]:
         """The names of the effects that run, in the order of a step."""
-        named = {name: getattr(self, name) for name in ("gas", "dust", "star", "self_gravity", "external", "drag")}
+        named = {name: getattr(self, name) for name in EFFECTS if "." not in name}
         named["gas.viscosity"] = self.gas and self.gas.viscosity
         named["gas.conductivity"] = self.gas and self.gas.conductivity
         return tuple(name for name in EFFECTS if named[name] is not None)

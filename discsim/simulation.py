@@ -49,7 +49,7 @@ class Simulation:
         use_threads(scene.run.threads)
         try:
             self.state = make_state(scene, particles if particles is not None else setup(scene).particles(scene))
-            if scene.self_gravity is not None or scene.drag is not None:
+            if scene.self_gravity is not None or (scene.drag is not None and scene.background is None):
                 from discsim.grid import Grid
 
                 # As fine as the gas, where there is any: one-way dust must not change it.

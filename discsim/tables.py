@@ -341,6 +341,17 @@ class Gas(Table):
     conductivity: Conductivity | None = None
 
 
+class Background(Table):
+    """The gas as a given disc in balance about the star, instead of [gas]; it drags the dust and nothing moves it."""
+
+    surface_density: SurfaceDensity = Field(gt=0, description="Sigma at reference_radius")
+    surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
+    reference_radius: Length = Field(1.0, gt=0, description="where surface_density holds")
+    eos: Annotated[Isothermal | LocallyIsothermal | Polytropic, Field(discriminator="kind")] = Field(
+        description="equation of state"
+    )
+
+
 class Dust(Table):
     """One population of dust."""
 
@@ -409,6 +420,7 @@ TABLES: dict[str, Any] = {
     "space": Space,
     "initial": Initial,
     "gas": Gas,
+    "background": Background,
     "dust": tuple[Dust, ...],
     "drag": Drag,
     "self_gravity": SelfGravity,
@@ -417,7 +429,7 @@ TABLES: dict[str, Any] = {
 }
 REQUIRED = ("run", "space", "initial")
 # What `--without` can remove, in the order of a step.
-EFFECTS = ("gas", "gas.viscosity", "gas.conductivity", "dust", "star", "self_gravity", "external", "drag")
+EFFECTS = ("gas", "gas.viscosity", "gas.conductivity", "background", "dust", "star", "self_gravity", "external", "drag")
 
 
 def models_in(annotation: Any) -> list[type[Table]]:

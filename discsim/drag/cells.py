@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS, leaf_counts, leaf_keys, merge
-from discsim.kernels.drag import LAWS, relax_blocks
+from discsim.kernels.drag import relax_blocks
 from discsim.kernels.grid import counting_sort
 from discsim.threads import share
 
@@ -120,7 +120,7 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
         relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
         gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
         dust.mass, blocks.dust_order, blocks.dust_start, drag.stopping_times, linear, drag.two_way,
-        LAWS[drag.drag.law], drag.values, dt, drag.exponential, *drag.star, corners, drag.size,
+        drag.law.code, drag.values, dt, drag.exponential, *drag.star, corners, drag.size,
         state.grid.periodic, heat, least=64,
     )  # fmt: skip
     population = len(drag.values)

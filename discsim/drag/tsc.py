@@ -14,7 +14,7 @@ import numpy as np
 from discsim.drag.cells import lattice, sort_into_blocks
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
-from discsim.kernels.drag import LAWS, free_kick
+from discsim.kernels.drag import free_kick
 from discsim.threads import share
 
 NONE = np.empty(0)
@@ -41,7 +41,6 @@ def relax(drag, state, dt, gas_vel, heat):
     total = len(near)
     cells, clouds = np.zeros((count, species, kernels.MOMENTS)), np.zeros((count, species, 9, kernels.FIELDS))
     nodes = np.zeros((total, species, kernels.FIELDS))
-    law = LAWS[drag.drag.law]
     packed, norm = {}, {"gas": NONE, "dust": np.empty(dust.count)}
     members = {
         "gas": (gas_vel, gas.density, gas.sound_speed, blocks.gas_order, blocks.gas_start, 1, 0),
@@ -51,7 +50,7 @@ def relax(drag, state, dt, gas_vel, heat):
         p = state.species[name]
         packed[name] = np.zeros((p.count, kernels.FIELDS))
         share(
-            kernels.pack, count, order, start, number, p.pos, vel, state.own_acc[name], p.mass, density, sound, law,
+            kernels.pack, count, order, start, number, p.pos, vel, state.own_acc[name], p.mass, density, sound, drag.law.code,
             blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, *drag.star, packed[name], least=64,
         )  # fmt: skip
         share(
@@ -64,7 +63,7 @@ def relax(drag, state, dt, gas_vel, heat):
     change, rate = np.zeros((total, species, dim)), np.zeros((total, species))
     pooled = species if drag.two_way else 1
     share(
-        kernels.relax_nodes, total, near, cells, nodes, centre, pooled, law, drag.values, drag.two_way, dt,
+        kernels.relax_nodes, total, near, cells, nodes, centre, pooled, drag.law.code, drag.values, drag.two_way, dt,
         drag.exponential, *drag.star, slopes, change, rate, least=64,
     )  # fmt: skip
     sharp = np.empty_like(change)

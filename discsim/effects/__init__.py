@@ -12,8 +12,11 @@ EFFECTS = {
     "drag": "discsim.effects.drag",
 }
 
+IN_BACKGROUND = {"drag": "discsim.effects.background"}  # where the gas is given
+
 
 def load_effects(scene, state) -> dict:
     """Import and make the effects whose tables `scene` has, in the order of a step."""
     named = [name for name in EFFECTS if getattr(scene, name) is not None]
-    return {name: import_module(EFFECTS[name]).Effect(scene, state) for name in named}
+    modules = EFFECTS | (IN_BACKGROUND if scene.background is not None else {})
+    return {name: import_module(modules[name]).Effect(scene, state) for name in named}

@@ -9,13 +9,12 @@ from importlib import import_module
 import numpy as np
 
 from discsim.drag import SCHEMES
+from discsim.drag.laws import Law
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
-from discsim.kernels.drag import LAWS, stopping_times
 from discsim.kernels.move import add_scaled
 from discsim.state import Dust, State
 from discsim.threads import share
-from discsim.units import epstein_stopping_time
 
 
 class Effect(base.Effect):
@@ -27,7 +26,8 @@ class Effect(base.Effect):
         self.dim = scene.space.dimensions
         self.scheme = import_module(SCHEMES[self.drag.scheme])
         self.exponential = self.drag.integration == "exponential"
-        self.values = np.array([self._law_value(population) for population in scene.dust])
+        self.law = Law(scene)
+        self.values = self.law.values
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
         self.soft, self.hard = (2.0, 8.0) if self.dim == 1 else (2.0, 4.0)
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
@@ -36,16 +36,9 @@ class Effect(base.Effect):
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
         self.stopping_times = np.empty(0)
 
-    def _law_value(self, population) -> float:
-        if self.drag.law == "epstein":
-            # t_stop c_s rho_g, all of it that is the grain's.
-            grain = population.grain_size, population.grain_density
-            return epstein_stopping_time(*grain, 1.0, 1.0, self.drag.convention)
-        return {"constant": self.drag.K, "stopping-time": self.drag.t_stop}.get(self.drag.law, self.drag.stokes)
-
     def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
-        return stopping_times(LAWS[self.drag.law], self.values[population], ratio, density, sound, omega)
+        return self.law.stopping_time(population, density, sound, omega, ratio)
 
     def count_uncoupled(self, dust: Dust, order: np.ndarray, alone: np.ndarray) -> None:
         """Note the share of the dust mass that is `alone` (n,), a mask in the order `order` (n,)."""

@@ -104,7 +104,9 @@ def settle(state: State, effects: dict) -> None:
         keplerian = np.sqrt(np.maximum(gravity(r) * r, 1e-300))
         omega = keplerian / r
         headwind = np.zeros(len(r))
-        if scene.gas is not None:
+        if scene.background is not None:
+            headwind = 0.5 * effects["drag"].disc.pressure_acceleration(r) / omega
+        elif scene.gas is not None:
             headwind = 0.5 * profile.pressure_acceleration(scene, r) / omega  # eta v_K
             headwind[keplerian <= 1e-100] = 0.0
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
@@ -121,8 +123,11 @@ def settle(state: State, effects: dict) -> None:
 def _drift(state, drag, name, particles: Any, r, omega, headwind) -> tuple[Array, Array]:
     """Radial and azimuthal velocity relative to Keplerian of one species."""
     scene = state.scene
-    density = profile.surface_density(scene, r)
-    sound = profile.sound_speed(scene, r, density)
+    if scene.background is not None:
+        density, sound = drag.disc.surface_density(r), drag.disc.sound_speed(r)
+    else:
+        density = profile.surface_density(scene, r)
+        sound = profile.sound_speed(scene, r, density)
     loads = [p.ratio if scene.drag.direction == "two-way" else 0.0 for p in scene.dust]
     times = [drag.stopping_time(k, density, sound, omega, population.ratio) for k, population in enumerate(scene.dust)]
     if name == "dust":

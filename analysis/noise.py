@@ -1,0 +1,223 @@
+"""How quiet the gas of a Keplerian disc is: noise, balance and spurious viscosity by kernel, viscosity and start.
+
+    python analysis/noise.py [-o OUT] [--choices NAME,...] [--orbits N] [--resolution h/H]
+
+A ring of gas from .7 to 1.4 about a star, Sigma ~ 1/r, H/r = .05, no drag and no gravity of its own, turns for 20
+orbits at its middle, r = 1. For each choice it prints and writes (noise.csv, noise.png, and one file a choice, so
+that a stopped study goes on):
+
+    neighbours     within the kernel's support
+    bias, scatter  of the pressure force against -(1/Sigma) dP/dr: mean, and rms over all particles, over it
+    v_r, sound     rms radial velocity over c_s; the headwind is .05 of c_s
+    Sigma          largest deviation of the azimuthal mean from the start, |r - 1| < .15, rings of H/2
+    alpha flux     angular-momentum flux through r = 1 +- .15 over 1.5 Sigma c_s^2: of velocities, Sigma <v_r dv_phi>,
+                   and of the torque that the gas inside r feels from that outside
+    alpha shear    nu / (c_s H) from the decay of a shear wave in a periodic box of the same h/H, whose particles are
+                   as disordered as a disc's
+    dL/L           change of the total angular momentum
+    ms             CPU milliseconds a step
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from discsim import Simulation
+from discsim.initial import profile
+from discsim.kernels.smoothing import KERNELS, SUPPORT
+
+ASPECT, INNER, OUTER, WINDOW = 0.05, 0.7, 1.4, 0.15
+PLAIN = {"alpha": 1.0, "beta": 2.0, "switch": "none"}
+CHOICES = {
+    "cubic": {"kernel": "cubic", "viscosity": PLAIN},
+    "cubic, balsara": {"kernel": "cubic", "viscosity": PLAIN | {"switch": "balsara"}},
+    "quintic": {"kernel": "quintic", "viscosity": PLAIN},
+    "quintic, alpha .1": {"kernel": "quintic", "viscosity": PLAIN | {"alpha": 0.1}},
+    "quintic, balsara": {"kernel": "quintic", "viscosity": PLAIN | {"switch": "balsara"}},
+    "wendland": {"kernel": "wendland-c4", "viscosity": PLAIN},
+    "wendland, balsara": {"kernel": "wendland-c4", "viscosity": PLAIN | {"switch": "balsara"}},
+    "wendland, eta 2.2, balsara": {"kernel": "wendland-c4", "eta": 2.2, "viscosity": PLAIN | {"switch": "balsara"}},
+}
+COLUMNS = {
+    "particles": "{:.0f}", "neighbours": "{:.0f}", "bias": "{:+.3f}", "scatter": "{:.2f}", "v_r": "{:.4f}",
+    "sigma": "{:.3f}", "alpha_flux": "{:+.4f}", "alpha_shear": "{:.4f}", "spin": "{:.1e}", "ms": "{:.0f}",
+}  # fmt: skip
+
+
+def ring(gas: dict, resolution: float) -> Simulation:
+    """The ring with h = `resolution` H at r = 1."""
+    start = {"kind": "disc", "surface_density": 1e-4, "inner": INNER, "outer": OUTER}
+    scene = {
+        "units": {"system": "code"},
+        "run": {"until": 1e9, "courant": 0.3},
+        "space": {"size": 4.0},
+        "initial": start,
+        "gas": gas
+        | {
+            "particles": 1000,
+            "eos": {"kind": "locally-isothermal", "aspect_ratio": ASPECT, "temperature_index": 1.0},
+        },
+        "star": {"mass": 1.0},
+    }
+    probe = Simulation(scene)
+    mass = float(probe.gas.mass.sum())
+    spacing = resolution * ASPECT / probe.scene.gas.eta
+    scene["gas"]["particles"] = round(mass / 1e-4 / spacing**2)
+    return Simulation(scene)
+
+
+def polar(gas):
+    r = np.sqrt((gas.pos**2).sum(axis=1))
+    radial = (gas.pos * gas.vel).sum(axis=1) / r
+    azimuthal = (gas.pos[:, 0] * gas.vel[:, 1] - gas.pos[:, 1] * gas.vel[:, 0]) / r
+    return r, radial, azimuthal
+
+
+def surface_density(gas, edges):
+    mass, _ = np.histogram(np.sqrt((gas.pos**2).sum(axis=1)), edges, weights=gas.mass)
+    return mass / (np.pi * np.diff(edges**2))
+
+
+def flux(sim) -> float:
+    """Flux of angular momentum through the window over 1.5 Sigma c_s^2, from velocities and from torques."""
+    gas = sim.gas
+    r, radial, azimuthal = polar(gas)
+    inside = np.abs(r - 1) < WINDOW
+    balance = np.sqrt(1 - 2 * ASPECT**2) / np.sqrt(r)
+    area = np.pi * ((1 + WINDOW) ** 2 - (1 - WINDOW) ** 2)
+    pressure = gas.mass * gas.sound_speed**2
+    reynolds = (gas.mass * radial * (azimuthal - balance))[inside].sum() / area
+    acc, _ = sim.acceleration("gas")
+    torque = gas.mass * (gas.pos[:, 0] * acc[:, 1] - gas.pos[:, 1] * acc[:, 0])
+    order = np.argsort(r)
+    within, place = np.cumsum(torque[order]), r[order]
+    through = -within[np.searchsorted(place, np.linspace(1 - WINDOW, 1 + WINDOW, 61))]
+    stress = (through / (2 * np.pi * np.linspace(1 - WINDOW, 1 + WINDOW, 61) ** 2)).mean()
+    return (reynolds + stress) / (1.5 * pressure[inside].sum() / area)
+
+
+def measure_disc(gas: dict, resolution: float, orbits: float, show) -> dict[str, float]:
+    sim = ring(gas, resolution)
+    edges = np.arange(1 - WINDOW, 1 + WINDOW + 1e-9, 0.5 * ASPECT)
+    before = surface_density(sim.gas, edges)
+    spin = (sim.gas.mass * polar(sim.gas)[2] * polar(sim.gas)[0]).sum()
+    until, found, densities = 2 * np.pi * orbits, [], []
+    count, cpu = 0, time.process_time()
+    while sim.time < until:
+        sim.evolve(min(until, sim.time + 0.25 * 2 * np.pi))
+        count = sim.state.step
+        show(sim.time / until)
+        with sim.synchronised():
+            if sim.time > 0.5 * until:
+                found.append(flux(sim))
+                densities.append(surface_density(sim.gas, edges))
+    cpu = time.process_time() - cpu
+    sim.run(until=sim.time)
+    r, radial, azimuthal = polar(sim.gas)
+    inside = np.abs(r - 1) < WINDOW
+    acc, _ = sim.acceleration("gas")
+    push = ((acc * sim.gas.pos).sum(axis=1) / r / (2 * ASPECT**2 / r**2))[inside]
+    kernel = KERNELS[sim.scene.gas.kernel]
+    spacing2 = (sim.gas.mass / sim.gas.density)[inside]
+    neighbours = np.pi * (SUPPORT[kernel] * sim.gas.h[inside]) ** 2 / spacing2
+    return {
+        "particles": sim.gas.count,
+        "neighbours": float(neighbours.mean()),
+        "h_over_H": float((sim.gas.h / (ASPECT * r))[inside].mean()),
+        "bias": float(push.mean() - 1),
+        "scatter": float(push.std()),
+        "v_r": float(np.sqrt(((radial / sim.gas.sound_speed)[inside] ** 2).mean())),
+        "sigma": float(np.abs(np.mean(densities, axis=0) / before - 1).max()),
+        "alpha_flux": float(np.mean(found)),
+        "alpha_error": float(np.std(found) / np.sqrt(len(found))),
+        "spin": float((sim.gas.mass * azimuthal * r).sum() / spin - 1),
+        "ms": 1e3 * cpu / count,
+        "steps": count,
+    }
+
+
+def measure_shear(gas: dict, resolution: float, side: int = 48) -> float:
+    """nu / (c_s H) from the decay of v_y = A sin(k x): one wave of 48 particles, A = .01 c_s, from a relaxed glass."""
+    rng = np.random.default_rng(1)
+    axis = (np.arange(side) + 0.5) / side
+    pos = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    pos = (pos + 0.3 / side * rng.uniform(-1, 1, pos.shape)) % 1
+    scene = {
+        "units": {"system": "code"},
+        "run": {"until": 1e9},
+        "space": {"size": 1.0, "boundary": "periodic"},
+        "gas": gas | {"particles": side**2, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
+    }
+    mass = np.full(side**2, 1 / side**2)
+    glass = Simulation(
+        scene | {"gas": scene["gas"] | {"viscosity": PLAIN}},
+        particles={"gas": {"pos": pos, "vel": 0 * pos, "mass": mass}},
+    )
+    glass.run(until=1.0)
+    k, amplitude = 2 * np.pi, 0.01
+    vel = np.stack([np.zeros(side**2), amplitude * np.sin(k * glass.gas.pos[:, 0])], axis=1)
+    sim = Simulation(scene, particles={"gas": {"pos": glass.gas.pos, "vel": vel, "mass": mass}})
+
+    def wave():
+        return float((sim.gas.vel[:, 1] * np.sin(k * sim.gas.pos[:, 0])).sum())
+
+    sim.run(until=0.2)
+    first = wave()
+    sim.run(until=1.2)
+    viscosity = -np.log(wave() / first) / k**2
+    return viscosity / (float(sim.gas.h.mean()) / resolution)
+
+
+def study(out: Path, names: list[str], resolution: float, orbits: float) -> dict[str, dict[str, float]]:
+    out.mkdir(parents=True, exist_ok=True)
+    results = {}
+    with Progress(console=Console(stderr=True)) as progress:
+        for name in names:
+            file = out / f"noise-{name.replace(', ', '-').replace(' ', '_')}-{resolution:g}-{orbits:g}.json"
+            if not file.exists():
+                task = progress.add_task(name, total=1.0)
+                found = measure_disc(
+                    CHOICES[name], resolution, orbits, lambda share, task=task: progress.update(task, completed=share)
+                )
+                found["alpha_shear"] = measure_shear(CHOICES[name], resolution)
+                file.write_text(json.dumps(found))
+            results[name] = json.loads(file.read_text())
+    return results
+
+
+def show_table(results: dict) -> None:
+    table = Table("choice", *COLUMNS)
+    for name, found in results.items():
+        table.add_row(name, *(form.format(found[key]) for key, form in COLUMNS.items()))
+    Console(width=150).print(table)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--out", type=Path, default=Path("noise"))
+    parser.add_argument("--choices", default=";".join(CHOICES), help="names separated by semicolons")
+    parser.add_argument("--orbits", type=float, default=20.0)
+    parser.add_argument("--resolution", type=float, default=0.25, help="h/H at the middle")
+    given = parser.parse_args(arguments)
+    names = given.choices.split(";")
+    if unknown := [name for name in names if name not in CHOICES]:
+        parser.error(f"no choice {unknown[0]!r}; there are {'; '.join(CHOICES)}")
+    results = study(given.out, names, given.resolution, given.orbits)
+    show_table(results)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
