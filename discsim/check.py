@@ -15,7 +15,7 @@ import numpy as np
 from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
 from discsim.initial import profile
-from discsim.rules import OF_CELLS
+from discsim.rules import KERNEL_KEYS, OF_CELLS
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
 from discsim.units import Units, epstein_stopping_time
@@ -245,22 +245,28 @@ def _gas_warnings(scene: Scene, at: Local) -> Iterator[str]:
 def _gravity_warnings(scene: Scene, at: Local) -> Iterator[str]:
     if not scene.self_gravity:
         return
-    softening = scene.self_gravity.softening
-    shown = scene.units.show(softening, "length")
+    kernel = scene.self_gravity.kernel
+    name = KERNEL_KEYS[kernel]
+    length = getattr(scene.self_gravity, name)
+    shown = scene.units.show(length, "length")
+    for other in set(KERNEL_KEYS.values()) - {name}:
+        if getattr(scene.self_gravity, other) is not None:
+            yield f'self_gravity.{other} is not used by kernel "{kernel}": leave it out'
     if scene.space.cells:
         cell = max(scene.space.size) / scene.space.cells
-        if softening < cell:
-            needed = math.ceil(max(scene.space.size) / softening)
+        if length < cell:
+            needed = math.ceil(max(scene.space.size) / length)
             yield (
-                f"self_gravity.softening = {shown} is {softening / cell:.2g} of a grid cell: "
-                f"raise space.cells to {needed}, or the softening to {scene.units.show(cell, 'length')}"
+                f"self_gravity.{name} = {shown} is {length / cell:.2g} of a grid cell: "
+                f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
             )
     if at.scale_height is not None:
-        height = at.scale_height.min()
-        if softening > height:
-            where = at.places[int(np.argmin(at.scale_height))]
+        # A softening is to be below H everywhere; a thickness is to be H somewhere.
+        worst = int(at.scale_height.argmin() if kernel == "plummer" else at.scale_height.argmax())
+        height = at.scale_height[worst]
+        if length > height:
             yield (
-                f"self_gravity.softening = {shown} is {softening / height:.2g} H at {where}, above 1: "
+                f"self_gravity.{name} = {shown} is {length / height:.2g} H at {at.places[worst]}, above 1: "
                 f"lower it to {scene.units.show(height, 'length')}"
             )
 

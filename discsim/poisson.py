@@ -1,9 +1,18 @@
-"""Potential of a razor-thin sheet on a grid by FFT, with the Plummer kernel -G / sqrt(r^2 + softening^2).
+"""Potential of a disc on a grid by FFT, phi(x) = int Sigma(x') w(|x - x'|) d^2x', with one of two kernels (G = 1):
+
+    plummer     w(d) = -1 / sqrt(d^2 + softening^2)                      w_k = -2 pi exp(-k softening) / k        (1)
+    thin-disc   w(d) = -exp(x) K_0(x) / (2 sqrt(pi) H), x = d^2 / 8H^2   w_k = -2 pi exp(kH)^2 erfc(kH) / k       (2)
+
+Plummer: a razor-thin disc, felt at the height softening (Binney & Tremaine 2008, eq. 5.161). Thin-disc: both columns
+are stratified, rho = Sigma exp(-z^2 / 2H^2) / (sqrt(2 pi) H), and the pull is the mean over the column that feels it
+(Rendon Restrepo et al. 2025, arXiv:2506.10812). For z - z' is Gaussian too, of variance 2H^2: w is the mean of
+-1 / sqrt(d^2 + (z - z')^2), w_k that of -2 pi exp(-k |z - z'|) / k. A wave is weakened by 1 - 2kH / sqrt(pi) where it
+is long, as by a softening of 2H / sqrt(pi) = 1.13 H, and by 1 / (sqrt(pi) kH) where it is short, as in three
+dimensions: no softening does both.
 
 Open edges: the grid is padded to twice its sides, so that the cyclic convolution is the sum over all pairs of
-nodes (Hockney & Eastwood 1988, ch. 6); rows that are only padding are never transformed. Periodic: the sheet
-phi_k = -2 pi G Sigma_k exp(-k softening) / k (Binney & Tremaine 2008, eq. 5.161, at height = softening),
-phi_0 = 0.
+nodes (Hockney & Eastwood 1988, ch. 6); rows that are only padding are never transformed. Periodic: phi_k is
+Sigma_k w_k, and phi_0 = 0.
 
 Rows go through one-dimensional FFTW_ESTIMATE plans in batches of fixed size: the same bits on any number of
 threads.
@@ -11,10 +20,13 @@ threads.
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pyfftw
 from scipy.fft import dctn, next_fast_len
+from scipy.special import erfcx, gamma, k0e, k1e
 
 from discsim.kernels.poisson import load_columns, multiply_columns, store_columns
 
@@ -22,19 +34,61 @@ Array = np.ndarray
 BATCH = 16  # rows that a plan transforms at once
 
 
+@dataclass(frozen=True)
+class Plummer:
+    """The kernel of a razor-thin disc felt at the height `softening`."""
+
+    softening: float
+    lone: ClassVar[float] = 0.0  # distance of a node from itself, in cells
+
+    def potential(self, distance: Array) -> Array:
+        return -1 / np.hypot(distance, self.softening)  # eq. (1)
+
+    def pull(self, distance: Array) -> Array:
+        """Attraction over distance."""
+        return np.hypot(distance, self.softening) ** -3
+
+    def transform(self, k: Array) -> Array:
+        return -2 * np.pi * np.exp(-k * self.softening) / k
+
+
+@dataclass(frozen=True)
+class ThinDisc:
+    """The kernel of a Gaussian disc of constant `thickness` H, the mean over its height; infinite at distance 0."""
+
+    thickness: float
+    # w ~ ln d near 0. With this distance for 0 the sum over the nodes of a square lattice is the integral of a smooth
+    # density to fourth order: -ln lone = ln(2 pi)/2 + beta'(0), from the lattice sum 4 zeta(s) beta(s) of |n|^-2s.
+    lone: ClassVar[float] = 2 * np.sqrt(np.pi) / gamma(0.25) ** 2
+
+    def potential(self, distance: Array) -> Array:
+        return -k0e(distance**2 / (8 * self.thickness**2)) / (2 * np.sqrt(np.pi) * self.thickness)  # eq. (2)
+
+    def pull(self, distance: Array) -> Array:
+        """Attraction over distance, which is below 1e6 H: there the two terms cancel to four digits."""
+        x = distance**2 / (8 * self.thickness**2)
+        return (k1e(x) - k0e(x)) / (8 * np.sqrt(np.pi) * self.thickness**3)
+
+    def transform(self, k: Array) -> Array:
+        return -2 * np.pi * erfcx(k * self.thickness) / k
+
+
+Kernel = Plummer | ThinDisc
+
+
 class Poisson:
-    """Solver for one grid of `shape` (nx, ny), square cells of side `cell` and one softening; G = 1.
+    """Solver for one grid of `shape` (nx, ny), square cells of side `cell` and one `kernel`; G = 1.
 
     A sheet that varies along x only has ny = 1. Raises ValueError for such a sheet with open edges.
     """
 
-    def __init__(self, shape: tuple[int, int], cell: float, softening: float, periodic: bool, threads: int) -> None:
+    def __init__(self, shape: tuple[int, int], cell: float, kernel: Kernel, periodic: bool, threads: int) -> None:
         if not periodic and 1 in shape:
             raise ValueError("self-gravity with open boundaries needs two dimensions; make the box periodic")
         self.shape = shape
         padded = shape if periodic else (_padded(shape[0]), _padded(shape[1]))
-        kernel = _periodic_kernel if periodic else _open_kernel
-        self._kernel = kernel(padded, cell, softening) / (padded[0] * padded[1])
+        transform = _periodic_transform if periodic else _open_transform
+        self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
         self._half = np.empty((shape[0], padded[1] // 2 + 1), complex)
         self._workers = [_Worker(padded) for _ in range(threads)]
         self._pool = ThreadPoolExecutor(threads)
@@ -113,16 +167,17 @@ def _padded(count: int) -> int:
     return 2 * next_fast_len(count, real=True)
 
 
-def _open_kernel(padded: tuple[int, int], cell: float, softening: float) -> Array:
-    """Transform (ky, kx) of -cell^2 / sqrt(r^2 + softening^2), even along both axes: a cosine transform."""
+def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
+    """Transform (ky, kx) of the kernel times cell^2, even along both axes: a cosine transform."""
     x, y = (cell * np.arange(n // 2 + 1) for n in padded)
-    separation = np.sqrt(x**2 + y[:, None] ** 2 + softening**2)
-    return dctn(-(cell**2) / separation, type=1)
+    distance = np.hypot(x, y[:, None])
+    distance[0, 0] = kernel.lone * cell
+    return dctn(cell**2 * kernel.potential(distance), type=1)
 
 
-def _periodic_kernel(padded: tuple[int, int], cell: float, softening: float) -> Array:
-    """-2 pi exp(-k softening) / k at the grid's wavenumbers (ky, kx), and 0 at k = 0."""
+def _periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
+    """w_k at the grid's wavenumbers (ky, kx), and 0 at k = 0."""
     kx, ky = (2 * np.pi * np.fft.rfftfreq(n, cell) for n in padded)
     k = np.hypot(kx, ky[:, None])
     k[0, 0] = np.inf
-    return -2 * np.pi * np.exp(-k * softening) / k
+    return kernel.transform(k)

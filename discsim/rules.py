@@ -13,6 +13,7 @@ Problem = tuple[tuple[str | int, ...], str]
 
 OF_CELLS = ("scheme", "cell", "heating", "integration")  # keys of the drag that only its cells use
 LAW_KEYS = {"constant": "K", "stopping-time": "t_stop", "stokes-number": "stokes"}
+KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
 
 
 class Faulty(Exception):
@@ -306,6 +307,18 @@ def _self_gravity_in_1d(draft: Draft) -> Iterator[Problem]:
         yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
 
 
+def _self_gravity_kernel(draft: Draft) -> Iterator[Problem]:
+    if not draft.self_gravity:
+        return
+    kernel = draft.self_gravity.kernel
+    needed = KERNEL_KEYS[kernel]
+    unsaid = not draft.gives("self_gravity", "kernel")
+    if unsaid and draft.self_gravity.thickness is not None:
+        yield ("self_gravity", "thickness"), 'nothing uses it; expected kernel = "thin-disc" beside it'
+    elif getattr(draft.self_gravity, needed) is None:
+        yield ("self_gravity", needed), f'missing; kernel "{kernel}" needs it'
+
+
 def _self_gravity_sources(draft: Draft) -> Iterator[Problem]:
     if not draft.self_gravity:
         return
@@ -345,5 +358,6 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _drag_cell,
     _drag_heating,
     _self_gravity_in_1d,
+    _self_gravity_kernel,
     _self_gravity_sources,
 )

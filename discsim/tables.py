@@ -392,8 +392,11 @@ class Drag(Table):
 
 
 class SelfGravity(Table):
-    softening: Length = Field(gt=0, description="Plummer length")
-    kernel: Literal["plummer"] = Field("plummer", description="1 / sqrt(r^2 + softening^2)")
+    softening: Length | None = Field(None, gt=0, description='Plummer length, for kernel "plummer"')
+    kernel: Literal["plummer", "thin-disc"] = Field(
+        "plummer", description='1 / sqrt(r^2 + softening^2), or the mean over a Gaussian disc of height "thickness"'
+    )
+    thickness: Length | None = Field(None, gt=0, description='constant scale height H, for kernel "thin-disc"')
     sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 

@@ -11,7 +11,7 @@ import pytest
 from discsim.effects.self_gravity import Effect
 from discsim.exact import maclaurin
 from discsim.grid import Grid
-from discsim.poisson import Poisson
+from discsim.poisson import Plummer, Poisson
 from discsim.state import Particles, State
 
 
@@ -24,7 +24,8 @@ def cloud(pos, mass, dimensions=2):
 
 def gravity(grid, softening, gas, dust=None, sources=("gas", "dust"), drag=None):
     """The effect and its state, accelerations made."""
-    scene = SimpleNamespace(self_gravity=SimpleNamespace(softening=softening, sources=sources), drag=drag)
+    table = SimpleNamespace(kernel="plummer", softening=softening, sources=sources)
+    scene = SimpleNamespace(self_gravity=table, drag=drag)
     state = State(scene=scene, gas=gas, dust=dust, grid=grid)
     effect = Effect(scene, state)
     effect.accelerate(state)
@@ -50,7 +51,7 @@ def test_open_potential_is_the_direct_sum_over_nodes(shape, softening):
     x, y = (c.ravel() * cell for c in np.indices(shape))
     distance = np.sqrt((x - x[:, None]) ** 2 + (y - y[:, None]) ** 2 + softening**2)
     direct = -(surface_density.ravel() * cell**2 / distance).sum(axis=1).reshape(shape)
-    potential = Poisson(shape, cell, softening, periodic=False, threads=1).solve(surface_density)
+    potential = Poisson(shape, cell, Plummer(softening), periodic=False, threads=1).solve(surface_density)
     # What is promised; the FFT's own rounding is 1e-15.
     assert np.abs(potential / direct - 1).max() < 1e-10
 
@@ -61,7 +62,7 @@ def test_periodic_potential_of_a_wave(shape, waves):
     k = 2 * np.pi * np.array(waves) / (np.array(shape) * cell)
     i, j = np.indices(shape)
     wave = np.sin(cell * (k[0] * i + k[1] * j) + 0.4)
-    potential = Poisson(shape, cell, softening, periodic=True, threads=1).solve(3 + wave)
+    potential = Poisson(shape, cell, Plummer(softening), periodic=True, threads=1).solve(3 + wave)
     size = np.hypot(*k)
     exact = -2 * np.pi * np.exp(-size * softening) / size * wave
     # Rounding only; the phases of the wave are large numbers.
@@ -70,7 +71,7 @@ def test_periodic_potential_of_a_wave(shape, waves):
 
 def test_open_boundaries_need_two_dimensions():
     with pytest.raises(ValueError, match="two dimensions"):
-        Poisson((64, 1), 0.1, 0.1, periodic=False, threads=1)
+        Poisson((64, 1), 0.1, Plummer(0.1), periodic=False, threads=1)
 
 
 def maclaurin_disc(count):

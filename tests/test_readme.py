@@ -92,7 +92,7 @@ def test_names_are_complete():
     for name in (*EFFECTS, "gas.viscosity", "gas.conductivity"):
         assert f"(`[{name}]`" in effects
     for name in SCHEMES:
-        assert re.search(rf"^\| `{name}`.*\| exact for each cell \|$", effects, re.M)
+        assert re.search(rf"^\| `{name}`.*\| exact for each (cell|node) \|$", effects, re.M)
     solutions = TEXT.split("### Exact solutions")[1].split("\n\n")[1]
     files = {path.stem for path in Path(exact_path[0]).glob("[!_]*.py")}
     assert set(re.findall(r"`(\w+)`", solutions)) == files

@@ -383,6 +383,12 @@ RULES = [
         'self_gravity.sources: "dust" is to attract*',
     ),
     ({"self_gravity": {"softening": 1, "sources": ["gas", "gas"]}}, "self_gravity.sources: a source is*"),
+    ({"self_gravity": {}}, 'self_gravity.softening: missing; kernel "plummer" needs it'),
+    ({"self_gravity": {"kernel": "thin-disc"}}, 'self_gravity.thickness: missing; kernel "thin-disc" needs it'),
+    ({"self_gravity": {"kernel": "thin"}}, 'self_gravity.kernel: "thin" is unknown*did you mean "thin-disc"*'),
+    ({"self_gravity": {"softening": 1, "thickness": 1}}, "self_gravity.thickness: nothing uses it*"),
+    ({"self_gravity": {"kernel": "thin-disc", "thickness": 0}}, "self_gravity.thickness: 0 is not positive*"),
+    ({"self_gravity": {"softning": 1}}, "self_gravity.softning: unknown key*"),
     ({"space": {"dimensions": 2, "size": [1, 0.3], "cells": 16}}, "space.cells: a periodic space of*"),
     ({"space": {"dimensions": 2, "size": [1, 0.5]}}, "space.cells: missing*"),
 ]  # fmt: skip

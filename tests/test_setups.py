@@ -105,8 +105,10 @@ def test_setup_steps(path):
     if sim.scene.initial.kind == "disc":
         # Central forces on particles that lie evenly; the rest is the noise of a thousand of them.
         assert np.abs(moved).max() < 1e-3 * after["size"]
-        # The star's torque is none; a coarse grid's self-gravity leaves this much of one.
-        assert after["spin"] == pytest.approx(before["spin"], rel=1e-4)
+        # The star's torque is none; a coarse grid's self-gravity leaves this much of one, and what dust loses to
+        # gas that it does not push is nobody's.
+        alone = sim.scene.drag is not None and sim.scene.drag.direction == "one-way"
+        assert after["spin"] == pytest.approx(before["spin"], rel=1e-3 if alone else 1e-4)
     elif sim.scene.initial.kind == "shock":
         left, right = sim.scene.initial.left[1], sim.scene.initial.right[1]
         # The push of the pressures on the two ends; SPH smooths them over a few spacings.
@@ -137,7 +139,7 @@ NEEDS = {"gas": ("drag",), "dust": ("drag",)}  # what cannot stay without it
 
 def test_every_effect_is_stepped_here():
     assert {name for name in STEPPED if "." not in name} == set(EFFECTS)
-    assert set(STEPPED) == set(tables.EFFECTS)
+    assert {*STEPPED, "background"} == set(tables.EFFECTS)  # the last is no partner of gas: tests/test_background.py
     assert set(load_scene(EVERYTHING).effects) == set(STEPPED)
 
 

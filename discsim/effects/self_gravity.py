@@ -1,8 +1,14 @@
-"""Self-gravity: a = -grad phi, phi(x) = -G int Sigma(x') / sqrt(|x - x'|^2 + softening^2) d^2x'.
+"""Self-gravity: a = -grad phi, phi(x) = G int Sigma(x') w(|x - x'|) d^2x'.
+
+    kernel = "plummer"     w(d) = -1 / sqrt(d^2 + softening^2)
+    kernel = "thin-disc"   w(d) = -exp(x) K_0(x) / (2 sqrt(pi) H), x = d^2 / 8H^2, H = thickness
+
+The second is the mean over height of a disc that is Gaussian in height, of constant H, without approximation (Rendon
+Restrepo et al. 2025, arXiv:2506.10812).
 
 Particle mesh (Hockney & Eastwood 1988, ch. 5): deposit, potential by FFT, centred difference of fourth order,
 gather with the deposit's weights. A particle off an open grid attracts nothing, and feels the mass on the
-grid as one softened point.
+grid as one point with that kernel.
 """
 
 from __future__ import annotations
@@ -15,7 +21,7 @@ import numpy as np
 from discsim.effects import base
 from discsim.grid import Grid
 from discsim.kernels.grid import largest_norm
-from discsim.poisson import Poisson
+from discsim.poisson import Kernel, Plummer, Poisson, ThinDisc
 from discsim.state import Particles, State
 
 if TYPE_CHECKING:
@@ -38,9 +44,13 @@ class Effect(base.Effect):
         assert scene.self_gravity is not None and state.grid is not None
         self.grid = grid = state.grid
         self.sources = [name for name in state.species if name in scene.self_gravity.sources]
-        self.softening = scene.self_gravity.softening
+        self.kernel: Kernel = Plummer(scene.self_gravity.softening)
+        self.smallest = scene.self_gravity.softening  # length over which the force changes
+        if scene.self_gravity.kernel == "thin-disc":
+            # In its plane this kernel is as sharp as the grid.
+            self.kernel, self.smallest = ThinDisc(scene.self_gravity.thickness), grid.cell
         threads = numba.get_num_threads()
-        self.poisson = Poisson(grid.shape, grid.cell, self.softening, grid.periodic, threads)
+        self.poisson = Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads)
         self.outside = 0
         self._field: _Field | None = None
         self._strongest: dict[str, float] = {}
@@ -58,11 +68,11 @@ class Effect(base.Effect):
             particles.acc += acceleration
 
     def limit(self, state: State) -> float:
-        """The least sqrt(softening / |a|) of the limiting particles."""
+        """The least sqrt(length / |a|) of the limiting particles: softening, or cell of a thin-disc."""
         limiting = {id(particles) for particles in state.limiting}
         strongest = [a for name, a in self._strongest.items() if id(state.species[name]) in limiting]
         largest = max(strongest, default=0.0)
-        return float(np.sqrt(self.softening / largest)) if largest > 0 else float("inf")
+        return float(np.sqrt(self.smallest / largest)) if largest > 0 else float("inf")
 
     def potential_energy(self, state: State) -> float:
         """Half the sum of m phi over the sources, in the potential that last made forces."""
@@ -80,28 +90,30 @@ class Effect(base.Effect):
         for name in self.sources:
             particles = state.species[name]
             self.grid.deposit(particles.pos, particles.mass, out=surface_density)
-        monopole = _monopole(self.grid, surface_density, self.softening)
+        monopole = _monopole(self.grid, surface_density, self.kernel)
         return _Field(self.poisson.solve(surface_density), monopole)
 
 
 class _Monopole(NamedTuple):
-    """The mass on the grid as one softened point at its centre."""
+    """The mass on the grid as one point at its centre."""
 
     mass: float
     centre: Array
-    softening: float
+    kernel: Kernel
 
     def potential(self, pos: Array) -> Array:
-        return -self.mass / np.sqrt(self._squared_distance(pos))
+        return self.mass * self.kernel.potential(_length(self._separation(pos)))
 
     def acceleration(self, pos: Array) -> Array:
-        return -self.mass * self._separation(pos) / self._squared_distance(pos)[:, None] ** 1.5
+        separation = self._separation(pos)
+        return -self.mass * self.kernel.pull(_length(separation))[:, None] * separation
 
     def _separation(self, pos: Array) -> Array:
         return pos - self.centre[: pos.shape[1]]
 
-    def _squared_distance(self, pos: Array) -> Array:
-        return (self._separation(pos) ** 2).sum(axis=1) + self.softening**2
+
+def _length(vectors: Array) -> Array:
+    return np.sqrt((vectors**2).sum(axis=1))
 
 
 class _Field(NamedTuple):
@@ -109,11 +121,11 @@ class _Field(NamedTuple):
     monopole: _Monopole
 
 
-def _monopole(grid: Grid, surface_density: Array, softening: float) -> _Monopole:
+def _monopole(grid: Grid, surface_density: Array, kernel: Kernel) -> _Monopole:
     # Cloud in cell keeps the mass and its first moments, so the grid gives those of the deposited particles.
     along = (surface_density.sum(axis=1), surface_density.sum(axis=0))
     total = float(along[0].sum())
     if total == 0.0:
-        return _Monopole(0.0, np.zeros(2), softening)
+        return _Monopole(0.0, np.zeros(2), kernel)
     centre = np.array([(along[axis] * grid.nodes(axis)).sum() / total for axis in (0, 1)])
-    return _Monopole(total * grid.cell**2, centre, softening)
+    return _Monopole(total * grid.cell**2, centre, kernel)

@@ -22,6 +22,12 @@ def surface_density(radius: ArrayLike, disc_radius: float, mass: float) -> np.nd
     return 3 * mass / (2 * np.pi * disc_radius**2) * np.sqrt(inside)
 
 
+def enclosed_mass(radius: ArrayLike, disc_radius: float, mass: float) -> np.ndarray:
+    """Mass within `radius`."""
+    inside = np.maximum(1 - (np.asarray(radius, dtype=float) / disc_radius) ** 2, 0)
+    return mass * (1 - inside**1.5)
+
+
 def radial_acceleration(radius: ArrayLike, disc_radius: float, mass: float, height: float = 0.0) -> np.ndarray:
     """Radial acceleration at `radius` and `height`, or in the plane with that softening."""
     radius = np.asarray(radius, dtype=float)

@@ -68,7 +68,11 @@ def surface_density(scene: Scene, r: Array) -> Array:
 
 
 def pressure_acceleration(scene: Scene, r: Array) -> Array:
-    """-(1/Sigma) dP/dr of the gas at radius `r`, from the smooth profile: an edge without taper gives none."""
+    """-(1/Sigma) dP/dr of the gas at radius `r`, from the smooth profile: an edge without taper gives none.
+
+    Where a taper falls faster than over H = c_s/Omega no rotation balances it, and the gas spreads; there it is taken
+    as if it fell over H.
+    """
     start: Any = scene.initial
     eos: Any = scene.gas.eos
     speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2
@@ -78,6 +82,7 @@ def pressure_acceleration(scene: Scene, r: Array) -> Array:
     out = slope * speed2 / r
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:
-            phase = 0.5 * np.pi * np.clip(sign * (r - edge) / width, 0.02, 1.0)
-            out = out - sign * speed2 * np.pi / width / np.tan(phase)
+            phase = 0.5 * np.pi * np.clip(sign * (r - edge) / width, 1e-6, 1.0)
+            steepest = np.sqrt(scene.star.mass / r**3 / speed2) if scene.star else np.inf
+            out = out - sign * speed2 * np.minimum(np.pi / width / np.tan(phase), steepest)
     return out

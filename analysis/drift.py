@@ -1,0 +1,259 @@
+"""Radial drift of dust and gas in a Keplerian disc over that of Nakagawa, Sekiya & Hayashi (1986).
+
+    python analysis/drift.py [-o OUT] [--gas sph|background] [--cases eps:St,...] [--schemes NAME,...] [--seeds N]
+
+sph: a ring of gas from .55 to 1.6 about a star, Sigma ~ 1/r between tapers of .3 (sharp edges send waves through it),
+H/r = .05, and as many dust as gas particles, evenly placed, both starting at the NSH velocities; means over orbits 2 to
+12 at r = 1, |r - 1| < .12. For each case, scheme and seed it keeps one file in OUT, so that a stopped study goes on,
+and prints and writes (drift.csv, drift.png):
+
+    dust - gas   radial velocity of dust minus that of gas, over NSH; what the drag alone answers for
+    dust, gas    each over its own NSH drift
+    control      drift of gas alone, its acceleration by pressure divided by 1 + eps (H/r = .05/sqrt(1 + eps)), over
+                 NSH's of the gas: what of its drift is SPH's own; "gas - control" is the rest
+    error        standard error, of ten batches' means
+    alpha        Sigma <v_r dv_phi> of both over 1.5 Sigma_g c_s^2
+    dL/L         change of the total angular momentum
+
+background: the gas is given ([background]), drag is one-way, St from 1e-8 to 1e5; drift of guiding centres, L^2,
+over NSH. The step is .03/Omega for all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from discsim import Simulation
+from discsim.exact import nsh
+
+ASPECT, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 0.55, 1.6, 0.3, 0.12, 10
+CASES = "0.01:0.1,0.01:0.01,1:0.1,1:0.01,0.01:0.001,0.01:1,1:0.001,1:1"
+STOKES = (1e-8, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e5)
+COLUMNS = ("eps", "stokes", "scheme", "seed", "relative", "error", "dust", "gas", "gas_less_control", "alpha", "spin")
+
+
+def ring(ratio: float, stokes: float, scheme: str, seed: int, particles: int, dust: int, gas_keys: dict) -> Simulation:
+    """The ring; a scheme "control" has no dust, and its gas 1/(1 + eps) of the pressure."""
+    control = scheme == "control"
+    aspect = ASPECT / np.sqrt(1 + ratio) if control else ASPECT
+    scene = {
+        "units": {"system": "code"},
+        "run": {"until": 1e9, "courant": 0.75, "seed": seed},
+        "space": {"size": 4.0, "cells": 1024},
+        "initial": {
+            "kind": "disc",
+            "surface_density": 1e-4,
+            "inner": INNER,
+            "outer": OUTER,
+            "inner_taper": TAPER,
+            "outer_taper": TAPER,
+        },
+        "gas": gas_keys
+        | {
+            "particles": particles,
+            "eos": {"kind": "locally-isothermal", "aspect_ratio": aspect, "temperature_index": 1.0},
+        },
+        "star": {"mass": 1.0, "accretion_radius": 0.4},
+    }
+    if not control:
+        scene["dust"] = {"particles": dust, "ratio": ratio}
+        scene["drag"] = {"law": "stokes-number", "stokes": stokes, "scheme": scheme}
+    return Simulation(scene)
+
+
+def look(sim: Simulation, ratio: float) -> dict[str, float]:
+    """Mean radial velocities in units of the headwind, and the Reynolds stress, in the window now."""
+    found = {"stress": 0.0}
+    for name, p in sim.state.species.items():
+        r = np.sqrt((p.pos**2).sum(axis=1))
+        inside = np.abs(r - 1) < WINDOW
+        radial = ((p.pos * p.vel).sum(axis=1) / r)[inside]
+        azimuthal = ((p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / r - r**-0.5)[inside]
+        unit = ASPECT**2 * r[inside] ** -0.5  # eta v_K
+        found[name] = float(radial.sum() / unit.sum())
+        found["stress"] += float((p.mass[inside] * radial * (azimuthal - azimuthal.mean())).sum())
+    gas = sim.gas
+    inside = np.abs(np.sqrt((gas.pos**2).sum(axis=1)) - 1) < WINDOW
+    found["stress"] /= 1.5 * float((gas.mass * gas.sound_speed**2)[inside].sum())
+    return found
+
+
+def spin(sim: Simulation) -> float:
+    parts = (p.mass * (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) for p in sim.state.species.values())
+    return float(sum(part.sum() for part in parts)) + sim.state.ledger.accreted_angular_momentum
+
+
+def measure(sim: Simulation, ratio: float, stokes: float, orbits: tuple[float, float], show) -> dict:
+    start, end = (2 * np.pi * n for n in orbits)
+    before = spin(sim)
+    samples, next_look = [], start
+
+    def after_step() -> bool:
+        nonlocal next_look
+        if sim.time >= next_look:
+            next_look = sim.time + 0.1
+            with sim.synchronised():
+                samples.append(look(sim, ratio))
+        show(sim.time / end)
+        return False
+
+    sim.evolve(end, after_step)
+    sim.run(until=sim.time)
+    expected = nsh.velocities(stokes, ratio, 1.0)
+    gas = np.array([s["gas"] for s in samples])
+    out = {
+        "steps": sim.state.step,
+        "gas": float(gas.mean() / expected.gas_radial),
+        "alpha": float(np.mean([s["stress"] for s in samples])),
+        "spin": spin(sim) / before - 1,
+    }
+    if sim.dust is not None:
+        dust = np.array([s["dust"] for s in samples])
+        slip = (dust - gas) / float(expected.dust_radial - expected.gas_radial)
+        batches = [part.mean() for part in np.array_split(slip, min(BATCHES, len(slip)))]
+        out |= {
+            "dust": float(dust.mean() / expected.dust_radial),
+            "relative": float(slip.mean()),
+            "error": float(np.std(batches, ddof=1) / np.sqrt(len(batches))),
+            "uncoupled": sim.effects["drag"].uncoupled,
+        }
+    return out
+
+
+def study(given, cases: list[tuple[float, float]]) -> list[dict]:
+    """Measure what OUT does not hold yet; the rows of the table."""
+    rows = []
+    keys = json.loads(given.gas_keys)
+    with Progress(console=Console(stderr=True)) as progress:
+        for seed in range(1, given.seeds + 1):
+            for ratio, stokes in cases:
+                for scheme in ["control", *given.schemes.split(",")]:
+                    name = f"{scheme}-eps{ratio:g}" + ("" if scheme == "control" else f"-St{stokes:g}")
+                    file = given.out / f"drift-{name}-seed{seed}.json"
+                    if not file.exists():
+                        task = progress.add_task(file.stem, total=1.0)
+                        sim = ring(ratio, stokes, scheme, seed, given.particles, given.dust, keys)
+                        found = measure(
+                            sim, ratio, stokes, given.orbits, lambda share, t=task: progress.update(t, completed=share)
+                        )
+                        # A control serves all Stokes numbers: its drift in units of the headwind.
+                        found["drift"] = found["gas"] * float(nsh.velocities(stokes, ratio, 1.0).gas_radial)
+                        file.write_text(json.dumps(found))
+                    found = json.loads(file.read_text())
+                    if scheme == "control":
+                        control = found["drift"]
+                        continue
+                    expected = float(nsh.velocities(stokes, ratio, 1.0).gas_radial)
+                    less = found["gas"] - control / expected
+                    rows.append(
+                        {"eps": ratio, "stokes": stokes, "scheme": scheme, "seed": seed, "gas_less_control": less}
+                        | found
+                    )
+    return rows
+
+
+def background_error(stokes: float, orbits: float = 4.0, aspect: float = 0.005) -> float:
+    """Drift of the guiding centres of dust in a given gas, over NSH's, less one; the first orbit left out."""
+    eos = {"kind": "locally-isothermal", "aspect_ratio": aspect, "temperature_index": 1.0}
+    sim = Simulation(
+        {
+            "units": {"system": "code"},
+            "run": {"until": 2 * np.pi * orbits, "courant": 0.03},
+            "space": {"size": 4.0},
+            "background": {"surface_density": 1e-4, "eos": eos},
+            "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 0.95, "outer": 1.05},
+            "dust": {"particles": 100, "ratio": 0.01},
+            "star": {"mass": 1.0},
+            "drag": {"law": "stokes-number", "stokes": stokes, "direction": "one-way"},
+        }
+    )
+
+    def guide():
+        pos, vel = sim.dust.pos, sim.dust.vel
+        return (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) ** 2
+
+    sim.run(until=2 * np.pi)
+    before, start = guide(), sim.time
+    sim.run()
+    rate = (guide() ** 1.5 - before**1.5) / (1.5 * (sim.time - start))
+    return float((rate / float(nsh.velocities(stokes, 0.0, aspect**2).dust_radial)).mean() - 1)
+
+
+def draw(rows: list[dict], file: Path) -> None:
+    """Relative drift over NSH against the Stokes number, a colour a scheme, a symbol a ratio."""
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    schemes = sorted({row["scheme"] for row in rows})
+    ratios = sorted({row["eps"] for row in rows})
+    for i, scheme in enumerate(schemes):
+        for j, ratio in enumerate(ratios):
+            mine = [row for row in rows if row["scheme"] == scheme and row["eps"] == ratio]
+            x = [row["stokes"] * 1.06 ** (i + 0.3 * row["seed"]) for row in mine]
+            y, error = [row["relative"] for row in mine], [row["error"] for row in mine]
+            axes.errorbar(x, y, error, fmt="os"[j % 2], color=f"C{i}", label=f"{scheme}, eps = {ratio:g}", ms=4)
+    axes.axhline(1, color="0.6", lw=0.8)
+    axes.set(xscale="log", xlabel="Stokes number", ylabel="(dust - gas) drift / NSH")
+    axes.set_yscale("symlog", linthresh=2)
+    axes.legend(fontsize=8)
+    figure.savefig(file, dpi=120)
+
+
+def write_csv(rows: list[dict], columns: tuple[str, ...], file: Path) -> None:
+    with file.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, columns, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--out", type=Path, default=Path("drift"))
+    parser.add_argument("--gas", choices=("sph", "background"), default="sph")
+    parser.add_argument("--cases", default=CASES, help="eps:St, separated by commas")
+    parser.add_argument("--schemes", default="tsc,idic-linear,idic")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--particles", type=int, default=100_000)
+    parser.add_argument("--dust", type=int, default=100_000)
+    parser.add_argument("--orbits", type=float, nargs=2, default=(2.0, 12.0))
+    parser.add_argument("--gas-keys", default=json.dumps(GAS), help="table [gas] as JSON")
+    given = parser.parse_args(arguments)
+    console = Console(width=140)
+    given.out.mkdir(parents=True, exist_ok=True)
+    if given.gas == "background":
+        table = Table("Stokes number", "drift over NSH, less 1")
+        rows = [{"stokes": stokes, "error": background_error(stokes)} for stokes in STOKES]
+        for row in rows:
+            table.add_row(f"{row['stokes']:g}", f"{row['error']:+.5f}")
+        write_csv(rows, ("stokes", "error"), given.out / "drift-background.csv")
+    else:
+        try:
+            cases = [(float(a), float(b)) for a, b in (case.split(":") for case in given.cases.split(","))]
+        except ValueError:
+            parser.error(f"--cases: {given.cases!r}; expected pairs like 0.01:0.1,1:0.1")
+        rows = study(given, cases)
+        table = Table(*COLUMNS)
+        for row in rows:
+            table.add_row(*(f"{v:.4g}" if isinstance(v := row[key], float) else str(v) for key in COLUMNS))
+        write_csv(rows, COLUMNS, given.out / "drift.csv")
+        draw(rows, given.out / "drift.png")
+    console.print(table)
+    return 0
+
+
+# The quiet gas of analysis/noise.py.
+GAS = {"kernel": "quintic", "viscosity": {"alpha": 1.0, "beta": 2.0}}
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,168 @@
+"""The studies in analysis/: the comparison of two runs, clumps, drift and noise, on known or tiny discs."""
+
+import csv
+import importlib.util
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discsim.scene import load_scene
+from discsim.snapshot import write_snapshot
+from discsim.state import Dust, Gas
+
+ROOT = Path(__file__).parents[1]
+SCENE = {
+    "units": {"system": "code"},
+    "run": {"until": 2.0},
+    "space": {"size": 8.0, "cells": 64},
+    "initial": {"kind": "disc", "mass": 1.0, "inner": 1.0, "outer": 2.0},
+    "gas": {"particles": 500, "eos": {"kind": "isothermal", "sound_speed": 0.05}},
+    "dust": {"particles": 700, "ratio": 0.01},
+    "star": {"mass": 1.0},
+}
+
+
+def script(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "analysis" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def even(count, inner, outer):
+    """Sigma ~ 1/r between two radii on a spiral of golden angles: equal mass in equal steps of radius."""
+    r = inner + (outer - inner) * (np.arange(count) + 0.5) / count
+    phi = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    return np.stack([r * np.cos(phi), r * np.sin(phi)], axis=1)
+
+
+def dust_of(pos, mass):
+    n, zero = len(pos), np.zeros_like(pos)
+    return Dust(pos=pos, vel=zero, acc=zero, mass=np.full(n, mass / n), ids=np.arange(n), species=np.zeros(n, int))
+
+
+def gas_of(pos, mass):
+    n, zero, ones = len(pos), np.zeros_like(pos), np.ones(len(pos))
+    state = {"h": ones, "density": ones, "gradh": ones, "pressure": ones, "sound_speed": ones}
+    return Gas(pos=pos, vel=zero, acc=zero, mass=mass / n * ones, ids=np.arange(n), **state)
+
+
+def run_of(directory, dust, gas=None):
+    """A run's directory with snapshots at t = 0, 1, ... of the given dust positions, of mass .3."""
+    scene = load_scene(SCENE)
+    (directory / "snapshots").mkdir(parents=True)
+    for k, pos in enumerate(dust):
+        clouds = even(2000, 1.0, 2.0) if gas is None else gas[k]
+        file = directory / "snapshots" / f"{k:04d}.h5"
+        write_snapshot(file, scene, float(k), gas_of(clouds, 1.0), dust_of(pos, 0.3))
+    return directory
+
+
+# One-way against two-way
+
+
+def test_two_runs_side_by_side(tmp_path, capsys):
+    """A disc that stays and one that shrinks by a fifth: radii, masses within them, and the peak are known."""
+    stays = run_of(tmp_path / "a", [even(4000, 1.0, 2.0)] * 2)
+    shrinks = run_of(tmp_path / "b", [even(4000, 1.0, 2.0), even(4000, 0.8, 1.6)])
+    assert script("oneway_twoway").main([str(stays), str(shrinks), "-o", str(tmp_path / "out")]) == 0
+    rows = list(csv.reader((tmp_path / "out" / "oneway_twoway.csv").read_text().splitlines()))
+    assert rows[0][:5] == ["run", "time", "r10", "r50", "r90"] and len(rows) == 5
+    kept, shrunk = (np.array(row[1:], float) for row in rows[3:])
+    # Particles lie 2.5e-4 apart in radius.
+    np.testing.assert_allclose(kept[1:4], [1.1, 1.5, 1.9], atol=1e-3)
+    np.testing.assert_allclose(shrunk[1:4], 0.8 * kept[1:4], atol=1e-3)
+    np.testing.assert_allclose(kept[4:7], [0.03, 0.15, 0.27], atol=1e-3)
+    np.testing.assert_allclose(shrunk[4:7], [0.1125, 0.2625, 0.3], atol=1e-3)  # (r - .8)/.8 of .3
+    # Sigma = .3 / (2 pi r) is largest at the inner edge; smoothing over two rings of .028 moves it in by as much twice.
+    assert kept[7] == pytest.approx(1.06, abs=0.07) and kept[8] == pytest.approx(0.3 / (2 * np.pi), rel=0.1)
+    assert shrunk[7] < kept[7] and shrunk[8] > kept[8]
+    assert (tmp_path / "out" / "oneway_twoway.png").stat().st_size > 10_000
+    assert "r50" in capsys.readouterr().out
+
+
+def test_runs_that_cannot_be_compared(tmp_path, capsys):
+    module, run = script("oneway_twoway"), run_of(tmp_path / "a", [even(400, 1.0, 2.0)] * 2)
+    assert module.main([str(run), str(tmp_path / "nothing"), "-o", str(tmp_path / "out")]) == 2
+    assert "no snapshots here" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_twins_differ_in_the_direction_alone():
+    one, two = (tomllib.loads((ROOT / "setups" / f"twin_{d}way.toml").read_text()) for d in ("one", "two"))
+    assert one["drag"].pop("direction") == "one-way" and two["drag"].pop("direction") == "two-way"
+    one.pop("title"), two.pop("title")
+    assert one == two
+    assert one["dust"]["ratio"] >= 0.1
+
+
+# Clumps
+
+
+def test_amplitudes_of_known_modes():
+    module = script("clumps")
+    pos = even(60_000, 1.0, 2.0)
+    radius, angle = np.hypot(*pos.T), np.arctan2(pos[:, 1], pos[:, 0])
+    angle -= 0.2 * np.sin(2 * angle)  # density 1 + .4 cos 2 phi: A_2 = .2
+    bent = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    found = module.amplitudes(bent, np.ones(len(bent)), np.linspace(1, 2, 5))
+    # To second order in .4; the spiral's own noise is below .01.
+    assert found[1] == pytest.approx(0.2, abs=0.02) and max(found[[0, 2, 4]]) < 0.02
+
+
+def test_clumps_are_found_with_their_dust(tmp_path, capsys):
+    rng = np.random.default_rng(2)
+    disc = even(20_000, 1.0, 2.0)
+    ball = np.array([1.5, 0.3]) + 0.02 * rng.normal(size=(2000, 2))
+    run = run_of(
+        tmp_path / "a", [disc, np.concatenate([disc[2000:], ball])], [disc, np.concatenate([disc[2000:], ball])]
+    )
+    assert script("clumps").main([str(run), "--size", "0.05"]) == 0
+    rows = list(csv.DictReader((run / "clumps.csv").read_text().splitlines()))
+    assert len(rows) == 1
+    found = {key: float(value) for key, value in rows[0].items()}
+    assert np.hypot(found["x"] - 1.5, found["y"] - 0.3) < 0.06
+    # 2000 of 20,000 particles, and some of the disc about them.
+    assert found["gas"] == pytest.approx(0.1, rel=0.15) and found["ratio"] == pytest.approx(0.3, rel=0.02)
+    assert "1 clumps" in capsys.readouterr().out
+
+
+# Drift and noise
+
+
+def test_drift_study_goes_on(tmp_path, capsys):
+    arguments = ["-o", str(tmp_path), "--cases", "1:0.1", "--schemes", "tsc", "--seeds", "1", "--particles", "1500"]
+    arguments += ["--dust", "1500", "--orbits", "0", "0.3"]
+    module = script("drift")
+    assert module.main(arguments) == 0
+    row = next(csv.DictReader((tmp_path / "drift.csv").read_text().splitlines()))
+    assert all(
+        np.isfinite(float(row[key])) for key in ("relative", "error", "dust", "gas", "gas_less_control", "alpha")
+    )
+    # 1500 particles show the sign and the order of magnitude.
+    assert 0.2 < float(row["relative"]) < 5
+    file = tmp_path / "drift-tsc-eps1-St0.1-seed1.json"
+    kept = json.loads(file.read_text()) | {"relative": 7.0}
+    file.write_text(json.dumps(kept))
+    assert module.main(arguments) == 0
+    assert "7" in next(csv.DictReader((tmp_path / "drift.csv").read_text().splitlines()))["relative"]
+    assert (tmp_path / "drift.png").exists()
+
+
+def test_drift_in_a_given_gas(tmp_path):
+    module = script("drift")
+    assert abs(module.background_error(1e-6, orbits=2.0)) < 1e-3  # what the study shows for all Stokes numbers
+
+
+def test_noise_study(tmp_path, capsys):
+    module = script("noise")
+    assert module.main(["-o", str(tmp_path), "--choices", "cubic", "--orbits", "0.5", "--resolution", "0.6"]) == 0
+    row = next(csv.DictReader((tmp_path / "noise.csv").read_text().splitlines()))
+    assert abs(float(row["spin"])) < 1e-8  # pairs of forces along their line, to rounding
+    assert 0 < float(row["alpha_shear"]) < 1 and float(row["v_r"]) > 0
+    with pytest.raises(SystemExit):
+        module.main(["--choices", "cubci"])
+    assert "cubci" in capsys.readouterr().err
