@@ -54,9 +54,13 @@ def quantile_radii(radius: np.ndarray, mass: np.ndarray) -> list[float]:
 
 def peak(edges: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
     """Radius and height of the largest smoothed surface density."""
-    smooth = gaussian_filter1d(sigma, SMOOTHED, mode="nearest")
-    k = int(smooth.argmax())
-    return float(0.5 * (edges[k] + edges[k + 1])), float(smooth[k])
+    k = int(smoothed(sigma).argmax())
+    return float(0.5 * (edges[k] + edges[k + 1])), float(smoothed(sigma)[k])
+
+
+def smoothed(sigma: np.ndarray) -> np.ndarray:
+    """Profiles (..., rings) over neighbouring rings: the particles of a quiet start lie on rings of their own."""
+    return gaussian_filter1d(sigma, SMOOTHED, mode="nearest", axis=-1)
 
 
 def rows_of(run: list[Snapshot], edges: np.ndarray, radii: np.ndarray) -> list[list[float]]:
@@ -90,9 +94,10 @@ def draw(names, times, edges, profiles, labels) -> Figure:
         ax.set_title(name)
     figure.colorbar(image, ax=axes[1], label=labels[2])
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where((profiles[0] > 0) & (profiles[1] > 0), profiles[1] / profiles[0], np.nan)
+        there = np.minimum(*profiles) > 1e-3 * np.max(profiles[0])
+        ratio = np.where(there, profiles[1] / profiles[0], np.nan)
     image = axes[2].pcolormesh(
-        edges, times, ratio, norm=LogNorm(0.1, 10, clip=True), cmap="RdBu_r", rasterized=True
+        edges, times, ratio, norm=LogNorm(0.5, 2, clip=True), cmap="RdBu_r", rasterized=True
     )  # fmt: skip
     axes[2].set_title(f"{names[1]} / {names[0]}")
     figure.colorbar(image, ax=axes[2])
@@ -132,7 +137,7 @@ def compare(first: Path, second: Path, out: Path) -> Table:
                 values = [f"{value:.5g}" for value in scale * np.array(row)]
                 writer.writerow([name, *values])
                 table.add_row(name, *values)
-    profiles = [density * np.array([snap.dust.radial_profile(edges) for snap in run]) for run in (one, two)]
+    profiles = [density * smoothed(np.array([s.dust.radial_profile(edges) for s in run])) for run in (one, two)]
     times = time * np.array([snap.time for snap in one])
     between = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
     labels = ["r [au]", "t [yr]", r"$\Sigma_d$ [g cm$^{-2}$]"] if physical else ["r", "t", r"$\Sigma_d$"]

@@ -1,7 +1,7 @@
 """Potential of a disc on a grid by FFT, phi(x) = int Sigma(x') w(|x - x'|) d^2x', with one of two kernels (G = 1):
 
     plummer     w(d) = -1 / sqrt(d^2 + softening^2)                      w_k = -2 pi exp(-k softening) / k        (1)
-    thin-disc   w(d) = -exp(x) K_0(x) / (2 sqrt(pi) H), x = d^2 / 8H^2   w_k = -2 pi exp(kH)^2 erfc(kH) / k       (2)
+    thin-disc   w(d) = -exp(x) K_0(x) / (2 sqrt(pi) H), x = d^2 / 8H^2   w_k = -2 pi exp(k^2 H^2) erfc(kH) / k     (2)
 
 Plummer: a razor-thin disc, felt at the height softening (Binney & Tremaine 2008, eq. 5.161). Thin-disc: both columns
 are stratified, rho = Sigma exp(-z^2 / 2H^2) / (sqrt(2 pi) H), and the pull is the mean over the column that feels it

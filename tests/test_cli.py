@@ -220,12 +220,18 @@ WARNINGS = [
     (["space.cells=128"], "self_gravity.softening = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
     ([], "self_gravity.softening = 1 au is 2 H at 10 au, above 1: lower it to 0.5 au"),
     ([*THIN, "space.cells=128"], "self_gravity.thickness = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
-    ([*THIN, "self_gravity.thickness=10 au"], "self_gravity.thickness = 10 au is 1.1 H at 100 au, above 1: lower it to 8.9"),
+    (
+        [*THIN, "self_gravity.thickness=10 au"],
+        "self_gravity.thickness = 10 au is 1.1 H at 100 au, above 1: lower it to 8.891 au",
+    ),
     (THIN, 'self_gravity.softening is not used by kernel "thin-disc": leave it out'),
     (["dust.grain_size=1 m"], "dust: St = 47.9 at 100 au, above 10"),
-    (["dust.ratio=1"], "4.6 gas particles in a drag cell at 10 au, below 8: raise gas.particles 1.8 times"),
     (
-        ["dust.ratio=1"],
+        ["drag.scheme=idic-linear", "dust.ratio=1"],
+        "4.6 gas particles in a drag cell at 10 au, below 8: raise gas.particles 1.8 times",
+    ),
+    (
+        ["drag.scheme=idic-linear", "dust.ratio=1"],
         "9.1 dust particles in a drag cell at 10 au, below 30: raise dust.particles 3.3 times",
     ),
 ]

@@ -184,6 +184,24 @@ def test_dust_without_gas_is_reported():
     assert 0.25 <= sim.effects["drag"].uncoupled < 0.6
 
 
+def test_dust_at_the_edge_of_the_gas_has_its_whole_drag():
+    """Where some nodes have no gas the others take their weight: the stopping time is the law's all the same."""
+    rng = np.random.default_rng(5)
+    x = (np.arange(30) + 0.5) / 30
+    gas = np.stack(np.meshgrid(0.5 * x, x, indexing="ij"), axis=-1).reshape(-1, 2) - 0.5
+    dust = np.stack([rng.uniform(-0.05, 0.01, 300), rng.uniform(-0.4, 0.4, 300)], axis=1)
+    given = {
+        "gas": {"pos": gas, "vel": np.zeros((900, 2)), "mass": np.full(900, 1 / 900)},
+        "dust": {"pos": dust, "vel": np.ones((300, 2)), "mass": np.full(300, 1e-6)},
+    }
+    law = {"law": "stopping-time", "t_stop": 0.01}
+    tables = scene(None, 1.0, law, 900, 300, dimensions=2, space={"boundary": "open", "cells": 64, "size": 2.0})
+    tables["initial"] = None
+    sim = Simulation(tables, particles=given)
+    sim.step(most=0.01)
+    np.testing.assert_allclose(sim.effects["drag"].stopping_times, 0.01, rtol=1e-12)
+
+
 # Heat
 
 

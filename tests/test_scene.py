@@ -385,7 +385,7 @@ RULES = [
     ({"self_gravity": {"softening": 1, "sources": ["gas", "gas"]}}, "self_gravity.sources: a source is*"),
     ({"self_gravity": {}}, 'self_gravity.softening: missing; kernel "plummer" needs it'),
     ({"self_gravity": {"kernel": "thin-disc"}}, 'self_gravity.thickness: missing; kernel "thin-disc" needs it'),
-    ({"self_gravity": {"kernel": "thin"}}, 'self_gravity.kernel: "thin" is unknown*did you mean "thin-disc"*'),
+    ({"self_gravity": {"kernel": "thin"}}, 'self_gravity.kernel: "thin" is unknown;* mean "thin-disc"?'),
     ({"self_gravity": {"softening": 1, "thickness": 1}}, "self_gravity.thickness: nothing uses it*"),
     ({"self_gravity": {"kernel": "thin-disc", "thickness": 0}}, "self_gravity.thickness: 0 is not positive*"),
     ({"self_gravity": {"softning": 1}}, "self_gravity.softning: unknown key*"),

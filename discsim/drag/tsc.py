@@ -50,8 +50,9 @@ def relax(drag, state, dt, gas_vel, heat):
         p = state.species[name]
         packed[name] = np.zeros((p.count, kernels.FIELDS))
         share(
-            kernels.pack, count, order, start, number, p.pos, vel, state.own_acc[name], p.mass, density, sound, drag.law.code,
-            blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, *drag.star, packed[name], least=64,
+            kernels.pack, count, order, start, number, p.pos, vel, state.own_acc[name], p.mass, density, sound,
+            drag.law.code, blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, *drag.star, packed[name],
+            least=64,
         )  # fmt: skip
         share(
             kernels.deposit, count, home, about, start, number, begin, dim == 1, packed[name], nodes, norm[name],
