@@ -253,7 +253,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 # The quiet gas of analysis/noise.py.
-GAS = {"kernel": "quintic", "viscosity": {"alpha": 1.0, "beta": 2.0}}
+GAS = {"kernel": "quintic", "viscosity": {"alpha": 1.0, "beta": 2.0, "pairs": "all"}}
 
 if __name__ == "__main__":
     sys.exit(main())

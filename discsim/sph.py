@@ -35,6 +35,7 @@ class Sph:
         self.h_most = self.size.max() / (1.0 if self.periodic else 8.0)
         self.viscosity = scene.gas.viscosity
         self.conductivity = scene.gas.conductivity
+        self.receding = 1.0 if self.viscosity is not None and self.viscosity.pairs == "all" else 0.0
         self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
 
     def _box(self, gas: Gas) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +84,7 @@ class Sph:
             gas.sound_speed, switch,
             NONE if u is None else u, gas.acc, NONE if u is None else gas.heating_rate, divergence,
             self.viscosity.alpha if viscous else 0.0, self.viscosity.beta if viscous else 0.0,
-            self.conductivity.alpha if conductive else 0.0,
+            self.receding, self.conductivity.alpha if conductive else 0.0,
             filled, grids, order, start, bounds, *self.box, least=CELLS,
         )  # fmt: skip
         return divergence

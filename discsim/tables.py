@@ -319,6 +319,9 @@ class Viscosity(Table):
     alpha: Number = Field(1.0, ge=0, description="linear term")
     beta: Number = Field(2.0, ge=0, description="quadratic term")
     switch: Literal["none", "balsara"] = Field("none", description="less viscosity in shear")
+    pairs: Literal["approaching", "all"] = Field(
+        "approaching", description="whom the linear term brakes; all: quieter discs, and no pressure from shear"
+    )
 
 
 class Conductivity(Table):

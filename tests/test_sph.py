@@ -261,6 +261,25 @@ def test_balsara_switches_off_in_shear_alone():
     assert pushes["compression", "balsara"] == pytest.approx(pushes["compression", "none"], rel=1e-3)
 
 
+def test_viscosity_of_all_pairs_makes_no_pressure():
+    """In a shear half of the pairs approach: they alone brake half as much, and push from where the shear is strong."""
+    pos = lattice(24)
+    wave = np.sin(2 * np.pi * pos[:, 1])
+    push = {}
+    for pairs in ("approaching", "all"):
+        viscosity = {"alpha": 1.0, "beta": 0.0, "pairs": pairs}
+        vel = np.stack([0.01 * wave, 0 * wave], axis=1)
+        sim = simulation(pos, 2, "periodic", vel=vel, viscosity=viscosity)
+        acc = sim.effects["gas"].viscous_acceleration(sim.state)
+        push[pairs] = acc[np.argsort(sim.gas.ids)]
+    along = {pairs: (acc[:, 0] * wave).mean() for pairs, acc in push.items()}
+    assert along["all"] < 0
+    assert along["approaching"] == pytest.approx(0.5 * along["all"], rel=1e-10)
+    # Across: the gradient of that pressure, and rounding.
+    assert np.abs(push["approaching"][:, 1]).max() > 0.3 * np.abs(push["all"][:, 0]).max()
+    assert np.abs(push["all"][:, 1]).max() < 1e-12 * np.abs(push["all"][:, 0]).max()
+
+
 def test_conduction_evens_energy_out():
     """Heat flows from hot to cold, and none is made."""
     pos = lattice(16)

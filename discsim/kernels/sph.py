@@ -5,6 +5,8 @@
     dv_i/dt = -sum_j m_j [P_i / (Omega_i rho_i^2) grad W(h_i) + P_j / (Omega_j rho_j^2) grad W(h_j)]  (3)
     du_i/dt = P_i / (Omega_i rho_i^2) sum_j m_j v_ij . grad W(h_i)                                  (4)
     Pi_ij   = (-alpha c_ij w + beta w^2) / rho_ij,   w = min(0, v_ij . r_ij / r_ij)                   (5)
+              with `receding` = 1 the first w is that of all pairs (Lodato & Price 2010): on approaching pairs
+              alone the shear of a disc makes a pressure of it, and twice the noise at one shear viscosity
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
 kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction:
@@ -166,7 +168,7 @@ X, Y, MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = ra
 @njit(inline="always")
 def force_sums(
     kernel, dim, viscous, energetic, conductive, x, y, vx, vy, h, press, inv_rho_i, c_i, f_i, u_i, p_i, alpha,
-    beta, alpha_u, rows
+    beta, receding, alpha_u, rows
 ):  # fmt: skip
     """Sums of one particle: acceleration, du/dt and divergence."""
     sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
@@ -195,9 +197,10 @@ def force_sums(
                 inv_rho = 0.5 * (inv_rho_i + rows[INV_RHO][k])
                 switch = 0.5 * (f_i + rows[SWITCH][k])
                 c = 0.5 * (c_i + rows[SOUND][k])
-                pi = switch * (beta * mu - alpha * c) * mu * inv_rho  # eq. (5)
+                felt = mu + receding * (w - mu)
+                pi = switch * (beta * mu * mu - alpha * c * felt) * inv_rho  # eq. (5)
                 force += pi * mean
-                heat += 0.5 * pi * mu * mean
+                heat += 0.5 * pi * felt * mean
             if conductive:
                 mean = 0.5 * (dwi + dwj)
                 inv_rho = 0.5 * (inv_rho_i + rows[INV_RHO][k])
@@ -222,7 +225,7 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
     def forces(
         piece, last, pos, vel, mass, h, radius, rho, gradh, pressure, sound, switch, u, acc, rate, div, alpha,
-        beta, alpha_u,
+        beta, receding, alpha_u,
         filled, grids, order, start, bounds, low, width, periodic,
     ):  # fmt: skip
         for c in range(piece, last):
@@ -267,7 +270,7 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
                     kernel, dim, viscous, energetic, conductive, pos[i, 0] - ox, y, vel[i, 0], vy, h[i],
                     pressure[i] / (gradh[i] * rho[i] * rho[i]),
                     1.0 / rho[i], sound[i], switch[i] if len(switch) > 0 else 1.0, u[i] if conductive else 0.0,
-                    pressure[i], alpha, beta, alpha_u, rows,
+                    pressure[i], alpha, beta, receding, alpha_u, rows,
                 )  # fmt: skip
                 acc[i, 0] += ax
                 if dim == 2:
