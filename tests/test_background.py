@@ -1,5 +1,8 @@
 """Dust in a given gas disc: drift at any stopping time, and scenes that may name [background]."""
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -22,32 +25,22 @@ def scene(stokes=0.1, aspect=0.005, particles=8, **tables):
     return base | tables
 
 
-def drift_error(stokes, courant=0.03, aspect=0.005, orbits=4):
-    """Drift of the guiding centres, L^2, over that of Nakagawa et al. (1986), less one; the first orbit left out."""
-    sim = Simulation(scene(stokes, aspect, run={"until": 2 * np.pi * orbits, "courant": courant}))
-
-    def guide():
-        pos, vel = sim.dust.pos, sim.dust.vel
-        return (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) ** 2
-
-    sim.run(until=2 * np.pi)
-    before, start = guide(), sim.time
-    sim.run()
-    # dr/dt = -2 eta St / (1 + St^2) r^-1/2 with eta = h^2.
-    rate = (guide() ** 1.5 - before**1.5) / (1.5 * (sim.time - start))
-    return float((rate / (-2 * aspect**2 * stokes / (1 + stokes**2))).mean() - 1)
+SCRIPT = Path(__file__).parents[1] / "analysis" / "drift.py"
+spec = importlib.util.spec_from_file_location("drift", SCRIPT)
+study = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(study)
 
 
 @pytest.mark.parametrize("stokes", [1e-8, 1e-4, 0.01, 0.1, 1.0, 10.0, 1e3, 1e5])
 def test_drift(stokes):
     """Within .1%, in steps of .03/Omega that no stopping time shortens: at St = 1e-8 the drift is 1e-12 of v_K."""
-    assert abs(drift_error(stokes)) < 1e-3
+    assert abs(study.background_error(stokes)) < 1e-3
 
 
 @pytest.mark.parametrize("stokes", [1e-4, 0.1, 10.0])
 def test_drift_is_second_order_in_the_step(stokes):
     # At courant .06 and .12 the rest (3 eta = 7.5e-5, one orbit's waves) is below a tenth of the error.
-    coarse, fine = drift_error(stokes, 0.12), drift_error(stokes, 0.06)
+    coarse, fine = (study.background_error(stokes, courant=courant) for courant in (0.12, 0.06))
     assert coarse / fine == pytest.approx(4.0, rel=0.2)
 
 

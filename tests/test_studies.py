@@ -152,11 +152,6 @@ def test_drift_study_goes_on(tmp_path, capsys):
     assert (tmp_path / "drift.png").exists()
 
 
-def test_drift_in_a_given_gas(tmp_path):
-    module = script("drift")
-    assert abs(module.background_error(1e-6, orbits=2.0)) < 1e-3  # what the study shows for all Stokes numbers
-
-
 def test_noise_study(tmp_path, capsys):
     module = script("noise")
     assert module.main(["-o", str(tmp_path), "--choices", "cubic", "--orbits", "0.5", "--resolution", "0.6"]) == 0
