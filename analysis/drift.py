@@ -2,18 +2,19 @@
 
     python analysis/drift.py [-o OUT] [--gas sph|background] [--cases eps:St,...] [--schemes NAME,...] [--seeds N]
 
-sph: a ring of gas from .55 to 1.6 about a star, Sigma ~ 1/r between tapers of .3 (sharp edges send waves through it),
-H/r = .05, and as many dust as gas particles, evenly placed, both starting at the NSH velocities; means over orbits 2 to
-12 at r = 1, |r - 1| < .12. For each case, scheme and seed it keeps one file in OUT, so that a stopped study goes on,
-and prints and writes (drift.csv, drift.png):
+sph: a ring of gas from .5 to 1.55 about a star, Sigma ~ 1/r between tapers of .2 (sharp edges send waves through it,
+and what viscosity makes of a taper must not reach the middle), H/r = .05, and as many dust as gas particles, evenly
+placed, both starting at the NSH velocities; means over orbits 2 to 12 at r = 1, |r - 1| < .12. For each case, scheme
+and seed it keeps one file in OUT, so that a stopped study goes on, and prints and writes (drift.csv, drift.png):
 
-    dust - gas   radial velocity of dust minus that of gas, over NSH; what the drag alone answers for
+    relative     radial velocity of dust minus that of gas at the same place, over NSH; what the drag alone answers for
     headwind     the gas's own acceleration over -(1/Sigma) dP/dr of the start: what SPH's noise and viscosity and the
-                 ring's spreading leave of it; "of_headwind" is "dust - gas" over it, the drag's own error
+                 ring's spreading leave of it; "of_headwind" is "relative" over it, the drag's own error
+    means        mean over all dust minus mean over all gas in the window, over NSH: the same with the gas's own noise
     dust, gas    each over its own NSH drift
     control      drift of gas alone, its acceleration by pressure divided by 1 + eps (H/r = .05/sqrt(1 + eps)), over
                  NSH's of the gas: what of its drift is SPH's own; "gas - control" is the rest
-    error        standard error, of ten batches' means
+    error        standard error, from the means of ten batches
     alpha        Sigma <v_r dv_phi> of both over 1.5 Sigma_g c_s^2
     dL/L         change of the total angular momentum
 
@@ -39,7 +40,7 @@ from rich.table import Table
 from discsim import Simulation
 from discsim.exact import nsh
 
-ASPECT, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 0.55, 1.6, 0.3, 0.12, 10
+ASPECT, SIGMA, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 1e-4, 0.5, 1.55, 0.2, 0.12, 10
 CASES = "0.01:0.1,0.01:0.01,1:0.1,1:0.01,0.01:0.001,0.01:1,1:0.001,1:1"
 STOKES = (1e-8, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e5)
 COLUMNS = (
@@ -51,6 +52,8 @@ COLUMNS = (
     "error",
     "headwind",
     "of_headwind",
+    "means",
+    "means_error",
     "dust",
     "gas",
     "gas_less_control",
@@ -69,7 +72,7 @@ def ring(ratio: float, stokes: float, scheme: str, seed: int, particles: int, du
         "space": {"size": 4.0, "cells": 1024},
         "initial": {
             "kind": "disc",
-            "surface_density": 1e-4,
+            "surface_density": SIGMA,
             "inner": INNER,
             "outer": OUTER,
             "inner_taper": TAPER,
@@ -88,8 +91,48 @@ def ring(ratio: float, stokes: float, scheme: str, seed: int, particles: int, du
     return Simulation(scene)
 
 
-def look(sim: Simulation, ratio: float) -> dict[str, float]:
-    """Mean radial velocities in units of the headwind, and the Reynolds stress, in the window now."""
+def cloud_sums(pos: np.ndarray, values: np.ndarray, cell: float) -> tuple[np.ndarray, tuple]:
+    """Sums of `values` (n, k) over triangular-shaped clouds on a lattice (side, side, k), and how to gather back."""
+    low = -1.0 - 3 * WINDOW
+    side = int(-2 * low / cell) + 4
+    x = (pos - low) / cell
+    home = np.clip(np.floor(x).astype(int), 0, side - 3)
+    x = x - home - 0.5
+    weights = (0.5 * (0.5 - x) ** 2, 0.75 - x**2, 0.5 * (0.5 + x) ** 2)
+    out = np.zeros((values.shape[1], side * side))
+    stencil = []
+    for i in range(3):
+        for j in range(3):
+            node = (home[:, 0] + i) * side + home[:, 1] + j
+            stencil.append((node, weights[i][:, 0] * weights[j][:, 1]))
+            for k, total in enumerate(out):
+                total += np.bincount(node, stencil[-1][1] * values[:, k], side * side)
+    return out, tuple(stencil)
+
+
+def local_slip(sim: Simulation) -> float:
+    """Radial velocity of dust minus that of gas at the same place, over the headwind: means over clouds two smoothing
+    lengths wide, averaged over the dust of the window. The gas's motions, which the dust shares, are not in it."""
+    sums = {}
+    for name, p in sim.state.species.items():
+        r = np.sqrt((p.pos**2).sum(axis=1))
+        near = np.abs(r - 1) < 2 * WINDOW
+        pos, radial = p.pos[near], ((p.pos * p.vel).sum(axis=1) / r)[near]
+        values = np.stack([p.mass[near], p.mass[near] * radial], axis=1)
+        # The mean h of an even gas, so that both species and all looks have one lattice.
+        cell = 2 * sim.scene.gas.eta * np.sqrt(sim.gas.mass[0] / SIGMA)
+        sums[name], stencil = cloud_sums(pos, values, cell)
+    (gas, gas_push), (dust, dust_push) = sums["gas"], sums["dust"]
+    both = (gas > 0) & (dust > 0)
+    slip = np.where(both, dust_push / np.where(both, dust, 1) - gas_push / np.where(both, gas, 1), 0.0)
+    r = np.sqrt((pos**2).sum(axis=1))
+    inside = np.abs(r - 1) < WINDOW
+    felt = sum(weight[inside] * slip[node[inside]] for node, weight in stencil)
+    return float(felt.sum() / (ASPECT**2 * r[inside] ** -0.5).sum())
+
+
+def look(sim: Simulation) -> dict[str, float]:
+    """Mean radial velocities in units of the headwind, the headwind, and the Reynolds stress, in the window now."""
     found = {"stress": 0.0}
     for name, p in sim.state.species.items():
         r = np.sqrt((p.pos**2).sum(axis=1))
@@ -100,12 +143,13 @@ def look(sim: Simulation, ratio: float) -> dict[str, float]:
         found[name] = float(radial.sum() / unit.sum())
         found["stress"] += float((p.mass[inside] * radial * (azimuthal - azimuthal.mean())).sum())
     gas = sim.gas
-    inside = np.abs(np.sqrt((gas.pos**2).sum(axis=1)) - 1) < WINDOW
-    if "gas" in sim.state.own_acc:
-        r = np.sqrt((gas.pos**2).sum(axis=1))[inside]
-        push = (sim.state.own_acc["gas"] * gas.pos)[inside].sum(axis=1) / r
-        found["headwind"] = float(push.sum() / (2 * ASPECT**2 / r**2).sum())
+    r = np.sqrt((gas.pos**2).sum(axis=1))
+    inside = np.abs(r - 1) < WINDOW
     found["stress"] /= 1.5 * float((gas.mass * gas.sound_speed**2)[inside].sum())
+    if sim.dust is not None:
+        push = (sim.state.own_acc["gas"] * gas.pos)[inside].sum(axis=1) / r[inside]
+        found["headwind"] = float(push.sum() / (2 * ASPECT**2 / r[inside] ** 2).sum())
+        found["slip"] = local_slip(sim)
     return found
 
 
@@ -114,7 +158,8 @@ def spin(sim: Simulation) -> float:
     return float(sum(part.sum() for part in parts)) + sim.state.ledger.accreted_angular_momentum
 
 
-def measure(sim: Simulation, ratio: float, stokes: float, orbits: tuple[float, float], show) -> dict:
+def measure(sim: Simulation, orbits: tuple[float, float], show) -> dict:
+    """What is seen five times a radian of the middle's orbit, and what the run changed."""
     start, end = (2 * np.pi * n for n in orbits)
     before = spin(sim)
     samples, next_look = [], start
@@ -122,34 +167,44 @@ def measure(sim: Simulation, ratio: float, stokes: float, orbits: tuple[float, f
     def after_step() -> bool:
         nonlocal next_look
         if sim.time >= next_look:
-            next_look = sim.time + 0.1
+            next_look = sim.time + 0.2
             with sim.synchronised():
-                samples.append(look(sim, ratio))
+                samples.append(look(sim))
         show(sim.time / end)
         return False
 
     sim.evolve(end, after_step)
     sim.run(until=sim.time)
+    out = {"steps": sim.state.step, "spin": spin(sim) / before - 1}
+    return out | {"series": {key: [s[key] for s in samples] for key in samples[0]}}
+
+
+def summary(found: dict, control: dict, ratio: float, stokes: float) -> dict[str, float]:
+    """A row of the table from what two runs have seen."""
     expected = nsh.velocities(stokes, ratio, 1.0)
-    gas = np.array([s["gas"] for s in samples])
-    out = {
-        "steps": sim.state.step,
-        "gas": float(gas.mean() / expected.gas_radial),
-        "alpha": float(np.mean([s["stress"] for s in samples])),
-        "spin": spin(sim) / before - 1,
+    series = {key: np.array(values) for key, values in found["series"].items()}
+    relative = float(expected.dust_radial - expected.gas_radial)
+    gas = float(series["gas"].mean() / expected.gas_radial)
+    headwind = float(series["headwind"].mean())
+    slip = series["slip"] / relative
+    return {
+        "relative": float(slip.mean()),
+        "error": batch_error(slip),
+        "headwind": headwind,
+        "of_headwind": float(slip.mean()) / headwind,
+        "means": float((series["dust"] - series["gas"]).mean() / relative),
+        "means_error": batch_error((series["dust"] - series["gas"]) / relative),
+        "dust": float(series["dust"].mean() / expected.dust_radial),
+        "gas": gas,
+        "gas_less_control": gas - float(np.mean(control["series"]["gas"]) / expected.gas_radial),
+        "alpha": float(series["stress"].mean()),
+        "spin": found["spin"],
     }
-    if sim.dust is not None:
-        dust = np.array([s["dust"] for s in samples])
-        slip = (dust - gas) / float(expected.dust_radial - expected.gas_radial)
-        batches = [part.mean() for part in np.array_split(slip, min(BATCHES, len(slip)))]
-        out |= {
-            "dust": float(dust.mean() / expected.dust_radial),
-            "relative": float(slip.mean()),
-            "error": float(np.std(batches, ddof=1) / np.sqrt(len(batches))),
-            "headwind": float(np.mean([s["headwind"] for s in samples])),
-            "uncoupled": sim.effects["drag"].uncoupled,
-        }
-    return out
+
+
+def batch_error(values: np.ndarray) -> float:
+    batches = [part.mean() for part in np.array_split(values, min(BATCHES, len(values)))]
+    return float(np.std(batches, ddof=1) / np.sqrt(len(batches)))
 
 
 def study(given, cases: list[tuple[float, float]]) -> list[dict]:
@@ -157,31 +212,23 @@ def study(given, cases: list[tuple[float, float]]) -> list[dict]:
     rows = []
     keys = json.loads(given.gas_keys)
     with Progress(console=Console(stderr=True)) as progress:
+
+        def run(ratio: float, stokes: float, scheme: str, seed: int) -> dict:
+            name = f"{scheme}-eps{ratio:g}" + ("" if scheme == "control" else f"-St{stokes:g}")
+            file = given.out / f"drift-{name}-seed{seed}.json"
+            if not file.exists():
+                task = progress.add_task(file.stem, total=1.0)
+                sim = ring(ratio, stokes, scheme, seed, given.particles, given.dust, keys)
+                found = measure(sim, given.orbits, lambda share: progress.update(task, completed=share))
+                file.write_text(json.dumps(found))
+            return json.loads(file.read_text())
+
         for seed in range(1, given.seeds + 1):
             for ratio, stokes in cases:
-                for scheme in ["control", *given.schemes.split(",")]:
-                    name = f"{scheme}-eps{ratio:g}" + ("" if scheme == "control" else f"-St{stokes:g}")
-                    file = given.out / f"drift-{name}-seed{seed}.json"
-                    if not file.exists():
-                        task = progress.add_task(file.stem, total=1.0)
-                        sim = ring(ratio, stokes, scheme, seed, given.particles, given.dust, keys)
-                        found = measure(
-                            sim, ratio, stokes, given.orbits, lambda share, t=task: progress.update(t, completed=share)
-                        )
-                        # A control serves all Stokes numbers: its drift in units of the headwind.
-                        found["drift"] = found["gas"] * float(nsh.velocities(stokes, ratio, 1.0).gas_radial)
-                        file.write_text(json.dumps(found))
-                    found = json.loads(file.read_text())
-                    if scheme == "control":
-                        control = found["drift"]
-                        continue
-                    expected = float(nsh.velocities(stokes, ratio, 1.0).gas_radial)
-                    less = found["gas"] - control / expected
-                    found["of_headwind"] = found["relative"] / found["headwind"]
-                    rows.append(
-                        {"eps": ratio, "stokes": stokes, "scheme": scheme, "seed": seed, "gas_less_control": less}
-                        | found
-                    )
+                control = run(ratio, stokes, "control", seed)  # one for all Stokes numbers
+                for scheme in given.schemes.split(","):
+                    row = {"eps": ratio, "stokes": stokes, "scheme": scheme, "seed": seed}
+                    rows.append(row | summary(run(ratio, stokes, scheme, seed), control, ratio, stokes))
     return rows
 
 
@@ -251,7 +298,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--orbits", type=float, nargs=2, default=(2.0, 12.0))
     parser.add_argument("--gas-keys", default=json.dumps(GAS), help="table [gas] as JSON")
     given = parser.parse_args(arguments)
-    console = Console(width=140)
+    console = Console(width=190)
     given.out.mkdir(parents=True, exist_ok=True)
     if given.gas == "background":
         table = Table("Stokes number", "drift over NSH, less 1")
@@ -274,8 +321,8 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-# The quiet gas of analysis/noise.py.
-GAS = {"kernel": "quintic", "viscosity": {"alpha": 0.3, "beta": 2.0, "pairs": "all"}}
+# A quiet gas that hardly spreads (analysis/noise.py).
+GAS = {"kernel": "wendland-c4", "eta": 2.2, "viscosity": {"alpha": 0.3, "beta": 0.5, "pairs": "all"}}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,7 +2,7 @@
 
     python analysis/noise.py [-o OUT] [--choices 'NAME;...'] [--orbits N] [--resolution h/H]
 
-A ring of gas from .55 to 1.6 about a star, Sigma ~ 1/r between tapers of .3 (a sharp edge sends waves through it),
+A ring of gas from .5 to 1.55 about a star, Sigma ~ 1/r between tapers of .2 (a sharp edge sends waves through it),
 H/r = .05, no drag and no gravity of its own, turns for 20 orbits at its middle, r = 1. For each choice it prints and
 writes (noise.csv, noise.png, and one file a choice, so that a stopped study goes on):
 
@@ -12,8 +12,8 @@ writes (noise.csv, noise.png, and one file a choice, so that a stopped study goe
     Sigma          largest deviation of the azimuthal mean from the start, |r - 1| < .15, rings of H
     alpha flux     angular-momentum flux through r = 1 +- .15 over 1.5 Sigma c_s^2: of velocities, Sigma <v_r dv_phi>,
                    and of the torque that the gas inside r feels from that outside
-    alpha shear    nu / (c_s H) from the decay of a shear wave in a periodic box of the same h/H, whose particles are
-                   as disordered as a disc's
+    alpha shear    nu / (c_s H) from the decay of a shear wave in a periodic box of the same h/H, about as strongly
+                   sheared as a disc
     dL/L           change of the total angular momentum, with what fell in
     ms             CPU milliseconds a step
 """
@@ -36,24 +36,32 @@ from rich.table import Table
 
 from discsim import Simulation
 from discsim.kernels.smoothing import KERNELS, SUPPORT
+from discsim.tables import ETA
 
-ASPECT, INNER, OUTER, TAPER, WINDOW = 0.05, 0.55, 1.6, 0.3, 0.15
-PLAIN = {"alpha": 1.0, "beta": 2.0, "switch": "none"}
-ALL = PLAIN | {"pairs": "all"}
+ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.75
+PLAIN = {"alpha": 1.0, "beta": 2.0}
+LOW = {"alpha": 0.1, "beta": 0.5, "pairs": "all"}
+WENDLAND = {"kernel": "wendland-c4", "viscosity": LOW}
 CHOICES = {
     "cubic": {"kernel": "cubic", "viscosity": PLAIN},
     "quintic": {"kernel": "quintic", "viscosity": PLAIN},
-    "wendland": {"kernel": "wendland-c4", "viscosity": PLAIN},
     "quintic, balsara": {"kernel": "quintic", "viscosity": PLAIN | {"switch": "balsara"}},
-    "quintic, all pairs": {"kernel": "quintic", "viscosity": ALL},
-    "quintic, all pairs, alpha .3": {"kernel": "quintic", "viscosity": ALL | {"alpha": 0.3}},
-    "quintic, all pairs, alpha .1": {"kernel": "quintic", "viscosity": ALL | {"alpha": 0.1}},
-    "wendland, all pairs, alpha .3": {"kernel": "wendland-c4", "viscosity": ALL | {"alpha": 0.3}},
+    "quintic, all pairs": {"kernel": "quintic", "viscosity": PLAIN | {"pairs": "all"}},
+    "quintic, low": {"kernel": "quintic", "viscosity": LOW},
+    "wendland 1.7, low": WENDLAND | {"eta": 1.7},
+    "wendland 2.2, low": WENDLAND | {"eta": 2.2},
+    "wendland 2.5, low": WENDLAND | {"eta": 2.5},
+    "wendland 2.2, alpha .3": WENDLAND | {"eta": 2.2, "viscosity": LOW | {"alpha": 0.3}},
+    "wendland 2.2, balsara": {"kernel": "wendland-c4", "eta": 2.2, "viscosity": PLAIN | {"switch": "balsara"}},
 }
 COLUMNS = {
     "particles": "{:.0f}", "neighbours": "{:.0f}", "bias": "{:+.3f}", "scatter": "{:.2f}", "v_r": "{:.4f}",
     "sigma": "{:.3f}", "alpha_flux": "{:+.4f}", "alpha_shear": "{:.4f}", "spin": "{:.1e}", "ms": "{:.0f}",
 }  # fmt: skip
+
+
+def eta_of(gas: dict) -> float:
+    return gas.get("eta", ETA[2][gas["kernel"]])
 
 
 def ring(gas: dict, resolution: float) -> Simulation:
@@ -68,7 +76,7 @@ def ring(gas: dict, resolution: float) -> Simulation:
     }
     scene = {
         "units": {"system": "code"},
-        "run": {"until": 1e9, "courant": 0.3},
+        "run": {"until": 1e9, "courant": COURANT},
         "space": {"size": 4.0},
         "initial": start,
         "gas": gas
@@ -78,9 +86,8 @@ def ring(gas: dict, resolution: float) -> Simulation:
         },
         "star": {"mass": 1.0, "accretion_radius": 0.4},  # takes the odd particle that an edge throws in
     }
-    probe = Simulation(scene)
-    mass = float(probe.gas.mass.sum())
-    spacing = resolution * ASPECT / probe.scene.gas.eta
+    mass = float(Simulation(scene).gas.mass.sum())
+    spacing = resolution * ASPECT / eta_of(gas)
     scene["gas"]["particles"] = round(mass / 1e-4 / spacing**2)
     return Simulation(scene)
 
@@ -158,36 +165,34 @@ def measure_disc(gas: dict, resolution: float, orbits: float, show) -> dict[str,
     }
 
 
-def measure_shear(gas: dict, resolution: float, side: int = 48) -> float:
-    """nu / (c_s H) from the decay of v_y = A sin(k x): one wave of 48 particles, A = .01 c_s, from a relaxed glass."""
+def measure_shear(gas: dict, resolution: float, waves: float = 8.0, mach: float = 1.4, until: float = 40.0) -> float:
+    """nu / (c_s H) from the decay of v_y = A sin(k x) in a periodic box (units: H = c_s = 1).
+
+    A wave 8 H long with A = 1.4 c_s has at most 1.1 c_s/H of shear, of a disc's 1.5: a slower one would measure the
+    strength of the particles' lattice instead. The box is half as wide as long; a square one would let the wave break
+    up into eddies. The first 5 H/c_s, in which the lattice dissolves, are left out.
+    """
+    rows = round(0.5 * waves * eta_of(gas) / resolution)
+    spacing = 0.5 * waves / rows
     rng = np.random.default_rng(1)
-    axis = (np.arange(side) + 0.5) / side
-    pos = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    pos = (pos + 0.3 / side * rng.uniform(-1, 1, pos.shape)) % 1
+    axes = [(np.arange(n) + 0.5) * spacing for n in (2 * rows, rows)]
+    pos = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    pos = (pos + 0.3 * spacing * rng.uniform(-1, 1, pos.shape)) % [waves, 0.5 * waves]
+    k = 2 * np.pi / waves
     scene = {
         "units": {"system": "code"},
-        "run": {"until": 1e9},
-        "space": {"size": 1.0, "boundary": "periodic"},
-        "gas": gas | {"particles": side**2, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
+        "run": {"until": until, "courant": COURANT},
+        "space": {"size": [waves, 0.5 * waves], "boundary": "periodic", "cells": 2 * rows},
+        "gas": gas | {"particles": len(pos), "eos": {"kind": "isothermal", "sound_speed": 1.0}},
     }
-    mass = np.full(side**2, 1 / side**2)
-    glass = Simulation(
-        scene | {"gas": scene["gas"] | {"viscosity": PLAIN}},
-        particles={"gas": {"pos": pos, "vel": 0 * pos, "mass": mass}},
-    )
-    glass.run(until=1.0)
-    k, amplitude = 2 * np.pi, 0.01
-    vel = np.stack([np.zeros(side**2), amplitude * np.sin(k * glass.gas.pos[:, 0])], axis=1)
-    sim = Simulation(scene, particles={"gas": {"pos": glass.gas.pos, "vel": vel, "mass": mass}})
-
-    def wave():
-        return float((sim.gas.vel[:, 1] * np.sin(k * sim.gas.pos[:, 0])).sum())
-
-    sim.run(until=0.2)
-    first = wave()
-    sim.run(until=1.2)
-    viscosity = -np.log(wave() / first) / k**2
-    return viscosity / (float(sim.gas.h.mean()) / resolution)
+    vel = np.stack([np.zeros(len(pos)), mach * np.sin(k * pos[:, 0])], axis=1)
+    mass = np.full(len(pos), spacing**2)
+    sim = Simulation(scene, particles={"gas": {"pos": pos, "vel": vel, "mass": mass}})
+    times, amplitudes = np.linspace(5.0, until, 36), []
+    for moment in times:
+        sim.run(until=moment)
+        amplitudes.append((sim.gas.vel[:, 1] * np.sin(k * sim.gas.pos[:, 0])).mean())
+    return float(-np.polyfit(times, np.log(amplitudes), 1)[0] / k**2)
 
 
 def study(out: Path, names: list[str], resolution: float, orbits: float) -> dict[str, dict[str, float]]:

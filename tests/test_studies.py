@@ -134,21 +134,21 @@ def test_clumps_are_found_with_their_dust(tmp_path, capsys):
 
 
 def test_drift_study_goes_on(tmp_path, capsys):
-    arguments = ["-o", str(tmp_path), "--cases", "1:0.1", "--schemes", "tsc", "--seeds", "1", "--particles", "1500"]
-    arguments += ["--dust", "1500", "--orbits", "0", "0.3"]
+    arguments = ["-o", str(tmp_path), "--cases", "1:0.1", "--schemes", "tsc", "--seeds", "1", "--particles", "6000"]
+    arguments += ["--dust", "6000", "--orbits", "0", "0.5"]
     module = script("drift")
     assert module.main(arguments) == 0
     row = next(csv.DictReader((tmp_path / "drift.csv").read_text().splitlines()))
-    assert all(
-        np.isfinite(float(row[key])) for key in ("relative", "error", "dust", "gas", "gas_less_control", "alpha")
-    )
-    # 1500 particles show the sign and the order of magnitude.
-    assert 0.2 < float(row["relative"]) < 5
+    assert all(np.isfinite(float(row[key])) for key in ("means", "error", "dust", "gas", "gas_less_control", "alpha"))
+    # 6000 particles have h/H = 1.2 and start with a sway; the slip follows the headwind that there is.
+    assert float(row["of_headwind"]) == pytest.approx(1.0, abs=0.25)
     file = tmp_path / "drift-tsc-eps1-St0.1-seed1.json"
-    kept = json.loads(file.read_text()) | {"relative": 7.0}
+    kept = json.loads(file.read_text())
+    kept["series"]["slip"] = [7.0] * len(kept["series"]["slip"])
     file.write_text(json.dumps(kept))
     assert module.main(arguments) == 0
-    assert "7" in next(csv.DictReader((tmp_path / "drift.csv").read_text().splitlines()))["relative"]
+    again = next(csv.DictReader((tmp_path / "drift.csv").read_text().splitlines()))
+    assert abs(float(again["error"])) < 1e-9 and again["dust"] == row["dust"]
     assert (tmp_path / "drift.png").exists()
 
 
