@@ -332,9 +332,13 @@ class Conductivity(Table):
 
 class Gas(Table):
     particles: Particles = Field(description="number of SPH particles")
-    kernel: Literal["cubic", "quintic", "quintic-h", "wendland-c4"] = Field("cubic", description="SPH kernel")
+    kernel: Annotated[
+        Literal["cubic", "quintic", "quintic-h", "wendland-c4"],
+        Default('"cubic"; in a disc that names no eta "quintic"'),
+    ] = Field("cubic", description="SPH kernel")
     eta: Annotated[
-        Number, Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c4 1.7; in 1D 2, quintic-h 6")
+        Number,
+        Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c4 1.7; in 1D 2, quintic-h 6"),
     ] = Field(gt=0, description="h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
     eos: Annotated[Isothermal | LocallyIsothermal | Adiabatic | Polytropic, Field(discriminator="kind")] = Field(

@@ -216,7 +216,7 @@ def test_toomre_q_is_the_least_of_the_disc(tmp_path):
 
 THIN = ["self_gravity.kernel=thin-disc", "self_gravity.thickness=1 au"]
 WARNINGS = [
-    ([], "h/H = 0.64 at 10 au, above 0.5: raise gas.particles to about 1.6e+05"),
+    (["gas.kernel=cubic"], "h/H = 0.64 at 10 au, above 0.5: raise gas.particles to about 1.6e+05"),
     (["space.cells=128"], "self_gravity.softening = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
     ([], "self_gravity.softening = 1 au is 2 H at 10 au, above 1: lower it to 0.5 au"),
     ([*THIN, "space.cells=128"], "self_gravity.thickness = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
@@ -227,11 +227,11 @@ WARNINGS = [
     (THIN, 'self_gravity.softening is not used by kernel "thin-disc": leave it out'),
     (["dust.grain_size=1 m"], "dust: St = 47.9 at 100 au, above 10"),
     (
-        ["drag.scheme=idic-linear", "dust.ratio=1"],
+        ["gas.kernel=cubic", "drag.scheme=idic-linear", "dust.ratio=1"],
         "4.6 gas particles in a drag cell at 10 au, below 8: raise gas.particles 1.8 times",
     ),
     (
-        ["drag.scheme=idic-linear", "dust.ratio=1"],
+        ["gas.kernel=cubic", "drag.scheme=idic-linear", "dust.ratio=1"],
         "9.1 dust particles in a drag cell at 10 au, below 30: raise dust.particles 3.3 times",
     ),
 ]

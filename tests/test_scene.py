@@ -139,6 +139,17 @@ def test_eta_follows_the_kernel(kernel, eta):
     assert load_scene(changed(WAVE, gas={"kernel": kernel, "eta": 1.7})).gas.eta == 1.7
 
 
+def test_the_kernel_of_a_disc(tmp_path):
+    def gas(*overrides):
+        found = load_scene(write(tmp_path, DISC), overrides).gas
+        return found.kernel, found.eta
+
+    assert gas() == ("quintic", 1.1)
+    assert gas("gas.eta=1.2") == ("cubic", 1.2)
+    assert gas("gas.kernel=cubic") == ("cubic", 1.345)
+    assert gas("gas.smoothing_length=1 au")[0] == "cubic"
+
+
 def test_drag_cell_defaults_to_h_in_1d_and_2h_in_2d(tmp_path):
     assert load_scene(WAVE).drag.cell == 1.0
     assert load_scene(changed(WAVE, space={"dimensions": 2})).drag.cell == 2.0
