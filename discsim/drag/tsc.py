@@ -1,10 +1,11 @@
 """tsc: drag between nodes of a lattice with the weights of a triangular-shaped cloud.
 
 The slip at a node, from velocities of nine cells and slopes within each species, relaxes exactly with the
-accelerations inside; its change is scattered with the weights that gathered it, so that momentum is exact; what is
-left of a particle decays towards its own species' line (equations in `kernels/nodes.py`). About a star velocities
-are taken relative to Kepler's. Cells are those of `drag/cells.py` at the power of two nearest to the wanted side,
-each side a lattice of its own, whose origin moves with every step.
+accelerations inside; its change is scattered with the weights that gathered it, so that momentum and, but for nodes
+with next to no gas, angular momentum are exact; what is left of a particle decays towards its own species' line
+(equations in `kernels/nodes.py`). About a star velocities are taken relative to Kepler's. Cells are those of
+`drag/cells.py` at the power of two nearest to the wanted side, each side a lattice of its own, whose origin moves
+with every step.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def relax(drag, state, dt, gas_vel, heat):
     )
     home, dense, about, near = kernels.list_nodes(node, blocks.level, first, width, height, wrap, dim == 1, at)
     total = len(near)
-    cells, clouds = np.zeros((count, species, kernels.MOMENTS)), np.zeros((count, species, 9, kernels.FIELDS))
-    nodes = np.zeros((total, species, kernels.FIELDS))
+    cells, clouds = np.zeros((count, species, kernels.MOMENTS)), np.zeros((count, species, 9, kernels.SQUARE + 1))
+    nodes = np.zeros((total, species, kernels.SQUARE + 1))
     packed, norm = {}, {"gas": NONE, "dust": np.empty(dust.count)}
     members = {
         "gas": (gas_vel, gas.density, gas.sound_speed, blocks.gas_order, blocks.gas_start, 1, 0),
@@ -69,6 +70,8 @@ def relax(drag, state, dt, gas_vel, heat):
     )  # fmt: skip
     sharp = np.empty_like(change)
     share(kernels.sharpen, total, about, nodes, drag.two_way, change, sharp, least=64)
+    spin = np.zeros(total if dim == 2 and drag.two_way else 0)
+    share(kernels.turn, len(spin), nodes, sharp, spin, least=64)
     sharp_slopes = np.empty_like(slopes)
     share(kernels.sharpen_slopes, total, about, nodes, slopes, sharp_slopes, least=64)
     node_heat = np.zeros(total if len(heat) > 0 else 0)
@@ -79,8 +82,8 @@ def relax(drag, state, dt, gas_vel, heat):
         acc = state.species[name].acc
         share(
             kernels.apply_nodes, count, home, about, order, start, begin, number, packed[name],
-            len(state.own_acc[name]) > 0, norm[name], nodes, sharp_slopes, sharp, rate, dt, drag.exponential, vel, acc,
-            times[name], node_heat, least=64,
+            len(state.own_acc[name]) > 0, norm[name], nodes, sharp_slopes, sharp, spin if begin == 0 else NONE,
+            rate, dt, drag.exponential, vel, acc, times[name], node_heat, least=64,
         )  # fmt: skip
         free_kick(order[start[count * number] :], vel, acc, dt)  # outside the lattice
     if len(heat) > 0:

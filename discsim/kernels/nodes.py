@@ -14,8 +14,12 @@ which changes the velocities by D_s, sum_s M_s D_s = 0, and a particle's by
 
     sum_J w_J D_s,J,                                                                                     (3)
 
-so that momentum is exact. What is left of a particle beside the line of its own species in its cell decays at the
-species' own rate (`rest`).
+so that momentum is exact. In two dimensions what the offset of the two centroids makes of angular momentum,
+
+    sum_s M_s X_s x D_s,                                                                                 (4)
+
+is taken from the gas about the node as a rotation about its centroid, scattered with the same weights. What is left
+of a particle beside the line of its own species in its cell decays at the species' own rate (`rest`).
 """
 
 import numpy as np
@@ -24,8 +28,10 @@ from numba import njit
 from discsim.kernels.drag import EPSTEIN, kepler, relax_many, relax_pair, response, solve_slope, stopping_time
 
 # A packed particle: mass, place from the middle of its cell in sides (2), velocity (2), source (2), and what the law
-# of the drag needs of the gas; unused axes are 0. A species at a node: sums of w m times 1 and each of these.
+# of the drag needs of the gas; unused axes are 0. A species at a node: sums of w m times 1, each of these, and x^2.
 FIELDS = 8
+SQUARE = 8
+LEAST_INERTIA = 0.01  # the least moment of inertia of the gas about a node, over its mass times side^2, that is turned
 MOMENTS = 12  # of a species in a cell: m, m x (2), m xx, m xy, m yy, m v (2), m x v (2), m y v (2)
 
 
@@ -73,7 +79,7 @@ def deposit(block_from, block_to, home, about, start, species, first, flat, pack
 
     `norm`, where it has entries, receives one over a particle's weights on nodes that have gas; 0 where none has.
     """
-    value, w = np.empty(FIELDS), np.empty(9)
+    value, w = np.empty(SQUARE + 1), np.empty(9)
     for block in range(block_from, block_to):
         near = about[home[block]]
         whole = True
@@ -117,8 +123,9 @@ def deposit(block_from, block_to, home, about, start, species, first, flat, pack
                 value[0] = m
                 for f in range(1, FIELDS):
                     value[f] = m * q[f]
+                value[SQUARE] = m * (x * x + y * y)
                 for k in range(9):
-                    for f in range(FIELDS):
+                    for f in range(SQUARE + 1):
                         o[k, f] += w[k] * value[f]
 
 
@@ -133,8 +140,9 @@ def collect(node_from, node_to, blocks, first, last, clouds, out):
             i, j = k // 3 - 1, k % 3 - 1
             for s in range(first, last):
                 o, given = out[n, s], clouds[block, s, 8 - k]
-                for f in range(FIELDS):
+                for f in range(SQUARE + 1):
                     o[f] += given[f]
+                o[SQUARE] += 2.0 * (i * given[1] + j * given[2]) + (i * i + j * j) * given[0]
                 o[1] += i * given[0]
                 o[2] += j * given[0]
 
@@ -361,6 +369,22 @@ def sharpen(node_from, node_to, about, nodes, two_way, change, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def turn(node_from, node_to, nodes, change, spin):
+    """Rate of rotation (nodes,) of the gas about its centroid that takes eq. (4) back."""
+    for n in range(node_from, node_to):
+        gas = nodes[n, 0]
+        if gas[0] <= 0.0:
+            continue
+        inertia = gas[SQUARE] - (gas[1] * gas[1] + gas[2] * gas[2]) / gas[0]
+        if inertia < LEAST_INERTIA * gas[0]:
+            continue
+        torque = 0.0
+        for s in range(nodes.shape[1]):
+            torque += nodes[n, s, 1] * change[n, s, 1] - nodes[n, s, 2] * change[n, s, 0]
+        spin[n] = -torque / inertia
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def sharpen_slopes(node_from, node_to, about, nodes, slopes, out):
     """Slopes (nodes, d, d) with what pooling over nine cells took from a curved field given back to second order.
 
@@ -448,9 +472,10 @@ def spread_heat(block_from, block_to, home, about, order, start, flat, packed, n
 
 @njit(cache=True, error_model="numpy")
 def own_line(first, last, packed, field, pooled, dim, inertia, moment, slope):
-    """Mean place and mean of fields `field` and the next of some particles, and their slope; the pooled one if few.
+    """Mean place and mean of fields `field` and the next of some particles, and their slope.
 
-    Any more than a line needs will do: with few of them little is left beside it, but nothing false.
+    Any more than a line needs will do: with few of them little is left beside it, but nothing false. Those too few
+    have the pooled slope and a rotation of their own: what is beside their line never has angular momentum.
     """
     m, sx, sy, sv, sw = 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(first, last):
@@ -461,20 +486,20 @@ def own_line(first, last, packed, field, pooled, dim, inertia, moment, slope):
         sv += q[0] * q[field]
         sw += q[0] * q[field + 1]
     sx, sy, sv, sw = sx / m, sy / m, sv / m, sw / m
+    xx, xy, yy, xv, xw, yv, yw = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for p in range(first, last):
+        q = packed[p]
+        x, y, v, w = q[1] - sx, q[2] - sy, q[field] - sv, q[field + 1] - sw
+        mx, my = q[0] * x, q[0] * y
+        xx += mx * x
+        xy += mx * y
+        yy += my * y
+        xv += mx * v
+        xw += mx * w
+        yv += my * v
+        yw += my * w
     own = last - first > dim + 1
     if own:
-        xx, xy, yy, xv, xw, yv, yw = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for p in range(first, last):
-            q = packed[p]
-            x, y, v, w = q[1] - sx, q[2] - sy, q[field] - sv, q[field + 1] - sw
-            mx, my = q[0] * x, q[0] * y
-            xx += mx * x
-            xy += mx * y
-            yy += my * y
-            xv += mx * v
-            xw += mx * w
-            yv += my * v
-            yw += my * w
         inertia[0, 0], inertia[0, 1], inertia[1, 0], inertia[1, 1] = xx, xy, xy, yy
         moment[0, 0], moment[0, 1], moment[1, 0], moment[1, 1] = xv, xw, yv, yw
         own = solve_slope(inertia, moment, dim, slope)
@@ -482,15 +507,20 @@ def own_line(first, last, packed, field, pooled, dim, inertia, moment, slope):
         for a in range(dim):
             for c in range(dim):
                 slope[a, c] = pooled[a, c]
+        if dim == 2 and xx + yy > 0.0:
+            torque = xw - yv - pooled[0, 1] * xx - (pooled[1, 1] - pooled[0, 0]) * xy + pooled[1, 0] * yy
+            slope[0, 1] += torque / (xx + yy)
+            slope[1, 0] -= torque / (xx + yy)
     return sx, sy, sv, sw
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def apply_nodes(
     block_from, block_to, home, about, order, start, first, species, packed, sources, norm,
-    nodes, slopes, change, rate, dt, exponential, vel, acc, time, heat,
+    nodes, slopes, change, spin, rate, dt, exponential, vel, acc, time, heat,
 ):  # fmt: skip
-    """The kick of the particles in each block: free motion, eq. (3), and the decay of what is left beside the line.
+    """The kick of the particles in each block: free motion, eq. (3), the rotation of `spin` where it has entries, and
+    the decay of what is left beside the line.
 
     Writes stopping times of dust into `time` and adds the energy lost to that of a block's own node in `heat`, where
     they have entries; packed velocities are overwritten.
@@ -499,9 +529,19 @@ def apply_nodes(
     flat = dim == 1
     inertia, moment, even = np.empty((2, 2)), np.empty((2, 2)), np.zeros((2, 2))
     slope, slope_source, bend = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((3, 2))
-    table = np.zeros((9, 3))
+    table, turns = np.zeros((9, 3)), np.zeros((9, 6))
     for block in range(block_from, block_to):
         near = about[home[block]]
+        if len(spin) > 0:
+            for k in range(9):
+                n = near[k]
+                turns[k] = 0.0
+                if n >= 0 and spin[n] != 0.0:
+                    gas = nodes[n, 0]
+                    x, y = gas[1] / gas[0] + k // 3 - 1, gas[2] / gas[0] + k % 3 - 1
+                    vx, vy = (gas[3] + 0.5 * dt * gas[5]) / gas[0], (gas[4] + 0.5 * dt * gas[6]) / gas[0]
+                    turns[k, 0], turns[k, 1], turns[k, 2] = spin[n], spin[n] * x, spin[n] * y
+                    turns[k, 3], turns[k, 4], turns[k, 5] = spin[n] * vx, spin[n] * vy, spin[n] * (y * vx - x * vy)
         for s in range(species):
             lo, hi = start[block * species + s], start[block * species + s + 1]
             if hi == lo:
@@ -519,11 +559,24 @@ def apply_nodes(
                 scale = norm[p] if len(norm) > 0 else 1.0
                 local = scale * blend(table, 0, u0, u1, u2, t0, t1, t2)
                 d = scale * blend(table, 1, u0, u1, u2, t0, t1, t2)
+                spin_x, spin_y = 0.0, 0.0
+                if len(spin) > 0:
+                    omega = blend(turns, 0, u0, u1, u2, t0, t1, t2)
+                    spin_x = blend(turns, 2, u0, u1, u2, t0, t1, t2) - omega * q[2]
+                    spin_y = omega * q[1] - blend(turns, 1, u0, u1, u2, t0, t1, t2)
+                    if len(heat) > 0:
+                        # `node_heat` has the work of eq. (3) alone. A rotation does none on the mean velocity.
+                        work = spin_x * (q[3] + 0.5 * dt * q[5]) + spin_y * (q[4] + 0.5 * dt * q[6])
+                        work += q[2] * blend(turns, 3, u0, u1, u2, t0, t1, t2)
+                        work -= q[1] * blend(turns, 4, u0, u1, u2, t0, t1, t2)
+                        work -= blend(turns, 5, u0, u1, u2, t0, t1, t2)
+                        lost -= q[0] * work
+                    d += spin_x
                 q[3] += d
                 lost -= 0.5 * q[0] * d * d
                 vel[i, 0] += dt * acc[i, 0] + d
                 if not flat:
-                    d = scale * blend(table, 2, u0, u1, u2, t0, t1, t2)
+                    d = scale * blend(table, 2, u0, u1, u2, t0, t1, t2) + spin_y
                     q[4] += d
                     lost -= 0.5 * q[0] * d * d
                     vel[i, 1] += dt * acc[i, 1] + d
