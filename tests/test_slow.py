@@ -1,7 +1,8 @@
-"""Physics at full size, minutes each: `pytest -m slow`."""
+"""Physics at full size, minutes to an hour each: `pytest -m slow`."""
 
 import numpy as np
 import pytest
+from test_studies import script
 
 from discsim import Simulation, load_scene
 
@@ -49,3 +50,30 @@ def test_disc_keeps_its_mass_and_angular_momentum():
     # Star and self-gravity are central or antisymmetric but for the grid, pressure exactly so; drag cells lose what
     # their centroids' offsets carry. Seen: 4e-7 of the total.
     assert turning + ledger.accreted_angular_momentum == pytest.approx(spin, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "ratio, stokes, limit", [(0.01, 0.1, 0.05), (0.01, 0.01, 0.05), (1.0, 0.1, 0.1), (1.0, 0.01, 0.1)]
+)
+def test_dust_drifts_as_it_must(ratio, stokes, limit):
+    """`analysis/drift.py`: two seeds, orbits 2 to 12, 1e5 particles of gas and of dust."""
+    module = script("drift")
+    rows = []
+    for seed in (1, 2):
+        sim = module.ring(ratio, stokes, "tsc", seed, 100_000, 100_000, module.GAS)
+        found = module.measure(sim, (2.0, 12.0), lambda share: None)
+        rows.append(module.summary(found, {"series": {"gas": [0.0]}}, ratio, stokes))
+        # Drag loses less than 1e-6 of the angular momentum in 8 of the 75/Omega.
+        assert abs(rows[-1]["spin"]) < 1e-6 * 75 / 8
+    assert np.hypot(*(row["error"] for row in rows)) / 2 < 0.02
+    assert np.mean([row["relative"] for row in rows]) == pytest.approx(1.0, abs=limit)
+
+
+def test_gas_alone_keeps_its_disc():
+    """`analysis/noise.py`, the choice with the least viscosity, 20 orbits at h/H = .25."""
+    module = script("noise")
+    gas = module.CHOICES["wendland 2.5, low"]
+    found = module.measure_disc(gas, 0.25, 20.0, lambda share: None)
+    assert found["sigma"] < 0.03
+    assert abs(found["alpha_flux"]) < 0.005 and module.measure_shear(gas, 0.25) < 0.005
+    assert abs(found["spin"]) < 1e-8
