@@ -50,7 +50,7 @@ CHOICES = {
     "quintic, low": {"kernel": "quintic", "viscosity": LOW},
     "wendland 1.7, low": WENDLAND | {"eta": 1.7},
     "wendland 2.2, low": WENDLAND | {"eta": 2.2},
-    "wendland 2.5, low": WENDLAND | {"eta": 2.5},
+    "wendland 2.5, alpha .05": WENDLAND | {"eta": 2.5, "viscosity": LOW | {"alpha": 0.05}},
     "wendland 2.2, alpha .3": WENDLAND | {"eta": 2.2, "viscosity": LOW | {"alpha": 0.3}},
     "wendland 2.2, balsara": {"kernel": "wendland-c4", "eta": 2.2, "viscosity": PLAIN | {"switch": "balsara"}},
 }

@@ -15,10 +15,10 @@ import numpy as np
 from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
 from discsim.initial import profile
-from discsim.rules import KERNEL_KEYS, OF_CELLS
+from discsim.rules import KERNEL_KEYS, OF_CELLS, OF_GRAINS
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
-from discsim.units import Units, epstein_stopping_time
+from discsim.units import Units, epstein_stopping_time, mean_free_column
 
 Array = np.ndarray
 
@@ -120,14 +120,19 @@ def stopping_times(scene: Scene, at: Local) -> list[Array]:
             times.append(np.full_like(at.density, drag.t_stop))
         elif drag.law == "stokes-number" and at.omega is not None:
             times.append(drag.stokes / at.omega)
-        elif drag.law == "epstein" and at.sound_speed is not None:
+        elif drag.law == "stokes-over-density" and at.omega is not None:
+            times.append(drag.stokes / at.omega * profile.reference_density(scene) / at.density)
+        elif drag.law in OF_GRAINS and at.sound_speed is not None:
             volume = at.density
             if at.scale_height is not None:
                 volume = at.density / (math.sqrt(2 * math.pi) * at.scale_height)
             elif scene.space.dimensions == 2:
                 continue
             grain = (dust.grain_size, dust.grain_density)
-            times.append(epstein_stopping_time(*grain, at.sound_speed, volume, drag.convention))
+            time = epstein_stopping_time(*grain, at.sound_speed, volume, drag.convention)
+            if drag.law == "epstein-stokes":
+                time = time * np.maximum(1.0, 4 * dust.grain_size * volume / (9 * mean_free_column(scene)))
+            times.append(time)
     return times
 
 

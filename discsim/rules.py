@@ -12,7 +12,8 @@ from typing import Any
 Problem = tuple[tuple[str | int, ...], str]
 
 OF_CELLS = ("scheme", "cell", "heating", "integration")  # keys of the drag that only its cells use
-LAW_KEYS = {"constant": "K", "stopping-time": "t_stop", "stokes-number": "stokes"}
+LAWS_OF_KEY = {"K": ("constant",), "t_stop": ("stopping-time",), "stokes": ("stokes-number", "stokes-over-density")}
+OF_GRAINS = ("epstein", "epstein-stokes")
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
 
 
@@ -47,6 +48,11 @@ class Draft:
     @property
     def dimensions(self) -> int:
         return self.space.dimensions if self.space else 2
+
+    @property
+    def in_code_units(self) -> bool:
+        units = self._raw.get("units")
+        return isinstance(units, dict) and units.get("system") == "code"
 
     @property
     def eos_kind(self) -> str:
@@ -256,36 +262,49 @@ def _background(draft: Draft) -> Iterator[Problem]:
 def _drag_law(draft: Draft) -> Iterator[Problem]:
     if not draft.drag:
         return
-    for law, key in LAW_KEYS.items():
+    law = draft.drag.law
+    for key, laws in LAWS_OF_KEY.items():
         given = getattr(draft.drag, key) is not None
-        if law == draft.drag.law and not given:
+        if law in laws and not given:
             yield ("drag", key), f'missing; law "{law}" needs it'
-        elif law != draft.drag.law and given:
-            yield (
-                ("drag", key),
-                f'goes with law "{law}", but drag.law is "{draft.drag.law}"; expected one of the two',
-            )
+        elif law not in laws and given:
+            words = " or ".join(f'"{name}"' for name in laws)
+            yield ("drag", key), f'goes with law {words}, but drag.law is "{law}"; expected one of the two'
+    if draft.drag.supersonic and law not in OF_GRAINS:
+        yield ("drag", "supersonic"), f'law "{law}" knows no speed; expected "epstein" or "epstein-stokes"'
+    column = draft.drag.mean_free_column
+    if law != "epstein-stokes" and column is not None:
+        yield ("drag", "mean_free_column"), f'law "{law}" has no use for it; expected "epstein-stokes"'
+    if law == "epstein-stokes" and column is None and draft.in_code_units:
+        yield ("drag", "mean_free_column"), 'missing; in code units law "epstein-stokes" needs it'
 
 
 def _drag_orbits(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag or draft.has("star"):
+    if not draft.drag:
         return
-    if draft.drag.law == "stokes-number":
+    law, star = draft.drag.law, draft.has("star")
+    if law == "stokes-number" and not star:
         yield ("drag", "law"), "t_stop = stokes / Omega needs a star to orbit; expected a table [star] too"
-    elif draft.drag.law == "epstein" and draft.dimensions == 2:
+    elif law == "stokes-over-density" and not (star and (draft.kind == "disc" or draft.has("background"))):
+        yield (
+            ("drag", "law"),
+            "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
+            '"disc" or [background], and [star]',
+        )
+    elif law in OF_GRAINS and draft.dimensions == 2 and not star:
         yield (
             ("drag", "law"),
             "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star; expected [star] too",
         )
 
 
-def _epstein_grains(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag or draft.drag.law != "epstein":
+def _grains(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag or draft.drag.law not in OF_GRAINS:
         return
     for i, dust in enumerate(draft.dust or ()):
         for key in ("grain_size", "grain_density"):
             if getattr(dust, key) is None:
-                yield ("dust", i, key), 'missing; drag.law "epstein" needs it'
+                yield ("dust", i, key), f'missing; drag.law "{draft.drag.law}" needs it'
 
 
 def _drag_cell(draft: Draft) -> Iterator[Problem]:
@@ -354,7 +373,7 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _background,
     _drag_law,
     _drag_orbits,
-    _epstein_grains,
+    _grains,
     _drag_cell,
     _drag_heating,
     _self_gravity_in_1d,

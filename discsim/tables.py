@@ -375,14 +375,22 @@ class Dust(Table):
 
 
 class Drag(Table):
-    law: Literal["epstein", "constant", "stopping-time", "stokes-number"] = Field(description="of the stopping time")
+    law: Literal["epstein", "epstein-stokes", "constant", "stopping-time", "stokes-number", "stokes-over-density"] = (
+        Field(description="of the stopping time")
+    )
     K: Annotated[float | None, Measure("drag_coefficient")] = Field(
         None, gt=0, description='law "constant": force density K (v - u)'
     )
     t_stop: Time | None = Field(None, gt=0, description='law "stopping-time"')
-    stokes: Number | None = Field(None, gt=0, description='law "stokes-number": t_stop = stokes / Omega')
+    stokes: Number | None = Field(
+        None, gt=0, description='t_stop Omega; with "stokes-over-density" where the disc has its Sigma_ref'
+    )
     convention: Literal["papers", "kinetic"] = Field(
         "papers", description='Epstein: t_stop = s rho_s / (c_s rho_g), or "kinetic": times sqrt(pi/8)'
+    )
+    supersonic: StrictBool = Field(False, description="Epstein: faster by sqrt(1 + (9 pi/128) (slip / c_s)^2)")
+    mean_free_column: Annotated[float | None, Measure("surface_density"), Default("mu m_u / 2e-15 cm2")] = Field(
+        None, gt=0, description='law "epstein-stokes": rho_g times the mean free path'
     )
     direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
     scheme: Literal["idic", "idic-linear", "tsc"] = Field("tsc", description="how cells exchange momentum")

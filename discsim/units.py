@@ -101,6 +101,17 @@ def epstein_stopping_time(
     return time.decompose() if hasattr(time, "decompose") else time
 
 
+def mean_free_column(scene: Any) -> float:
+    """Column density of gas in one mean free path, m / sigma, in code units: of the scene, or of its mean molecule with
+    the cross-section of H2, 2e-15 cm^2 (Chapman & Cowling 1970)."""
+    if scene.drag.mean_free_column is not None:
+        return scene.drag.mean_free_column
+    from astropy import constants
+
+    molecule = (scene.gas or scene.background).eos.mean_molecular_weight * constants.u.cgs.value
+    return molecule / 2e-15 / scene.units.cgs("surface_density")
+
+
 @dataclass(frozen=True)
 class Units:
     """The units of a scene: `system` is "physical" or "code" (dimensionless; then the texts are unused).

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from discsim.exact import dustybox
 from discsim.kernels.blocks import IGNORE, INSIDE, NEAR, merge
-from discsim.kernels.drag import relax_many, relax_pair, response
+from discsim.kernels.relax import relax_many, relax_pair, response
 
 DT = 0.7
 

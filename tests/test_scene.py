@@ -387,6 +387,15 @@ RULES = [
     ({"dust": {"grain_size": "1 cm"}}, 'dust.grain_size: "1 cm" is a text, but the scene is in code units*'),
     ({"units": {"length": "1 au"}}, "units.length: means nothing*"),
     ({"drag": {"law": "stokes-number", "K": None, "stokes": 1}}, "drag.law: t_stop = stokes / Omega needs*"),
+    ({"drag": {"law": "stokes-over-density", "K": None, "stokes": 1}}, "drag.law: t_stop = (stokes / Omega)*"),
+    ({"drag": {"law": "epstein", "K": 1, "stokes": 1}}, 'drag.stokes: goes with law "stokes-number" or "stokes-over*'),
+    ({"drag": {"supersonic": True}}, 'drag.supersonic: law "constant" knows no speed*'),
+    ({"drag": {"mean_free_column": 1}}, 'drag.mean_free_column: law "constant" has no use for it*'),
+    (
+        {"drag": {"law": "epstein-stokes", "K": None}, "dust": {"grain_size": 1, "grain_density": 1}},
+        "drag.mean_free_column: missing; in code units*",
+    ),
+    ({"drag": {"law": "epstein-stokes", "K": None}}, 'dust.grain_size: missing; drag.law "epstein-stokes"*'),
     ({"drag": {"direction": "one-way", "heating": True}}, "drag.heating: one-way drag*"),
     ({"drag": {"cell": 1, "cell_length": 1}}, "drag.cell_length: drag.cell is there too*"),
     (

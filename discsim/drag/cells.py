@@ -92,7 +92,7 @@ def sort_into_blocks(drag, state, leaves: Lattice, least, size: float, dust_want
         n_gas, n_dust, h_sum, nx, ny, leaves.side, size, length, least[0], least[1], drag.soft, drag.hard, dust_wanted
     )
     # What lies outside the lattice meets nobody: a block of its own for each species.
-    count, population = len(level), len(drag.values)
+    count, population = len(level), drag.law.populations
     gas_order, gas_start = counting_sort(np.append(number, count)[gas_key], count + 2)
     dust_block = np.append(number, count + 1)[dust_key]
     dust_order, dust_start = counting_sort(dust_block * population + dust.species, (count + 2) * population)
@@ -120,10 +120,10 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
         relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
         gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
         dust.mass, blocks.dust_order, blocks.dust_start, drag.stopping_times, linear, drag.two_way,
-        drag.law.code, drag.values, dt, drag.exponential, *drag.star, corners, drag.size,
+        drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential, *drag.star, corners, drag.size,
         state.grid.periodic, heat, least=64,
     )  # fmt: skip
-    population = len(drag.values)
+    population = drag.law.populations
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
     members = np.diff(blocks.dust_start[::population])
     drag.count_uncoupled(dust, blocks.dust_order, np.repeat(alone, members))

@@ -33,7 +33,7 @@ def relax(drag, state, dt, gas_vel, heat):
     dust_wanted = NEAR if drag.two_way else IGNORE
     blocks = sort_into_blocks(drag, state, lattice(drag, state, wanted), (1, 0), size, dust_wanted, shifted=True)
     gas, dust, dim, count = state.gas, state.dust, drag.dim, len(blocks.level)
-    population = len(drag.values)
+    population = drag.law.populations
     species = population + 1
     node, at, first, width, height, wrap = kernels.place_blocks(
         blocks.level, blocks.first_leaf, *blocks.lattice.shape, blocks.lattice.periodic, LEVELS + 1
@@ -64,9 +64,15 @@ def relax(drag, state, dt, gas_vel, heat):
     slopes = np.zeros((total, dim, dim))
     change, rate = np.zeros((total, species, dim)), np.zeros((total, species))
     pooled = species if drag.two_way else 1
+    sound = np.zeros(total if drag.law.nonlinear else 0)
+    if drag.law.nonlinear:
+        number = np.diff(blocks.gas_start[: count + 1])
+        of_block = np.repeat(np.arange(count), number)
+        speeds = np.bincount(of_block, gas.sound_speed[blocks.gas_order[: len(of_block)]], count)
+        share(kernels.mean_sound, total, near, cells, speeds / np.maximum(number, 1), sound, least=64)
     share(
-        kernels.relax_nodes, total, near, cells, nodes, centre, pooled, drag.law.code, drag.values, drag.two_way, dt,
-        drag.exponential, *drag.star, slopes, change, rate, least=64,
+        kernels.relax_nodes, total, near, cells, nodes, centre, sound, pooled, drag.law.code, drag.law.grains,
+        drag.two_way, dt, drag.exponential, *drag.star, slopes, change, rate, least=64,
     )  # fmt: skip
     sharp = np.empty_like(change)
     share(kernels.sharpen, total, about, nodes, drag.two_way, change, sharp, least=64)

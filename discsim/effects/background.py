@@ -37,7 +37,7 @@ class Effect(base.Effect):
         dust = state.dust
         times = np.empty(dust.count)
         share(
-            relax_background, dust.count, dust.pos, vel, dust.acc, dust.species, self.law.code, self.law.values,
-            self.ratios, self.star.mass, self.star.softening, self.disc.laws, state.lag, dt, times,
+            relax_background, dust.count, dust.pos, vel, dust.acc, dust.species, self.law.code, self.law.grains,
+            self.law.nonlinear, self.ratios, self.star.mass, self.star.softening, self.disc.laws, state.lag, dt, times,
         )  # fmt: skip
         return times

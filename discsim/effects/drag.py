@@ -27,7 +27,6 @@ class Effect(base.Effect):
         self.scheme = import_module(SCHEMES[self.drag.scheme])
         self.exponential = self.drag.integration == "exponential"
         self.law = Law(scene)
-        self.values = self.law.values
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
         self.soft, self.hard = (2.0, 8.0) if self.dim == 1 else (2.0, 4.0)
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)

@@ -8,15 +8,18 @@ the dust has given the gas, per unit reduced mass, the momentum
     J = s_0 (1 - exp(-lam t)) + (a_d - a_g) t [1 - (1 - exp(-lam t))/(lam t)]                       (1)
     v = v_0 + a_g t + J eps/(1 + eps)       u = u_0 + a_d t - J/(1 + eps)                            (2)
 
-with eps = rho_d/rho_g. Every term of (1) keeps its digits for any lam t, small or large.
+with eps = rho_d/rho_g. Every term of (1) keeps its digits for any lam t, small or large. Where the drag depends on the
+slip there is no such formula, and `velocities_by_speed` integrates the equations to 1e-11.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import factorial
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import solve_ivp
 
 # 1 - (1 - exp(-z))/z = z/2! - z^2/3! + ...: at z <= 1/2 the next term is below 1e-18 of the sum.
 _SERIES = [0.0] + [(-1) ** (n + 1) / factorial(n + 1) for n in range(1, 15)]
@@ -55,6 +58,31 @@ def velocities(
     gas = v + a_gas * t + exchanged * ratio / (1 + ratio)  # eq. (2)
     dust = u + a_dust * t - exchanged / (1 + ratio)
     return gas, dust
+
+
+def velocities_by_speed(
+    time: float,
+    gas_velocity: ArrayLike,
+    dust_velocity: ArrayLike,
+    dust_ratio: float,
+    rate: Callable[[float], float],
+    gas_acceleration: ArrayLike = 0.0,
+    dust_acceleration: ArrayLike = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities (gas v, dust u) at `time`, vectors (d,) like those given, where 1/t_stop = `rate`(|u - v|)."""
+    v, u, a_gas, a_dust = (
+        np.atleast_1d(np.asarray(x, dtype=float))
+        for x in (gas_velocity, dust_velocity, gas_acceleration, dust_acceleration)
+    )
+
+    def slope(_: float, slip: np.ndarray) -> np.ndarray:
+        return a_dust - a_gas - (1 + dust_ratio) * rate(float(np.sqrt((slip**2).sum()))) * slip
+
+    slip = u - v
+    found = solve_ivp(slope, (0.0, time), slip, method="Radau", rtol=1e-11, atol=1e-13 * np.abs(slip).max())
+    exchanged = slip + (a_dust - a_gas) * time - found.y[:, -1]
+    gas = v + a_gas * time + exchanged * dust_ratio / (1 + dust_ratio)
+    return gas, u + a_dust * time - exchanged / (1 + dust_ratio)
 
 
 def _one_minus_phi(z: np.ndarray) -> np.ndarray:

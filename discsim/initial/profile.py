@@ -55,6 +55,11 @@ def scale(scene: Scene) -> float:
     return (float(np.nanmin(q)) / start.toomre_q) ** (1.0 / power)
 
 
+def reference_density(scene: Scene) -> float:
+    """Sigma at the reference radius of the scene's disc, given or started with."""
+    return scene.background.surface_density if scene.background else scale(scene)
+
+
 def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
     """sqrt(dP/dSigma) of the gas at radius `r` and surface density `density`, isothermal but for a polytrope."""
     eos: Any = scene.gas.eos

@@ -10,7 +10,8 @@ source turning with the parcel; over a kick that ends tau after the time of x
 
     w' = w exp(-dt/t) + R(Omega_g tau) (a + Omega_g^2 x) (1 - exp(-z dt)) / z,   z = 1/t + i Omega_g    (2)
 
-in complex notation. (2) composes exactly. So the slip keeps its digits at any dt/t and Omega_g dt: a stiff grain's
+in complex notation. (2) composes exactly. Where t depends on |w| it is that half-way through sub-steps, two halves
+against a whole, as short as TOLERANCE asks. So the slip keeps its digits at any dt/t and Omega_g dt: a stiff grain's
 drift is a difference of 1e-10 and less of the velocity.
 """
 
@@ -19,7 +20,8 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.drag import stopping_time
+from discsim.kernels.laws import hastening, stopping_time
+from discsim.kernels.nonlinear import MOST, TOLERANCE, next_step
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -40,8 +42,50 @@ def mean_response(z):
     return (1.0 - np.exp(-z)) / z
 
 
+@njit(cache=True, error_model="numpy")
+def slip_after(w, source, time, omega, dt, late):
+    """What eq. (2) makes of the slip w over a part dt of the kick that ends `late` after the time of x."""
+    z = complex(dt / time, omega * dt)
+    turn = complex(math.cos(omega * late), math.sin(omega * late))
+    return w + math.expm1(-dt / time) * w + dt * source * turn * mean_response(z)
+
+
+@njit(cache=True, error_model="numpy")
+def slip_by_speed(w, source, slow, law, grain, density, sound, kepler, omega, dt, lag):
+    """The slip after the kick and the mean stopping time in it, which depends on the slip: `kernels/nonlinear.py`."""
+    done, step, rate, count = 0.0, dt, 0.0, 0
+    stage = np.empty(3, np.complex128)
+    time = slow / hastening(law, grain, density, sound, kepler, abs(w))
+    while done < dt:
+        count += 1
+        step = min(step, dt - done)
+        for level in range(3):
+            part, late, mean = step / 2.0**level, done - lag, 0.0
+            at = w
+            for _ in range(2**level):
+                late += part
+                time = slow / hastening(law, grain, density, sound, kepler, abs(at))
+                half = slip_after(at, source, time, omega, 0.5 * part, late - 0.5 * part)
+                time = slow / hastening(law, grain, density, sound, kepler, abs(half))
+                at = slip_after(at, source, time, omega, part, late)
+                mean += part / time
+            stage[level] = at
+        first, second = stage[1] + (stage[1] - stage[0]) / 3.0, stage[2] + (stage[2] - stage[1]) / 3.0
+        best = second + (second - first) / 7.0
+        scale = max(abs(w), abs(best))
+        error = abs(best - second) / scale / TOLERANCE if scale > 0.0 else 0.0
+        if error <= 1.0 or count > MOST:
+            w = best
+            rate += mean
+            done = done + step if done + step < dt * (1.0 - 1e-15) else dt
+        step *= next_step(error)
+    return w, dt / rate if rate > 0.0 else time
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
-def relax_background(first, last, pos, vel, acc, species, law, values, ratios, star, softening, disc, lag, dt, time):
+def relax_background(
+    first, last, pos, vel, acc, species, law, grains, nonlinear, ratios, star, softening, disc, lag, dt, time
+):  # fmt: skip
     """Kick dust over dt from `lag` before the time of its places; writes stopping times (n,).
 
     disc: (Sigma, p, c_s^2, q, f) with Sigma ~ r^-p and c_s^2 ~ r^-q given at radius 1, -(1/Sigma) dP/dr = f c_s^2 / r.
@@ -54,15 +98,17 @@ def relax_background(first, last, pos, vel, acc, species, law, values, ratios, s
         kepler2 = star / (d2 * math.sqrt(d2))
         omega2 = max(0.0, kepler2 - disc[4] * sound2 / r2)
         omega, k = math.sqrt(omega2), species[i]
-        t = stopping_time(law, values[k], ratios[k], density, math.sqrt(sound2), math.sqrt(kepler2))
-        time[i] = t
+        sound, kepler = math.sqrt(sound2), math.sqrt(kepler2)
+        time[i] = stopping_time(law, grains[k], ratios[k], density, sound, kepler)
         before_x, before_y = circle(x, y, omega, -2.0 * lag)
         after_x, after_y = circle(x, y, omega, 2.0 * (dt - lag))
-        w_x, w_y = vel[i, 0] - before_x, vel[i, 1] - before_y
+        slip = complex(vel[i, 0] - before_x, vel[i, 1] - before_y)
         source = complex(acc[i, 0] + omega2 * x, acc[i, 1] + omega2 * y)
-        z = complex(dt / t, omega * dt)
-        turn = complex(math.cos(omega * (dt - lag)), math.sin(omega * (dt - lag)))
-        gain = dt * source * turn * mean_response(z)
-        lost = math.expm1(-dt / t)
-        vel[i, 0] = after_x + (w_x + lost * w_x + gain.real)
-        vel[i, 1] = after_y + (w_y + lost * w_y + gain.imag)
+        if nonlinear:
+            slip, time[i] = slip_by_speed(
+                slip, source, time[i], law, grains[k], density, sound, kepler, omega, dt, lag
+            )  # fmt: skip
+        else:
+            slip = slip_after(slip, source, time[i], omega, dt, dt - lag)
+        vel[i, 0] = after_x + slip.real
+        vel[i, 1] = after_y + slip.imag

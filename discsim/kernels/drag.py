@@ -21,152 +21,9 @@ import math
 import numpy as np
 from numba import njit
 
-CONSTANT, STOPPING_TIME, STOKES_NUMBER, EPSTEIN = range(4)
-LAWS = {
-    "constant": CONSTANT,
-    "stopping-time": STOPPING_TIME,
-    "stokes-number": STOKES_NUMBER,
-    "epstein": EPSTEIN,
-}
-
-
-@njit(cache=True, error_model="numpy")
-def stopping_time(law, value, mass_ratio, density, sound, omega):
-    """Stopping time of the dust in a block.
-
-    constant: value = K, t = rho_d / K with rho_d = e rho_g. stokes-number: t = St / Omega. epstein: value =
-    s rho_s times the convention's factor, t = value / (c_s rho_g), in 2D with rho_g = Sigma Omega / (sqrt(2 pi) c_s).
-    """
-    if law == CONSTANT:
-        return mass_ratio * density / value
-    if law == STOPPING_TIME:
-        return value
-    if law == STOKES_NUMBER:
-        return value / omega
-    if omega > 0.0:
-        return value * math.sqrt(2.0 * math.pi) / (density * omega)
-    return value / (sound * density)
-
-
-@njit(cache=True, error_model="numpy")
-def stopping_times(law, value, mass_ratio, density, sound, omega):
-    """`stopping_time` for arrays of density, sound speed and Omega (n,)."""
-    out = np.empty(len(density))
-    for i in range(len(density)):
-        out[i] = stopping_time(law, value, mass_ratio, density[i], sound[i], omega[i])
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def response(rate, dt, exponential):
-    """What dy/dt = b - rate y does beyond the free y + b dt: (f, g, p, q, r).
-
-    y' = y + b dt + f y + g b; energy lost to the drag, rate * integral of y^2 dt = p y^2 + q y b + r b^2.
-    """
-    x = rate * dt
-    if not exponential:
-        low = 1.0 / (1.0 + x)
-        g = dt * low
-        return -x * low, -x * g, 0.5 * x * low * (1.0 + low), 0.5 * x * g * (1.0 + 2.0 * low), 0.5 * x * g * g
-    f = math.expm1(-x)
-    if x > 1e-2:
-        g = -f / rate - dt
-        r = (x + f - 0.5 * f * f) / rate / rate
-    else:
-        g = -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
-        r = dt * dt * x * (1.0 / 3.0 - x * (0.25 - x * (7.0 / 60.0 - x / 24.0)))
-    q = f * f / rate if rate > 0.0 else 0.0
-    return f, g, -0.5 * f * (2.0 + f), q, r
-
-
-@njit(cache=True, error_model="numpy")
-def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
-    """Increments of two coupled velocities of weights w0, w1 beyond their free motion, and the energy lost."""
-    f, g, p, q, r = response(rate, dt, exponential)
-    y, b = y0 - y1, b0 - b1
-    change = f * y + g * b
-    total = w0 + w1
-    return w1 / total * change, -w0 / total * change, w0 * w1 / total * (p * y * y + q * y * b + r * b * b)
-
-
-@njit(cache=True, error_model="numpy")
-def eigen(matrix):
-    """Eigenvalues and orthonormal eigenvectors (columns) of a small symmetric matrix, which is overwritten.
-
-    Jacobi's cyclic rotations (Golub & Van Loan, sec. 8.5): small rates keep their digits beside large ones, and
-    a LAPACK call would cost every run ten seconds of compilation.
-    """
-    n = len(matrix)
-    vectors = np.eye(n)
-    for _ in range(50):
-        done = True
-        for i in range(n):
-            for j in range(i + 1, n):
-                if abs(matrix[i, j]) <= 1e-17 * math.sqrt(abs(matrix[i, i] * matrix[j, j])):
-                    continue
-                done = False
-                theta = 0.5 * (matrix[j, j] - matrix[i, i]) / matrix[i, j]
-                t = math.copysign(1.0, theta) / (abs(theta) + math.hypot(theta, 1.0))
-                c = 1.0 / math.hypot(t, 1.0)
-                s = c * t
-                for k in range(n):
-                    p, q = matrix[k, i], matrix[k, j]
-                    matrix[k, i], matrix[k, j] = c * p - s * q, s * p + c * q
-                for k in range(n):
-                    p, q = matrix[i, k], matrix[j, k]
-                    matrix[i, k], matrix[j, k] = c * p - s * q, s * p + c * q
-                    p, q = vectors[k, i], vectors[k, j]
-                    vectors[k, i], vectors[k, j] = c * p - s * q, s * p + c * q
-        if done:
-            break
-    rates = np.empty(n)
-    for i in range(n):
-        rates[i] = matrix[i, i]
-    return rates, vectors
-
-
-@njit(cache=True, error_model="numpy")
-def relax_many(weight, time, y, b, dt, exponential, change):
-    """The same for gas (entry 0) and several populations (n, d): writes `change`, returns the energy lost.
-
-    The coupling is a star graph; symmetrised with sqrt(weight) it has orthogonal modes, of which the
-    resting one is the barycentre.
-    """
-    n = len(weight)
-    root = np.empty(n)
-    for i in range(n):
-        root[i] = math.sqrt(weight[i])
-    matrix = np.zeros((n, n))
-    for j in range(1, n):
-        k = weight[j] / time[j]
-        matrix[0, 0] += k / weight[0]
-        matrix[j, j] = k / weight[j]
-        matrix[0, j] = matrix[j, 0] = -k / (root[0] * root[j])
-    rates, modes = eigen(matrix)
-    rest = 0  # the barycentre, which no drag moves
-    for m in range(n):
-        if rates[m] < rates[rest]:
-            rest = m
-    for i in range(n):
-        for k in range(y.shape[1]):
-            change[i, k] = 0.0
-    lost = 0.0
-    for m in range(n):
-        if m == rest:
-            continue
-        f, g, p, q, r = response(rates[m], dt, exponential)
-        for k in range(y.shape[1]):
-            c, s = 0.0, 0.0
-            for i in range(n):
-                c += modes[i, m] * root[i] * y[i, k]
-                s += modes[i, m] * root[i] * b[i, k]
-            lost += p * c * c + q * c * s + r * s * s
-            for i in range(1, n):
-                change[i, k] += modes[i, m] / root[i] * (f * c + g * s)
-    for k in range(y.shape[1]):
-        for i in range(1, n):
-            change[0, k] -= weight[i] / weight[0] * change[i, k]
-    return lost
+from discsim.kernels.laws import stopping_time
+from discsim.kernels.nonlinear import relax_by_speed
+from discsim.kernels.relax import relax_means, response
 
 
 @njit(cache=True, error_model="numpy")
@@ -325,64 +182,32 @@ def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
 
 
 @njit(cache=True, error_model="numpy")
-def follow_gas(time, y, by, slope, source, dt, exponential, dv, dslope):
-    """One-way: every population towards the gas's mean and slope, which stay what they are."""
-    for s in range(1, len(time)):
-        f, g, _, _, _ = response(1.0 / time[s], dt, exponential)
-        for c in range(y.shape[1]):
-            dv[s, c] = f * (y[s, c] - y[0, c]) + g * (by[s, c] - by[0, c])
-            for a in range(y.shape[1]):
-                change, change_source = slope[s, a, c] - slope[0, a, c], source[s, a, c] - source[0, a, c]
-                dslope[s, a, c] = f * change + g * change_source
-
-
-@njit(cache=True, error_model="numpy")
-def exchange(mass, time, y, by, inertia, slope, source, dt, exponential, dv, dslope):
-    """Two-way: means and slopes of gas and of the populations present relax together; the energy lost."""
-    dim = y.shape[1]
-    present = np.empty(len(mass), np.int64)
-    count = 0
-    for s in range(len(mass)):
+def exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential, dslope):
+    """Changes (n, d, d) of the slopes, weighed with the moments of inertia, and the energy lost."""
+    n, dim = slope.shape[0], slope.shape[1]
+    count, only = 0, 0
+    for s in range(1, n):
         if mass[s] > 0.0:
-            present[count] = s
             count += 1
-    lost = 0.0
-    if count == 2:
-        s = present[1]
-        rate = (1.0 + mass[s] / mass[0]) / time[s]
-        for c in range(dim):
-            dv[0, c], dv[s, c], heat = relax_pair(
-                mass[0], mass[s], rate, y[0, c], y[s, c], by[0, c], by[s, c], dt, exponential
-            )
-            lost += heat
-        return lost + relax_slopes(
-            inertia[0], inertia[s], rate, slope[0], slope[s], source[0], source[s],
-            dt, exponential, dslope[0], dslope[s],
+            only = s
+    if two_way and count == 1:
+        rate = (1.0 + mass[only] / mass[0]) / time[only]
+        return relax_slopes(
+            inertia[0], inertia[only], rate, slope[0], slope[only], source[0], source[only],
+            dt, exponential, dslope[0], dslope[only],
         )  # fmt: skip
-    # First the means, weighed with mass, then the slopes along each axis, weighed with the moments of inertia.
-    weight, times = np.empty(count), np.empty(count)
-    part, part_source, change = np.empty((count, dim)), np.empty((count, dim)), np.empty((count, dim))
-    for axis in range(-1, dim):
-        least, most = np.inf, 0.0
-        for k in range(count):
-            s = present[k]
-            times[k] = time[s]
-            weight[k] = mass[s]
-            if axis >= 0:
-                weight[k] = inertia[s, 0, 0] + (inertia[s, 1, 1] if dim == 2 else 0.0)
-            least, most = min(least, weight[k]), max(most, weight[k])
-            for c in range(dim):
-                part[k, c] = y[s, c] if axis < 0 else slope[s, axis, c]
-                part_source[k, c] = by[s, c] if axis < 0 else source[s, axis, c]
-        if axis >= 0 and least <= 1e-6 * most:
-            continue  # a population on one point has no slope of its own
-        lost += relax_many(weight, times, part, part_source, dt, exponential, change)
-        for k in range(count):
-            for c in range(dim):
-                if axis < 0:
-                    dv[present[k], c] = change[k, c]
-                else:
-                    dslope[present[k], axis, c] = change[k, c]
+    lost = 0.0
+    weight, change = np.zeros(n), np.empty((n, dim))
+    least, most = np.inf, 0.0
+    for s in range(n):
+        if mass[s] > 0.0:
+            weight[s] = inertia[s, 0, 0] + (inertia[s, 1, 1] if dim == 2 else 0.0) if two_way else mass[s]
+            least, most = min(least, weight[s]), max(most, weight[s])
+    if two_way and least <= 1e-6 * most:
+        return lost  # a population on one point has no slope of its own
+    for axis in range(dim):
+        lost += relax_means(weight, time, slope[:, axis], source[:, axis], two_way, dt, exponential, change)
+        dslope[:, axis] = change
     return lost
 
 
@@ -416,10 +241,10 @@ def free_kick(members, vel, acc, dt):
 def relax_block(
     gas_members, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
     dust_members, dpos, dvel, dacc, down, dmass, dtime,
-    linear, two_way, law, values, dt, exponential, star, softening, corner, size, periodic, heat,
+    linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corner, size, periodic, heat,
 ):  # fmt: skip
     """The kick of one block that holds both species; `first` (species + 1,) divides the dust by population."""
-    n, dim = len(values) + 1, gpos.shape[1]
+    n, dim = len(grains) + 1, gpos.shape[1]
     ng = len(gas_members)
     count = ng + len(dust_members)
     reference = star if linear else 0.0
@@ -445,11 +270,9 @@ def relax_block(
         for a in range(dim):
             r2 += dpos[i, a] * dpos[i, a] / len(dust_members)
     omega = kepler(r2, star, softening) if star > 0.0 else 0.0
-    gas_rate = 0.0
     for s in range(1, n):
         if mass[s] > 0.0:
-            time[s] = stopping_time(law, values[s - 1], mass[s] / mass[0], rho, sound, omega)
-            gas_rate += mass[s] / mass[0] / time[s]
+            time[s] = stopping_time(law, grains[s - 1], mass[s] / mass[0], rho, sound, omega)
 
     slope, source, dslope = np.zeros((n, dim, dim)), np.zeros((n, dim, dim)), np.zeros((n, dim, dim))
     inertia = np.zeros((n, dim, dim))
@@ -463,14 +286,24 @@ def relax_block(
                 at[s, c] -= pooled[a, c] * (x[s, a] - x[0, a])
                 at_source[s, c] -= pooled_source[a, c] * (x[s, a] - x[0, a])
     dv, lost = np.zeros((n, dim)), 0.0
+    if nonlinear:
+        lost += relax_by_speed(
+            mass, time, law, grains, rho, sound, omega, at, at_source, two_way, dt, exponential, dv
+        )  # fmt: skip
+    else:
+        lost += relax_means(mass, time, at, at_source, two_way, dt, exponential, dv)
+    if linear:
+        lost += exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential, dslope)
+    gas_rate = 0.0
+    for s in range(1, n):
+        if mass[s] > 0.0:
+            gas_rate += mass[s] / mass[0] / time[s]
     if two_way:
-        lost += exchange(mass, time, at, at_source, inertia, slope, source, dt, exponential, dv, dslope)
         lost += apply(
             gas_members, y, b, m, xi, slope[0], source[0], dv[0], dslope[0],
             gas_rate, dt, exponential, gvel, gacc,
         )  # fmt: skip
     else:
-        follow_gas(time, at, at_source, slope, source, dt, exponential, dv, dslope)
         free_kick(gas_members, gvel, gacc, dt)
     for s in range(1, n):
         lo, hi = bound[s], bound[s + 1]
@@ -490,7 +323,7 @@ def relax_block(
 def relax_blocks(
     block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
     dpos, dvel, dacc, down, dmass, dorder, dstart, dtime,
-    linear, two_way, law, values, dt, exponential, star, softening, corners, size, periodic, heat,
+    linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corners, size, periodic, heat,
 ):  # fmt: skip
     """The kick of all blocks: accelerations and drag together, velocities in place.
 
@@ -498,7 +331,7 @@ def relax_blocks(
     sources (accelerations not shared; no entries where there are none). Writes each dust particle's
     stopping time, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
     """
-    n = len(values)
+    n = len(grains)
     for block in range(block_from, block_to):
         gas = gorder[gstart[block] : gstart[block + 1]]
         first = dstart[block * n : (block + 1) * n + 1]
@@ -506,7 +339,7 @@ def relax_blocks(
         if len(gas) > 0 and len(dust) > 0:
             relax_block(
                 gas, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
-                dust, dpos, dvel, dacc, down, dmass, dtime, linear, two_way, law, values, dt, exponential,
+                dust, dpos, dvel, dacc, down, dmass, dtime, linear, two_way, law, grains, nonlinear, dt, exponential,
                 star, softening, corners[block], size, periodic, heat,
             )  # fmt: skip
         else:

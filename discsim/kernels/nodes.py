@@ -25,7 +25,10 @@ of a particle beside the line of its own species in its cell decays at the speci
 import numpy as np
 from numba import njit
 
-from discsim.kernels.drag import EPSTEIN, kepler, relax_many, relax_pair, response, solve_slope, stopping_time
+from discsim.kernels.drag import kepler, solve_slope
+from discsim.kernels.laws import EPSTEIN, stopping_time
+from discsim.kernels.nonlinear import relax_by_speed
+from discsim.kernels.relax import relax_means, response
 
 # A packed particle: mass, place from the middle of its cell in sides (2), velocity (2), source (2), and what the law
 # of the drag needs of the gas; unused axes are 0. A species at a node: sums of w m times 1, each of these, and x^2.
@@ -279,64 +282,64 @@ def pooled_slope(n, blocks, cells, species, dim, inertia, moment, part, slope):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def relax_nodes(
-    node_from, node_to, blocks, cells, nodes, centre, pooled, law, values, two_way, dt, exponential, star, softening,
-    slopes, change, rate,
+    node_from, node_to, blocks, cells, nodes, centre, sound, pooled, law, grains, two_way, dt, exponential, star,
+    softening, slopes, change, rate,
 ):  # fmt: skip
     """Relax the slip at each node: pooled slopes (nodes, d, d), changes (nodes, species, d) of eq. (3) and rates of
-    decay (nodes, species).
+    decay (nodes, species). `sound` (nodes,) has entries where the stopping time depends on the slip.
     """
     species, dim = nodes.shape[1], change.shape[2]
     inertia, moment, part = np.empty((2, 2)), np.empty((2, 2)), np.empty(MOMENTS)
-    present = np.empty(species, np.int64)
-    weights, times = np.empty(species), np.empty(species)
-    y, b, more = np.empty((species, dim)), np.empty((species, dim)), np.empty((species, dim))
+    mass, times = np.empty(species), np.empty(species)
+    y, b = np.empty((species, dim)), np.empty((species, dim))
     for n in range(node_from, node_to):
         gas = nodes[n, 0]
-        count = 0
-        for s in range(species):
-            if nodes[n, s, 0] > 0.0:
-                present[count] = s
-                count += 1
         if gas[0] <= 0.0:
             continue
         slope = slopes[n]
         pooled_slope(n, blocks, cells, pooled, dim, inertia, moment, part, slope)
-        if count < 2:
-            continue
         omega = 0.0
         if star > 0.0:
             omega = kepler(centre[n, 0] * centre[n, 0] + centre[n, 1] * centre[n, 1], star, softening)
-        for k in range(count):
-            o = nodes[n, present[k]]
-            weights[k] = o[0]
-            times[k] = np.inf
-            if k > 0:
-                times[k] = stopping_time(law, values[present[k] - 1], o[0] / gas[0], gas[7] / gas[0], 1.0, omega)
+        density, c_s = gas[7] / gas[0], 1.0  # of Epstein's law without a star their product
+        if len(sound) > 0 and law != EPSTEIN:
+            c_s = sound[n]
+        for s in range(species):
+            o = nodes[n, s]
+            mass[s], times[s] = o[0], np.inf
+            if o[0] <= 0.0:
+                continue
+            if s > 0:
+                times[s] = stopping_time(law, grains[s - 1], o[0] / gas[0], density, c_s, omega)
             for c in range(dim):
-                y[k, c], b[k, c] = o[3 + c] / o[0], o[5 + c] / o[0]
+                y[s, c], b[s, c] = o[3 + c] / o[0], o[5 + c] / o[0]
                 for a in range(dim):  # eq. (2)
-                    y[k, c] += slope[a, c] * (gas[1 + a] / gas[0] - o[1 + a] / o[0])
-        if not two_way:
-            for k in range(1, count):
-                f, g, _, _, _ = response(1.0 / times[k], dt, exponential)
-                for c in range(dim):
-                    change[n, present[k], c] = f * (y[k, c] - y[0, c]) + g * (b[k, c] - b[0, c])
-                rate[n, present[k]] = 1.0 / times[k]
-            continue
-        if count == 2:
-            total = (1.0 + weights[1] / weights[0]) / times[1]
-            for c in range(dim):
-                change[n, 0, c], change[n, present[1], c], _ = relax_pair(
-                    weights[0], weights[1], total, y[0, c], y[1, c], b[0, c], b[1, c], dt, exponential
-                )
+                    y[s, c] += slope[a, c] * (gas[1 + a] / gas[0] - o[1 + a] / o[0])
+        if len(sound) > 0:
+            relax_by_speed(
+                mass, times, law, grains, density, sound[n], omega, y, b, two_way, dt, exponential, change[n]
+            )  # fmt: skip
         else:
-            relax_many(weights[:count], times[:count], y[:count], b[:count], dt, exponential, more[:count])
-            for k in range(count):
-                for c in range(dim):
-                    change[n, present[k], c] = more[k, c]
-        for k in range(1, count):
-            rate[n, present[k]] = 1.0 / times[k]
-            rate[n, 0] += weights[k] / weights[0] / times[k]
+            relax_means(mass, times, y, b, two_way, dt, exponential, change[n])
+        for s in range(1, species):
+            if mass[s] > 0.0:
+                rate[n, s] = 1.0 / times[s]
+                if two_way:
+                    rate[n, 0] += mass[s] / gas[0] / times[s]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def mean_sound(node_from, node_to, blocks, cells, sound, out):
+    """Sound speed at nodes, from the gas's means (blocks,) in the nine cells about them; nearer cells count more."""
+    for n in range(node_from, node_to):
+        total, mass = 0.0, 0.0
+        for k in range(9):
+            block = blocks[n, k]
+            if block >= 0 and cells[block, 0, 0] > 0.0:
+                w = (0.5 if k // 3 == 1 else 0.25) * (0.5 if k % 3 == 1 else 0.25) * cells[block, 0, 0]
+                total += w * sound[block]
+                mass += w
+        out[n] = total / mass if mass > 0.0 else 1.0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

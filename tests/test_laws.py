@@ -1,0 +1,266 @@
+"""Stopping times: their laws, and the relaxation where they depend on the slip."""
+
+import math
+
+import numpy as np
+import pytest
+from astropy import constants as const
+from astropy import units as un
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from discsim import Simulation
+from discsim.check import derived
+from discsim.exact import dustybox
+from discsim.kernels.background import slip_by_speed
+from discsim.kernels.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, hastening, stopping_time
+from discsim.kernels.nonlinear import relax_by_speed
+from discsim.scene import load_scene
+
+SUPERSONIC, BOULDER = np.array([1.0, KWOK, 0.0, 0.0, 0.0]), np.array([1.0, KWOK, 1.0, 1e-3, 1.0])
+GRAINS = {"supersonic": (EPSTEIN, SUPERSONIC), "boulder": (EPSTEIN_STOKES, BOULDER)}
+
+
+# Formulas
+
+
+@pytest.mark.parametrize(
+    ("speed", "coefficient"),
+    [(0.01, lambda re: 24 / re), (10.0, lambda re: 24 / re**0.6), (1000.0, lambda re: 0.44)],
+)
+def test_stokes_drag_is_half_the_coefficient_times_the_ram_pressure(speed, coefficient):
+    """F = C_D pi s^2 rho_g w^2 / 2 = m w / t_stop, with viscosity nu = lambda v_th / 2 (kinetic convention)."""
+    size, material, rho, sound, path = 2.0, 5.0, 0.7, 1.3, 0.05
+    thermal = math.sqrt(8 / math.pi)
+    grain = np.array([size * material / thermal, 0.0, size, path * rho, thermal])
+    reynolds = 2 * size * speed / (0.5 * path * thermal * sound)
+    assert (reynolds < 1, 1 < reynolds < 783, reynolds > 783).index(True) == (0.01, 10.0, 1000.0).index(speed)
+    force = 0.5 * coefficient(reynolds) * math.pi * size**2 * rho * speed**2
+    mass = 4 / 3 * math.pi * size**3 * material
+    time = stopping_time(EPSTEIN_STOKES, grain, 1.0, rho, sound, 0.0)
+    time /= hastening(EPSTEIN_STOKES, grain, rho, sound, 0.0, speed)
+    assert time == pytest.approx(mass * speed / force, rel=1e-12)
+
+
+def test_epstein_goes_over_into_stokes():
+    """At lambda = 4 s / 9 the two drags are equal, and at vanishing speed the drag is continuous."""
+    grain = np.array([2.0, 0.0, 1.0, 4 / 9, 1.0])
+    below, above = (stopping_time(EPSTEIN_STOKES, grain, 1.0, rho, 1.0, 0.0) for rho in (1 - 1e-9, 1 + 1e-9))
+    assert below == pytest.approx(above, rel=1e-8) and below == pytest.approx(2.0, rel=1e-8)
+    # In dense gas Stokes' drag no longer depends on the density.
+    dense = [stopping_time(EPSTEIN_STOKES, grain, 1.0, rho, 1.0, 0.0) for rho in (10.0, 100.0)]
+    assert dense[0] == pytest.approx(dense[1], rel=1e-14) and dense[0] == pytest.approx(2.0, rel=1e-14)
+
+
+def test_supersonic_limits():
+    """Epstein's drag at high Mach numbers is ram pressure: 1/t ~ w; Kwok's formula joins the two."""
+    slow, fast, faster = (hastening(EPSTEIN, SUPERSONIC, 1.0, 2.0, 0.0, w) for w in (1e-6, 2e3, 4e3))
+    assert slow == pytest.approx(1.0, abs=1e-12) and faster == pytest.approx(2 * fast, rel=1e-5)
+    assert hastening(EPSTEIN, SUPERSONIC, 1.0, 2.0, 0.0, 2.0) == pytest.approx(math.sqrt(1 + 9 * math.pi / 128))
+
+
+@pytest.mark.parametrize("w", [0.0, 0.3, 1e3])
+def test_linear_laws_know_no_speed(w):
+    assert hastening(EPSTEIN, np.array([1.0, 0.0, 0.0, 0.0, 0.0]), 1.0, 1.0, 0.0, w) == 1.0
+
+
+# Relaxation
+
+
+def by_ode(mass, slow, law, grains, y, b, two_way, dt):
+    n, dim = y.shape
+
+    def slope(_, x):
+        v, out = x.reshape(n, dim), b.copy()
+        for s in range(1, n):
+            slip = v[s] - v[0]
+            push = hastening(law, grains[s - 1], 1.0, 1.0, 0.0, math.sqrt((slip**2).sum())) / slow[s] * slip
+            out[s] -= push
+            if two_way:
+                out[0] += mass[s] / mass[0] * push
+        return out.ravel()
+
+    return solve_ivp(slope, (0, dt), y.ravel(), method="LSODA", rtol=1e-11, atol=1e-13).y[:, -1].reshape(n, dim)
+
+
+@pytest.mark.parametrize("two_way", [True, False])
+@pytest.mark.parametrize("populations", [1, 3])
+@pytest.mark.parametrize("time", [0.01, 1.0, 10.0])
+@pytest.mark.parametrize("kind", GRAINS)
+def test_relaxation_by_speed_is_that_of_an_ode_solver(kind, time, populations, two_way):
+    """Mach and Reynolds numbers from 10 to 1e4 fall by orders within the kick."""
+    law, grain = GRAINS[kind]
+    rng = np.random.default_rng(3)
+    n = populations + 1
+    mass, slow = np.r_[1.0, rng.uniform(0.1, 2, populations)], np.r_[np.inf, time * rng.uniform(0.5, 2, populations)]
+    y, b, change = 10 * rng.normal(size=(n, 2)), 3 * rng.normal(size=(n, 2)), np.empty((n, 2))
+    grains = np.tile(grain, (populations, 1))
+    times = slow.copy()
+    lost = relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, two_way, 1.0, True, change)
+    expected = by_ode(mass, slow, law, grains, y, b, two_way, 1.0)
+    largest = np.abs(y - y[0]).max()
+    np.testing.assert_allclose((y + b + change)[1:], expected[1:], rtol=0, atol=1e-7 * largest)
+    assert (times[1:] < slow[1:]).all()  # faster than at no speed
+    if two_way:
+        np.testing.assert_allclose(mass @ change, 0.0, atol=1e-14 * largest)
+        assert lost > 0
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    kind=st.sampled_from(sorted(GRAINS)),
+    ratio=st.floats(-6, 6).map(lambda e: 10**e),
+    time=st.floats(-6, 6).map(lambda e: 10**e),
+    slip=st.floats(-30, 30),
+    source=st.floats(-30, 30),
+    boost=st.floats(-30, 30),
+)
+def test_relaxation_by_speed_is_sane(kind, ratio, time, slip, source, boost):
+    """Momentum stays, the slip is finite and without a source only shrinks, in every frame the same."""
+    law, grain = GRAINS[kind]
+    mass, grains = np.array([1.0, ratio]), grain[None]
+    size = abs(slip) + abs(source) + abs(boost)
+
+    def change_of(y, b):
+        change = np.empty((2, 1))
+        slow = np.array([np.inf, time])
+        lost = relax_by_speed(mass, slow, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.0, True, change)
+        assert np.isfinite(change).all() and math.isfinite(lost) and lost >= -1e-9 * ratio * size**2
+        return change
+
+    y, b = np.array([[0.0], [slip]]), np.array([[0.0], [source]])
+    change = change_of(y, b)
+    assert abs((mass @ change)[0]) <= 1e-13 * max(1.0, ratio) * size
+    np.testing.assert_allclose(change_of(y + boost, b), change, rtol=0, atol=1e-7 * size)
+    alone = change_of(y, 0 * b)
+    assert abs(slip + alone[1, 0] - alone[0, 0]) <= abs(slip) * (1 + 1e-12)
+
+
+def test_slip_in_turning_gas_is_that_of_an_ode_solver():
+    """dw/dt = S exp(i Omega t) - w / t_stop(|w|) over a kick of 2 that ends 1.3 after the time of the place."""
+    omega, slow, w, source = 0.8, 2.0, 9.0 - 4.0j, 1.5 + 2.0j
+    for law, grain in GRAINS.values():
+        found, _ = slip_by_speed(w, source, slow, law, grain, 1.0, 1.0, 0.0, omega, 2.0, 0.7)
+
+        def slope(t, y, law=law, grain=grain):
+            z = y[0] + 1j * y[1]
+            rate = source * np.exp(1j * omega * t) - z / slow * hastening(law, grain, 1.0, 1.0, 0.0, abs(z))
+            return [rate.real, rate.imag]
+
+        end = solve_ivp(slope, (-0.7, 1.3), [w.real, w.imag], rtol=1e-11, atol=1e-12).y[:, -1]
+        assert abs(found - (end[0] + 1j * end[1])) < 1e-6 * abs(w)
+
+
+# Whole scenes
+
+
+def box(size, scheme="tsc", direction="two-way", velocity="4 km/s", **drag):
+    """Gas of 1e-9 g/cm3 at 1 au, grains of 3 g/cm3: c_s = 1 km/s, a mean free path of about 2 cm."""
+    return {
+        "run": {"until": "1 day", "timestep": "0.3 day"},
+        "space": {"dimensions": 1, "size": "1 au", "boundary": "periodic"},
+        "initial": {"kind": "box", "density": "1e-9 g/cm3", "dust_velocity": velocity},
+        "gas": {"particles": 40, "eos": {"kind": "isothermal", "sound_speed": "1 km/s"}},
+        "dust": {"particles": 40, "ratio": 0.5, "grain_size": size, "grain_density": "3 g/cm3"},
+        "drag": {"law": "epstein-stokes", "scheme": scheme, "direction": direction, "supersonic": True} | drag,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme", ["idic", "idic-linear", "tsc"])
+@pytest.mark.parametrize("direction", ["two-way", "one-way"])
+@pytest.mark.parametrize("size", ["1 mm", "1 cm", "10 cm", "1 m", "10 m"])
+def test_grains_of_all_sizes_stop_as_they_must(size, direction, scheme):
+    """DustyBox from Epstein's drag through all of Stokes', to 1e-6 of an ODE solver's, in astropy's units."""
+    sim = Simulation(box(size, scheme, direction))
+    rho, sound, s = 1e-9 * un.g / un.cm**3, 1 * un.km / un.s, un.Quantity(size)
+    path = (2.34 * const.u / (2e-15 * un.cm**2) / rho).to(un.cm)
+
+    def rate(speed):
+        w = speed * (un.au / sim.units.time)
+        slow = (s * 3 * un.g / un.cm**3 / (rho * sound)).to(sim.units.time).value
+        if path > 4 * s / 9:
+            return np.sqrt(1 + 9 * np.pi / 128 * (w / sound).decompose().value ** 2) / slow
+        reynolds = (4 * s * w / (path * sound)).decompose().value
+        slow *= (4 * s / (9 * path)).decompose().value
+        return max(1.0, reynolds**0.4, 0.44 * reynolds / 24) / slow
+
+    start = float(sim.dust.vel[0, 0])
+    sim.run()
+    ratio = 0.5 if direction == "two-way" else 1e-30
+    gas, dust = dustybox.velocities_by_speed(sim.time, 0.0, start, ratio, rate)
+    # 1e-6 of the slip at the start.
+    np.testing.assert_allclose(sim.gas.vel[:, 0], gas[0] if direction == "two-way" else 0.0, rtol=0, atol=1e-6 * start)
+    np.testing.assert_allclose(sim.dust.vel[:, 0], dust[0], rtol=0, atol=1e-6 * start)
+
+
+def test_friction_by_speed_heats_the_gas():
+    """Fast dust in adiabatic gas: kinetic energy that goes is heat, to the tolerance of the sub-steps."""
+    tables = box("1 cm")
+    tables["gas"]["eos"] = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": "1 km/s"}
+    for scheme in ("idic", "idic-linear", "tsc"):
+        tables["drag"] = tables["drag"] | {"scheme": scheme}
+        sim = Simulation(tables)
+
+        def energy(sim=sim):
+            motion = sum((p.mass * (p.vel**2).sum(axis=1)).sum() / 2 for p in (sim.gas, sim.dust))
+            return motion, (sim.gas.mass * sim.gas.u).sum()
+
+        motion, heat = energy()
+        sim.run()
+        later, hotter = energy()
+        assert motion - later > 0.3 * motion
+        assert hotter - heat == pytest.approx(motion - later, rel=1e-6)
+
+
+def test_stopping_times_follow_the_slip():
+    """What snapshots hold is the time at the slip that there is."""
+    sim = Simulation(box("1 mm", velocity="10 km/s"))
+    at_rest = Simulation(box("1 mm", velocity="0 km/s"))
+    times = []
+    for one in (sim, at_rest):
+        with one.synchronised() as state:
+            times.append(one.effects["drag"].current_stopping_times(state))
+    fast, slow = times
+    np.testing.assert_allclose(slow / fast, math.sqrt(1 + 9 * math.pi / 128 * 100), rtol=1e-9)
+
+
+def test_supersonic_dust_in_a_background():
+    """A given disc and SPH-free dust: fast grains stop sooner than slow ones would."""
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 0.01}, "space": {"size": 4.0},
+        "background": {"surface_density": 1e-4, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05}},
+        "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 0.9, "outer": 1.1},
+        "dust": {"particles": 50, "ratio": 0.01, "grain_size": 1e-4, "grain_density": 1.0}, "star": {"mass": 1.0},
+        "drag": {"law": "epstein", "direction": "one-way"},
+    }  # fmt: skip
+    left = []
+    for supersonic in (False, True):
+        sim = Simulation(tables | {"drag": tables["drag"] | {"supersonic": supersonic}})
+        sim.dust.vel *= 1.3  # Mach 6
+        sim.step()
+        speed = np.sqrt((sim.dust.vel**2).sum(axis=1)) * np.sqrt(np.sqrt((sim.dust.pos**2).sum(axis=1)))
+        left.append(float(speed.mean() - 1))
+    assert 0.0 < left[1] < 0.9 * left[0]
+
+
+def test_stokes_over_density_is_epstein_of_a_disc():
+    """St = stokes Sigma_ref / Sigma: .1 at the reference radius, as r for Sigma ~ 1/r."""
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 8.0, "cells": 64},
+        "initial": {"kind": "disc", "mass": 0.01, "inner": 1.0, "outer": 3.0},
+        "gas": {"particles": 4000, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05}},
+        "dust": {"particles": 2000, "ratio": 0.01}, "star": {"mass": 1.0},
+        "drag": {"law": "stokes-over-density", "stokes": 0.1},
+    }  # fmt: skip
+    sim = Simulation(tables)
+    r = np.sqrt((sim.dust.pos**2).sum(axis=1))
+    middle = (r > 1.3) & (r < 2.7)
+    with sim.synchronised() as state:
+        stokes = sim.effects["drag"].current_stopping_times(state) * r**-1.5
+    # Cells of a tenth of the radius.
+    assert np.median((stokes / (0.1 * r))[middle]) == pytest.approx(1.0, abs=0.03)
+    rows = dict(derived(load_scene(tables)))
+    places = [float(x) for x in rows["at"].replace("r =", "").split(",")] if "=" in rows["at"] else [1.0, 2.0, 3.0]
+    shown = [float(x) for x in rows["Stokes number"].split(",")]
+    np.testing.assert_allclose(shown, 0.1 * np.array(places), rtol=0.01)
