@@ -208,7 +208,7 @@ def grid_bytes(scene: Scene, shape: list[int]) -> int:
 
 def drag_cell_counts(scene: Scene, at: Local) -> tuple[Array, Array] | None:
     """Mean numbers of gas and dust particles in a drag cell at the places of `at`, before it is enlarged."""
-    if not scene.drag or not scene.gas or at.h is None:
+    if not scene.drag or scene.drag.scheme not in FEW or not scene.gas or at.h is None:
         return None
     side = scene.drag.cell * at.h if scene.drag.cell else np.full_like(at.h, scene.drag.cell_length)
     if scene.space.dimensions == 2 and scene.space.cells:

@@ -385,7 +385,12 @@ class Drag(Table):
         "papers", description='Epstein: t_stop = s rho_s / (c_s rho_g), or "kinetic": times sqrt(pi/8)'
     )
     direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
-    scheme: Literal["idic", "idic-linear", "tsc"] = Field("tsc", description="how cells exchange momentum")
+    scheme: Literal["idic", "idic-linear", "tsc", "mk", "lab14"] = Field(
+        "tsc", description="how gas and dust exchange momentum"
+    )
+    kernel: Literal["gas", "double-hump"] = Field(
+        "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
+    )
     cell: Annotated[Number | None, Default("1 in 1D, 2 in 2D")] = Field(
         None, gt=0, description="side of a drag cell in local mean h; or a length"
     )
