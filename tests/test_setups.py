@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene, tables
+from discsim.check import FEW as OF_CELLS
 from discsim.check import dust_masses, gas_mass
 from discsim.cli import app
 from discsim.drag import SCHEMES
@@ -228,9 +229,10 @@ def test_two_way_drag_conserves_momentum(dimensions, law, scheme, integration):
     push = sum(p.mass @ p.acc for p in (sim.gas, sim.dust))
     undragged = sim.dust.vel + dt * sim.dust.acc
     sim.effects["drag"].kick(sim.state, dt)
-    # All that the kick adds is the forces' own momentum: rounding of a sum of 900 terms.
+    # All that the kick adds is the forces' own momentum: rounding of a sum of 900 terms, or of 20,000 pairs.
     gained = totals(sim)["momentum"] - before["momentum"]
-    np.testing.assert_allclose(gained, dt * push, rtol=0, atol=1e-14 * before["size"])
+    rounding = (1e-14 if scheme in OF_CELLS else 1e-13) * before["size"]
+    np.testing.assert_allclose(gained, dt * push, rtol=0, atol=rounding)
     assert np.abs(sim.dust.vel - undragged).max() > 0.01
 
 
