@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, get_origin
 
 import discsim
 from discsim import tables
-from discsim.drag import SCHEMES
+from discsim.drag import INTERPOLATING, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.tables import TABLES, Default, Table, measure_of, models_in
 
@@ -68,7 +68,7 @@ def docstring(module: str) -> str:
 def _schemes() -> Iterator[str]:
     for name, module in SCHEMES.items():
         yield ""
-        yield f'  scheme = "{name}"'
+        yield f'  scheme = "{name}"' + (": momentum is not conserved" if name in INTERPOLATING else "")
         yield from _indented(docstring(module).removeprefix(f"{name}: "), "    ")
 
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from discsim.drag import BETWEEN_PAIRS, INTERPOLATING
+
 Problem = tuple[tuple[str | int, ...], str]
 
-OF_CELLS = ("scheme", "cell", "heating", "integration")  # keys of the drag that only its cells use
+OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys of the drag that only its cells use
 LAW_KEYS = {"constant": "K", "stopping-time": "t_stop", "stokes-number": "stokes"}
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
 
@@ -288,6 +290,22 @@ def _epstein_grains(draft: Draft) -> Iterator[Problem]:
                 yield ("dust", i, key), 'missing; drag.law "epstein" needs it'
 
 
+def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
+    """Keys of the drag that its scheme does not use."""
+    if not draft.drag:
+        return
+    scheme = draft.drag.scheme
+    unused = {
+        "no drag cells": ("cell", "cell_length") if scheme in BETWEEN_PAIRS + INTERPOLATING else (),
+        "no kernel of its own": ("kernel",) if scheme not in BETWEEN_PAIRS else (),
+        "an integration of its own": ("integration",) if scheme in ("mk", *INTERPOLATING) else (),
+    }
+    for why, keys in unused.items():
+        for key in keys:
+            if draft.gives("drag", key):
+                yield ("drag", key), f'scheme "{scheme}" has {why}; expected no such key'
+
+
 def _drag_cell(draft: Draft) -> Iterator[Problem]:
     if draft.drag and draft.drag.cell is not None and draft.drag.cell_length is not None:
         yield ("drag", "cell_length"), "drag.cell is there too; expected one of the two"
@@ -356,6 +374,7 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _drag_orbits,
     _epstein_grains,
     _drag_cell,
+    _keys_of_the_scheme,
     _drag_heating,
     _self_gravity_in_1d,
     _self_gravity_kernel,

@@ -385,7 +385,7 @@ class Drag(Table):
         "papers", description='Epstein: t_stop = s rho_s / (c_s rho_g), or "kinetic": times sqrt(pi/8)'
     )
     direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
-    scheme: Literal["idic", "idic-linear", "tsc", "mk", "lab14"] = Field(
+    scheme: Literal["idic", "idic-linear", "tsc", "mk", "lab14", "reconstructed", "esph", "isph"] = Field(
         "tsc", description="how gas and dust exchange momentum"
     )
     kernel: Literal["gas", "double-hump"] = Field(

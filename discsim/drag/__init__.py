@@ -12,4 +12,9 @@ SCHEMES = {
     "tsc": "discsim.drag.tsc",
     "mk": "discsim.drag.mk",
     "lab14": "discsim.drag.lab14",
+    "reconstructed": "discsim.drag.reconstructed",
+    "esph": "discsim.drag.esph",
+    "isph": "discsim.drag.isph",
 }
+BETWEEN_PAIRS = ("mk", "lab14", "reconstructed")  # what a pair exchanges is equal and opposite
+INTERPOLATING = ("esph", "isph")  # these do not conserve momentum

@@ -20,18 +20,18 @@ FLAT = np.empty((0, 0, 0))
 
 
 def relax(drag, state, dt, gas_vel, heat):
-    relax_each_pair(drag, state, dt, gas_vel, heat, lambda pairs, vel: (FLAT, FLAT))
+    relax_each_pair(drag, state, dt, gas_vel, heat, lambda sph, points, vel: FLAT)
 
 
 def relax_each_pair(drag, state, dt, gas_vel, heat, slopes):
-    """Relax the slip of each pair; `slopes(pairs, vel)` are those of dust and gas that take it to a common point."""
+    """Relax the slip of each pair; `slopes(sph, points, vel)` of each species take it to a common point."""
     gas = state.gas
     found = pair_up(drag, state, whole=True, hump=drag.drag.kernel == "double-hump")
     note_times(drag, state.dust, found)
 
     def impulse(pairs, vel, gas_seen, pushed):
         cloud = pairs.cloud
-        slope, gas_slope = slopes(pairs, vel)
+        slope, gas_slope = slopes(cloud.sph, cloud, vel), slopes(cloud.sph, gas, gas_seen)
         share(
             push_by_relaxing, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.density,
             cloud.density, cloud.mass, vel, cloud.own, slope, gas_seen, state.own_acc["gas"], gas_slope, drag.two_way,
