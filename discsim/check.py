@@ -15,7 +15,7 @@ import numpy as np
 from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
 from discsim.initial import profile
-from discsim.rules import KERNEL_KEYS, OF_CELLS
+from discsim.rules import KERNEL_KEYS, OF_CELLS, unused_keys
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
 from discsim.units import Units, epstein_stopping_time
@@ -370,7 +370,10 @@ def _effect_lines(scene: Scene) -> Iterator[str]:
         first, _, second = name.partition(".")
         table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
         for one in table if isinstance(table, tuple) else (table,):
-            skip = OF_CELLS if name == "drag" and scene.background else ()
+            skip: tuple[str, ...] = ()
+            if name == "drag":
+                idle = sum(unused_keys(one.scheme).values(), ())
+                skip = OF_CELLS if scene.background else idle
             yield f"{name:<18} {_parameters(scene.units, one, skip)}"
 
 

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple, get_origin
 
 import discsim
 from discsim import tables
-from discsim.drag import INTERPOLATING, SCHEMES
+from discsim.drag import SCHEMES
 from discsim.effects import EFFECTS
+from discsim.rules import INTERPOLATING
 from discsim.tables import TABLES, Default, Table, measure_of, models_in
 
 SETUP_TABLES = ("units", "run", "space", "initial")

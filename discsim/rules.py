@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from discsim.drag import BETWEEN_PAIRS, INTERPOLATING
-
 Problem = tuple[tuple[str | int, ...], str]
 
 OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys of the drag that only its cells use
+BETWEEN_PAIRS = ("mk", "lab14", "reconstructed")  # drag schemes: what a pair exchanges is equal and opposite
+INTERPOLATING = ("esph", "isph")  # drag schemes that do not conserve momentum
 LAW_KEYS = {"constant": "K", "stopping-time": "t_stop", "stokes-number": "stokes"}
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
 
@@ -290,17 +290,20 @@ def _epstein_grains(draft: Draft) -> Iterator[Problem]:
                 yield ("dust", i, key), 'missing; drag.law "epstein" needs it'
 
 
-def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
-    """Keys of the drag that its scheme does not use."""
-    if not draft.drag:
-        return
-    scheme = draft.drag.scheme
-    unused = {
+def unused_keys(scheme: str) -> dict[str, tuple[str, ...]]:
+    """Keys of the drag that a scheme does not use, by what it is that makes them idle."""
+    return {
         "no drag cells": ("cell", "cell_length") if scheme in BETWEEN_PAIRS + INTERPOLATING else (),
         "no kernel of its own": ("kernel",) if scheme not in BETWEEN_PAIRS else (),
         "an integration of its own": ("integration",) if scheme in ("mk", *INTERPOLATING) else (),
     }
-    for why, keys in unused.items():
+
+
+def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag or draft.has("background"):
+        return
+    scheme = draft.drag.scheme
+    for why, keys in unused_keys(scheme).items():
         for key in keys:
             if draft.gives("drag", key):
                 yield ("drag", key), f'scheme "{scheme}" has {why}; expected no such key'

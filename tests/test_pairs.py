@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.drag import BETWEEN_PAIRS, INTERPOLATING
 from discsim.drag.pairs import pair_up
 from discsim.exact import dustybox, dustywave
 from discsim.kernels.pairs import hump_norm
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
+from discsim.rules import BETWEEN_PAIRS, INTERPOLATING
 
 SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}

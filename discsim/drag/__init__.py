@@ -16,5 +16,3 @@ SCHEMES = {
     "esph": "discsim.drag.esph",
     "isph": "discsim.drag.isph",
 }
-BETWEEN_PAIRS = ("mk", "lab14", "reconstructed")  # what a pair exchanges is equal and opposite
-INTERPOLATING = ("esph", "isph")  # these do not conserve momentum

@@ -2,7 +2,7 @@
 
 Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is
 right at any step. Schemes are in `discsim/drag`, laws in `kernels/drag.py`. Two-way drag of an explicit scheme limits
-the step to about t_stop / (1 + eps); any other drag limits none.
+the step to about t_stop / max(1, eps); any other drag limits none.
 """
 
 from importlib import import_module
