@@ -15,7 +15,7 @@ import numpy as np
 from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
 from discsim.initial import profile
-from discsim.rules import KERNEL_KEYS, OF_CELLS, OF_GRAINS
+from discsim.rules import KERNEL_KEYS, OF_CELLS, OF_GRAINS, unused_keys
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
 from discsim.units import Units, epstein_stopping_time, mean_free_column
@@ -213,7 +213,7 @@ def grid_bytes(scene: Scene, shape: list[int]) -> int:
 
 def drag_cell_counts(scene: Scene, at: Local) -> tuple[Array, Array] | None:
     """Mean numbers of gas and dust particles in a drag cell at the places of `at`, before it is enlarged."""
-    if not scene.drag or not scene.gas or at.h is None:
+    if not scene.drag or scene.drag.scheme not in FEW or not scene.gas or at.h is None:
         return None
     side = scene.drag.cell * at.h if scene.drag.cell else np.full_like(at.h, scene.drag.cell_length)
     if scene.space.dimensions == 2 and scene.space.cells:
@@ -375,7 +375,10 @@ def _effect_lines(scene: Scene) -> Iterator[str]:
         first, _, second = name.partition(".")
         table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
         for one in table if isinstance(table, tuple) else (table,):
-            skip = OF_CELLS if name == "drag" and scene.background else ()
+            skip: tuple[str, ...] = ()
+            if name == "drag":
+                idle = sum(unused_keys(one.scheme).values(), ())
+                skip = OF_CELLS if scene.background else idle
             yield f"{name:<18} {_parameters(scene.units, one, skip)}"
 
 

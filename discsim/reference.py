@@ -16,6 +16,7 @@ import discsim
 from discsim import tables
 from discsim.drag import SCHEMES
 from discsim.effects import EFFECTS
+from discsim.rules import INTERPOLATING
 from discsim.tables import TABLES, Default, Table, measure_of, models_in
 
 SETUP_TABLES = ("units", "run", "space", "initial")
@@ -68,7 +69,7 @@ def docstring(module: str) -> str:
 def _schemes() -> Iterator[str]:
     for name, module in SCHEMES.items():
         yield ""
-        yield f'  scheme = "{name}"'
+        yield f'  scheme = "{name}"' + (": momentum is not conserved" if name in INTERPOLATING else "")
         yield from _indented(docstring(module).removeprefix(f"{name}: "), "    ")
 
 

@@ -11,7 +11,9 @@ from typing import Any
 
 Problem = tuple[tuple[str | int, ...], str]
 
-OF_CELLS = ("scheme", "cell", "heating", "integration")  # keys of the drag that only its cells use
+OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys of the drag that only its cells use
+BETWEEN_PAIRS = ("mk", "lab14", "reconstructed")  # drag schemes: what a pair exchanges is equal and opposite
+INTERPOLATING = ("esph", "isph")  # drag schemes that do not conserve momentum
 LAWS_OF_KEY = {"K": ("constant",), "t_stop": ("stopping-time",), "stokes": ("stokes-number", "stokes-over-density")}
 OF_GRAINS = ("epstein", "epstein-stokes")
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
@@ -307,6 +309,25 @@ def _grains(draft: Draft) -> Iterator[Problem]:
                 yield ("dust", i, key), f'missing; drag.law "{draft.drag.law}" needs it'
 
 
+def unused_keys(scheme: str) -> dict[str, tuple[str, ...]]:
+    """Keys of the drag that a scheme does not use, by what it is that makes them idle."""
+    return {
+        "no drag cells": ("cell", "cell_length") if scheme in BETWEEN_PAIRS + INTERPOLATING else (),
+        "no kernel of its own": ("kernel",) if scheme not in BETWEEN_PAIRS else (),
+        "an integration of its own": ("integration",) if scheme in ("mk", *INTERPOLATING) else (),
+    }
+
+
+def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag or draft.has("background"):
+        return
+    scheme = draft.drag.scheme
+    for why, keys in unused_keys(scheme).items():
+        for key in keys:
+            if draft.gives("drag", key):
+                yield ("drag", key), f'scheme "{scheme}" has {why}; expected no such key'
+
+
 def _drag_cell(draft: Draft) -> Iterator[Problem]:
     if draft.drag and draft.drag.cell is not None and draft.drag.cell_length is not None:
         yield ("drag", "cell_length"), "drag.cell is there too; expected one of the two"
@@ -375,6 +396,7 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _drag_orbits,
     _grains,
     _drag_cell,
+    _keys_of_the_scheme,
     _drag_heating,
     _self_gravity_in_1d,
     _self_gravity_kernel,

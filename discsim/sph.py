@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -17,6 +17,19 @@ if TYPE_CHECKING:
 
 NONE = np.empty(0)
 CELLS = 64  # the fewest that a thread takes at once
+
+
+class Points(Protocol):
+    """Particles that have a density: gas, or dust where drag asks for it."""
+
+    pos: np.ndarray
+    mass: np.ndarray
+    h: np.ndarray
+    density: np.ndarray
+    gradh: np.ndarray
+
+    @property
+    def count(self) -> int: ...
 
 
 class Sph:
@@ -38,22 +51,22 @@ class Sph:
         self.receding = 1.0 if self.viscosity is not None and self.viscosity.pairs == "all" else 0.0
         self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
 
-    def _box(self, gas: Gas) -> tuple[np.ndarray, np.ndarray]:
+    def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         if self.periodic:
             return np.zeros(2), self.size
         low, width = np.zeros(2), np.zeros(2)
-        low[: self.dim] = gas.pos.min(axis=0)
-        width[: self.dim] = gas.pos.max(axis=0) - low[: self.dim]
+        low[: self.dim] = points.pos.min(axis=0)
+        width[: self.dim] = points.pos.max(axis=0) - low[: self.dim]
         width[0] = max(width[0], 1e-300)
         return low, width
 
     def order(self, gas: Gas) -> np.ndarray:
         """Order of the particles by neighbour cell, for memory locality (n,)."""
-        return sort_into_cells(gas.pos, self.support * gas.h, *self._box(gas), self.periodic)[1]
+        return sort_into_cells(gas.pos, self.support * gas.h, *self.box_of(gas), self.periodic)[1]
 
-    def density(self, gas: Gas, vel: np.ndarray) -> None:
-        """Density, Omega and, unless fixed, smoothing length of all gas particles; what a switch needs of `vel`."""
-        low, width = self._box(gas)
+    def density(self, gas: Points, vel: np.ndarray) -> None:
+        """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`."""
+        low, width = self.box_of(gas)
         radius = self.support * gas.h
         grids, order, start, bounds, filled = sort_into_cells(gas.pos, radius, low, width, self.periodic)
         self.cells = filled, grids, order, start

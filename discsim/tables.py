@@ -393,7 +393,12 @@ class Drag(Table):
         None, gt=0, description='law "epstein-stokes": rho_g times the mean free path'
     )
     direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
-    scheme: Literal["idic", "idic-linear", "tsc"] = Field("tsc", description="how cells exchange momentum")
+    scheme: Literal["idic", "idic-linear", "tsc", "mk", "lab14", "reconstructed", "esph", "isph"] = Field(
+        "tsc", description="how gas and dust exchange momentum"
+    )
+    kernel: Literal["gas", "double-hump"] = Field(
+        "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
+    )
     cell: Annotated[Number | None, Default("1 in 1D, 2 in 2D")] = Field(
         None, gt=0, description="side of a drag cell in local mean h; or a length"
     )

@@ -14,6 +14,7 @@ from discsim.effects import EFFECTS
 from discsim.exact import __path__ as exact_path
 from discsim.history import COLUMNS
 from discsim.reference import with_reference
+from discsim.rules import INTERPOLATING
 from discsim.units import Units
 
 HOME = Path(__file__).parents[1]
@@ -92,7 +93,8 @@ def test_names_are_complete():
     for name in (*EFFECTS, "gas.viscosity", "gas.conductivity"):
         assert f"(`[{name}]`" in effects
     for name in SCHEMES:
-        assert re.search(rf"^\| `{name}`.*\| exact for each (cell|node) \|$", effects, re.M)
+        kept = "not conserved" if name in INTERPOLATING else "exact for each (cell|node|pair)"
+        assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
     solutions = TEXT.split("### Exact solutions")[1].split("\n\n")[1]
     files = {path.stem for path in Path(exact_path[0]).glob("[!_]*.py")}
     assert set(re.findall(r"`(\w+)`", solutions)) == files

@@ -398,6 +398,9 @@ RULES = [
     ({"drag": {"law": "epstein-stokes", "K": None}}, 'dust.grain_size: missing; drag.law "epstein-stokes"*'),
     ({"drag": {"direction": "one-way", "heating": True}}, "drag.heating: one-way drag*"),
     ({"drag": {"cell": 1, "cell_length": 1}}, "drag.cell_length: drag.cell is there too*"),
+    ({"drag": {"scheme": "lab14", "cell": 2}}, 'drag.cell: scheme "lab14" has no drag cells*'),
+    ({"drag": {"kernel": "double-hump"}}, 'drag.kernel: scheme "tsc" has no kernel of its own*'),
+    ({"drag": {"scheme": "esph", "integration": "implicit"}}, 'drag.integration: scheme "esph" has an integration*'),
     (
         {"dust": None, "drag": None, "self_gravity": {"softening": 1, "sources": ["dust"]}},
         'self_gravity.sources: "dust" is to attract*',

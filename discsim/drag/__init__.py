@@ -2,8 +2,17 @@
 
 It kicks gas and dust over dt, accelerations and drag together: dust in place, the gas in `gas_vel` (n, d), a copy
 for one-way drag. It writes `drag.stopping_times` of the dust and `drag.uncoupled`, and if `heat` has entries the
-heat per mass of each gas particle.
+heat per mass of each gas particle. An explicit scheme also has `limit(drag, state)`, the longest stable step.
 """
 
 # Name in the scene -> module.
-SCHEMES = {"idic": "discsim.drag.idic", "idic-linear": "discsim.drag.idic_linear", "tsc": "discsim.drag.tsc"}
+SCHEMES = {
+    "idic": "discsim.drag.idic",
+    "idic-linear": "discsim.drag.idic_linear",
+    "tsc": "discsim.drag.tsc",
+    "mk": "discsim.drag.mk",
+    "lab14": "discsim.drag.lab14",
+    "reconstructed": "discsim.drag.reconstructed",
+    "esph": "discsim.drag.esph",
+    "isph": "discsim.drag.isph",
+}

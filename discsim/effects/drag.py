@@ -1,7 +1,8 @@
-"""Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved in cells.
+"""Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved together.
 
 Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is
-right at any step. Schemes are in `discsim/drag`, laws in `kernels/drag.py`. It limits no step.
+right at any step. Schemes are in `discsim/drag`, laws in `kernels/drag.py`. Two-way drag of an explicit scheme limits
+the step to about t_stop / max(1, eps); any other drag limits none.
 """
 
 from importlib import import_module
@@ -43,6 +44,12 @@ class Effect(base.Effect):
         """Note the share of the dust mass that is `alone` (n,), a mask in the order `order` (n,)."""
         mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
         self.uncoupled = float(mass[order[alone]].sum() / mass.sum())
+
+    def limit(self, state: State) -> float:
+        explicit = hasattr(self.scheme, "limit")
+        if not explicit or not self.two_way or state.gas.count == 0 or state.dust.count == 0:
+            return np.inf
+        return self.scheme.limit(self, state)
 
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way

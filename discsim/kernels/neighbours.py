@@ -117,12 +117,12 @@ def gap(a0, a1, b0, b1):
 
 
 @njit(cache=True, error_model="numpy")
-def find_candidates(cell, reach, mutual, pos, radius, grids, order, start, bounds, low, width, periodic):
-    """Particles that may lie within `reach` of a particle of `cell`: (index, shift_x, shift_y).
+def find_candidates(box, reach, mutual, pos, radius, grids, order, start, bounds, low, width, periodic):
+    """Particles that may lie within `reach` of a particle in `box` (x0, x1, y0, y1, ...): (index, shifts).
 
-    With `mutual` also those whose own support may reach the cell. Shifts are those of periodic images.
+    With `mutual` also those whose own support may reach the box. Shifts are those of periodic images.
     """
-    x0, x1, y0, y1 = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
+    x0, x1, y0, y1 = box[0], box[1], box[2], box[3]
     size = 256
     index = np.empty(size, np.int64)
     shift = np.empty((size, 2))

@@ -121,7 +121,7 @@ def density_driver(kernel: int, dim: int, shear: bool):
             reach = bounds[cell, 4] * (1.0 if fixed else 1.05)
             while True:
                 index, shift = find_candidates(
-                    cell, reach, False, pos, h, grids, order, start, bounds, low, width, periodic
+                    bounds[cell], reach, False, pos, h, grids, order, start, bounds, low, width, periodic
                 )
                 n = len(index)
                 cx, cy, cm = np.empty(n), np.zeros(n), np.empty(n)
@@ -233,7 +233,7 @@ def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conducti
             ox = 0.5 * (bounds[cell, 0] + bounds[cell, 1])
             oy = 0.5 * (bounds[cell, 2] + bounds[cell, 3])
             index, shift = find_candidates(
-                cell, bounds[cell, 4], True, pos, radius, grids, order, start, bounds, low, width, periodic
+                bounds[cell], bounds[cell, 4], True, pos, radius, grids, order, start, bounds, low, width, periodic
             )
             pack = np.zeros((P + 1, len(index)))
             # Rows by themselves: loops over a row of a matrix are not vectorised.

@@ -1,0 +1,28 @@
+"""esph: explicit drag towards interpolated velocities. Momentum is not conserved.
+
+dv_a/dt = a_a + (U(x_a) - v_a) eps(x_a) / t_stop,   du_j/dt = a_j + (V(x_j) - u_j) / t_stop
+
+with the velocities U of the dust and V of the gas that SPH interpolates to the other's places, and eps from the
+interpolated dust density (`kernels/interpolation.py`). ESPH of Stoyanovskaya et al. 2018 (arXiv:1811.06522), with
+interpolants divided by the sum of their weights. Forward Euler: its step is limited to about t_stop, and it damps
+waves, by about (k h)^2 a t_stop. One-way drag takes its short steps within the kick, as dust must not limit the gas.
+"""
+
+from math import ceil
+
+import numpy as np
+
+from discsim.drag.interpolation import fastest, follow
+from discsim.drag.pairs import pair_up
+
+
+def relax(drag, state, dt, gas_vel, heat):
+    found = pair_up(drag, state, whole=True)
+    steps = 1 if drag.two_way else max(1, ceil(dt * fastest(drag, state, found)))
+    for _ in range(steps):
+        follow(drag, state, found, dt / steps, gas_vel, heat, implicit=False)
+
+
+def limit(drag, state):
+    with np.errstate(divide="ignore"):
+        return 1.0 / np.float64(fastest(drag, state, pair_up(drag, state, whole=True)))

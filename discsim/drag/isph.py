@@ -1,0 +1,16 @@
+"""isph: drag towards interpolated velocities, implicit in a particle's own one. Momentum is not conserved.
+
+(v_a' - v_a*) / dt = (U*(x_a) - v_a') eps(x_a) / t_stop,   (u_j' - u_j*) / dt = (V*(x_j) - u_j') / t_stop
+
+with v* = v + a dt, u* likewise, and the velocities U* of the dust and V* of the gas that SPH interpolates to the
+other's places (`kernels/interpolation.py`). ISPH of Stoyanovskaya et al. 2018 (arXiv:1811.06522), with interpolants
+divided by the sum of their weights. First order and stable at any step, but a step far above t_stop swaps the
+velocities of gas and dust at eps = 1, and damps waves, by about (k h)^2 a step.
+"""
+
+from discsim.drag.interpolation import follow
+from discsim.drag.pairs import pair_up
+
+
+def relax(drag, state, dt, gas_vel, heat):
+    follow(drag, state, pair_up(drag, state, whole=True), dt, gas_vel, heat, implicit=True)

@@ -1,0 +1,42 @@
+"""mk: explicit drag between pairs of gas particles a and dust particles j, along their line of sight.
+
+dv_a/dt = a_a + d sum_j m_j K / (rho_a rho_j) (w . r) r / (r^2 + .001 h^2) W(r, h_a),   w = u_j - v_a, r = x_j - x_a
+du_j/dt = a_j - d sum_a m_a (the same)
+
+with the number d of dimensions, K = rho_j / t_stop, the dust's sum density rho_j and each particle's own acceleration.
+Monaghan & Kocharyan 1995; Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.2. Forward Euler: its step is limited
+to about t_stop, and it damps waves where h > c_s t_stop. A pair at one place has no line of sight and no drag.
+Momentum and angular momentum are exact. One-way drag takes its short steps within the kick, as dust must not limit
+the gas.
+"""
+
+from math import ceil
+
+import numpy as np
+
+from discsim.drag.pairs import exchange, fastest, note_times, pair_up
+from discsim.kernels.pairs import push_explicitly
+from discsim.threads import share
+
+
+def relax(drag, state, dt, gas_vel, heat):
+    gas, found = state.gas, pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
+    note_times(drag, state.dust, found)
+    steps = 1 if drag.two_way else max(1, ceil(dt * fastest(drag, gas, found)))
+    short = dt / steps
+
+    def impulse(pairs, vel, gas_seen, pushed):
+        cloud = pairs.cloud
+        share(
+            push_explicitly, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.h,
+            cloud.mass, vel, gas_seen, short, pushed,
+        )  # fmt: skip
+
+    for _ in range(steps):
+        exchange(drag, state, found, short, gas_vel, heat, impulse, at_once=True)
+
+
+def limit(drag, state):
+    found = pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
+    with np.errstate(divide="ignore"):
+        return 1.0 / np.float64(fastest(drag, state.gas, found))

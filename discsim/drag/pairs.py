@@ -1,0 +1,198 @@
+"""Pairs of gas and dust particles, and the schemes that exchange momentum between them.
+
+Gas and dust are a pair within the support of the gas particle's own h. The density of a population is an SPH sum
+over its own particles, whose smoothing lengths follow the gas's rule. A scheme gives the impulse of each pair; the
+gas gets the opposite. Populations go one after the other, as many stiff ones at once would overshoot, or all from
+the same velocities, as an explicit scheme has it. Energy of motion that a kick loses beside the work of the
+accelerations is the heat of the gas of the pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from discsim.kernels import pairs as kernels
+from discsim.kernels.grid import counting_sort
+from discsim.kernels.move import add_scaled
+from discsim.kernels.neighbours import CELL_OVER_REACH, sort_into_cells
+from discsim.sph import Sph
+from discsim.threads import share
+
+Array = np.ndarray
+IN_A_CELL = 16.0  # dust particles that look for gas together
+SMALLEST = 0.01  # h of dust over that of evenly mixed dust: particles in one place have none of their own
+
+
+@dataclass
+class Cloud:
+    """Dust of one population as SPH sees it; `members` are its numbers in the state's arrays."""
+
+    members: Array
+    pos: Array
+    mass: Array
+    own: Array  # accelerations that gas does not share, or no entries
+    h: Array
+    density: Array
+    gradh: Array
+    sph: Sph
+
+    @property
+    def count(self) -> int:
+        return len(self.mass)
+
+
+class Pairs(NamedTuple):
+    """Pairs of one population: those of dust particle j are start[j] to start[j + 1]."""
+
+    cloud: Cloud
+    start: Array
+    dust: Array
+    gas: Array
+    offset: Array  # x_dust - x_gas (pairs, d)
+    weight: Array
+    by_gas: Array  # pairs by gas particle
+    begin: Array  # where in it those of each start
+    part: Array  # of the dust particle's drag that the pair has
+    time: Array  # stopping time in the pair's gas
+    rate: Array  # of each dust particle, one over its stopping time
+
+
+def pair_up(drag, state, whole: bool, hump: bool = False) -> list[Pairs]:
+    """The pairs of every population; with `whole` the parts of a dust particle's drag sum to one."""
+    gas, dust = state.gas, state.dust
+    sph = Sph(state.scene)
+    sph.balsara = False
+    radius = sph.support * gas.h
+    low, width = sph.box_of(gas)
+    grids, order, begin, bounds, _ = sort_into_cells(gas.pos, radius, low, width, sph.periodic)
+    cells = radius, grids, order, begin, bounds, low, width, sph.periodic
+    found = []
+    for population, grain in enumerate(drag.law.grains):
+        members = np.flatnonzero(dust.species == population)
+        own = state.own_acc["dust"]
+        empty = np.empty(len(members))
+        cloud = Cloud(
+            members, dust.pos[members], dust.mass[members], own[members] if len(own) > 0 else own,
+            empty, empty.copy(), empty.copy(), sph,
+        )  # fmt: skip
+        if len(members) > 0:
+            ratio = state.scene.dust[population].ratio
+            found.append(_pairs_of(drag, gas, cloud, dust.vel[members], cells, ratio, grain, whole, hump))
+    return found
+
+
+def _pairs_of(drag, gas, cloud: Cloud, vel: Array, cells, ratio: float, grain: Array, whole: bool, hump: bool) -> Pairs:
+    sph, n = cloud.sph, cloud.count
+    start, index, offset = _list(cloud, gas, cells)
+    by_gas, begin = counting_sort(index, gas.count)
+    plain = np.empty(len(index))
+    share(kernels.weight_driver(sph.kernel, sph.dim, False), len(index), index, offset, gas.h, plain)
+    _settle_density(cloud, gas, start, index, plain, ratio)
+    weight = plain
+    if hump:
+        weight = np.empty(len(index))
+        share(kernels.weight_driver(sph.kernel, sph.dim, True), len(index), index, offset, gas.h, weight)
+    part, time, rate = np.empty(len(index)), np.empty(len(index)), np.empty(n)
+    share(
+        kernels.couple, n, start, index, weight, gas.mass, gas.density, gas.sound_speed, gas.vel, cloud.pos, vel,
+        cloud.density, drag.law.code, grain, drag.law.nonlinear, *drag.star, whole, part, time, rate,
+    )  # fmt: skip
+    dust = np.repeat(np.arange(n), np.diff(start))
+    return Pairs(cloud, start, dust, index, offset, weight, by_gas, begin, part, time, rate)
+
+
+def _list(cloud: Cloud, gas, cells) -> tuple[Array, Array, Array]:
+    """Where the pairs of each dust particle start, their gas particles and offsets."""
+    low, width = cloud.sph.box_of(cloud)
+    area = np.prod(width[width > 1e-300])
+    side = (IN_A_CELL * area / cloud.count) ** (1.0 / max(1, (width > 1e-300).sum()))
+    reach = np.full(cloud.count, side / CELL_OVER_REACH)
+    _, order, begin, boxes, filled = sort_into_cells(cloud.pos, reach, low, width, cloud.sph.periodic)
+    start = np.zeros(cloud.count + 1, np.int64)
+    index, offset = np.empty(0, np.int64), np.empty((0, cloud.sph.dim))
+    for _ in range(2):  # their number, then themselves
+        share(
+            kernels.list_pairs, len(filled), filled, order, begin, boxes, cloud.pos, gas.pos, *cells, start,
+            index, offset, least=16,
+        )  # fmt: skip
+        if len(index) == 0:
+            np.cumsum(start, out=start)
+            index, offset = np.empty(start[-1], np.int64), np.empty((start[-1], cloud.sph.dim))
+        if len(index) == 0:
+            break
+    return start, index, offset
+
+
+def _settle_density(cloud: Cloud, gas, start: Array, index: Array, weight: Array, ratio: float) -> None:
+    """Smoothing length and density of the dust; the first guess is dust that is mixed evenly with the gas."""
+    sph = cloud.sph
+    if sph.fixed:
+        cloud.h[:] = gas.h[0]
+    else:
+        share(kernels.gather, cloud.count, start, index, weight, gas.mass, cloud.density)
+        mixed = ratio * np.where(cloud.density > 0.0, cloud.density, gas.density.min())
+        guess = np.minimum(sph.eta * (cloud.mass / mixed) ** (1.0 / sph.dim), sph.h_most)
+        cloud.h[:] = guess
+    sph.density(cloud, np.empty((0, sph.dim)))
+    if not sph.fixed and (cloud.h < SMALLEST * guess).any():
+        cloud.h = np.maximum(cloud.h, SMALLEST * guess)
+        sph.fixed = True
+        sph.density(cloud, np.empty((0, sph.dim)))
+        sph.fixed = False
+
+
+Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of dust and gas, impulses to write
+
+
+def exchange(drag, state, found: list[Pairs], dt: float, gas_vel: Array, heat: Array, impulse: Impulse, at_once: bool):
+    """Kick gas and dust over dt with the impulses of all pairs; with `at_once` all from the velocities now."""
+    gas, dust = state.gas, state.dust
+    gas_before, dust_before = gas_vel.copy(), dust.vel.copy()
+    given = []
+    for pairs in found:
+        cloud = pairs.cloud
+        vel = dust.vel[cloud.members]
+        pushed = np.zeros_like(pairs.offset)
+        impulse(pairs, vel, gas_before if at_once else gas_vel, pushed)
+        share(kernels.pull_dust, cloud.count, pairs.start, pushed, cloud.mass, vel)
+        dust.vel[cloud.members] = vel
+        if drag.two_way:
+            share(kernels.pull_gas, gas.count, pairs.by_gas, pairs.begin, pushed, gas.mass, gas_vel)
+        given.append(pushed)
+    share(add_scaled, gas.count, gas_vel, gas.acc, dt)
+    share(add_scaled, dust.count, dust.vel, dust.acc, dt)
+    if len(heat) > 0:
+        gas_mean, dust_mean = 0.5 * (gas_before + gas_vel), 0.5 * (dust_before + dust.vel)
+        for pairs, pushed in zip(found, given, strict=True):
+            share(
+                kernels.warm, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pushed, gas.mass,
+                dust_mean[pairs.cloud.members], gas_mean, heat,
+            )  # fmt: skip
+
+
+def note_times(drag, dust, found: list[Pairs]) -> None:
+    """Write the dust's stopping times, and what has no gas."""
+    drag.stopping_times[:] = np.inf
+    for pairs in found:
+        coupled = pairs.rate > 0.0
+        drag.stopping_times[pairs.cloud.members[coupled]] = 1.0 / pairs.rate[coupled]
+    drag.count_uncoupled(dust, np.arange(dust.count), ~np.isfinite(drag.stopping_times))
+
+
+def fastest(drag, gas, found: list[Pairs]) -> float:
+    """The largest rate at which the drag changes a particle's velocity: explicit steps up to its inverse are stable.
+
+    A row of the drag's matrix sums to zero, so that no eigenvalue is above twice its diagonal (Gershgorin).
+    """
+    rates = np.zeros(gas.count)
+    if drag.two_way:
+        for pairs in found:
+            share(
+                kernels.gas_rates, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pairs.part, pairs.time,
+                pairs.cloud.mass, gas.mass, rates,
+            )  # fmt: skip
+    return max(rates.max(), *(pairs.rate.max() for pairs in found)) * drag.dim

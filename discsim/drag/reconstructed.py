@@ -1,0 +1,34 @@
+"""reconstructed: drag between pairs, as lab14's, with the slip of a pair taken at one common point.
+
+y = (u_j - v_a) . r^ - r L(r^.G_j.r^, r^.G_a.r^)      in place of lab14's slip along r^ = (x_j - x_a) / r
+
+with the slopes G of each species' own velocity (`kernels/slopes.py`) and L the monotonised central limiter of van Leer:
+0 for slopes of opposite signs, otherwise the smallest of |a + b| / 2, 2 |a| and 2 |b| with their sign. Price & Laibe
+2020 (arXiv:2005.06562). As both slopes are limited to one, each point between the two gives the same. What lab14 damps,
+differences of velocity along r, stays. Momentum and angular momentum are exact, at any step.
+"""
+
+import numpy as np
+
+from discsim.drag.lab14 import relax_each_pair
+from discsim.kernels.neighbours import sort_into_cells
+from discsim.kernels.slopes import slope_driver
+from discsim.threads import share
+
+
+def relax(drag, state, dt, gas_vel, heat):
+    relax_each_pair(drag, state, dt, gas_vel, heat, slopes_of)
+
+
+def slopes_of(sph, points, vel):
+    """Slopes (n, d, d) of a velocity that gas or a cloud of dust has."""
+    low, width = sph.box_of(points)
+    grids, order, start, bounds, filled = sort_into_cells(
+        points.pos, sph.support * points.h, low, width, sph.periodic
+    )  # fmt: skip
+    slope = np.empty((points.count, sph.dim, sph.dim))
+    share(
+        slope_driver(sph.kernel, sph.dim), len(filled), points.pos, vel, points.mass, points.h, slope,
+        filled, grids, order, start, bounds, low, width, sph.periodic, least=64,
+    )  # fmt: skip
+    return slope

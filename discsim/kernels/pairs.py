@@ -1,0 +1,239 @@
+"""Pairs of a dust and a gas particle: the list of them, their weights, and the sums of what they exchange.
+
+Dust j and gas a are a pair where j lies in the support of a, with the weight W(r_ja, h_a) in both directions. The
+list goes by dust particle; `by_gas` orders it by gas particle. What a pair exchanges is computed once, and each of
+the two sums gathers it in a fixed order: momentum is exact, and results are bitwise the same on any number of
+threads.
+"""
+
+import functools
+import math
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.drag import kepler
+from discsim.kernels.laws import hastening, stopping_time
+from discsim.kernels.neighbours import find_candidates
+from discsim.kernels.relax import response
+from discsim.kernels.smoothing import NORM, SUPPORT, shape
+
+FAST = {"reassoc", "contract", "arcp", "nsz"}
+CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta^2) finite
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def list_pairs(
+    first, last, filled, order, begin, boxes, pos, gpos, radius, grids, gorder, gbegin, gbounds, low, width, periodic,
+    start, gas, offset,
+):  # fmt: skip
+    """For dust cells: the gas whose support holds each dust particle, and offset x_dust - x_gas (pairs, d).
+
+    Where `gas` has no entries only their number is written, to start[j + 1].
+    """
+    dim = pos.shape[1]
+    counting = len(gas) == 0
+    for c in range(first, last):
+        cell = filled[c]
+        index, shift = find_candidates(
+            boxes[cell], 0.0, True, gpos, radius, grids, gorder, gbegin, gbounds, low, width, periodic
+        )
+        for m in range(begin[cell], begin[cell + 1]):
+            j = order[m]
+            found = 0
+            for k in range(len(index)):
+                a = index[k]
+                dx = pos[j, 0] - (gpos[a, 0] + shift[k, 0])
+                dy = pos[j, 1] - (gpos[a, 1] + shift[k, 1]) if dim == 2 else 0.0
+                if dx * dx + dy * dy < radius[a] * radius[a]:
+                    if not counting:
+                        at = start[j] + found
+                        gas[at] = a
+                        offset[at, 0] = dx
+                        if dim == 2:
+                            offset[at, 1] = dy
+                    found += 1
+            if counting:
+                start[j + 1] = found
+
+
+def hump_norm(kernel: int, dim: int) -> float:
+    """Factor that makes q^2 times a kernel a kernel: 1 over the mean of q^2."""
+    node, weight = np.polynomial.legendre.leggauss(8)
+    total = 0.0
+    for piece in range(9):  # the splines are polynomials between thirds
+        for x, w in zip(node, weight, strict=True):
+            q = (piece + 0.5 + 0.5 * x) / 3.0
+            volume = 2.0 if dim == 1 else 2.0 * math.pi * q
+            total += w / 6.0 * volume * q * q * shape(kernel, dim, q)[0]
+    return 1.0 / (NORM[dim - 1][kernel] * total)
+
+
+@functools.cache
+def weight_driver(kernel: int, dim: int, hump: bool):
+    """Compile the weights W(r, h_a) of pairs; with `hump` the double hump q^2 W (Laibe & Price 2012, sec. 2.6)."""
+    sigma = NORM[dim - 1][kernel] * (hump_norm(kernel, dim) if hump else 1.0)
+    support = SUPPORT[kernel]
+
+    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
+    def weigh(first, last, gas, offset, h, weight):
+        for k in range(first, last):
+            inv_h = 1.0 / h[gas[k]]
+            r2 = offset[k, 0] * offset[k, 0]
+            if dim == 2:
+                r2 += offset[k, 1] * offset[k, 1]
+            q = min(math.sqrt(r2) * inv_h, support)
+            w, _ = shape(kernel, dim, q)
+            if hump:
+                w *= q * q
+            weight[k] = sigma * inv_h**dim * w
+
+    return weigh
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def gather(first, last, start, gas, weight, value, out):
+    """out_j = sum over the pairs of dust j of W value_a."""
+    for j in range(first, last):
+        total = 0.0
+        for k in range(start[j], start[j + 1]):
+            total += weight[k] * value[gas[k]]
+        out[j] = total
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def couple(
+    first, last, start, gas, weight, mass, rho, sound, gvel, pos, vel, density, law, grain, nonlinear, star, softening,
+    whole, part, time, rate,
+):  # fmt: skip
+    """The part V_a W of a dust particle's drag that a pair has, and its stopping time; the rate of each particle.
+
+    With `whole` the parts of a particle sum to one. A time that depends on the slip is that of the pair's slip now.
+    """
+    for j in range(first, last):
+        omega = 0.0
+        if star > 0.0:
+            omega = kepler(pos[j, 0] * pos[j, 0] + pos[j, 1] * pos[j, 1], star, softening)
+        total = 0.0
+        for k in range(start[j], start[j + 1]):
+            a = gas[k]
+            part[k] = weight[k] * mass[a] / rho[a]
+            time[k] = stopping_time(law, grain, density[j] / rho[a], rho[a], sound[a], omega)
+            if nonlinear:
+                slip2 = 0.0
+                for i in range(vel.shape[1]):
+                    slip2 += (vel[j, i] - gvel[a, i]) ** 2
+                time[k] /= hastening(law, grain, rho[a], sound[a], omega, math.sqrt(slip2))
+            total += part[k]
+        rate[j] = 0.0
+        for k in range(start[j], start[j + 1]):
+            if whole and total > 0.0:
+                part[k] /= total
+            rate[j] += part[k] / time[k]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
+    """Rate at which the pairs of a gas particle change its velocity, sum_j (m_j / m_a) part / time, added to `out`."""
+    for a in range(first, last):
+        for m in range(begin[a], begin[a + 1]):
+            k = by_gas[m]
+            out[a] += dmass[dust[k]] / mass[a] * part[k] / time[k]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, gvel, dt, impulse):
+    """Impulse of each pair on its dust particle over dt, along the line of sight (`drag/mk.py`)."""
+    dim = offset.shape[1]
+    for j in range(first, last):
+        for k in range(start[j], start[j + 1]):
+            a = gas[k]
+            r2, along = 0.0, 0.0
+            for i in range(dim):
+                r2 += offset[k, i] * offset[k, i]
+                along += (vel[j, i] - gvel[a, i]) * offset[k, i]
+            factor = -mass[j] * dim * part[k] * dt / time[k] * along / (r2 + CLIP * h[a] * h[a])
+            for i in range(dim):
+                impulse[k, i] = factor * offset[k, i]
+
+
+@njit(inline="always")
+def limited(a, b):
+    """Monotonised central slope of two slopes (van Leer 1977)."""
+    if a * b <= 0.0:
+        return 0.0
+    return math.copysign(min(0.5 * abs(a + b), 2.0 * min(abs(a), abs(b))), a)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def push_by_relaxing(
+    first, last, start, gas, offset, part, time, rho, density, mass, vel, own, slope, gvel, gown, gslope, two_way, dt,
+    exponential, impulse,
+):  # fmt: skip
+    """Impulse of each pair on its dust particle over dt, whose slip relaxes by itself (`drag/lab14.py`).
+
+    `slope` (n, d, d) of both species, d v_c / d x_a at [a, c], takes the slip to a common point, as in
+    `drag/reconstructed.py`; no entries: it is that of the two places. `own` may have no entries, for none.
+    """
+    dim = offset.shape[1]
+    for j in range(first, last):
+        for k in range(start[j], start[j + 1]):
+            a = gas[k]
+            # What of the slip's change is the dust's: all of it where the gas does not move.
+            mine = rho[a] / (rho[a] + density[j]) if two_way else 1.0
+            f, g, _, _, _ = response(1.0 / (mine * time[k]), dt, exponential)
+            factor = mass[j] * part[k] * mine
+            r2, y, b = 0.0, 0.0, 0.0
+            for i in range(dim):
+                r2 += offset[k, i] * offset[k, i]
+                y += (vel[j, i] - gvel[a, i]) * offset[k, i]
+                b += ((own[j, i] if len(own) > 0 else 0.0) - gown[a, i]) * offset[k, i]
+            if r2 == 0.0:  # no line of sight: the mean over all of them
+                for i in range(dim):
+                    source = (own[j, i] if len(own) > 0 else 0.0) - gown[a, i]
+                    impulse[k, i] = factor * (f * (vel[j, i] - gvel[a, i]) + g * source)
+                continue
+            if len(slope) > 0:
+                s, gs = 0.0, 0.0
+                for i in range(dim):
+                    for l in range(dim):
+                        s += offset[k, i] * offset[k, l] * slope[j, i, l]
+                        gs += offset[k, i] * offset[k, l] * gslope[a, i, l]
+                y -= limited(s, gs)
+            for i in range(dim):
+                impulse[k, i] = factor * dim * (f * y + g * b) / r2 * offset[k, i]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def pull_dust(first, last, start, impulse, mass, vel):
+    """Add the impulses of its pairs to each dust particle."""
+    for j in range(first, last):
+        for i in range(vel.shape[1]):
+            total = 0.0
+            for k in range(start[j], start[j + 1]):
+                total += impulse[k, i]
+            vel[j, i] += total / mass[j]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
+    """Take the impulses of its pairs from each gas particle."""
+    for a in range(first, last):
+        for i in range(vel.shape[1]):
+            total = 0.0
+            for m in range(begin[a], begin[a + 1]):
+                total += impulse[by_gas[m], i]
+            vel[a, i] -= total / mass[a]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def warm(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
+    """Heat per mass that the pairs of a gas particle leave it: impulse . slip, of velocities halfway through the kick.
+
+    That is the whole loss of energy of motion beside the work of the accelerations.
+    """
+    for a in range(first, last):
+        for m in range(begin[a], begin[a + 1]):
+            k = by_gas[m]
+            for i in range(impulse.shape[1]):
+                heat[a] -= impulse[k, i] * (mean[dust[k], i] - gmean[a, i]) / mass[a]

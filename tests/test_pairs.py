@@ -1,0 +1,468 @@
+"""Drag between pairs of particles and towards interpolated velocities: exactness, conservation, waves."""
+
+import itertools
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from discsim import Simulation
+from discsim.drag.pairs import pair_up
+from discsim.exact import dustybox, dustywave
+from discsim.kernels.pairs import hump_norm, limited
+from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
+from discsim.rules import BETWEEN_PAIRS, INTERPOLATING
+
+SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
+ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
+ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
+every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
+every_pair = pytest.mark.parametrize("scheme", BETWEEN_PAIRS)
+
+
+def scene(drag, gas=40, dust=40, ratio=1.0, dimensions=1, boundary="periodic", **tables):
+    gas = {"particles": gas, "eos": ISOTHERMAL} if isinstance(gas, int) else gas
+    dust = {"particles": dust, "ratio": ratio} if isinstance(dust, int) else dust
+    return {
+        "units": {"system": "code"}, "run": {"until": 1.0} | tables.pop("run", {}),
+        "space": {"dimensions": dimensions, "size": 1.0, "boundary": boundary}, "gas": gas, "dust": dust,
+        "drag": drag, **tables,
+    }  # fmt: skip
+
+
+def cloud(dimensions=2, boost=0.0, order=None, n=(500, 400), boundary="open", field=None):
+    """Gas and two populations of dust at random places; random velocities, or those of `field` at the place."""
+    rng = np.random.default_rng(8)
+    low = -0.3 if boundary == "open" else 0.0
+    given = {}
+    for name, count in zip(("gas", "dust"), n, strict=True):
+        pos = rng.uniform(low, low + (0.6 if boundary == "open" else 1.0), (count, dimensions))
+        vel = rng.normal(size=(count, dimensions))
+        mass = rng.uniform(0.5, 2.0, count) / count
+        given[name] = {"pos": pos, "vel": (vel if field is None else field(pos)) + boost, "mass": mass}
+    given["gas"]["mass"][:] = 1 / n[0]
+    given["gas"]["u"] = np.full(n[0], 10.0)
+    given["dust"]["species"] = rng.integers(0, 2, n[1])
+    if order is not None:
+        for name, arrays in given.items():
+            given[name] = {key: value[order[name]] for key, value in arrays.items()}
+    return given
+
+
+def kicked(scheme, dt=0.01, eos=ISOTHERMAL, given=None, law=None, boundary="open", **drag):
+    """A simulation of `cloud` before its kick, and what makes one kick of drag alone."""
+    given = given or cloud()
+    dimensions = given["gas"]["pos"].shape[1]
+    n = len(given["gas"]["mass"])
+    dust = [{"particles": 1, "ratio": 0.5}] * 2
+    law = law or {"law": "constant", "K": 30.0}
+    tables = scene(
+        law | {"scheme": scheme} | drag, {"particles": n, "eos": eos}, dust, dimensions=dimensions, boundary=boundary
+    )
+    if eos is ISOTHERMAL:
+        given["gas"].pop("u", None)
+    sim = Simulation(tables, particles=given)
+    sim._prepare()
+    for p in sim.state.species.values():
+        p.acc[:] = 0.0
+    sim.state.own_acc["gas"][:] = 0.0
+    if sim.gas.u is not None:
+        sim.gas.heating_rate[:] = 0.0
+    return sim, lambda: sim._kick(dt)
+
+
+def both(sim):
+    return sim.gas, sim.dust
+
+
+def momentum(sim):
+    return sum(p.mass @ p.vel for p in both(sim))
+
+
+def spin(sim):
+    return sum(p.mass @ (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) for p in both(sim))
+
+
+def motion(sim, boost=0.0):
+    return sum(0.5 * p.mass @ ((p.vel - boost) ** 2).sum(axis=1) for p in both(sim))
+
+
+# Pairs
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+@pytest.mark.parametrize("boundary", ["periodic", "open"])
+def test_pairs_are_all_within_the_support_of_the_gas(dimensions, boundary):
+    """Against every distance between 500 and 400 particles, through the edges of a periodic box."""
+    sim, _ = kicked("lab14", given=cloud(dimensions, boundary=boundary), boundary=boundary)
+    found = pair_up(sim.effects["drag"], sim.state, whole=True)
+    assert len(found) == 2
+    for pairs in found:
+        away = pairs.cloud.pos[:, None] - sim.gas.pos[None]
+        if boundary == "periodic":
+            away -= np.round(away)
+        near = np.sqrt((away**2).sum(axis=2)) < SUPPORT[KERNELS["cubic"]] * sim.gas.h
+        listed = np.zeros_like(near)
+        listed[pairs.dust, pairs.gas] = True
+        assert len(pairs.gas) == near.sum() > 400
+        np.testing.assert_array_equal(listed, near)
+        np.testing.assert_allclose(pairs.offset, away[pairs.dust, pairs.gas], atol=1e-15)
+        # Parts of a particle's drag sum to one.
+        np.testing.assert_allclose(np.bincount(pairs.dust, pairs.part), 1.0, rtol=1e-13)
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+@pytest.mark.parametrize("kernel", KERNELS.values())
+def test_double_hump_is_a_kernel(kernel, dimensions):
+    """sigma' q^2 w integrates to one."""
+    q = (np.arange(20000) + 0.5) / 20000 * SUPPORT[kernel]
+    w = np.array([shape.py_func(kernel, dimensions, x)[0] for x in q])
+    volume = 2.0 if dimensions == 1 else 2.0 * np.pi * q
+    sigma = NORM[dimensions - 1][kernel] * hump_norm(kernel, dimensions)
+    assert (sigma * q**2 * w * volume).sum() * SUPPORT[kernel] / 20000 == pytest.approx(1.0, rel=1e-7)
+
+
+# What is conserved
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+@pytest.mark.parametrize("kernel", ["gas", "double-hump"])
+@every_pair
+def test_pairs_conserve_momentum(scheme, kernel, dimensions):
+    """Random places, velocities and masses, two populations, steps of a third of t_stop and of 30."""
+    for dt in (0.01, 1.0) if scheme != "mk" else (0.01,):
+        sim, kick = kicked(scheme, dt, given=cloud(dimensions), kernel=kernel)
+        before, turning, energy = momentum(sim), spin(sim) if dimensions == 2 else 0.0, motion(sim)
+        scale = sum(p.mass @ np.abs(p.vel).sum(axis=1) for p in both(sim))
+        kick()
+        assert np.abs(momentum(sim) - before).max() < 1e-12 * scale
+        if dimensions == 2:
+            assert abs(spin(sim) - turning) < 1e-12 * scale
+        assert abs(motion(sim) / energy - 1) > 0.05
+
+
+@pytest.mark.parametrize("scheme", INTERPOLATING)
+def test_interpolation_does_not_conserve_momentum(scheme):
+    sim, kick = kicked(scheme)
+    before = momentum(sim)
+    kick()
+    # Seen: 2e-3 and 3e-3 of a total of 1.
+    assert 1e-4 < np.abs(momentum(sim) - before).max() < 0.02
+
+
+@pytest.mark.parametrize("law", [{"law": "constant", "K": 30.0}, {"law": "stopping-time", "t_stop": 0.05}])
+@every_pair
+def test_pairs_heat_the_gas_by_what_is_lost(scheme, law):
+    """On a boost of 100: the energy of motion that is lost is all heat."""
+    boost = 100.0
+    sim, kick = kicked(scheme, eos=ADIABATIC, given=cloud(boost=boost), law=law)
+    before, warm = motion(sim, boost), sim.gas.u.copy()
+    kick()
+    heat = sim.gas.mass @ (sim.gas.u - warm)
+    # Rounding of the boosted velocities: 1e-16 of 100^2 against a loss of .05 and more.
+    assert heat == pytest.approx(before - motion(sim, boost), rel=1e-10)
+    assert heat > 0.05
+
+
+@pytest.mark.parametrize("scheme", INTERPOLATING)
+def test_interpolation_heats_to_first_order(scheme):
+    """In a uniform box over t_stop / 5 (eps = 1): energy closes the better the shorter the step."""
+    gas = {"particles": 40, "eos": ADIABATIC}
+    box = {"kind": "box", "gas_velocity": 1.0, "dust_velocity": -1.0}
+    drag = {"law": "stopping-time", "t_stop": 1.0, "scheme": scheme}
+    misses = []
+    for steps in (10, 20):
+        sim = Simulation(scene(drag, gas, initial=box, run={"timestep": 0.2 / steps}))
+        start = motion(sim), sim.gas.mass @ sim.gas.u
+        sim.run(0.2)
+        misses.append(motion(sim) + sim.gas.mass @ sim.gas.u - sum(start))
+    assert abs(misses[1]) < 0.02 * (start[0] - motion(sim))
+    assert misses[0] / misses[1] == pytest.approx(2.0, rel=0.15)  # next order
+
+
+# Frames, order, threads
+
+
+@every_scheme
+def test_a_boost_changes_nothing(scheme):
+    rest, kick = kicked(scheme)
+    kick()
+    moving, kick = kicked(scheme, given=cloud(boost=100.0))
+    kick()
+    for p, q in zip(both(rest), both(moving), strict=True):
+        # 1e-16 of the boost and of the sums of 20 pairs.
+        np.testing.assert_allclose(q.vel - 100.0, p.vel, rtol=0, atol=1e-11)
+
+
+@every_scheme
+def test_the_order_of_particles_does_not_matter(scheme):
+    rng = np.random.default_rng(2)
+    order = {"gas": rng.permutation(500), "dust": rng.permutation(400)}
+    plain, kick = kicked(scheme)
+    kick()
+    mixed, kick = kicked(scheme, given=cloud(order=order))
+    kick()
+    for p, q, key in zip(both(plain), both(mixed), order, strict=True):
+        # Sums in another order, and h to the tolerance of its iteration.
+        np.testing.assert_allclose(q.vel, p.vel[order[key]], rtol=0, atol=1e-9)
+
+
+SAME = """
+import sys, hashlib
+import numpy as np
+from test_pairs import cloud, kicked, SCHEMES
+for scheme in SCHEMES:
+    sim, kick = kicked(scheme, given=cloud(n=(9000, 9000)))
+    kick()
+    sim.gas.vel, sim.dust.vel
+    print(scheme, hashlib.sha256(sim.gas.vel.tobytes() + sim.dust.vel.tobytes()).hexdigest())
+"""
+
+
+def test_threads_do_not_change_a_bit():
+    """9000 particles of each species, which two threads share."""
+    printed = [
+        subprocess.run(
+            [sys.executable, "-c", SAME], capture_output=True, text=True, check=True, cwd=os.path.dirname(__file__),
+            env={**os.environ, "NUMBA_NUM_THREADS": threads},
+        ).stdout
+        for threads in ("1", "2")
+    ]  # fmt: skip
+    assert printed[0] == printed[1] and len(printed[0].splitlines()) == len(SCHEMES)
+
+
+# Steps
+
+
+@every_scheme
+@pytest.mark.parametrize("direction", ["two-way", "one-way"])
+def test_only_explicit_two_way_drag_limits_the_step(scheme, direction):
+    """t_stop = .01 and eps = 2: the gas's rate is eps / t_stop."""
+    drag = {"law": "stopping-time", "t_stop": 0.01, "scheme": scheme, "direction": direction}
+    sim = Simulation(scene(drag, ratio=2.0, initial={"kind": "box"}))
+    sim._prepare()
+    limit = sim.effects["drag"].limit(sim.state)
+    if scheme in ("mk", "esph") and direction == "two-way":
+        # The density of a lattice whose h is no whole number of spacings is right to 2%.
+        assert limit == pytest.approx(0.005, rel=0.02)
+    else:
+        assert limit == np.inf
+
+
+@pytest.mark.parametrize("scheme", ["mk", "esph"])
+def test_explicit_steps_are_stable_up_to_the_limit(scheme):
+    """Random velocities die away at the whole limit; in a box, eps = 1, a slip grows at twice and a half of it."""
+    sim, _ = kicked(scheme)
+    limit, before = sim.effects["drag"].limit(sim.state), motion(sim)
+    for _ in range(30):
+        sim._kick(limit)
+        assert motion(sim) < before
+        before = motion(sim)
+    box = {"kind": "box", "gas_velocity": 1.0, "dust_velocity": -1.0}
+    sim = Simulation(scene({"law": "stopping-time", "t_stop": 0.1, "scheme": scheme}, initial=box))
+    sim._prepare()
+    sim._kick(2.5 * sim.effects["drag"].limit(sim.state))
+    assert motion(sim) > 2.0
+
+
+@every_scheme
+def test_one_way_dust_follows_at_long_steps(scheme):
+    """Seven steps of 3 t_stop: stable, and the slip is gone; of an explicit scheme in short steps within the kick."""
+    box = {"kind": "box", "gas_velocity": 0.3, "dust_velocity": -1.0}
+    drag = {"law": "stopping-time", "t_stop": 0.01, "scheme": scheme, "direction": "one-way"}
+    sim = Simulation(scene(drag, initial=box, run={"timestep": 0.03}))
+    sim.run(0.21)
+    np.testing.assert_allclose(sim.gas.vel, 0.3, atol=1e-13)
+    # isph leaves most: (1 + 1.5)^-2 (1 + 3)^-6 = 4e-5 of a slip of 1.3.
+    np.testing.assert_allclose(sim.dust.vel, 0.3, atol=1e-4)
+
+
+# DustyBox
+
+
+def box_error(scheme, steps, offset=0.5, ratio=0.3, size=1.0, slowed=1.0, **drag):
+    """Largest error of the velocities, of `size`, after two t_stop with accelerations; h is two spacings."""
+    box = {"kind": "box", "gas_velocity": 0.3 * size, "dust_velocity": -1.0 * size}
+    law = {"law": "stopping-time", "t_stop": 0.1, "scheme": scheme} | drag
+    gas = {"particles": 40, "smoothing_length": 0.05, "eos": ISOTHERMAL}
+    dust = {"particles": 40, "ratio": ratio, "offset": offset}
+    forces = {"external": {"gas": 0.7 * size, "dust": -0.4 * size}}
+    sim = Simulation(scene(law, gas, dust, initial=box, run={"timestep": 0.2 / steps}, **forces))
+    sim.run(0.2)
+    exact = dustybox.velocities(0.2, 0.3, -1.0, 1.0, ratio, ratio / (0.1 * slowed), 0.7, -0.4)
+    return max(np.abs(p.vel / size - v).max() for p, v in zip(both(sim), exact, strict=True))
+
+
+@pytest.mark.parametrize("kernel", ["gas", "double-hump"])
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+@pytest.mark.parametrize("scheme", ["lab14", "reconstructed"])
+def test_relaxing_pairs_are_exact_in_a_box(scheme, offset, kernel):
+    """Accelerations inside the relaxation: exact at any step, to rounding."""
+    for steps in (1, 3):
+        assert box_error(scheme, steps, offset, kernel=kernel) < 1e-12
+
+
+def unclipped(h=0.05, spacing=0.025):
+    """Share of the drag that eta^2 = .001 h^2 leaves: sum V W r^2 / (r^2 + eta^2) over a lattice off by half."""
+    r = (np.arange(-10, 10) + 0.5) * spacing
+    w = np.array([shape.py_func(KERNELS["cubic"], 1, min(abs(x) / h, 2.0))[0] for x in r]) * 2 / 3 / h
+    return (spacing * w * r**2 / (r**2 + 1e-3 * h**2)).sum()
+
+
+@pytest.mark.parametrize("scheme", ["mk", "esph", "isph"])
+def test_first_order_in_a_box(scheme):
+    """Velocities of 1e-6, so that pairs stay as they are: what is clipped of their drag depends on r."""
+    slowed = 1.0 / unclipped() if scheme == "mk" else 1.0
+    errors = [box_error(scheme, steps, size=1e-6, slowed=slowed) for steps in (40, 80, 160)]
+    for one, next_one in itertools.pairwise(errors):
+        assert one / next_one == pytest.approx(2.0, rel=0.05)  # next order: x = .05, .025, .0125
+    assert errors[-1] < 0.01
+
+
+@pytest.mark.parametrize(("scheme", "x"), [("isph", 0.5), ("isph", 30.0), ("esph", 0.5)])
+def test_a_kick_towards_interpolated_velocities(scheme, x):
+    """In a box, where an interpolated velocity is the velocity: the formulas of the two schemes, to rounding.
+
+    Without the accelerations inside of isph waves travel too slowly: an error of .30 in place of .013.
+    """
+    box = {"kind": "box", "gas_velocity": 0.3, "dust_velocity": -1.0}
+    drag = {"law": "stopping-time", "t_stop": 0.1, "scheme": scheme}
+    gas = {"particles": 40, "smoothing_length": 0.05, "eos": ISOTHERMAL}
+    sim = Simulation(scene(drag, gas, ratio=0.5, initial=box, external={"gas": 0.7, "dust": -0.4}))
+    sim._prepare()
+    dt = 0.1 * x
+    sim._kick(dt)
+    v, u, gas_x = 0.3, -1.0, 0.5 * x
+    if scheme == "isph":
+        v, u = v + 0.7 * dt, u - 0.4 * dt
+        v, u = (v + gas_x * u) / (1 + gas_x), (u + x * v) / (1 + x)
+    else:
+        v, u = v + 0.7 * dt + gas_x * (u - v), u - 0.4 * dt + x * (v - u)
+    np.testing.assert_allclose(sim.gas.vel, v, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(sim.dust.vel, u, rtol=0, atol=1e-12)
+
+
+# Linear fields
+
+
+@pytest.mark.parametrize(
+    ("slopes", "expected"), [((1, 2), 1.5), ((1, 9), 2.0), ((-3, -1), -2.0), ((-1, 2), 0.0), ((0, 2), 0.0)]
+)
+def test_limiter(slopes, expected):
+    """The mean of two slopes, at most twice either, and none where they are of opposite signs."""
+    assert limited.py_func(*slopes) == limited.py_func(*slopes[::-1]) == expected
+
+
+def linear(pos):
+    """Compression, shear and rotation together."""
+    return pos @ np.array([[-1.0, 0.4], [2.0, 0.7]])
+
+
+@pytest.mark.parametrize(("scheme", "bound"), [("reconstructed", 1e-12), ("lab14", None)])
+def test_reconstruction_leaves_a_common_linear_field(scheme, bound):
+    """Gas and dust that move alike have no drag: what lab14 damps is exactly none."""
+    sim, kick = kicked(scheme, given=cloud(field=linear))
+    kick()
+    change = max(np.abs(p.vel - linear(p.pos)).max() for p in both(sim))
+    assert change < bound if bound else change > 0.01
+
+
+# DustyWave
+
+
+def wave(scheme, h, kernel="cubic", boost=0.0, coefficient=500.0, **run):
+    """The simulation at t = .5, and errors of gas and dust, rms over particles / max |exact|."""
+    gas = {"particles": 600, "smoothing_length": h, "kernel": kernel, "eos": ISOTHERMAL}
+    law = {"law": "constant", "K": coefficient, "scheme": scheme}
+    sim = Simulation(scene(law, gas, 600, initial={"kind": "wave", "velocity": boost}, run=run))
+    sim.run(0.5)
+    errors = []
+    for p, name in zip(both(sim), ("gas_velocity", "dust_velocity"), strict=True):
+        exact = getattr(dustywave.solution(p.pos[:, 0], 0.5, coefficient, 1.0, boost=boost), name)
+        errors.append(np.sqrt(((p.vel[:, 0] - exact) ** 2).mean()) / np.abs(exact - boost).max())
+    return sim, errors
+
+
+@pytest.mark.parametrize("boost", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("scheme", "h", "expected"),
+    [
+        ("lab14", 0.025, 0.0365), ("lab14", 0.01, 0.0137), ("isph", 0.025, 0.0434), ("isph", 0.01, 0.0134),
+        ("reconstructed", 0.025, 0.0017), ("reconstructed", 0.01, 0.0002),
+    ],
+)  # fmt: skip
+def test_waves_are_damped_each_step(scheme, h, expected, boost):
+    """At the steps that the gas allows: k^2 h^2 a step for lab14 and isph, next to none when reconstructed."""
+    _, errors = wave(scheme, h, boost=boost)
+    assert max(errors) == pytest.approx(expected, rel=0.1, abs=5e-5)  # of the measured figure
+
+
+def smoothed_error(sim, h, kernel):
+    """arXiv:1811.06506, eq. (38): L2 of the SPH interpolant of the dust's velocity at 600 nodes, over max |exact|."""
+    code, x = KERNELS[kernel], (np.arange(600) + 0.5) / 600
+    away = x[:, None] - sim.dust.pos[None, :, 0]
+    away -= np.round(away)
+    near = np.abs(away) < SUPPORT[code] * h
+    weight = np.zeros_like(away)
+    weight[near] = [NORM[0][code] / h * shape.py_func(code, 1, q)[0] for q in np.abs(away[near]) / h]
+    found = weight @ (sim.dust.vel[:, 0] * sim.dust.mass)  # the density is 1 to 1e-4
+    exact = dustywave.solution(x, 0.5, 500.0, 1.0).dust_velocity
+    return np.sqrt(((found - exact) ** 2).mean()) / np.abs(exact).max()
+
+
+PUBLISHED = {
+    "cubic": {0.01: 0.0395, 0.025: 0.217},
+    "quintic-h": {0.01: 0.0056, 0.025: 0.0409},
+    "quintic": {0.01: 0.0594, 0.025: 0.297},
+}
+
+
+@pytest.mark.parametrize(
+    ("kernel", "h"),
+    [
+        pytest.param(kernel, h, marks=[] if (kernel, h) == ("cubic", 0.01) else pytest.mark.slow)
+        for kernel, row in PUBLISHED.items()
+        for h in row
+    ],
+)
+def test_published_damping_of_mk(kernel, h):
+    """arXiv:1811.06506, table 3: forward Euler, tau = .001, to half a unit of the last published digit and 1%."""
+    sim, _ = wave("mk", h, kernel, integrator="euler", timestep=0.001)
+    assert smoothed_error(sim, h, kernel) == pytest.approx(PUBLISHED[kernel][h], rel=0.01, abs=5e-5)
+
+
+def test_dust_on_gas_has_less_drag_with_mk():
+    """The pair at one place has no line of sight: at h = .02, W(0) / 600 = 5.6% of the drag is not there."""
+    _, errors = wave("mk", 0.02, coefficient=5.0)
+    _, other = wave("esph", 0.02, coefficient=5.0)
+    assert errors[1] > 0.04 and max(other) < 0.01
+
+
+def oblique(scheme, along=32, until=0.1):
+    """Error of an oblique wave in two dimensions, K = 500, h = 1.44 spacings: rms over particles / max |exact|."""
+    gas = {"particles": along**2, "kernel": "quintic", "smoothing_length": 1.44 / along, "eos": ISOTHERMAL}
+    law = {"law": "constant", "K": 500.0, "scheme": scheme}
+    start = {"kind": "wave", "direction": [1, 1]}
+    sim = Simulation(scene(law, gas, along**2, dimensions=2, initial=start, run={"until": until}))
+    sim.run()
+    unit, worst = np.sqrt([0.5, 0.5]), 0.0
+    for p, name in zip(both(sim), ("gas_velocity", "dust_velocity"), strict=True):
+        exact = getattr(dustywave.solution(p.pos @ unit, until, 500.0, 1.0, wavenumber=np.sqrt(2)), name)
+        rest = p.vel - np.outer(exact, unit)
+        worst = max(worst, np.sqrt((rest**2).sum(axis=1).mean()) / np.abs(exact).max())
+    return worst
+
+
+@pytest.mark.parametrize(
+    ("scheme", "expected"), [("lab14", 0.156), ("reconstructed", 0.0212), ("isph", 0.176), ("esph", 0.59)]
+)
+def test_oblique_wave(scheme, expected):
+    """Damping across a lattice, as measured: k^2 h^2 = .16 a step for lab14, a tenth of that when reconstructed."""
+    assert oblique(scheme) == pytest.approx(expected, rel=0.1)
+
+
+def test_oblique_wave_of_mk():
+    """A few steps: as esph, whose damping is that of the same pairs, but for the pair at one place."""
+    assert oblique("mk", 16, 0.02) == pytest.approx(oblique("esph", 16, 0.02), rel=0.3)
