@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, get_origin
 
 import discsim
 from discsim import tables
-from discsim.drag import SCHEMES
+from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.tables import TABLES, Default, Table, measure_of, models_in
 
@@ -66,7 +66,7 @@ def docstring(module: str) -> str:
 
 
 def _schemes() -> Iterator[str]:
-    for name, module in SCHEMES.items():
+    for name, module in (SCHEMES | GRID_SCHEMES).items():
         yield ""
         yield f'  scheme = "{name}"'
         yield from _indented(docstring(module).removeprefix(f"{name}: "), "    ")

@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim import tables, tomltext
+from discsim.drag import GRID_SCHEMES
 from discsim.rules import Draft, Problem, broken_rules
 from discsim.tables import EFFECTS, ETA, REQUIRED, TABLES, models_in, shown
 from discsim.units import UnitError, Units
@@ -57,6 +58,11 @@ class Scene(BaseModel):
         if self.initial is None:
             return self.space.boundary == "open"
         return self.initial.kind in ("disc", "shock")
+
+    @property
+    def on_cells(self) -> bool:
+        """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
+        return self.drag is not None and self.drag.scheme in GRID_SCHEMES
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -331,7 +331,7 @@ class Conductivity(Table):
 
 
 class Gas(Table):
-    particles: Particles = Field(description="number of SPH particles")
+    particles: Particles = Field(description="number of SPH particles, or of the cells of a fixed grid")
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c4"],
         Default('"cubic"; in a disc that names no eta "quintic"'),
@@ -385,7 +385,9 @@ class Drag(Table):
         "papers", description='Epstein: t_stop = s rho_s / (c_s rho_g), or "kinetic": times sqrt(pi/8)'
     )
     direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
-    scheme: Literal["idic", "idic-linear", "tsc"] = Field("tsc", description="how cells exchange momentum")
+    scheme: Literal["idic", "idic-linear", "tsc", "sios-ppm", "emsi-ppm"] = Field(
+        "tsc", description="how cells exchange momentum; -ppm: gas and dust as fluids on a fixed 1D grid"
+    )
     cell: Annotated[Number | None, Default("1 in 1D, 2 in 2D")] = Field(
         None, gt=0, description="side of a drag cell in local mean h; or a length"
     )

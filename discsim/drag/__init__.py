@@ -3,7 +3,11 @@
 It kicks gas and dust over dt, accelerations and drag together: dust in place, the gas in `gas_vel` (n, d), a copy
 for one-way drag. It writes `drag.stopping_times` of the dust and `drag.uncoupled`, and if `heat` has entries the
 heat per mass of each gas particle.
+
+On a fixed grid, where fluxes are the accelerations: `advance(drag, tube, cells, dt)`, which returns what the
+`cells` (5, n) of a `ppm.Tube` hold dt later.
 """
 
 # Name in the scene -> module.
 SCHEMES = {"idic": "discsim.drag.idic", "idic-linear": "discsim.drag.idic_linear", "tsc": "discsim.drag.tsc"}
+GRID_SCHEMES = {"sios-ppm": "discsim.drag.sios_ppm", "emsi-ppm": "discsim.drag.emsi_ppm"}

@@ -27,7 +27,7 @@ def random_stream(scene: Scene, species: str) -> np.random.Generator:
 
 def setup(scene: Scene):
     """The module of the scene's initial condition."""
-    return import_module(f"discsim.initial.{scene.initial.kind}")
+    return import_module(f"discsim.initial.{'cells' if scene.on_cells else scene.initial.kind}")
 
 
 def make_state(scene: Scene, given: Given) -> State:
