@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from discsim.drag import GRID_SCHEMES
+from discsim.tables import ON_CELLS
 
 Problem = tuple[tuple[str | int, ...], str]
 
@@ -259,7 +259,7 @@ def _background(draft: Draft) -> Iterator[Problem]:
 
 def _fixed_grid(draft: Draft) -> Iterator[Problem]:
     """Gas and dust as fluids: one column of cells, and nothing that is made for particles."""
-    if not draft.drag or draft.drag.scheme not in GRID_SCHEMES:
+    if not draft.drag or draft.drag.scheme not in ON_CELLS:
         return
     scheme = f'drag.scheme = "{draft.drag.scheme}"'
     if draft.space and draft.dimensions != 1:
@@ -282,7 +282,7 @@ def _fixed_grid(draft: Draft) -> Iterator[Problem]:
 
 
 def _fixed_grid_cells(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag or draft.drag.scheme not in GRID_SCHEMES or not draft.gas:
+    if not draft.drag or draft.drag.scheme not in ON_CELLS or not draft.gas:
         return
     scheme, cells = f'drag.scheme = "{draft.drag.scheme}"', draft.gas.particles
     if draft.eos_kind not in ("isothermal", "adiabatic"):

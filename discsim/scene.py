@@ -16,9 +16,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim import tables, tomltext
-from discsim.drag import GRID_SCHEMES
 from discsim.rules import Draft, Problem, broken_rules
-from discsim.tables import EFFECTS, ETA, REQUIRED, TABLES, models_in, shown
+from discsim.tables import EFFECTS, ETA, ON_CELLS, REQUIRED, TABLES, models_in, shown
 from discsim.units import UnitError, Units
 
 KeyPath = tuple[str | int, ...]
@@ -62,7 +61,7 @@ class Scene(BaseModel):
     @property
     def on_cells(self) -> bool:
         """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
-        return self.drag is not None and self.drag.scheme in GRID_SCHEMES
+        return self.drag is not None and self.drag.scheme in ON_CELLS
 
     @property
     def effects(self) -> tuple[str, ...]:

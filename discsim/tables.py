@@ -331,7 +331,7 @@ class Conductivity(Table):
 
 
 class Gas(Table):
-    particles: Particles = Field(description="number of SPH particles, or of the cells of a fixed grid")
+    particles: Particles = Field(description="number of SPH particles")
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c4"],
         Default('"cubic"; in a disc that names no eta "quintic"'),
@@ -440,6 +440,8 @@ TABLES: dict[str, Any] = {
     "external": External,
 }
 REQUIRED = ("run", "space", "initial")
+# Drag schemes of gas and dust that are fluids on a fixed grid, their particles its cells.
+ON_CELLS = ("sios-ppm", "emsi-ppm")
 # What `--without` can remove, in the order of a step.
 EFFECTS = ("gas", "gas.viscosity", "gas.conductivity", "background", "dust", "star", "self_gravity", "external", "drag")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from discsim import load_scene
-from discsim.drag import SCHEMES
+from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.exact import __path__ as exact_path
 from discsim.history import COLUMNS
@@ -93,6 +93,8 @@ def test_names_are_complete():
         assert f"(`[{name}]`" in effects
     for name in SCHEMES:
         assert re.search(rf"^\| `{name}`.*\| exact for each (cell|node) \|$", effects, re.M)
+    for name in GRID_SCHEMES:
+        assert f"| `{name}` |" in effects
     solutions = TEXT.split("### Exact solutions")[1].split("\n\n")[1]
     files = {path.stem for path in Path(exact_path[0]).glob("[!_]*.py")}
     assert set(re.findall(r"`(\w+)`", solutions)) == files

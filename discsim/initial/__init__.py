@@ -45,6 +45,7 @@ def make_state(scene: Scene, given: Given) -> State:
             **_common(scene, "dust", given["dust"], offset),
             species=np.ascontiguousarray(species),
             immobile=given["dust"].get("immobile"),
+            density=np.zeros(len(species)) if scene.on_cells else None,
         )
         if species.min(initial=0) < 0 or species.max(initial=0) >= len(scene.dust):
             raise ValueError(f"dust species must be 0 to {len(scene.dust) - 1}, one a population of the scene")
