@@ -82,6 +82,7 @@ class Tube:
     def moved(self, start: Array, now: Array, dt: float) -> Array:
         """start + dt L(now): fluxes and pressure, no drag."""
         gas, rightward, leftward = ppm.through_faces(self.primitive(now)[:, self.inside], self.gamma)
-        ppm.drain(start[ppm.DUST_MASS], rightward, leftward, dt / self.dx, self.periodic)
+        ratio = dt / self.dx
+        ppm.keep_positive(*start[ppm.DUST_MASS :], rightward, leftward, ratio, self.periodic)
         flux = np.concatenate([gas, rightward + leftward])
-        return start - dt / self.dx * np.diff(flux)
+        return start - ratio * np.diff(flux)
