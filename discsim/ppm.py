@@ -83,6 +83,7 @@ class Tube:
         """start + dt L(now): fluxes and pressure, no drag."""
         gas, rightward, leftward = ppm.through_faces(self.primitive(now)[:, self.inside], self.gamma)
         ratio = dt / self.dx
-        ppm.keep_positive(*start[ppm.DUST_MASS :], rightward, leftward, ratio, self.periodic)
+        dust = start[ppm.DUST_MASS], start[ppm.DUST_MOMENTUM]
+        ppm.keep_positive(*dust, rightward, leftward, ratio, self.periodic)
         flux = np.concatenate([gas, rightward + leftward])
         return start - ratio * np.diff(flux)
