@@ -15,7 +15,7 @@ import numpy as np
 from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
 from discsim.initial import profile
-from discsim.rules import KERNEL_KEYS, OF_CELLS, OF_GRAINS, unused_keys
+from discsim.rules import KERNEL_KEYS, OF_CELLS, OF_GRAINS, OF_SPH, unused_keys
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
 from discsim.units import Units, epstein_stopping_time, mean_free_column
@@ -146,6 +146,9 @@ def derived(scene: Scene) -> list[tuple[str, str]]:
     rows.append((f"{density} of the gas", _list(scene.units, at.density, "density")))
     if at.sound_speed is not None:
         rows.append(("sound speed", _list(scene.units, at.sound_speed, "velocity")))
+    if scene.on_cells and scene.gas:
+        cell = scene.space.size[0] / scene.gas.particles
+        rows.append(("fixed grid", f"{scene.gas.particles} cells of {scene.units.show(cell, 'length')}"))
     if at.h is not None:
         rows.append(("smoothing length h", _list(scene.units, at.h, "length")))
     rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
@@ -158,11 +161,13 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.gas:
         mass = gas_mass(scene)
         yield "mass of the gas", scene.units.show(mass, name)
-        yield "mass of a gas particle", scene.units.show(mass / scene.gas.particles, name)
+        if not scene.on_cells:
+            yield "mass of a gas particle", scene.units.show(mass / scene.gas.particles, name)
     for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
         which = f" {i}" if len(scene.dust or ()) > 1 else ""
         yield f"mass of the dust{which}", scene.units.show(mass, name)
-        yield f"mass of a dust particle{which}", scene.units.show(mass / dust.particles, name)
+        if not scene.on_cells:
+            yield f"mass of a dust particle{which}", scene.units.show(mass / dust.particles, name)
 
 
 def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -341,7 +346,7 @@ def _shock_speed(scene: Scene, density: Array) -> Array | None:
 
 
 def _smoothing(scene: Scene, density: Array) -> Array | None:
-    if scene.gas is None:
+    if scene.gas is None or scene.on_cells:
         return None
     if scene.gas.smoothing_length is not None:
         return np.full_like(density, scene.gas.smoothing_length)
@@ -373,12 +378,13 @@ def _unit_lines(units: Units) -> Iterator[str]:
 def _effect_lines(scene: Scene) -> Iterator[str]:
     for name in scene.effects:
         first, _, second = name.partition(".")
+        skip: tuple[str, ...] = ()
+        if name == "drag" and scene.drag:
+            skip = OF_CELLS if scene.background else sum(unused_keys(scene.drag.scheme).values(), ())
+        elif scene.on_cells:
+            skip = {"gas": OF_SPH, "dust": ("offset", "placement")}[name]
         table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
         for one in table if isinstance(table, tuple) else (table,):
-            skip: tuple[str, ...] = ()
-            if name == "drag":
-                idle = sum(unused_keys(one.scheme).values(), ())
-                skip = OF_CELLS if scene.background else idle
             yield f"{name:<18} {_parameters(scene.units, one, skip)}"
 
 

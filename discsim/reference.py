@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, get_origin
 
 import discsim
 from discsim import tables
-from discsim.drag import SCHEMES
+from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
-from discsim.rules import INTERPOLATING
+from discsim.rules import NOT_CONSERVING
 from discsim.tables import TABLES, Default, Table, measure_of, models_in
 
 SETUP_TABLES = ("units", "run", "space", "initial")
@@ -67,9 +67,9 @@ def docstring(module: str) -> str:
 
 
 def _schemes() -> Iterator[str]:
-    for name, module in SCHEMES.items():
+    for name, module in (SCHEMES | GRID_SCHEMES).items():
         yield ""
-        yield f'  scheme = "{name}"' + (": momentum is not conserved" if name in INTERPOLATING else "")
+        yield f'  scheme = "{name}"' + (": momentum is not conserved" if name in NOT_CONSERVING else "")
         yield from _indented(docstring(module).removeprefix(f"{name}: "), "    ")
 
 
@@ -138,7 +138,7 @@ def _value_words(model: type[Table], key: str) -> str:
         return ", ".join(tables.shown(choice) for choice in choices)
     if key in ("checkpoint_every", "walltime"):
         return "wall-clock time"
-    if key == "heating":
+    if field.annotation is bool:
         return "true, false"
     return "text" if field.annotation is str else "whole number"
 

@@ -9,11 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from discsim.tables import ON_CELLS
+
 Problem = tuple[tuple[str | int, ...], str]
 
 OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys of the drag that only its cells use
+OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity")  # keys of the gas that only particles use
 BETWEEN_PAIRS = ("mk", "lab14", "reconstructed")  # drag schemes: what a pair exchanges is equal and opposite
-INTERPOLATING = ("esph", "isph")  # drag schemes that do not conserve momentum
+INTERPOLATING = ("esph", "isph")
+NOT_CONSERVING = (*INTERPOLATING, "sios-ppm")  # drag schemes that do not conserve momentum
 LAWS_OF_KEY = {"K": ("constant",), "t_stop": ("stopping-time",), "stokes": ("stokes-number", "stokes-over-density")}
 OF_GRAINS = ("epstein", "epstein-stokes")
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
@@ -261,6 +265,49 @@ def _background(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "toomre_q"), "there is no [gas] to have a Q; expected mass or surface_density"
 
 
+def _fixed_grid(draft: Draft) -> Iterator[Problem]:
+    """Gas and dust as fluids: one column of cells, and nothing that is made for particles."""
+    if not draft.drag or draft.drag.scheme not in ON_CELLS:
+        return
+    scheme = f'drag.scheme = "{draft.drag.scheme}"'
+    if draft.space and draft.dimensions != 1:
+        yield ("space", "dimensions"), f"{scheme} is a fixed grid along a line; expected 1"
+    for table in ("star", "self_gravity", "external", "background"):
+        if draft.has(table):
+            yield (table,), f"does not go with {scheme}, whose forces are pressure and drag; expected no such table"
+    for key in OF_SPH:
+        if draft.gives("gas", key):
+            yield ("gas", key), f"{scheme} has no SPH particles; expected no such key"
+    if draft.drag.supersonic or draft.drag.law == "epstein-stokes":
+        key = "supersonic" if draft.drag.supersonic else "law"
+        yield ("drag", key), f"{scheme} has no drag that depends on the slip; expected another law"
+    if draft.drag.direction != "two-way":
+        yield ("drag", "direction"), f'{scheme} moves gas and dust together; expected "two-way"'
+    if draft.run and draft.run.integrator != "kdk":
+        yield ("run", "integrator"), f"{scheme} has steps of its own; expected no such key"
+    if draft.kind not in ("box", "wave", "shock", ""):
+        yield ("initial", "kind"), f"{scheme} has no such start; expected box, wave or shock"
+
+
+def _fixed_grid_cells(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag or draft.drag.scheme not in ON_CELLS or not draft.gas:
+        return
+    scheme, cells = f'drag.scheme = "{draft.drag.scheme}"', draft.gas.particles
+    if draft.eos_kind not in ("isothermal", "adiabatic"):
+        yield ("gas", "eos", "kind"), f'{scheme} has no such gas; expected "isothermal" or "adiabatic"'
+    if draft.space and draft.space.cells not in (None, cells):
+        yield ("space", "cells"), f"the cells of {scheme} are the gas.particles; expected {cells}, or no such key"
+    if draft.dust and len(draft.dust) > 1:
+        yield ("dust",), f"{scheme} moves one population of dust; expected one"
+    for i, dust in enumerate(draft.dust or ()):
+        if dust.particles != cells:
+            wrong = f"{scheme} has gas and dust in the same cells"
+            yield ("dust", i, "particles"), f"{wrong}; expected {cells}, as many as gas.particles"
+        if dust.offset or dust.placement != "even":
+            key = "offset" if dust.offset else "placement"
+            yield ("dust", i, key), f"{scheme} has gas and dust in the same cells; expected no such key"
+
+
 def _drag_law(draft: Draft) -> Iterator[Problem]:
     if not draft.drag:
         return
@@ -312,9 +359,9 @@ def _grains(draft: Draft) -> Iterator[Problem]:
 def unused_keys(scheme: str) -> dict[str, tuple[str, ...]]:
     """Keys of the drag that a scheme does not use, by what it is that makes them idle."""
     return {
-        "no drag cells": ("cell", "cell_length") if scheme in BETWEEN_PAIRS + INTERPOLATING else (),
+        "no such drag cells": ("cell", "cell_length") if scheme in BETWEEN_PAIRS + INTERPOLATING + ON_CELLS else (),
         "no kernel of its own": ("kernel",) if scheme not in BETWEEN_PAIRS else (),
-        "an integration of its own": ("integration",) if scheme in ("mk", *INTERPOLATING) else (),
+        "an integration of its own": ("integration",) if scheme in ("mk", *NOT_CONSERVING) else (),
     }
 
 
@@ -392,6 +439,8 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _dust_place,
     _drag_partners,
     _background,
+    _fixed_grid,
+    _fixed_grid_cells,
     _drag_law,
     _drag_orbits,
     _grains,

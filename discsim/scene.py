@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim import tables, tomltext
 from discsim.rules import Draft, Problem, broken_rules
-from discsim.tables import EFFECTS, ETA, REQUIRED, TABLES, models_in, shown
+from discsim.tables import EFFECTS, ETA, ON_CELLS, REQUIRED, TABLES, models_in, shown
 from discsim.units import UnitError, Units
 
 KeyPath = tuple[str | int, ...]
@@ -57,6 +57,11 @@ class Scene(BaseModel):
         if self.initial is None:
             return self.space.boundary == "open"
         return self.initial.kind in ("disc", "shock")
+
+    @property
+    def on_cells(self) -> bool:
+        """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
+        return self.drag is not None and self.drag.scheme in ON_CELLS
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -49,7 +49,8 @@ class Simulation:
         use_threads(scene.run.threads)
         try:
             self.state = make_state(scene, particles if particles is not None else setup(scene).particles(scene))
-            if scene.self_gravity is not None or (scene.drag is not None and scene.background is None):
+            of_drag = scene.drag is not None and scene.background is None and not scene.on_cells
+            if scene.self_gravity is not None or of_drag:
                 from discsim.grid import Grid
 
                 # As fine as the gas, where there is any: one-way dust must not change it.

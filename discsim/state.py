@@ -77,6 +77,7 @@ class Dust(Particles):
     """Dust particles of one or several populations."""
 
     species: Array
+    density: Array | None = None  # on a fixed grid
 
 
 @dataclass

@@ -393,9 +393,9 @@ class Drag(Table):
         None, gt=0, description='law "epstein-stokes": rho_g times the mean free path'
     )
     direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
-    scheme: Literal["idic", "idic-linear", "tsc", "mk", "lab14", "reconstructed", "esph", "isph"] = Field(
-        "tsc", description="how gas and dust exchange momentum"
-    )
+    scheme: Literal[
+        "idic", "idic-linear", "tsc", "mk", "lab14", "reconstructed", "esph", "isph", "sios-ppm", "emsi-ppm"
+    ] = Field("tsc", description="how gas and dust exchange momentum; -ppm: gas and dust as fluids on a fixed 1D grid")
     kernel: Literal["gas", "double-hump"] = Field(
         "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
     )
@@ -451,6 +451,8 @@ TABLES: dict[str, Any] = {
     "external": External,
 }
 REQUIRED = ("run", "space", "initial")
+# Drag schemes of gas and dust that are fluids on a fixed grid, their particles its cells.
+ON_CELLS = ("sios-ppm", "emsi-ppm")
 # What `--without` can remove, in the order of a step.
 EFFECTS = ("gas", "gas.viscosity", "gas.conductivity", "background", "dust", "star", "self_gravity", "external", "drag")
 

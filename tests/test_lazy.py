@@ -31,13 +31,41 @@ DRAG = {
     "discsim.drag.cells",
     "discsim.drag.tsc",
     "discsim.kernels.drag",
+    "discsim.kernels.laws",
     "discsim.kernels.nodes",
+    "discsim.kernels.nonlinear",
+    "discsim.kernels.relax",
     "discsim.kernels.blocks",
 }
-OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear"}
+OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}
 GAS = {"discsim.effects.gas", "discsim.sph", "discsim.kernels.sph", "discsim.kernels.neighbours"}
+GRID = {
+    "discsim.ppm",
+    "discsim.kernels.ppm",
+    "discsim.kernels.drag_grid",
+    "discsim.effects.grid_gas",
+    "discsim.effects.grid_dust",
+    "discsim.effects.grid_drag",
+    "discsim.drag.emsi_ppm",
+}
+OF_PARTICLES = (
+    GAS
+    | DUST
+    | {"discsim.drag.cells", "discsim.drag.tsc", "discsim.kernels.nodes"}
+    | {"discsim.grid", "discsim.kernels.grid"}
+)
 SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}
+
+TUBE = """\
+units.system = "code"
+run = {until = 0.01, snapshots = 1}
+space = {dimensions = 1, size = 1, boundary = "open"}
+initial.kind = "shock"
+gas = {particles = 40, eos = {kind = "adiabatic", gamma = 1.4}}
+dust = {particles = 40, ratio = 1}
+drag = {law = "constant", K = 10, scheme = "emsi-ppm"}
+"""
 
 DUST_ONLY = """\
 units.system = "code"
@@ -71,7 +99,8 @@ def path(tmp_path):
         (DISC, ("drag",), GAS | DUST | STAR | GRAVITY, DRAG),
         (SHOCK, (), GAS, DUST | DRAG | STAR | GRAVITY),
         (WAVE, (), GAS | DUST | DRAG, STAR | GRAVITY | OTHER_SCHEME),
-        (DUST_ONLY, (), DUST | STAR, GAS | DRAG | GRAVITY),
+        (DUST_ONLY, (), DUST | STAR, GAS | DRAG | GRAVITY | GRID),
+        (TUBE, (), GRID, OF_PARTICLES | OTHER_SCHEME | {"discsim.drag.sios_ppm"}),
     ],
 )
 def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, without, there, absent):

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from discsim import load_scene
-from discsim.drag import SCHEMES
+from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.exact import __path__ as exact_path
 from discsim.history import COLUMNS
 from discsim.reference import with_reference
-from discsim.rules import INTERPOLATING
+from discsim.rules import NOT_CONSERVING
 from discsim.units import Units
 
 HOME = Path(__file__).parents[1]
@@ -93,7 +93,10 @@ def test_names_are_complete():
     for name in (*EFFECTS, "gas.viscosity", "gas.conductivity"):
         assert f"(`[{name}]`" in effects
     for name in SCHEMES:
-        kept = "not conserved" if name in INTERPOLATING else "exact for each (cell|node|pair)"
+        kept = "not conserved" if name in NOT_CONSERVING else "exact for each (cell|node|pair)"
+        assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
+    for name in GRID_SCHEMES:
+        kept = "not conserved unless eps = 1" if name in NOT_CONSERVING else "exact for each cell"
         assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
     solutions = TEXT.split("### Exact solutions")[1].split("\n\n")[1]
     files = {path.stem for path in Path(exact_path[0]).glob("[!_]*.py")}

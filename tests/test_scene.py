@@ -398,7 +398,7 @@ RULES = [
     ({"drag": {"law": "epstein-stokes", "K": None}}, 'dust.grain_size: missing; drag.law "epstein-stokes"*'),
     ({"drag": {"direction": "one-way", "heating": True}}, "drag.heating: one-way drag*"),
     ({"drag": {"cell": 1, "cell_length": 1}}, "drag.cell_length: drag.cell is there too*"),
-    ({"drag": {"scheme": "lab14", "cell": 2}}, 'drag.cell: scheme "lab14" has no drag cells*'),
+    ({"drag": {"scheme": "lab14", "cell": 2}}, 'drag.cell: scheme "lab14" has no such drag cells*'),
     ({"drag": {"kernel": "double-hump"}}, 'drag.kernel: scheme "tsc" has no kernel of its own*'),
     ({"drag": {"scheme": "esph", "integration": "implicit"}}, 'drag.integration: scheme "esph" has an integration*'),
     (

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from discsim import Simulation, load_scene, tables
 from discsim.check import dust_masses, gas_mass
 from discsim.cli import app
-from discsim.drag import SCHEMES
+from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.rules import BETWEEN_PAIRS, INTERPOLATING
 
@@ -211,7 +211,9 @@ def dragged(dimensions, law, **drag):
 
 def test_every_drag_law_is_stepped_here():
     assert set(LAWS) == set(choices(tables.Drag, "law"))
-    assert set(SCHEMES) == set(choices(tables.Drag, "scheme"))
+    # Those of the fixed grid are in tests/test_ppm.py.
+    assert set(GRID_SCHEMES) == set(tables.ON_CELLS)
+    assert {*SCHEMES, *GRID_SCHEMES} == set(choices(tables.Drag, "scheme"))
 
 
 every_drag = pytest.mark.parametrize(

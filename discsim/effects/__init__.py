@@ -13,10 +13,11 @@ EFFECTS = {
 }
 
 IN_BACKGROUND = {"drag": "discsim.effects.background"}  # where the gas is given
+ON_CELLS = {name: f"discsim.effects.grid_{name}" for name in ("gas", "dust", "drag")}  # where both are fluids
 
 
 def load_effects(scene, state) -> dict:
     """Import and make the effects whose tables `scene` has, in the order of a step."""
     named = [name for name in EFFECTS if getattr(scene, name) is not None]
-    modules = EFFECTS | (IN_BACKGROUND if scene.background is not None else {})
+    modules = EFFECTS | (IN_BACKGROUND if scene.background is not None else {}) | (ON_CELLS if scene.on_cells else {})
     return {name: import_module(modules[name]).Effect(scene, state) for name in named}

@@ -27,7 +27,7 @@ def random_stream(scene: Scene, species: str) -> np.random.Generator:
 
 def setup(scene: Scene):
     """The module of the scene's initial condition."""
-    return import_module(f"discsim.initial.{scene.initial.kind}")
+    return import_module(f"discsim.initial.{'cells' if scene.on_cells else scene.initial.kind}")
 
 
 def make_state(scene: Scene, given: Given) -> State:
@@ -45,6 +45,7 @@ def make_state(scene: Scene, given: Given) -> State:
             **_common(scene, "dust", given["dust"], offset),
             species=np.ascontiguousarray(species),
             immobile=given["dust"].get("immobile"),
+            density=np.zeros(len(species)) if scene.on_cells else None,
         )
         if species.min(initial=0) < 0 or species.max(initial=0) >= len(scene.dust):
             raise ValueError(f"dust species must be 0 to {len(scene.dust) - 1}, one a population of the scene")

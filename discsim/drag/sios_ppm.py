@@ -1,0 +1,28 @@
+"""sios-ppm: gas and dust as fluids on a fixed 1D grid; drag semi-implicit and split off, momentum not conserved.
+
+A step of the fluids without drag (`discsim/ppm.py`) gives v* and u*; then each species' own velocity is implicit and
+the other's is the old one, in every cell:
+
+    v = (v* + eps dt/t_stop u*) / (1 + eps dt/t_stop),   u = (u* + dt/t_stop v*) / (1 + dt/t_stop)
+
+First order, and stable at any step. The total momentum of a cell changes by
+
+    eps rho_g x (u* - v*) [1 / (1 + eps x) - 1 / (1 + x)],   x = dt/t_stop
+
+which vanishes at eps = 1 alone; at dt >> t_stop the species exchange their velocities, and the slip, instead of
+decaying, changes sign with each step. Semi-implicit operator splitting of the comparison of Stoyanovskaya et al. 2018
+(arXiv:1811.06522), from its abstract and name. Frictional heat is the loss of energy of the slip.
+"""
+
+from discsim.kernels.drag_grid import relax_apart
+from discsim.ppm import STAGES
+
+
+def advance(drag, tube, cells, dt):
+    now = cells
+    for part in STAGES:
+        now = tube.moved(cells, now, part * dt)
+    relax_apart(
+        drag.law.code, drag.law.grains[0], tube.sound_speed(now), now, dt, tube.adiabatic, drag.heating
+    )  # fmt: skip
+    return now

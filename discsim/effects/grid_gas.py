@@ -1,0 +1,24 @@
+"""Gas in the cells of a fixed 1D grid: density, pressure, and the step dx / (|v| + c_s); the drag's scheme moves it."""
+
+import numpy as np
+
+from discsim.effects import base
+from discsim.eos import pressure_and_sound_speed
+from discsim.state import State
+
+
+class Effect(base.Effect):
+    name = "gas"
+
+    def __init__(self, scene, state):
+        self.scene = scene
+        self.dx = scene.space.size[0] / state.gas.count
+        state.gas.h[:] = self.dx
+
+    def accelerate(self, state: State) -> None:
+        gas = state.gas
+        gas.density = gas.mass / self.dx
+        gas.pressure, gas.sound_speed = pressure_and_sound_speed(self.scene, gas.pos, gas.density, gas.u)
+
+    def limit(self, state: State) -> float:
+        return float(self.dx / (np.abs(state.gas.vel[:, 0]) + state.gas.sound_speed).max())
