@@ -344,6 +344,24 @@ def test_a_kick_towards_interpolated_velocities(scheme, x):
     np.testing.assert_allclose(sim.dust.vel, u, rtol=0, atol=1e-12)
 
 
+@every_scheme
+def test_dust_without_gas_is_free_and_told(scheme):
+    """Gas in one corner: the dust far from it keeps its velocity, and half the mass is uncoupled."""
+    given = cloud()
+    far = np.arange(400) % 2 == 0
+    given["dust"]["mass"][:] = 1 / 400
+    given["dust"]["pos"][:] = np.where(far[:, None], 0.45, 0.0) + 0.05 * given["dust"]["pos"]
+    given["gas"]["pos"] = 0.1 * given["gas"]["pos"]
+    start = given["dust"]["vel"].copy()
+    sim, kick = kicked(scheme, given=given)
+    kick()
+    drag = sim.effects["drag"]
+    assert (drag.stopping_times[far] == np.inf).all() and np.isfinite(drag.stopping_times[~far]).all()
+    np.testing.assert_array_equal(sim.dust.vel[far], start[far])
+    assert (sim.dust.vel[~far] != start[~far]).all()
+    assert drag.uncoupled == pytest.approx(0.5)
+
+
 # Linear fields
 
 
