@@ -53,10 +53,8 @@ class Scene(BaseModel):
 
     @property
     def centred(self) -> bool:
-        """Whether the origin is the middle of space, as for a disc and a shock, or its lower corner."""
-        if self.initial is None:
-            return self.space.boundary == "open"
-        return self.initial.kind in ("disc", "shock")
+        """Whether the origin is the middle of space, as for a disc and a shock, or the corner of a periodic box."""
+        return self.space.boundary == "open"
 
     @property
     def effects(self) -> tuple[str, ...]:
