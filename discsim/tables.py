@@ -363,7 +363,7 @@ class Gas(Table):
     particles: Particles = Field(description="number of SPH particles")
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c4"],
-        Default('"cubic"; in a disc that names no eta "quintic"'),
+        Default('"cubic"; where no eta is named, in a disc "quintic", in a settling layer "wendland-c4"'),
     ] = Field("cubic", description="SPH kernel")
     eta: Annotated[
         Number,
