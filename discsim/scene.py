@@ -17,13 +17,12 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim import tables, tomltext
 from discsim.rules import Draft, Problem, broken_rules
+from discsim.tables import EFFECTS, ETA, REQUIRED, TABLES, models_in, shown
+from discsim.units import UnitError, Units
 
 # Of starts that want another kernel than the cubic: quieter for its cost (analysis/noise.py); one that feels every wave
 # of a stretched layer, so that it has a balance.
 KERNEL_OF = {"disc": "quintic", "settling": "wendland-c4"}
-from discsim.tables import EFFECTS, ETA, REQUIRED, TABLES, models_in, shown
-from discsim.units import UnitError, Units
-
 KeyPath = tuple[str | int, ...]
 
 

@@ -128,7 +128,7 @@ def settle(state: State, effects: dict) -> None:
     left = np.abs(forces(np.zeros(len(free)))).max() / small * ROUNDING
     if left > BALANCED:
         raise ValueError(
-            f"gas.kernel: forces of {left:.2g} Omega^2 H are left in the layer, since its shortest waves make none under "
+            f"gas.kernel: forces of {left:.2g} Omega^2 H are left in the layer, whose shortest waves make none under "
             f'"{scene.gas.kernel}" with this h; expected "wendland-c4" with eta = 2, or a smaller eta'
         )
 
