@@ -13,9 +13,9 @@ G the slope pooled within species over the nine cells about the node; that of th
 
     A_s - B_s X_s - (A_g - B_g X_g),                                                                     (2b)
 
-B_s the slope of a species' own sources there (`slope_sources`): where t_stop << dt the drag takes back nearly all that they do in a step, and
-sources linear in space leave no error then. The slip relaxes exactly with the sources inside, which changes the
-velocities by D_s, sum_s M_s D_s = 0, and a particle's by
+B_s the slope of a species' own sources there (`slope_sources`): where t_stop << dt the drag takes back nearly all that
+they do in a step, and sources linear in space leave no error then. The slip relaxes exactly with the sources inside,
+which changes the velocities by D_s, sum_s M_s D_s = 0, and a particle's by
 
     sum_J w_J D_s,J,                                                                                     (3)
 
@@ -37,6 +37,7 @@ from discsim.kernels.drag import EPSTEIN, kepler, relax_many, relax_pair, respon
 FIELDS = 8
 SQUARE = 8
 LEAST_INERTIA = 0.01  # over mass times side^2: the least for gas about a node to be turned, and for a slope of sources
+ROUNDING = 1e-9  # the same of particles at one place, but for rounding
 # Of a species in a cell: m, m x (2), m xx, m xy, m yy, then m v (2), m x v (2), m y v (2), and the same of the sources.
 VELOCITIES, SOURCES, MOMENTS = 6, 12, 18
 
@@ -292,7 +293,10 @@ def pooled_slope(n, blocks, cells, first, last, field, dim, inertia, moment, par
     for a in range(dim):
         for c2 in range(dim):
             slope[a, c2] = 0.0
-    return solve_slope(inertia, moment, dim, slope) and inertia[0, 0] + inertia[1, 1] > LEAST_INERTIA * mass
+    spread = inertia[0, 0] + inertia[1, 1]
+    if spread <= ROUNDING * mass:
+        return False
+    return solve_slope(inertia, moment, dim, slope) and spread > LEAST_INERTIA * mass
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
