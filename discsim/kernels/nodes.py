@@ -534,7 +534,9 @@ def node_heat(node_from, node_to, nodes, change, dt, heat):
 
 @njit(cache=True, error_model="numpy")
 def pass_on(nodes, about, heat):
-    """Heat of nodes without gas to those about them, in equal parts to each that has."""
+    """Heat of nodes without gas to those about them, in equal parts to each that has; then heat below zero, which
+    giving back what the clouds smoothed makes at fronts, out of the heat about it.
+    """
     for n in range(len(heat)):
         if heat[n] == 0.0 or nodes[n, 0, 0] > 0.0:
             continue
@@ -544,6 +546,18 @@ def pass_on(nodes, about, heat):
         for k in range(9):
             if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
                 heat[about[n, k]] += heat[n] / takers
+    for n in range(len(heat)):
+        if heat[n] >= 0.0 or nodes[n, 0, 0] <= 0.0:
+            continue
+        found = 0.0
+        for k in range(9):
+            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
+                found += max(0.0, heat[about[n, k]])
+        share = min(1.0, -heat[n] / found) if found > 0.0 else 0.0
+        for k in range(9):
+            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
+                heat[about[n, k]] -= share * max(0.0, heat[about[n, k]])
+        heat[n] += share * found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
