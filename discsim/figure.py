@@ -143,8 +143,9 @@ def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
     middle, outer = (snap.lower + snap.upper) / 2, (snap.upper - snap.lower).min() / 2
     boost = np.array(getattr(scene.initial, "velocity", (0.0, 0.0)))
     turns = scene.initial.kind == "vortex"
-    edges = np.linspace(0, outer, _RINGS + 1)
     for kind, particles in snap.species.items():
+        # Rings some spacings wide.
+        edges = np.linspace(0, outer, int(np.clip(0.15 * particles.count**0.5, 10, _RINGS)) + 1)
         away, vel = particles.pos - middle, particles.vel - boost
         if turns:  # the middle moves with the boost
             away = (away - boost * snap.time + outer) % (2 * outer) - outer
@@ -156,7 +157,12 @@ def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
         below.plot(length * r, velocity * across / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
     x = np.linspace(0, outer, 1000)
     for kind, (rho, v) in _exact_radial(scene, snap.time, x).items():
-        style = {"color": "black", "lw": 1.0, "ls": {"gas": "-", "dust": "--"}[kind], "label": f"{kind}, exact"}
+        style: dict[str, Any] = {
+            "color": "black",
+            "lw": 1.0,
+            "ls": {"gas": "-", "dust": "--"}[kind],
+            "label": f"{kind}, exact",
+        }
         above.plot(length * x, density * rho, **style)
         below.plot(length * x, velocity * v, **style)
     above.set(ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length), ylim=(0, None))
