@@ -15,7 +15,7 @@ import numpy as np
 from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
 from discsim.exact import gresho
-from discsim.initial import profile, settling
+from discsim.initial import profile
 from discsim.rules import KERNEL_KEYS, OF_CELLS
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
@@ -79,6 +79,8 @@ def local(scene: Scene) -> Local:
         density = np.array([start.left[0], start.right[0]])
         places = ["left", "right"]
     elif start.kind == "settling":
+        from discsim.initial import settling  # imports the kernels
+
         ends = start.density * math.exp(-0.5 * (settling.extent(scene) / settling.scale_height(scene)) ** 2)
         density = np.array([start.density, ends])
         places = ["midplane", "ends"]
@@ -97,6 +99,8 @@ def gas_mass(scene: Scene) -> float:
     if start.kind == "shock":
         return (start.left[0] + start.right[0]) * scene.space.size[0] / 2
     if start.kind == "settling":
+        from discsim.initial import settling  # imports the kernels
+
         return settling.column(scene)
     return _uniform_density(start) * math.prod(scene.space.size)
 

@@ -145,7 +145,7 @@ def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
     turns = scene.initial.kind == "vortex"
     for kind, particles in snap.species.items():
         # Rings some spacings wide.
-        edges = np.linspace(0, outer, int(np.clip(0.15 * particles.count**0.5, 10, _RINGS)) + 1)
+        edges = np.linspace(0, outer, int(np.clip(0.3 * particles.count**0.5, 10, _RINGS)) + 1)
         away, vel = particles.pos - middle, particles.vel - boost
         if turns:  # the middle moves with the boost
             away = (away - boost * snap.time + outer) % (2 * outer) - outer
