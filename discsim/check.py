@@ -14,6 +14,7 @@ import numpy as np
 
 from discsim.background import GivenDisc
 from discsim.eos import thermal_speed
+from discsim.exact import gresho
 from discsim.initial import profile
 from discsim.rules import KERNEL_KEYS, OF_CELLS, OF_GRAINS, OF_SPH, unused_keys
 from discsim.scene import Scene
@@ -77,6 +78,12 @@ def local(scene: Scene) -> Local:
     elif start.kind == "shock":
         density = np.array([start.left[0], start.right[0]])
         places = ["left", "right"]
+    elif start.kind == "settling":
+        from discsim.initial import settling  # imports the kernels
+
+        ends = start.density * math.exp(-0.5 * (settling.extent(scene) / settling.scale_height(scene)) ** 2)
+        density = np.array([start.density, ends])
+        places = ["midplane", "ends"]
     else:
         density = np.array([_uniform_density(start)])
         places = ["everywhere"]
@@ -91,6 +98,10 @@ def gas_mass(scene: Scene) -> float:
         return _disc_mass(scene, start.inner, start.outer)
     if start.kind == "shock":
         return (start.left[0] + start.right[0]) * scene.space.size[0] / 2
+    if start.kind == "settling":
+        from discsim.initial import settling  # imports the kernels
+
+        return settling.column(scene)
     return _uniform_density(start) * math.prod(scene.space.size)
 
 
@@ -314,7 +325,7 @@ def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
 def _uniform_density(start: Any) -> float:
     if start.kind == "sheet":
         return start.surface_density
-    return start.density if start.kind == "box" else 1.0
+    return getattr(start, "density", 1.0)
 
 
 def _disc_mass(scene: Scene, inner: float, outer: float) -> float:
@@ -334,14 +345,18 @@ def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | 
         return np.full_like(density, eos.sound_speed)
     if eos.aspect_ratio is not None and scene.star and radius is not None:
         return thermal_speed(scene, radius)
-    return _shock_speed(scene, density)
+    return _given_speed(scene, density)
 
 
-def _shock_speed(scene: Scene, density: Array) -> Array | None:
+def _given_speed(scene: Scene, density: Array) -> Array | None:
+    """Where the start itself has a pressure."""
     start: Any = scene.initial
-    if start.kind != "shock" or scene.gas is None:
+    if start.kind == "shock":
+        pressure = np.array([start.left[1], start.right[1]])
+    elif start.kind == "vortex":
+        pressure = gresho.pressure(np.zeros(1), start.density, start.speed, start.radius)
+    else:
         return None
-    pressure = np.array([start.left[1], start.right[1]])
     return np.sqrt(getattr(scene.gas.eos, "gamma", 1.0) * pressure / density)
 
 

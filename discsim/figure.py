@@ -1,4 +1,7 @@
-"""The figure of a snapshot: maps and a profile of the surface density in 2D, density and velocity in 1D."""
+"""The figure of a snapshot: in 2D maps, with radial profiles where there is a centre; in 1D density and velocity.
+
+Over the exact solution where there is one.
+"""
 
 from __future__ import annotations
 
@@ -53,6 +56,11 @@ def _centred(snap: Snapshot) -> bool:
     return "star" in snap.tables or snap.tables.get("initial", {}).get("kind") in ("disc", "ring")
 
 
+def _about(snap: Snapshot) -> bool:
+    """Whether the middle of the box is the centre of an exact solution."""
+    return snap.tables.get("initial", {}).get("kind") in ("blast", "vortex")
+
+
 def _window(snap: Snapshot) -> tuple[Array, Array]:
     """The part of the box to show: all of it, or the square about the centre that holds the disc."""
     if not _centred(snap):
@@ -65,15 +73,17 @@ def _window(snap: Snapshot) -> tuple[Array, Array]:
 
 def _maps(snap: Snapshot) -> Figure:
     kinds = snap.species
-    profiled = _centred(snap)
-    heights = [1.0, 0.55] if profiled else [1.0]
+    below = 2 if _about(snap) else int(_centred(snap))
+    heights = [1.0] + [0.55] * below
     width = 5.6 * len(kinds) + 0.4
-    figure = Figure(figsize=(width, 4.9 + 3.0 * profiled), layout="constrained")
+    figure = Figure(figsize=(width, 4.9 + 3.0 * below), layout="constrained")
     grid = figure.add_gridspec(len(heights), len(kinds), height_ratios=heights)
     window = _window(snap)
     for column, (kind, particles) in enumerate(kinds.items()):
         _map(figure, figure.add_subplot(grid[0, column]), snap, kind, particles, window)
-    if profiled:
+    if _about(snap):
+        _radial(figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :]), snap)
+    elif _centred(snap):
         _profile(figure.add_subplot(grid[1, :]), snap, window[1][0] / 1.1)
     return figure
 
@@ -124,6 +134,62 @@ def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     axes.legend(frameon=False)
 
 
+def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
+    """Density, and the velocity that the exact solution has, of the particles against the distance from the middle."""
+    scene: Any = load_scene(snap.tables)
+    length, length_unit = _in(snap, "length")
+    density, density_unit = _in(snap, "density")
+    velocity, velocity_unit = _in(snap, "velocity")
+    middle, outer = (snap.lower + snap.upper) / 2, (snap.upper - snap.lower).min() / 2
+    boost = np.array(getattr(scene.initial, "velocity", (0.0, 0.0)))
+    turns = scene.initial.kind == "vortex"
+    for kind, particles in snap.species.items():
+        # Rings some spacings wide.
+        edges = np.linspace(0, outer, int(np.clip(0.3 * particles.count**0.5, 10, _RINGS)) + 1)
+        away, vel = particles.pos - middle, particles.vel - boost
+        if turns:  # the middle moves with the boost
+            away = (away - boost * snap.time + outer) % (2 * outer) - outer
+        r = np.sqrt((away**2).sum(axis=1))
+        mass, _ = np.histogram(r, edges, weights=particles.mass)
+        rings = np.pi * (edges[1:] ** 2 - edges[:-1] ** 2)
+        above.stairs(density * mass / rings, length * edges, color=COLOURS[kind], label=kind)
+        across = away[:, 0] * vel[:, 1] - away[:, 1] * vel[:, 0] if turns else (away * vel).sum(axis=1)
+        below.plot(length * r, velocity * across / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
+    x = np.linspace(0, outer, 1000)
+    for kind, (rho, v) in _exact_radial(scene, snap.time, x).items():
+        style: dict[str, Any] = {
+            "color": "black",
+            "lw": 1.0,
+            "ls": {"gas": "-", "dust": "--"}[kind],
+            "label": f"{kind}, exact",
+        }
+        above.plot(length * x, density * rho, **style)
+        below.plot(length * x, velocity * v, **style)
+    above.set(ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length), ylim=(0, None))
+    name = "azimuthal" if turns else "radial"
+    below.set(xlabel=f"r{length_unit}", ylabel=f"{name} velocity{velocity_unit}", xlim=(0, outer * length))
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+    above.legend(frameon=False)
+
+
+def _exact_radial(scene: Any, time: float, r: Array) -> dict[str, tuple[Array, Array]]:
+    """Densities and velocities by kind at radii r (n,); of dust where it is to move with the gas."""
+    from discsim.exact import gresho, sedov
+
+    start = scene.initial
+    if start.kind == "vortex":
+        if scene.dust:
+            return {}
+        return {"gas": (np.full_like(r, start.density), gresho.speed(r, start.speed, start.radius))}
+    ratio = sum(population.ratio for population in scene.dust or ())
+    if time == 0.0 or (ratio and (scene.drag is None or scene.drag.direction == "one-way")):
+        return {}
+    heavy = sedov.solution(r, time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
+    gas = {"gas": (heavy.density / (1.0 + ratio), heavy.velocity)}
+    return gas | ({"dust": (heavy.density * ratio / (1.0 + ratio), heavy.velocity)} if ratio else {})
+
+
 def _lines(snap: Snapshot) -> Figure:
     """Density and velocity of the particles against x, over the exact solution where there is one."""
     figure = Figure(figsize=(8, 7), layout="constrained")
@@ -161,6 +227,8 @@ def _lines(snap: Snapshot) -> Figure:
 def _exact(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
     """Places, densities and velocities by kind, for the scenes with a known answer; empty for others."""
     kind = snap.tables.get("initial", {}).get("kind")
+    if kind == "settling":
+        return _exact_settling(snap)
     if kind not in ("wave", "shock"):
         return {}
     from discsim.exact import dustywave, riemann
@@ -187,6 +255,24 @@ def _exact(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
         gas = (x, wave.gas_density, wave.gas_velocity)
         return {"gas": gas, "dust": (x, wave.dust_density, wave.dust_velocity)}
     return {}
+
+
+def _exact_settling(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
+    """The gas at rest, and dust of one population and a known stopping time."""
+    from discsim.exact import settling
+    from discsim.initial.settling import extent, scale_height
+
+    scene: Any = load_scene(snap.tables)
+    height, midplane = scale_height(scene), scene.initial.density
+    x = np.linspace(-extent(scene), extent(scene), 1000)
+    exact = {"gas": (x, settling.gas_density(x, midplane, height), np.zeros_like(x))}
+    if scene.drag is None or scene.drag.law != "stopping-time" or len(scene.dust) > 1:
+        return exact
+    times = np.full_like(x, scene.drag.t_stop)
+    z, u = settling.trajectories(snap.time, x, lambda at: times[: len(at)], scene.external.vertical_frequency)
+    # Grains keep their mass: the density grows as their distance falls.
+    rho = scene.dust[0].ratio * settling.gas_density(x, midplane, height) / np.abs(np.gradient(z, x))
+    return exact | {"dust": (z, rho, u)}
 
 
 def _is_linear(scene: Any) -> bool:

@@ -20,6 +20,15 @@ INTERPOLATING = ("esph", "isph")
 NOT_CONSERVING = (*INTERPOLATING, "sios-ppm")  # drag schemes that do not conserve momentum
 LAWS_OF_KEY = {"K": ("constant",), "t_stop": ("stopping-time",), "stokes": ("stokes-number", "stokes-over-density")}
 OF_GRAINS = ("epstein", "epstein-stokes")
+# Which equations of state a start goes with, where not all.
+EOS_OF = {
+    "shock": ("adiabatic", "isothermal"),
+    "blast": ("adiabatic",),
+    "vortex": ("adiabatic",),
+    "settling": ("isothermal",),
+}
+BRINGS_PRESSURE = ("shock", "blast", "vortex")  # starts that need no temperature of the eos
+REACH = {"blast": ("radius", 1.0), "vortex": ("radius", 2.0), "settling": ("vertical_extent", 1.0)}
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
 
 
@@ -119,14 +128,14 @@ def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
 def _boundary_of_the_start(draft: Draft) -> Iterator[Problem]:
     if not draft.space:
         return
-    wanted = "open" if draft.kind in ("disc", "shock") else "periodic"
-    if draft.kind and draft.space.boundary != wanted:
+    wanted = "open" if draft.kind in ("disc", "shock", "settling") else "periodic"
+    if draft.kind not in ("", "blast") and draft.space.boundary != wanted:
         found = draft.space.boundary
         yield ("space", "boundary"), f'"{found}" does not go with a {draft.kind}; expected "{wanted}"'
 
 
 def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
-    wanted = {"disc": 2, "shock": 1}.get(draft.kind, draft.dimensions)
+    wanted = {"disc": 2, "shock": 1, "settling": 1, "blast": 2, "vortex": 2}.get(draft.kind, draft.dimensions)
     if draft.dimensions != wanted:
         yield (
             ("space", "dimensions"),
@@ -174,17 +183,33 @@ def _toomre_q(draft: Draft) -> Iterator[Problem]:
                 yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
 
 
-def _shock_gas(draft: Draft) -> Iterator[Problem]:
-    if draft.kind != "shock":
+def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
+    allowed = EOS_OF.get(draft.kind)
+    if allowed is None:
         return
     if not draft.has("gas"):
-        yield ("initial", "kind"), "a shock needs a table [gas]"
-    elif draft.eos_kind not in ("adiabatic", "isothermal"):
-        found = draft.eos_kind
-        yield (
-            ("gas", "eos", "kind"),
-            f'"{found}" does not go with a shock; expected "adiabatic" or "isothermal"',
-        )
+        yield ("initial", "kind"), f"a {draft.kind} needs a table [gas]"
+    elif draft.gas and draft.eos_kind not in allowed:
+        words = " or ".join(f'"{kind}"' for kind in allowed)
+        yield ("gas", "eos", "kind"), f'"{draft.eos_kind}" does not go with a {draft.kind}; expected {words}'
+
+
+def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
+    if not draft.space:
+        return
+    key, reach = REACH.get(draft.kind, ("", 0.0))
+    half = 0.5 * min(draft.space.size)
+    length = reach * (getattr(draft.initial, key) or 0.0) if key else 0.0
+    if length > half * (1 + 1e-9):
+        share = half / length
+        of = f"{reach:g} initial.{key}" if reach > 1 else f"initial.{key}"
+        yield ("space", "size"), f"half a side is {share:.3g} of {of}, which it is to hold; expected 1 at least"
+
+
+def _layer_needs_gravity(draft: Draft) -> Iterator[Problem]:
+    if draft.kind == "settling" and not (draft.external and draft.external.vertical_frequency > 0):
+        path = ("external", "vertical_frequency") if draft.has("external") else ("external",)
+        yield path, "missing; the layer's weight is -Omega^2 z with Omega = external.vertical_frequency > 0"
 
 
 def _wave_direction(draft: Draft) -> Iterator[Problem]:
@@ -209,7 +234,7 @@ def _adiabatic_start(draft: Draft) -> Iterator[Problem]:
     both = eos.sound_speed is not None and eos.aspect_ratio is not None
     if both:
         yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
-    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.kind not in ("shock", ""):
+    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.kind not in (*BRINGS_PRESSURE, ""):
         yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
     if eos.aspect_ratio is not None and not draft.has("star"):
         yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
@@ -229,7 +254,7 @@ def _conductivity(draft: Draft) -> Iterator[Problem]:
 def _dust_place(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         if draft.kind == "disc" and dust.offset:
-            yield ("dust", i, "offset"), "a disc has no gas spacing; expected a wave, shock, box or sheet"
+            yield ("dust", i, "offset"), "a disc has no gas spacing; expected another kind"
         for key in ("inner", "outer"):
             if draft.kind not in ("disc", "") and getattr(dust, key) is not None:
                 yield ("dust", i, key), f"a {draft.kind} has no radius; expected a disc"
@@ -429,7 +454,9 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _disc_mass,
     _disc_needs_a_centre,
     _toomre_q,
-    _shock_gas,
+    _gas_of_the_start,
+    _room_for_the_start,
+    _layer_needs_gravity,
     _wave_direction,
     _star_space,
     _locally_isothermal,

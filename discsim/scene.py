@@ -20,6 +20,9 @@ from discsim.rules import Draft, Problem, broken_rules
 from discsim.tables import EFFECTS, ETA, ON_CELLS, REQUIRED, TABLES, models_in, shown
 from discsim.units import UnitError, Units
 
+# Of starts that want another kernel than the cubic: quieter for its cost (analysis/noise.py); one that feels every wave
+# of a stretched layer, so that it has a balance.
+KERNEL_OF = {"disc": "quintic", "settling": "wendland-c4"}
 KeyPath = tuple[str | int, ...]
 
 
@@ -53,10 +56,8 @@ class Scene(BaseModel):
 
     @property
     def centred(self) -> bool:
-        """Whether the origin is the middle of space, as for a disc and a shock, or its lower corner."""
-        if self.initial is None:
-            return self.space.boundary == "open"
-        return self.initial.kind in ("disc", "shock")
+        """Whether the origin is the middle of space, as for a disc and a shock, or the corner of a periodic box."""
+        return self.space.boundary == "open"
 
     @property
     def on_cells(self) -> bool:
@@ -292,9 +293,10 @@ def _filled(data: dict[str, Any]) -> dict[str, Any]:
     dimensions = 1 if _get(data, "space", "dimensions") == 1 else 2
     gas = filled.get("gas")
     if isinstance(gas, dict):
-        # Quieter than the cubic for its cost (analysis/noise.py); an eta alone is the cubic's.
-        if _get(data, "initial", "kind") == "disc" and not {"eta", "smoothing_length"} & gas.keys():
-            gas.setdefault("kernel", "quintic")
+        # An eta alone is the cubic's.
+        kernel = KERNEL_OF.get(str(_get(data, "initial", "kind")))
+        if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
+            gas.setdefault("kernel", kernel)
         eta = ETA[dimensions]
         gas.setdefault("eta", eta.get(str(gas.get("kernel")), eta["cubic"]))
     drag = filled.get("drag")

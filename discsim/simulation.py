@@ -57,14 +57,14 @@ class Simulation:
                 first = next(iter(self.state.species.values()))
                 self.state.grid = Grid.from_scene(scene, first.count)
             self.effects = load_effects(scene, self.state)
+            settle = None if particles is not None else getattr(setup(scene), "settle", None)
+            if settle is not None:
+                settle(self.state, self.effects)
         except ValueError as error:
             raise SceneError([str(error)]) from error
         self.costs = Costs(self.effects)
         self.limit, self.limited_by = math.inf, ""
         self._fresh = False
-        settle = None if particles is not None else getattr(setup(scene), "settle", None)
-        if settle is not None:
-            settle(self.state, self.effects)
 
     @property
     def time(self) -> float:
@@ -256,6 +256,9 @@ class Simulation:
     def _accelerate(self, name: str) -> None:
         with self.costs(name):
             self.effects[name].accelerate(self.state)
+        for p in self.state.species.values():
+            if p.immobile is not None:
+                p.acc[p.immobile] = 0.0
 
     def _next_step(self, until: float) -> float:
         """The step from here: the limit's share, or the fixed one, cut so as to land on `until`."""

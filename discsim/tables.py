@@ -274,6 +274,35 @@ class Sheet(Table):
     wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
 
 
+class Blast(Table):
+    """Heat in the middle of uniform gas at rest (Sedov)."""
+
+    kind: Literal["blast"] = "blast"
+    density: Density = Field(1.0, gt=0, description="of the gas")
+    energy: Annotated[float, Measure("energy")] = Field(1.0, gt=0, description="of the blast")
+    radius: Length = Field(gt=0, description="within which it is put")
+
+
+class Settling(Table):
+    """An isothermal layer in balance with external.vertical_frequency, and dust at rest in it."""
+
+    kind: Literal["settling"] = "settling"
+    density: Density = Field(1.0, gt=0, description="of the gas in the midplane")
+    vertical_extent: Annotated[Length | None, Default("half of space.size")] = Field(
+        None, gt=0, description="height on both sides up to which gas moves and dust begins"
+    )
+
+
+class Vortex(Table):
+    """Gresho's vortex in the middle of a periodic box."""
+
+    kind: Literal["vortex"] = "vortex"
+    density: Density = Field(1.0, gt=0, description="of the gas")
+    speed: Velocity = Field(1.0, gt=0, description="largest speed of rotation")
+    radius: Length = Field(0.2, gt=0, description="where it is reached; it falls to nothing at twice this radius")
+    velocity: VelocityVector = Field(0, validate_default=True, description="uniform boost of everything")
+
+
 class Isothermal(Table):
     """P = c_s^2 rho."""
 
@@ -334,7 +363,7 @@ class Gas(Table):
     particles: Particles = Field(description="number of SPH particles")
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c4"],
-        Default('"cubic"; in a disc that names no eta "quintic"'),
+        Default('"cubic"; where no eta is named, in a disc "quintic", in a settling layer "wendland-c4"'),
     ] = Field("cubic", description="SPH kernel")
     eta: Annotated[
         Number,
@@ -434,7 +463,7 @@ class External(Table):
     )
 
 
-Initial = Annotated[Disc | Box | Wave | Shock | Sheet, Field(discriminator="kind")]
+Initial = Annotated[Disc | Box | Wave | Shock | Sheet | Blast | Settling | Vortex, Field(discriminator="kind")]
 
 # Every table by its name; `dust` may be a list of tables.
 TABLES: dict[str, Any] = {

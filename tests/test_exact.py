@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.special import ellipe, ellipk
 
-from discsim.exact import dustybox, dustyshock, dustywave, maclaurin, nsh, riemann, sheet
+from discsim.exact import dustybox, dustyshock, dustywave, gresho, maclaurin, nsh, riemann, sedov, settling, sheet
 
 
 @pytest.mark.parametrize("ratio", [1e-6, 1.0, 1e6])
@@ -219,3 +219,52 @@ def test_nsh_limits():
     drift = nsh.velocities(1.0, 0.0, 0.01)
     assert (drift.dust_radial, drift.gas_azimuthal, drift.gas_radial) == pytest.approx((-0.01, -0.01, 0.0))
     assert nsh.velocities(0.1, 0.01, 0.01).gas_radial > 0
+
+
+def test_sedov_numbers():
+    """E = .311357 takes a cylindrical shock to .75 in a time of 1 (Kamm & Timmes 2007, gamma = 1.4)."""
+    assert sedov.shock_radius(1.0, 0.311357, gamma=1.4) == pytest.approx(0.75, abs=1e-5)
+    assert sedov.time_at(sedov.shock_radius(0.3, 2.0, 5.0), 2.0, 5.0) == pytest.approx(0.3, rel=1e-12)
+
+
+@pytest.mark.parametrize("gamma", [1.2, 1.4, 5 / 3])
+def test_sedov_keeps_mass_and_energy(gamma):
+    front = sedov.shock_radius(0.3, 2.0, 5.0, gamma)
+    r = np.linspace(0, front, 400_001)[:-1]
+    flow = sedov.solution(r, 0.3, 2.0, 5.0, gamma)
+    energy = 0.5 * flow.density * flow.velocity**2 + flow.pressure / (gamma - 1)
+    # The last of 4e5 intervals is left out, with up to ten times the mean density in a shell 1e-3 as wide as the front.
+    assert 2 * np.pi * np.trapezoid(flow.density * r, r) == pytest.approx(5.0 * np.pi * front**2, rel=1e-4)
+    assert 2 * np.pi * np.trapezoid(energy * r, r) == pytest.approx(2.0, rel=1e-4)
+    assert sedov.solution(np.array([1.1 * front]), 0.3, 2.0, 5.0, gamma) == ([5.0], [0.0], [0.0])
+
+
+def test_gresho_is_in_balance():
+    """dP/dr = rho v^2 / r, by differences over 1e-6."""
+    r = np.array([0.05, 0.3, 0.45, 0.59, 0.7])
+    at = {"at": 0.3, "peak": 1.7}
+    pressure = [gresho.pressure(r + d, 2.0, **at) for d in (-1e-6, 1e-6)]
+    slope = (pressure[1] - pressure[0]) / 2e-6
+    v = gresho.speed(r, **at)
+    # Next to the peak, at .3, the mean of both sides is that of the kink.
+    np.testing.assert_allclose(slope, 2.0 * v**2 / r, rtol=1e-4, atol=1e-6)
+    assert v.max() == pytest.approx(1.7) and v[-1] == 0.0
+
+
+def test_settling_of_a_damped_oscillator():
+    """Constant t_stop: the damped harmonic oscillator, over and under the critical t_stop Omega = 1/2."""
+    start, time = np.array([-2.0, 0.1, 1.0]), 3.0
+    for stop in (0.05, 4.0):
+        rate = np.sqrt(complex(0.25 / stop**2 - 4.0))  # Omega = 2
+        shape = np.exp(-0.5 * time / stop) * (np.cosh(rate * time) + np.sinh(rate * time) / (2 * stop * rate))
+        fall = -4.0 * np.exp(-0.5 * time / stop) * np.sinh(rate * time) / rate
+        z, u = settling.trajectories(time, start, lambda z, stop=stop: np.full_like(z, stop), 2.0)
+        # The integrator's tolerance of 1e-8 a step.
+        np.testing.assert_allclose(z, start * shape.real, atol=1e-6)
+        np.testing.assert_allclose(u, start * fall.real, atol=1e-5)
+
+
+def test_small_grains_settle_at_the_terminal_velocity():
+    z, u = settling.trajectories(0.5, np.array([0.5, 1.0]), lambda z: 1e-4 / settling.gas_density(z, 1.0, 1.0), 1.0)
+    expected = settling.terminal_velocity(z, 1e-4 / settling.gas_density(z, 1.0, 1.0), 1.0)
+    np.testing.assert_allclose(u, expected, rtol=1e-3)  # to t_stop Omega of 1.7e-4

@@ -422,6 +422,47 @@ def test_rule_between_tables(change, message):
     assert_matches(problems(changed(WAVE, **change)), f"scene: {message}")
 
 
+LAYER = {
+    "units": {"system": "code"},
+    "run": {"until": 1},
+    "space": {"dimensions": 1, "size": 5},
+    "initial": {"kind": "settling"},
+    "gas": {"particles": 100, "eos": {"kind": "isothermal", "sound_speed": 1}},
+    "external": {"vertical_frequency": 1},
+}
+BLAST = {
+    "units": {"system": "code"},
+    "run": {"until": 1},
+    "space": {"size": 1},
+    "initial": {"kind": "blast", "radius": 0.1},
+    "gas": {"particles": 100, "eos": {"kind": "adiabatic", "gamma": 1.4}},
+}
+VORTEX = changed(BLAST, space={"boundary": "periodic"}, initial={"kind": "vortex"})
+
+
+@pytest.mark.parametrize(
+    "scene, change, message",
+    [
+        (LAYER, {"space": {"boundary": "periodic"}}, 'space.boundary: "periodic" does not go with a settling*'),
+        (LAYER, {"space": {"dimensions": 2}}, "space.dimensions: 2 does not go with a settling; expected 1"),
+        (LAYER, {"initial": {"vertical_extent": 3}}, "space.size: half a side is 0.833 of initial.vertical_extent*"),
+        (LAYER, {"external": None}, "external: missing; the layer's weight is -Omega^2 z*"),
+        (LAYER, {"external": {"vertical_frequency": 0}}, "external.vertical_frequency: missing; the layer's weight*"),
+        (LAYER, {"gas": {"eos": BLAST["gas"]["eos"]}}, 'gas.eos.kind: "adiabatic" does not go with a settling*'),
+        (BLAST, {"gas": {"eos": LAYER["gas"]["eos"]}}, 'gas.eos.kind: "isothermal" does not go with a blast*'),
+        (BLAST, {"gas": None, "dust": {"particles": 9, "ratio": 1}}, "initial.kind: a blast needs a table [gas]"),
+        (BLAST, {"space": {"dimensions": 1}}, "space.dimensions: 1 does not go with a blast; expected 2"),
+        (BLAST, {"initial": {"radius": None}}, "initial.radius: missing (within which it is put)*"),
+        (BLAST, {"initial": {"radius": 0.6}}, "space.size: half a side is 0.833 of initial.radius*"),
+        (VORTEX, {"space": {"boundary": "open"}}, 'space.boundary: "open" does not go with a vortex*'),
+        (VORTEX, {"initial": {"radius": 0.3}}, "space.size: half a side is 0.833 of 2 initial.radius*"),
+    ],
+)
+def test_starts_name_what_they_need(scene, change, message):
+    load_scene(scene)
+    assert_matches(problems(changed(scene, **change)), f"scene: {message}")
+
+
 @pytest.mark.parametrize("typo", ["runn", "spce", "inital", "gass", "dusty"])
 def test_a_mistyped_table_is_one_fault(typo):
     right = {"runn": "run", "spce": "space", "inital": "initial", "gass": "gas", "dusty": "dust"}[typo]

@@ -281,6 +281,9 @@ STARTS = {
     "sheet": ({}, "periodic", ISOTHERMAL, (1, 2)),
     "shock": ({}, "open", {"kind": "adiabatic", "gamma": 1.4}, (1,)),
     "disc": ({"mass": 0.01, "inner": 0.1, "outer": 0.45}, "open", LOCALLY, (2,)),
+    "blast": ({"radius": 0.2}, "open", {"kind": "adiabatic", "gamma": 1.4}, (2,)),
+    "vortex": ({"velocity": [0.5, 0.0]}, "periodic", {"kind": "adiabatic", "gamma": 1.4}, (2,)),
+    "settling": ({}, "open", ISOTHERMAL, (1,)),
 }
 
 
@@ -289,7 +292,7 @@ def test_start(kind, dimensions):
     keys, boundary, eos, _ = STARTS[kind]
     dust = {"particles": 80, "ratio": 0.1}
     drag = {"law": "stopping-time", "t_stop": 0.1}
-    more = {"star": {"mass": 1.0}} if kind == "disc" else {}
+    more = {"disc": {"star": {"mass": 1.0}}, "settling": {"external": {"vertical_frequency": 4.0}}}.get(kind, {})
     source = scene({"kind": kind, **keys}, {"eos": eos}, dimensions, boundary, dust=dust, drag=drag, **more)
     sim = Simulation(source)
     before = totals(sim)["mass"]

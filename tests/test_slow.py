@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_problems import blast, fall, vortex
 from test_studies import script
 
 from discsim import Simulation, load_scene
@@ -77,3 +78,29 @@ def test_gas_alone_keeps_its_disc():
     assert found["sigma"] < 0.03
     assert abs(found["alpha_flux"]) < 0.005 and module.measure_shear(gas, 0.25) < 0.005
     assert abs(found["spin"]) < 1e-8
+
+
+@pytest.mark.parametrize("orbits", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0])
+def test_grains_settle(orbits):
+    """400 particles of each over half an orbit: within 1% of the way that they fall, or swing."""
+    way, _, terminal = fall(2 * np.pi * orbits, np.pi, particles=400)
+    # At .1 orbits those nearest to the midplane have no way to speak of; at the ends a cell is a fifth of the height.
+    assert np.quantile(way, 0.95) < 0.01 and way.max() < 0.03
+    if orbits <= 1e-4:
+        assert np.quantile(np.abs(terminal - 1.0), 0.9) < 0.01
+
+
+def test_sedov_at_1e5():
+    (radius,), lost = blast(100_000)
+    assert radius == pytest.approx(1.0, abs=0.02)
+    assert abs(lost) < 0.002
+
+
+def test_dusty_sedov():
+    """1e4 particles of each: 1.2% and 1.4% seen."""
+    radii, _ = blast(10_000, 1.0, stop=1e-4, sound_speed=0.1)
+    assert radii == pytest.approx([1.0, 1.0], abs=0.03)
+
+
+def test_gresho_at_100_squared():
+    assert vortex(10_000) < 0.05

@@ -48,21 +48,23 @@ def relax(drag, state, dt, gas_vel, heat):
         "dust": (dust.vel, NONE, NONE, blocks.dust_order, blocks.dust_start, population, 1),
     }
     for name, (vel, density, sound, order, start, number, begin) in members.items():
-        p = state.species[name]
+        p, own = state.species[name], state.own_acc[name]
         packed[name] = np.zeros((p.count, kernels.FIELDS))
         share(
-            kernels.pack, count, order, start, number, p.pos, vel, state.own_acc[name], p.mass, density, sound,
+            kernels.pack, count, order, start, number, p.pos, vel, own, p.mass, density, sound,
             drag.law.code, blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, *drag.star, packed[name],
             least=64,
         )  # fmt: skip
         share(
-            kernels.deposit, count, home, about, start, number, begin, dim == 1, packed[name], nodes, norm[name],
-            cells, clouds, least=64,
+            kernels.deposit, count, home, about, start, number, begin, dim == 1, len(own) > 0, packed[name], nodes,
+            norm[name], cells, clouds, least=64,
         )  # fmt: skip
         share(kernels.collect, total, near, begin, begin + number, clouds, nodes, least=64)
     centre = kernels.node_centres(dense, first, height, blocks.lattice.origin, blocks.lattice.side)
     slopes = np.zeros((total, dim, dim))
-    change, rate = np.zeros((total, species, dim)), np.zeros((total, species))
+    change, drive, rate = np.zeros((total, species, dim)), np.zeros((total, species, dim)), np.zeros((total, species))
+    source_slopes, known = np.zeros((total, species, dim, dim)), np.zeros((total, species), np.bool_)
+    share(kernels.slope_sources, total, near, cells, dim, source_slopes, known, least=64)
     pooled = species if drag.two_way else 1
     sound = np.zeros(total if drag.law.nonlinear else 0)
     if drag.law.nonlinear:
@@ -71,11 +73,13 @@ def relax(drag, state, dt, gas_vel, heat):
         speeds = np.bincount(of_block, gas.sound_speed[blocks.gas_order[: len(of_block)]], count)
         share(kernels.mean_sound, total, near, cells, speeds / np.maximum(number, 1), sound, least=64)
     share(
-        kernels.relax_nodes, total, near, cells, nodes, centre, sound, pooled, drag.law.code, drag.law.grains,
-        drag.two_way, dt, drag.exponential, *drag.star, slopes, change, rate, least=64,
+        kernels.relax_nodes, total, near, about, cells, nodes, centre, source_slopes, known, sound, pooled,
+        drag.law.code, drag.law.grains, drag.two_way, dt, drag.exponential, *drag.star, slopes, change, drive, rate,
+        least=64,
     )  # fmt: skip
     sharp = np.empty_like(change)
     share(kernels.sharpen, total, about, nodes, drag.two_way, change, sharp, least=64)
+    share(kernels.sharpen_drive, total, about, nodes, drag.two_way, drive, sharp, least=64)
     spin = np.zeros(total if dim == 2 and drag.two_way else 0)
     share(kernels.turn, len(spin), nodes, sharp, spin, least=64)
     sharp_slopes = np.empty_like(slopes)

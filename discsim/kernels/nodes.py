@@ -9,7 +9,12 @@ with y velocities (relative to Kepler's about a star) and b sources. The slip is
 
     V_s + G (X_g - X_s) - V_g,                                                                           (2)
 
-G the slope pooled within species over the nine cells about the node. It relaxes exactly with the sources inside,
+G the slope pooled within species over the nine cells about the node; that of the sources is at the node itself,
+
+    A_s - B_s X_s - (A_g - B_g X_g),                                                                     (2b)
+
+B_s the slope of a species' own sources there (`slope_sources`): where t_stop << dt the drag takes back nearly all that
+they do in a step, and sources linear in space leave no error then. The slip relaxes exactly with the sources inside,
 which changes the velocities by D_s, sum_s M_s D_s = 0, and a particle's by
 
     sum_J w_J D_s,J,                                                                                     (3)
@@ -34,8 +39,10 @@ from discsim.kernels.relax import relax_means, response
 # of the drag needs of the gas; unused axes are 0. A species at a node: sums of w m times 1, each of these, and x^2.
 FIELDS = 8
 SQUARE = 8
-LEAST_INERTIA = 0.01  # the least moment of inertia of the gas about a node, over its mass times side^2, that is turned
-MOMENTS = 12  # of a species in a cell: m, m x (2), m xx, m xy, m yy, m v (2), m x v (2), m y v (2)
+LEAST_INERTIA = 0.01  # over mass times side^2: the least for gas about a node to be turned, and for a slope of sources
+ROUNDING = 1e-9  # the same of particles at one place, but for rounding
+# Of a species in a cell: m, m x (2), m xx, m xy, m yy, then m v (2), m x v (2), m y v (2), and the same of the sources.
+VELOCITIES, SOURCES, MOMENTS = 6, 12, 18
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -76,7 +83,9 @@ def cloud(x, flat):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def deposit(block_from, block_to, home, about, start, species, first, flat, packed, nodes, norm, cells, clouds):
+def deposit(
+    block_from, block_to, home, about, start, species, first, flat, sources, packed, nodes, norm, cells, clouds,
+):  # fmt: skip
     """What each block gives to the nodes about it, clouds (blocks, all species, 9, FIELDS), and its own moments,
     cells (blocks, all species, MOMENTS).
 
@@ -106,6 +115,14 @@ def deposit(block_from, block_to, home, about, start, species, first, flat, pack
                 c[9] += m * x * vy
                 c[10] += m * y * vx
                 c[11] += m * y * vy
+                if sources:
+                    bx, by = q[5], q[6]
+                    c[12] += m * bx
+                    c[13] += m * by
+                    c[14] += m * x * bx
+                    c[15] += m * x * by
+                    c[16] += m * y * bx
+                    c[17] += m * y * by
                 u0, u1, u2 = cloud(x, False)
                 t0, t1, t2 = cloud(y, flat)
                 w[0], w[1], w[2] = u0 * t0, u0 * t1, u0 * t2
@@ -240,13 +257,15 @@ def node_centres(dense, first, height, origin, leaf):
 
 
 @njit(cache=True, error_model="numpy")
-def pooled_slope(n, blocks, cells, species, dim, inertia, moment, part, slope):
-    """Slope (d, d) of the velocity about node n, in sides, pooled within species; nearer cells count more."""
+def pooled_slope(n, blocks, cells, first, last, field, dim, inertia, moment, part, slope):
+    """Slope (d, d) of the moments' `field` about node n, in sides, pooled within each of the species `first` to
+    `last`; nearer cells count more.
+    """
     inertia[:] = 0.0
     moment[:] = 0.0
-    number = 0.0
-    for s in range(species):
-        for f in range(MOMENTS):
+    mass = 0.0
+    for s in range(first, last):
+        for f in range(VELOCITIES + 6):
             part[f] = 0.0
         for k in range(9):
             block = blocks[n, k]
@@ -255,7 +274,6 @@ def pooled_slope(n, blocks, cells, species, dim, inertia, moment, part, slope):
             i, j = k // 3 - 1, k % 3 - 1
             w = (0.5 if i == 0 else 0.25) * (0.5 if j == 0 else 0.25)
             c = cells[block, s]
-            number += 1.0
             # About the node, which lies at (-i, -j) from the cell's middle.
             part[0] += w * c[0]
             part[1] += w * (c[1] + i * c[0])
@@ -263,12 +281,13 @@ def pooled_slope(n, blocks, cells, species, dim, inertia, moment, part, slope):
             part[3] += w * (c[3] + i * (2.0 * c[1] + i * c[0]))
             part[4] += w * (c[4] + i * c[2] + j * (c[1] + i * c[0]))
             part[5] += w * (c[5] + j * (2.0 * c[2] + j * c[0]))
-            part[6] += w * c[6]
-            part[7] += w * c[7]
-            part[8] += w * (c[8] + i * c[6])
-            part[9] += w * (c[9] + i * c[7])
-            part[10] += w * (c[10] + j * c[6])
-            part[11] += w * (c[11] + j * c[7])
+            part[6] += w * c[field]
+            part[7] += w * c[field + 1]
+            part[8] += w * (c[field + 2] + i * c[field])
+            part[9] += w * (c[field + 3] + i * c[field + 1])
+            part[10] += w * (c[field + 4] + j * c[field])
+            part[11] += w * (c[field + 5] + j * c[field + 1])
+        mass += part[0]
         if part[0] > 0.0:
             for a in range(dim):
                 for c2 in range(dim):
@@ -277,19 +296,49 @@ def pooled_slope(n, blocks, cells, species, dim, inertia, moment, part, slope):
     for a in range(dim):
         for c2 in range(dim):
             slope[a, c2] = 0.0
-    solve_slope(inertia, moment, dim, slope)
+    spread = inertia[0, 0] + inertia[1, 1]
+    if spread <= ROUNDING * mass:
+        return False
+    return solve_slope(inertia, moment, dim, slope) and spread > LEAST_INERTIA * mass
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def slope_sources(node_from, node_to, blocks, cells, dim, out, known):
+    """Slopes (nodes, species, d, d) of each species' sources about the nodes, and whether it has one there."""
+    inertia, moment, part = np.zeros((2, 2)), np.zeros((2, 2)), np.empty(MOMENTS)
+    for n in range(node_from, node_to):
+        for s in range(out.shape[1]):
+            known[n, s] = pooled_slope(n, blocks, cells, s, s + 1, SOURCES, dim, inertia, moment, part, out[n, s])
+
+
+@njit(cache=True)
+def slope_near(n, s, about, slopes, known, out):
+    """The slope (d, d) of a species' sources at a node: its own, or the mean of those about it."""
+    if known[n, s]:
+        out[:] = slopes[n, s]
+        return
+    out[:] = 0.0
+    count = 0
+    for k in range(9):
+        if about[n, k] >= 0 and known[about[n, k], s]:
+            out += slopes[about[n, k], s]
+            count += 1
+    if count > 0:
+        out /= count
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def relax_nodes(
-    node_from, node_to, blocks, cells, nodes, centre, sound, pooled, law, grains, two_way, dt, exponential, star,
-    softening, slopes, change, rate,
+    node_from, node_to, blocks, about, cells, nodes, centre, source_slopes, known, sound, pooled, law, grains, two_way,
+    dt, exponential, star, softening, slopes, change, drive, rate,
 ):  # fmt: skip
-    """Relax the slip at each node: pooled slopes (nodes, d, d), changes (nodes, species, d) of eq. (3) and rates of
-    decay (nodes, species). `sound` (nodes,) has entries where the stopping time depends on the slip.
+    """Relax the slip at each node: pooled slopes (nodes, d, d), changes (nodes, species, d) of eq. (3) by the slip,
+    `change`, and by the sources, `drive`, and rates of decay (nodes, species). `sound` (nodes,) has entries where the
+    stopping time depends on the slip.
     """
     species, dim = nodes.shape[1], change.shape[2]
     inertia, moment, part = np.empty((2, 2)), np.empty((2, 2)), np.empty(MOMENTS)
+    source_slope, none = np.empty((dim, dim)), np.zeros((species, dim))
     mass, times = np.empty(species), np.empty(species)
     y, b = np.empty((species, dim)), np.empty((species, dim))
     for n in range(node_from, node_to):
@@ -297,30 +346,39 @@ def relax_nodes(
         if gas[0] <= 0.0:
             continue
         slope = slopes[n]
-        pooled_slope(n, blocks, cells, pooled, dim, inertia, moment, part, slope)
+        pooled_slope(n, blocks, cells, 0, pooled, VELOCITIES, dim, inertia, moment, part, slope)
         omega = 0.0
         if star > 0.0:
             omega = kepler(centre[n, 0] * centre[n, 0] + centre[n, 1] * centre[n, 1], star, softening)
         density, c_s = gas[7] / gas[0], 1.0  # of Epstein's law without a star their product
         if len(sound) > 0 and law != EPSTEIN:
             c_s = sound[n]
+        alone = True
         for s in range(species):
             o = nodes[n, s]
             mass[s], times[s] = o[0], np.inf
             if o[0] <= 0.0:
                 continue
             if s > 0:
+                alone = False
                 times[s] = stopping_time(law, grains[s - 1], o[0] / gas[0], density, c_s, omega)
+            slope_near(n, s, about, source_slopes, known, source_slope)
             for c in range(dim):
                 y[s, c], b[s, c] = o[3 + c] / o[0], o[5 + c] / o[0]
-                for a in range(dim):  # eq. (2)
-                    y[s, c] += slope[a, c] * (gas[1 + a] / gas[0] - o[1 + a] / o[0])
+                for a in range(dim):
+                    y[s, c] += slope[a, c] * (gas[1 + a] / gas[0] - o[1 + a] / o[0])  # eq. (2)
+                    b[s, c] -= source_slope[a, c] * o[1 + a] / o[0]  # eq. (2b)
+        if alone:
+            continue
         if len(sound) > 0:
             relax_by_speed(
                 mass, times, law, grains, density, sound[n], omega, y, b, two_way, dt, exponential, change[n]
             )  # fmt: skip
+            relax_means(mass, times, none, b, two_way, dt, exponential, drive[n])
+            change[n] -= drive[n]
         else:
-            relax_means(mass, times, y, b, two_way, dt, exponential, change[n])
+            relax_means(mass, times, y, none, two_way, dt, exponential, change[n])
+            relax_means(mass, times, none, b, two_way, dt, exponential, drive[n])
         for s in range(1, species):
             if mass[s] > 0.0:
                 rate[n, s] = 1.0 / times[s]
@@ -369,6 +427,37 @@ def sharpen(node_from, node_to, about, nodes, two_way, change, out):
                     out[n, s, c] += d / nodes[n, s, 0]
                     if two_way:
                         out[n, 0, c] -= d / nodes[n, 0, 0]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sharpen_drive(node_from, node_to, about, nodes, two_way, drive, out):
+    """Add to out (nodes, species, d) the changes by sources, with what the clouds smoothed away given back as in
+    `sharpen`, but along each axis by second differences: changes linear in space stay what they are.
+    """
+    species, dim = drive.shape[1], drive.shape[2]
+    for n in range(node_from, node_to):
+        gas = nodes[n, 0, 0]
+        for s in range(species):
+            for c in range(dim):
+                out[n, s, c] += drive[n, s, c]
+        for s in range(1, species):
+            dust = nodes[n, s, 0]
+            if reduced_mass(gas, dust, two_way) == 0.0:
+                continue
+            for axis in range(dim):
+                step = 3 if axis == 0 else 1
+                low, high = about[n, 4 - step], about[n, 4 + step]
+                if low < 0 or high < 0 or min(nodes[low, 0, 0], nodes[high, 0, 0]) <= 0.0:
+                    continue
+                if min(nodes[low, s, 0], nodes[high, s, 0]) <= 0.0:
+                    continue
+                for c in range(dim):
+                    d = 2.0 * (drive[n, s, c] - drive[n, 0, c])
+                    d -= drive[low, s, c] - drive[low, 0, c] + drive[high, s, c] - drive[high, 0, c]
+                    d *= 0.25 * reduced_mass(gas, dust, two_way)
+                    out[n, s, c] += d / dust
+                    if two_way:
+                        out[n, 0, c] -= d / gas
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -446,7 +535,9 @@ def node_heat(node_from, node_to, nodes, change, dt, heat):
 
 @njit(cache=True, error_model="numpy")
 def pass_on(nodes, about, heat):
-    """Heat of nodes without gas to those about them, in equal parts to each that has."""
+    """Heat of nodes without gas to those about them, in equal parts to each that has; then heat below zero, which
+    giving back what the clouds smoothed makes at fronts, out of the heat about it.
+    """
     for n in range(len(heat)):
         if heat[n] == 0.0 or nodes[n, 0, 0] > 0.0:
             continue
@@ -456,6 +547,18 @@ def pass_on(nodes, about, heat):
         for k in range(9):
             if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
                 heat[about[n, k]] += heat[n] / takers
+    for n in range(len(heat)):
+        if heat[n] >= 0.0 or nodes[n, 0, 0] <= 0.0:
+            continue
+        found = 0.0
+        for k in range(9):
+            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
+                found += max(0.0, heat[about[n, k]])
+        share = min(1.0, -heat[n] / found) if found > 0.0 else 0.0
+        for k in range(9):
+            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
+                heat[about[n, k]] -= share * max(0.0, heat[about[n, k]])
+        heat[n] += share * found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

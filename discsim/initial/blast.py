@@ -1,0 +1,32 @@
+"""A blast: heat in the middle of uniform gas at rest (Sedov 1959), and dust at rest in it.
+
+The energy falls off as (1 - r^2/R^2)^2 within the radius R; its sum over the particles is exact. The gas around has the
+eos's sound speed, or next to no pressure where it gives none.
+"""
+
+import numpy as np
+
+from discsim.eos import initial_energy
+from discsim.initial.lattice import uniform
+
+COLD = 1e-8  # of the blast's energy over the mass of the box, per mass of gas whose temperature nobody named
+
+
+def particles(scene):
+    start, eos = scene.initial, scene.gas.eos
+    out = uniform(scene, start.density)
+    middle = 0.5 * np.array(scene.space.size)
+    gas = out["gas"]
+    r2 = ((gas["pos"] - middle) ** 2).sum(axis=1)
+    weight = np.maximum(0.0, 1.0 - r2 / start.radius**2) ** 2
+    if not weight.any():
+        raise ValueError("initial.radius: no gas particle is within it; expected some spacings of the gas")
+    if eos.sound_speed is None and eos.aspect_ratio is None:
+        around = COLD * start.energy / gas["mass"].sum()
+    else:
+        around = initial_energy(scene, np.sqrt(r2))
+    gas["u"] = around + start.energy * weight / (gas["mass"] * weight).sum()
+    if scene.centred:
+        for arrays in out.values():
+            arrays["pos"] -= middle
+    return out
