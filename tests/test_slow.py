@@ -104,3 +104,12 @@ def test_dusty_sedov():
 
 def test_gresho_at_100_squared():
     assert vortex(10_000) < 0.05
+
+
+def test_published_tables():
+    """`analysis/paper_tables.py`: shocks within 15% at h = .025 (MK at .01 too), waves within 6%, IDIC within 30%."""
+    module = script("paper_tables")
+    for row in module.table_2() + module.table_3():
+        found = module.error_of(row)
+        if (row.table, row.scheme, row.h) != (2, "idic", 0.01):  # cells of two particles
+            assert module.verdict(row, found) == "yes", (row, found)
