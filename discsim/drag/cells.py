@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS, leaf_counts, leaf_keys, merge
 from discsim.kernels.drag import relax_blocks
 from discsim.kernels.grid import counting_sort
@@ -119,7 +120,8 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
     share(
         relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
         gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
-        dust.mass, blocks.dust_order, blocks.dust_start, drag.stopping_times, linear, drag.two_way,
+        dust.mass, densities_of_sparse_dust(drag, state), blocks.dust_order, blocks.dust_start, drag.stopping_times,
+        linear, drag.two_way,
         drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential, *drag.star, corners, drag.size,
         state.grid.periodic, heat, least=64,
     )  # fmt: skip

@@ -10,11 +10,11 @@ accelerations is the heat of the gas of the pair.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from discsim.drag.cloud import Cloud, cloud_of, guess_h, settle_density
 from discsim.kernels import pairs as kernels
 from discsim.kernels.grid import counting_sort
 from discsim.kernels.move import add_scaled
@@ -24,25 +24,6 @@ from discsim.threads import share
 
 Array = np.ndarray
 IN_A_CELL = 16.0  # dust particles that look for gas together
-SMALLEST = 0.01  # h of dust over that of evenly mixed dust: particles in one place have none of their own
-
-
-@dataclass
-class Cloud:
-    """Dust of one population as SPH sees it; `members` are its numbers in the state's arrays."""
-
-    members: Array
-    pos: Array
-    mass: Array
-    own: Array  # accelerations that gas does not share, or no entries
-    h: Array
-    density: Array
-    gradh: Array
-    sph: Sph
-
-    @property
-    def count(self) -> int:
-        return len(self.mass)
 
 
 class Pairs(NamedTuple):
@@ -73,12 +54,7 @@ def pair_up(drag, state, whole: bool, hump: bool = False) -> list[Pairs]:
     found = []
     for population, grain in enumerate(drag.law.grains):
         members = np.flatnonzero(dust.species == population)
-        own = state.own_acc["dust"]
-        empty = np.empty(len(members))
-        cloud = Cloud(
-            members, dust.pos[members], dust.mass[members], own[members] if len(own) > 0 else own,
-            empty, empty.copy(), empty.copy(), sph,
-        )  # fmt: skip
+        cloud = cloud_of(state, members, sph)
         if len(members) > 0:
             ratio = state.scene.dust[population].ratio
             found.append(_pairs_of(drag, gas, cloud, dust.vel[members], cells, ratio, grain, whole, hump))
@@ -135,14 +111,8 @@ def _settle_density(cloud: Cloud, gas, start: Array, index: Array, weight: Array
     else:
         share(kernels.gather, cloud.count, start, index, weight, gas.mass, cloud.density)
         mixed = ratio * np.where(cloud.density > 0.0, cloud.density, gas.density.min())
-        guess = np.minimum(sph.eta * (cloud.mass / mixed) ** (1.0 / sph.dim), sph.h_most)
-        cloud.h[:] = guess
-    sph.density(cloud, np.empty((0, sph.dim)))
-    if not sph.fixed and (cloud.h < SMALLEST * guess).any():
-        cloud.h = np.maximum(cloud.h, SMALLEST * guess)
-        sph.fixed = True
-        sph.density(cloud, np.empty((0, sph.dim)))
-        sph.fixed = False
+        cloud.h[:] = guess_h(cloud, mixed)
+    settle_density(cloud)
 
 
 Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of dust and gas, impulses to write

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from discsim.drag.cells import lattice, sort_into_blocks
+from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
 from discsim.kernels.drag import free_kick
@@ -45,7 +46,15 @@ def relax(drag, state, dt, gas_vel, heat):
     packed, norm = {}, {"gas": NONE, "dust": np.empty(dust.count)}
     members = {
         "gas": (gas_vel, gas.density, gas.sound_speed, blocks.gas_order, blocks.gas_start, 1, 0),
-        "dust": (dust.vel, NONE, NONE, blocks.dust_order, blocks.dust_start, population, 1),
+        "dust": (
+            dust.vel,
+            densities_of_sparse_dust(drag, state),
+            NONE,
+            blocks.dust_order,
+            blocks.dust_start,
+            population,
+            1,
+        ),
     }
     for name, (vel, density, sound, order, start, number, begin) in members.items():
         p, own = state.species[name], state.own_acc[name]

@@ -240,7 +240,7 @@ def free_kick(members, vel, acc, dt):
 @njit(cache=True, error_model="numpy")
 def relax_block(
     gas_members, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
-    dust_members, dpos, dvel, dacc, down, dmass, dtime,
+    dust_members, dpos, dvel, dacc, down, dmass, drho, dtime,
     linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corner, size, periodic, heat,
 ):  # fmt: skip
     """The kick of one block that holds both species; `first` (species + 1,) divides the dust by population."""
@@ -272,7 +272,13 @@ def relax_block(
     omega = kepler(r2, star, softening) if star > 0.0 else 0.0
     for s in range(1, n):
         if mass[s] > 0.0:
-            time[s] = stopping_time(law, grains[s - 1], mass[s] / mass[0], rho, sound, omega)
+            ratio = mass[s] / mass[0]
+            if len(drho) > 0:
+                own = 0.0
+                for k in range(bound[s], bound[s + 1]):
+                    own += drho[dust_members[k - ng]] / (bound[s + 1] - bound[s])
+                ratio = own / rho if own > 0.0 else ratio
+            time[s] = stopping_time(law, grains[s - 1], ratio, rho, sound, omega)
 
     slope, source, dslope = np.zeros((n, dim, dim)), np.zeros((n, dim, dim)), np.zeros((n, dim, dim))
     inertia = np.zeros((n, dim, dim))
@@ -322,7 +328,7 @@ def relax_block(
 @njit(nogil=True, cache=True, error_model="numpy")
 def relax_blocks(
     block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
-    dpos, dvel, dacc, down, dmass, dorder, dstart, dtime,
+    dpos, dvel, dacc, down, dmass, drho, dorder, dstart, dtime,
     linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corners, size, periodic, heat,
 ):  # fmt: skip
     """The kick of all blocks: accelerations and drag together, velocities in place.
@@ -339,8 +345,8 @@ def relax_blocks(
         if len(gas) > 0 and len(dust) > 0:
             relax_block(
                 gas, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
-                dust, dpos, dvel, dacc, down, dmass, dtime, linear, two_way, law, grains, nonlinear, dt, exponential,
-                star, softening, corners[block], size, periodic, heat,
+                dust, dpos, dvel, dacc, down, dmass, drho, dtime, linear, two_way, law, grains, nonlinear, dt,
+                exponential, star, softening, corners[block], size, periodic, heat,
             )  # fmt: skip
         else:
             free_kick(gas, gvel, gacc, dt)

@@ -361,7 +361,8 @@ def relax_nodes(
                 continue
             if s > 0:
                 alone = False
-                times[s] = stopping_time(law, grains[s - 1], o[0] / gas[0], density, c_s, omega)
+                ratio = o[7] / o[0] / density if o[7] > 0.0 else o[0] / gas[0]
+                times[s] = stopping_time(law, grains[s - 1], ratio, density, c_s, omega)
             slope_near(n, s, about, source_slopes, known, source_slope)
             for c in range(dim):
                 y[s, c], b[s, c] = o[3 + c] / o[0], o[5 + c] / o[0]

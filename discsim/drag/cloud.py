@@ -1,0 +1,80 @@
+"""Dust of one population as SPH sees it: smoothing length and density by sums over its own particles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from discsim.kernels.laws import CONSTANT
+from discsim.sph import Sph
+
+Array = np.ndarray
+NONE = np.empty(0)
+SMALLEST = 0.01  # h over that of evenly mixed dust: particles in one place have none of their own
+SPARSE = 0.5  # dust over gas particles, below which counts in a drag cell say little of the dust's density
+
+
+@dataclass
+class Cloud:
+    """Dust of one population as SPH sees it; `members` are its numbers in the state's arrays."""
+
+    members: Array
+    pos: Array
+    mass: Array
+    own: Array  # accelerations that gas does not share, or no entries
+    h: Array
+    density: Array
+    gradh: Array
+    sph: Sph
+
+    @property
+    def count(self) -> int:
+        return len(self.mass)
+
+
+def cloud_of(state, members: Array, sph: Sph) -> Cloud:
+    dust, own = state.dust, state.own_acc["dust"]
+    empty = np.empty(len(members))
+    return Cloud(
+        members, dust.pos[members], dust.mass[members], own[members] if len(own) > 0 else own,
+        empty, empty.copy(), empty.copy(), sph,
+    )  # fmt: skip
+
+
+def guess_h(cloud: Cloud, density: Array) -> Array:
+    """Smoothing lengths (n,) at a density that is given, or known to be about right."""
+    return np.minimum(cloud.sph.eta * (cloud.mass / density) ** (1.0 / cloud.sph.dim), cloud.sph.h_most)
+
+
+def settle_density(cloud: Cloud) -> None:
+    """Solve for h, from the guess that it holds, and the density."""
+    sph, guess = cloud.sph, cloud.h.copy()
+    sph.density(cloud, np.empty((0, sph.dim)))
+    if not sph.fixed and (cloud.h < SMALLEST * guess).any():
+        cloud.h = np.maximum(cloud.h, SMALLEST * guess)
+        sph.fixed = True
+        sph.density(cloud, np.empty((0, sph.dim)))
+        sph.fixed = False
+
+
+def densities_of_sparse_dust(drag, state) -> Array:
+    """Density (n,) of dust that is too sparse to be counted in cells, where the law asks for it; 0 of other dust.
+
+    No entries where all is counted. With few particles t_stop = rho_d / K would be that of a lone one's own cell.
+    """
+    gas, dust = state.gas, state.dust
+    if drag.law.code != CONSTANT:
+        return NONE
+    sparse = [n for n, p in enumerate(state.scene.dust) if p.particles < SPARSE * state.scene.gas.particles]
+    out = np.zeros(dust.count if sparse else 0)
+    for number in sparse:
+        members = np.flatnonzero(dust.species == number)
+        if len(members) > 0:
+            sph = Sph(state.scene)
+            sph.balsara = sph.fixed = False  # whose own spacing may be far above the gas's h
+            cloud = cloud_of(state, members, sph)
+            cloud.h[:] = guess_h(cloud, state.scene.dust[number].ratio * gas.density.mean())
+            settle_density(cloud)
+            out[members] = cloud.density
+    return out
