@@ -30,6 +30,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from measures import amplitude_error, particle_error, run_of, smoothed_error
 from rich.console import Console
 from rich.progress import track
@@ -169,6 +170,9 @@ def draw(rows: list[dict], file: Path) -> None:
         right.plot([row["seconds"] for row in cost], [row["particles"] for row in cost], ls="", label=scheme, **style)
     left.set(xscale="log", yscale="log", xlabel="K", ylabel="rms error over particles / max |u|")
     right.set(xscale="log", yscale="log", xlabel="CPU seconds, K = 500")
+    right.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    right.xaxis.set_major_formatter("{x:g}")
+    right.xaxis.set_minor_formatter(NullFormatter())
     left.legend(fontsize=7, ncol=2)
     for axes in (left, right):
         axes.grid(alpha=0.3)

@@ -216,3 +216,31 @@ def test_tables_of_the_paper(tmp_path, capsys):
     assert "not at hand" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         module.main(["--tables", "4"])
+
+
+def test_schemes_side_by_side(tmp_path, capsys):
+    module = script("schemes")
+    module.COEFFICIENTS = (500.0, 1e6)
+    arguments = ["-o", str(tmp_path), "--schemes", "tsc,mk", "--parts", "wave"]
+    module.MOST_STEPS = 200  # mk is then estimated at both
+    assert module.main(arguments) == 0
+    rows = list(csv.DictReader((tmp_path / "schemes_wave.csv").read_text().splitlines()))
+    assert [row["scheme"] for row in rows] == ["tsc"] * 4 + ["mk"] * 4
+    for row in rows[:4]:
+        assert float(row["particles"]) < 2e-4 and float(row["amplitude"]) < 2e-4 and float(row["momentum"]) < 1e-12
+        assert float(row["L2"]) < 6e-4
+    # Steps of about t_stop, .002 and 1e-6; nothing is claimed of a run that was not made.
+    assert [row["particles"] for row in rows[4:]] == [""] * 4
+    assert 500 < int(rows[4]["steps"]) < 1500 and int(rows[6]["steps"]) > 1e6
+    assert (tmp_path / "schemes.png").exists() and "~" in capsys.readouterr().out
+    for wrong in (["--schemes", "tcs"], ["--parts", "waves"]):
+        with pytest.raises(SystemExit):
+            module.main(wrong)
+
+
+def test_figures_of_the_papers(tmp_path):
+    module = script("paper_figures")
+    assert module.main(["-o", str(tmp_path), "--figures", "kernels"]) == 0
+    assert (tmp_path / "kernels.png").stat().st_size > 10_000
+    with pytest.raises(SystemExit):
+        module.main(["--figures", "kernel"])
