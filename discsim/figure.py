@@ -157,12 +157,7 @@ def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
         below.plot(length * r, velocity * across / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
     x = np.linspace(0, outer, 1000)
     for kind, (rho, v) in _exact_radial(scene, snap.time, x).items():
-        style: dict[str, Any] = {
-            "color": "black",
-            "lw": 1.0,
-            "ls": {"gas": "-", "dust": "--"}[kind],
-            "label": f"{kind}, exact",
-        }
+        style = _exact_style(kind)
         above.plot(length * x, density * rho, **style)
         below.plot(length * x, velocity * v, **style)
     above.set(ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length), ylim=(0, None))
@@ -171,6 +166,10 @@ def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
     for axes in (above, below):
         axes.grid(alpha=0.3)
     above.legend(frameon=False)
+
+
+def _exact_style(kind: str) -> dict[str, Any]:
+    return {"color": "black", "lw": 0.8, "ls": {"gas": "-", "dust": "--"}[kind], "label": f"{kind}, exact"}
 
 
 def _exact_radial(scene: Any, time: float, r: Array) -> dict[str, tuple[Array, Array]]:
@@ -206,12 +205,7 @@ def _lines(snap: Snapshot) -> Figure:
         points = length * particles.pos[:, 0]
         below.plot(points, velocity * particles.vel[:, 0], ".", ms=3, color=COLOURS[kind], label=kind)
     for kind, (x, rho, v) in _exact(snap).items():
-        style = {
-            "color": "black",
-            "lw": 0.8,
-            "ls": {"gas": "-", "dust": "--"}[kind],
-            "label": f"{kind}, exact",
-        }
+        style = _exact_style(kind)
         above.plot(length * x, density * rho, **style)
         below.plot(length * x, velocity * v, **style)
     above.set(ylabel=rf"$\rho${density_unit}")
