@@ -167,17 +167,17 @@ def box(size, scheme="tsc", direction="two-way", velocity="4 km/s", **drag):
     }  # fmt: skip
 
 
-def rate(size, speed, units):
-    """One over the stopping time of a grain in the box, in code units, by astropy."""
+def rate_of(size, units):
+    """One over the stopping time of a grain in the box, as a function of its speed, in code units, by astropy."""
     rho, sound, s = 1e-9 * un.g / un.cm**3, 1 * un.km / un.s, un.Quantity(size)
     path = (2.34 * const.u / (2e-15 * un.cm**2) / rho).to(un.cm)
-    w = speed * (un.au / units.time)
+    mach = (un.au / units.time / sound).decompose().value  # of a speed of 1
     slow = (s * 3 * un.g / un.cm**3 / (rho * sound)).to(units.time).value
-    if path > 4 * s / 9:
-        return np.sqrt(1 + 9 * np.pi / 128 * (w / sound).decompose().value ** 2) / slow
-    reynolds = (4 * s * w / (path * sound)).decompose().value
-    slow *= (4 * s / (9 * path)).decompose().value
-    return max(1.0, reynolds**0.4, 0.44 * reynolds / 24) / slow
+    ratio = (4 * s / (9 * path)).decompose().value
+    if ratio < 1:
+        return lambda speed: np.sqrt(1 + 9 * np.pi / 128 * (mach * speed) ** 2) / slow
+    reynolds = 9 * ratio * mach
+    return lambda speed: max(1.0, (reynolds * speed) ** 0.4, 0.44 / 24 * reynolds * speed) / (slow * ratio)
 
 
 @pytest.mark.parametrize("scheme", ["idic", "idic-linear", "tsc"])
@@ -189,7 +189,7 @@ def test_grains_of_all_sizes_stop_as_they_must(size, direction, scheme):
     start = float(sim.dust.vel[0, 0])
     sim.run()
     ratio = 0.5 if direction == "two-way" else 1e-30
-    gas, dust = dustybox.velocities_by_speed(sim.time, 0.0, start, ratio, lambda speed: rate(size, speed, sim.units))
+    gas, dust = dustybox.velocities_by_speed(sim.time, 0.0, start, ratio, rate_of(size, sim.units))
     # 1e-6 of the slip at the start.
     np.testing.assert_allclose(sim.gas.vel[:, 0], gas[0] if direction == "two-way" else 0.0, rtol=0, atol=1e-6 * start)
     np.testing.assert_allclose(sim.dust.vel[:, 0], dust[0], rtol=0, atol=1e-6 * start)
@@ -204,7 +204,7 @@ def test_pairs_take_the_speed_that_they_have(scheme):
     sim = Simulation(tables)
     start = float(sim.dust.vel[0, 0])
     sim.run()
-    gas, dust = dustybox.velocities_by_speed(sim.time, 0.0, start, 0.5, lambda speed: rate("10 cm", speed, sim.units))
+    gas, dust = dustybox.velocities_by_speed(sim.time, 0.0, start, 0.5, rate_of("10 cm", sim.units))
     np.testing.assert_allclose(sim.gas.vel[:, 0], gas[0], rtol=0, atol=0.01 * start)
     np.testing.assert_allclose(sim.dust.vel[:, 0], dust[0], rtol=0, atol=0.01 * start)
     assert dust[0] < 0.9 * start
