@@ -32,6 +32,7 @@ DRAG = {
     "discsim.drag.tsc",
     "discsim.kernels.drag",
     "discsim.kernels.laws",
+    "discsim.kernels.levels",
     "discsim.kernels.nodes",
     "discsim.kernels.nonlinear",
     "discsim.kernels.relax",
@@ -52,7 +53,7 @@ GRID = {
 OF_PARTICLES = (
     GAS
     | DUST
-    | {"discsim.drag.cells", "discsim.drag.tsc", "discsim.kernels.nodes"}
+    | {"discsim.drag.cells", "discsim.drag.tsc", "discsim.kernels.levels", "discsim.kernels.nodes"}
     | {"discsim.grid", "discsim.kernels.grid"}
 )
 SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}

@@ -14,6 +14,7 @@ import numpy as np
 
 from discsim.drag.cells import lattice, sort_into_blocks
 from discsim.drag.cloud import densities_of_sparse_dust
+from discsim.kernels import levels
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
 from discsim.kernels.drag import free_kick
@@ -36,10 +37,10 @@ def relax(drag, state, dt, gas_vel, heat):
     gas, dust, dim, count = state.gas, state.dust, drag.dim, len(blocks.level)
     population = drag.law.populations
     species = population + 1
-    node, at, first, width, height, wrap = kernels.place_blocks(
+    node, at, first, width, height, wrap = levels.place_blocks(
         blocks.level, blocks.first_leaf, *blocks.lattice.shape, blocks.lattice.periodic, LEVELS + 1
     )
-    home, dense, about, near = kernels.list_nodes(node, blocks.level, first, width, height, wrap, dim == 1, at)
+    home, dense, about, near = levels.list_nodes(node, blocks.level, first, width, height, wrap, dim == 1, at)
     total = len(near)
     cells, clouds = np.zeros((count, species, kernels.MOMENTS)), np.zeros((count, species, 9, kernels.SQUARE + 1))
     nodes = np.zeros((total, species, kernels.SQUARE + 1))
@@ -69,7 +70,7 @@ def relax(drag, state, dt, gas_vel, heat):
             norm[name], cells, clouds, least=64,
         )  # fmt: skip
         share(kernels.collect, total, near, begin, begin + number, clouds, nodes, least=64)
-    centre = kernels.node_centres(dense, first, height, blocks.lattice.origin, blocks.lattice.side)
+    centre = levels.node_centres(dense, first, height, blocks.lattice.origin, blocks.lattice.side)
     slopes = np.zeros((total, dim, dim))
     change, drive, rate = np.zeros((total, species, dim)), np.zeros((total, species, dim)), np.zeros((total, species))
     source_slopes, known = np.zeros((total, species, dim, dim)), np.zeros((total, species), np.bool_)

@@ -1,7 +1,7 @@
 """Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved together.
 
 Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is
-right at any step. Schemes are in `discsim/drag`, laws in `kernels/drag.py`. Two-way drag of an explicit scheme limits
+right at any step. Schemes are in `discsim/drag`, laws in `kernels/laws.py`. Two-way drag of an explicit scheme limits
 the step to about t_stop / max(1, eps); any other drag limits none.
 """
 
