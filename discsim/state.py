@@ -70,6 +70,9 @@ class Gas(Particles):
     # Mean rates over the last kick, drag and its heat included (viscous or adiabatic gas; adiabatic gas).
     kick_acc: Array | None = None
     kick_rate: Array | None = None
+    # What pressure and viscosity gave, and the velocity at which their work was reckoned (gas that drag heats).
+    pressure_acc: Array | None = None
+    pressure_vel: Array | None = None
 
 
 @dataclass(kw_only=True)

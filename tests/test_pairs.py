@@ -69,7 +69,7 @@ def kicked(scheme, dt=0.01, eos=ISOTHERMAL, given=None, law=None, boundary="open
         p.acc[:] = 0.0
     sim.state.own_acc["gas"][:] = 0.0
     if sim.gas.u is not None:
-        sim.gas.heating_rate[:] = 0.0
+        sim.gas.heating_rate[:] = sim.gas.pressure_acc[:] = 0.0
     return sim, lambda: sim._kick(dt)
 
 

@@ -96,10 +96,11 @@ def test_sedov_at_1e5():
     assert abs(lost) < 0.002
 
 
-def test_dusty_sedov():
-    """1e4 particles of each: 1.2% and 1.4% seen."""
-    radii, _ = blast(10_000, 1.0, stop=1e-4, sound_speed=0.1)
+def test_dusty_sedov_at_1e5():
+    """1e5 particles of each in cold gas: .5% seen."""
+    radii, lost = blast(100_000, 1.0, stop=1e-4)
     assert radii == pytest.approx([1.0, 1.0], abs=0.03)
+    assert abs(lost) < 1e-12
 
 
 def test_gresho_at_100_squared():

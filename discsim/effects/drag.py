@@ -10,6 +10,7 @@ from importlib import import_module
 import numpy as np
 
 from discsim.drag import SCHEMES
+from discsim.drag.heat import share_losses
 from discsim.drag.laws import Law
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
@@ -68,7 +69,11 @@ class Effect(base.Effect):
             gas.kick_acc[:] = (gas.vel - before) / dt
         if gas.u is not None:
             gas.kick_rate[:] = gas.heating_rate
-            gas.kick_rate[: len(heat)] += heat / dt
+            if len(heat) > 0:
+                # Beside the work that pressure and viscosity were said to do, so that the total stays what it is.
+                heat += dt * np.einsum("ij,ij->i", gas.pressure_acc, gas.pressure_vel - 0.5 * (before + gas.vel))
+                share_losses(gas.pos, gas.mass, gas.u, gas.h.mean(), heat)
+                gas.kick_rate += heat / dt
             gas.u += dt * gas.kick_rate
         if gas.immobile is not None:
             gas.vel[gas.immobile] = before[gas.immobile]

@@ -31,6 +31,9 @@ class Effect(base.Effect):
             gas.heating_rate[:] = 0.0
         before = gas.acc.copy()
         divergence = self.sph.forces(gas, vel, u, gas.pressure)
+        if gas.pressure_acc is not None:
+            gas.pressure_acc[:] = gas.acc - before
+            gas.pressure_vel[:] = vel
         if gas.immobile is not None:
             gas.acc[gas.immobile] = 0.0
             if gas.heating_rate is not None:

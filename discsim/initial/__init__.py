@@ -87,6 +87,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         density = np.asarray(given.get("density", common["mass"].sum() / volume))
         h = scene.gas.eta * (common["mass"] / density) ** (1.0 / dim)
     foreseen = scene.gas.viscosity is not None or u is not None
+    heated = u is not None and scene.drag is not None and scene.drag.heating
     return Gas(
         **common,
         h=h,
@@ -98,5 +99,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         heating_rate=None if u is None else np.zeros(n),
         kick_rate=None if u is None else np.zeros(n),
         kick_acc=np.zeros((n, dim)) if foreseen else None,
+        pressure_acc=np.zeros((n, dim)) if heated else None,
+        pressure_vel=np.zeros((n, dim)) if heated else None,
         immobile=given.get("immobile"),
     )

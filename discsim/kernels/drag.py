@@ -152,38 +152,30 @@ def fit_slopes(first, xi, y, b, m, two_way, inertia, slope, source, pooled, pool
 
 @njit(cache=True, error_model="numpy")
 def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
-    """Relax two slopes (d, d) such that I_0 G_0 + I_1 G_1 stays: angular momentum within the block is kept.
+    """Change two slopes (d, d) such that I_0 G_0 + I_1 G_1 stays: angular momentum within the block is kept.
 
-    The difference relaxes at the means' rate; its weight is the parallel sum I_0 (I_0 + I_1)^-1 I_1.
+    The difference relaxes at the means' rate.
     """
     dim = len(g0)
-    f, g, p, q, r = response(rate, dt, exponential)
+    f, g = response(rate, dt, exponential)
     share0, share1 = np.zeros((dim, dim)), np.zeros((dim, dim))
     total = np.empty((dim, dim))
     for a in range(dim):
         for c in range(dim):
             total[a, c] = i0[a, c] + i1[a, c]
     if not (solve_slope(total, i1, dim, share0) and solve_slope(total, i0, dim, share1)):
-        return 0.0
-    lost = 0.0
+        return
     for c in range(dim):
         for a in range(dim):
             for k in range(dim):
                 change = f * (g0[k, c] - g1[k, c]) + g * (h0[k, c] - h1[k, c])
                 out0[a, c] += share0[a, k] * change
                 out1[a, c] -= share1[a, k] * change
-                weight = 0.0
-                for l in range(dim):
-                    weight += i0[a, l] * share0[l, k]
-                y1, y2 = g0[a, c] - g1[a, c], g0[k, c] - g1[k, c]
-                b1, b2 = h0[a, c] - h1[a, c], h0[k, c] - h1[k, c]
-                lost += weight * (p * y1 * y2 + q * y1 * b2 + r * b1 * b2)
-    return lost
 
 
 @njit(cache=True, error_model="numpy")
 def exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential, dslope):
-    """Changes (n, d, d) of the slopes, weighed with the moments of inertia, and the energy lost."""
+    """Changes (n, d, d) of the slopes, weighed with the moments of inertia."""
     n, dim = slope.shape[0], slope.shape[1]
     count, only = 0, 0
     for s in range(1, n):
@@ -192,11 +184,11 @@ def exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential
             only = s
     if two_way and count == 1:
         rate = (1.0 + mass[only] / mass[0]) / time[only]
-        return relax_slopes(
+        relax_slopes(
             inertia[0], inertia[only], rate, slope[0], slope[only], source[0], source[only],
             dt, exponential, dslope[0], dslope[only],
         )  # fmt: skip
-    lost = 0.0
+        return
     weight, change = np.zeros(n), np.empty((n, dim))
     least, most = np.inf, 0.0
     for s in range(n):
@@ -204,17 +196,20 @@ def exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential
             weight[s] = inertia[s, 0, 0] + (inertia[s, 1, 1] if dim == 2 else 0.0) if two_way else mass[s]
             least, most = min(least, weight[s]), max(most, weight[s])
     if two_way and least <= 1e-6 * most:
-        return lost  # a population on one point has no slope of its own
+        return  # a population on one point has no slope of its own
     for axis in range(dim):
-        lost += relax_means(weight, time, slope[:, axis], source[:, axis], two_way, dt, exponential, change)
+        relax_means(weight, time, slope[:, axis], source[:, axis], two_way, dt, exponential, change)
         dslope[:, axis] = change
-    return lost
 
 
 @njit(cache=True, error_model="numpy")
-def apply(members, y, b, m, xi, slope, source, dv, dslope, rate, dt, exponential, vel, acc):
-    """Free kick, the change of the species' line, and what is left of each particle, eq. (2); the energy lost."""
-    f, g, p, q, r = response(rate, dt, exponential)
+def apply(members, y, b, m, mean, xi, slope, source, dv, dslope, rate, dt, exponential, vel, acc):
+    """Free kick, the change of the species' line, and what is left of each particle, eq. (2).
+
+    Returns what is lost of the energy of motion beside the work of the sources, both at the velocities half-way;
+    `mean` (d,) is that of the species, in any frame that all of them share.
+    """
+    f, g = response(rate, dt, exponential)
     lost = 0.0
     dim = y.shape[1]
     for k in range(len(members)):
@@ -225,8 +220,9 @@ def apply(members, y, b, m, xi, slope, source, dv, dslope, rate, dt, exponential
                 rest -= slope[a, c] * xi[k, a]
                 rest_source -= source[a, c] * xi[k, a]
                 line += dslope[a, c] * xi[k, a]
-            vel[i, c] += dt * acc[i, c] + (line + f * rest + g * rest_source)
-            lost += m[k] * (p * rest * rest + q * rest * rest_source + r * rest_source * rest_source)
+            change = line + f * rest + g * rest_source
+            vel[i, c] += dt * acc[i, c] + change
+            lost -= m[k] * change * (mean[c] + y[k, c] + 0.5 * (dt * b[k, c] + change))
     return lost
 
 
@@ -293,20 +289,19 @@ def relax_block(
                 at_source[s, c] -= pooled_source[a, c] * (x[s, a] - x[0, a])
     dv, lost = np.zeros((n, dim)), 0.0
     if nonlinear:
-        lost += relax_by_speed(
-            mass, time, law, grains, rho, sound, omega, at, at_source, two_way, dt, exponential, dv
-        )  # fmt: skip
+        relax_by_speed(mass, time, law, grains, rho, sound, omega, at, at_source, two_way, dt, exponential, dv)
     else:
-        lost += relax_means(mass, time, at, at_source, two_way, dt, exponential, dv)
+        relax_means(mass, time, at, at_source, two_way, dt, exponential, dv)
     if linear:
-        lost += exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential, dslope)
+        exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential, dslope)
+    half = v - v[0] + 0.5 * dt * (acc - acc[0])
     gas_rate = 0.0
     for s in range(1, n):
         if mass[s] > 0.0:
             gas_rate += mass[s] / mass[0] / time[s]
     if two_way:
         lost += apply(
-            gas_members, y, b, m, xi, slope[0], source[0], dv[0], dslope[0],
+            gas_members, y, b, m, half[0], xi, slope[0], source[0], dv[0], dslope[0],
             gas_rate, dt, exponential, gvel, gacc,
         )  # fmt: skip
     else:
@@ -315,7 +310,7 @@ def relax_block(
         lo, hi = bound[s], bound[s + 1]
         members = dust_members[lo - ng : hi - ng]
         lost += apply(
-            members, y[lo:hi], b[lo:hi], m[lo:hi], xi[lo:hi], slope[s], source[s], dv[s], dslope[s],
+            members, y[lo:hi], b[lo:hi], m[lo:hi], half[s], xi[lo:hi], slope[s], source[s], dv[s], dslope[s],
             1.0 / time[s], dt, exponential, dvel, dacc,
         )  # fmt: skip
         for i in members:

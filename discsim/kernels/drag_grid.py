@@ -32,12 +32,15 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
         v, u = start[MOMENTUM, i] / start[MASS, i], start[DUST_MOMENTUM, i] / start[DUST_MASS, i]
         free = after[DUST_MOMENTUM, i] / dust
         gas_acc, dust_acc = (after[MOMENTUM, i] / gas - v) / dt, (free - u) / dt
-        _, gained, lost = relax_pair(gas, dust, rate, v, u, gas_acc, dust_acc, dt, exponential)
+        _, gained = relax_pair(gas, dust, rate, v, u, gas_acc, dust_acc, dt, exponential)
         after[MOMENTUM, i] -= dust * gained
         after[DUST_MOMENTUM, i] += dust * gained
         if adiabatic:
             # What the dust gained is the gas's work; of the rest friction made heat.
-            after[ENERGY, i] -= dust * gained * (free + 0.5 * gained) + (0.0 if heating else lost)
+            after[ENERGY, i] -= dust * gained * (free + 0.5 * gained)
+            if not heating:
+                slip = 0.5 * (u - v + after[DUST_MOMENTUM, i] / dust - after[MOMENTUM, i] / gas)
+                after[ENERGY, i] += dust * gained * slip
 
 
 @njit(cache=True, error_model="numpy")

@@ -447,9 +447,7 @@ def node_heat(node_from, node_to, nodes, change, dt, heat):
 
 @njit(cache=True, error_model="numpy")
 def pass_on(nodes, about, heat):
-    """Heat of nodes without gas to those about them, in equal parts to each that has; then heat below zero, which
-    giving back what the clouds smoothed makes at fronts, out of the heat about it.
-    """
+    """Heat of nodes without gas to those about them, in equal parts to each that has."""
     for n in range(len(heat)):
         if heat[n] == 0.0 or nodes[n, 0, 0] > 0.0:
             continue
@@ -459,18 +457,6 @@ def pass_on(nodes, about, heat):
         for k in range(9):
             if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
                 heat[about[n, k]] += heat[n] / takers
-    for n in range(len(heat)):
-        if heat[n] >= 0.0 or nodes[n, 0, 0] <= 0.0:
-            continue
-        found = 0.0
-        for k in range(9):
-            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
-                found += max(0.0, heat[about[n, k]])
-        share = min(1.0, -heat[n] / found) if found > 0.0 else 0.0
-        for k in range(9):
-            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
-                heat[about[n, k]] -= share * max(0.0, heat[about[n, k]])
-        heat[n] += share * found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -602,7 +588,7 @@ def apply_nodes(
                 if len(time) > 0:
                     time[i] = 1.0 / local if local > 0.0 else np.inf
             if met > 0.0:
-                f, g, _, _, _ = response(met, dt, exponential)
+                f, g = response(met, dt, exponential)
                 curvature(near, nodes, slopes, dim, bend)
                 for p in range(lo, hi):
                     q = packed[p]

@@ -30,16 +30,15 @@ def slip_of(y, s):
 
 @njit(cache=True, error_model="numpy")
 def advance(mass, slow, law, grains, density, sound, omega, y, at, b, two_way, dt, exponential, time, change, out):
-    """`y` over dt by the stopping times at the slips of `at`; the energy lost."""
+    """`y` over dt by the stopping times at the slips of `at`."""
     n, dim = y.shape
     for s in range(1, n):
         if mass[s] > 0.0:
             time[s] = slow[s] / hastening(law, grains[s - 1], density, sound, omega, slip_of(at, s))
-    lost = relax_means(mass, time, y, b, two_way, dt, exponential, change)
+    relax_means(mass, time, y, b, two_way, dt, exponential, change)
     for s in range(n):
         for c in range(dim):
             out[s, c] = y[s, c] + dt * b[s, c] + change[s, c]
-    return lost
 
 
 @njit(cache=True, error_model="numpy")
@@ -58,14 +57,13 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
             if mass[s] > 0.0:
                 now[s, c] = y[s, c] - y[0, c]  # small numbers, whatever the frame
     start, half, best = now.copy(), np.empty((n, dim)), np.empty((n, dim))
-    stage, heat, rate, mean = np.empty((3, n, dim)), np.empty(3), np.zeros(n), np.empty(n)
-    done, step, lost, count = 0.0, dt, 0.0, 0
+    stage, rate, mean = np.empty((3, n, dim)), np.zeros(n), np.empty(n)
+    done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1
         step = min(step, dt - done)
         for level in range(3):
             part = step / 2.0**level
-            heat[level] = 0.0
             mean[:] = 0.0
             stage[level] = now
             for _ in range(2**level):
@@ -74,7 +72,7 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
                     mass, slow, law, grains, density, sound, omega, at, at, b, two_way, 0.5 * part, exponential, time,
                     change, half,
                 )  # fmt: skip
-                heat[level] += advance(
+                advance(
                     mass, slow, law, grains, density, sound, omega, at, half, b, two_way, part, exponential, time,
                     change, at,
                 )  # fmt: skip
@@ -93,8 +91,6 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
         error = error / scale / TOLERANCE if scale > 0.0 else 0.0
         if error <= 1.0 or count > MOST:
             now[:] = best
-            first, second = heat[1] + (heat[1] - heat[0]) / 3.0, heat[2] + (heat[2] - heat[1]) / 3.0
-            lost += second + (second - first) / 7.0
             rate += mean
             done = done + step if done + step < dt * (1.0 - 1e-15) else dt
         step *= next_step(error)
@@ -109,4 +105,3 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
             time[s] = dt / rate[s]
         elif mass[s] > 0.0:
             time[s] = slow[s] / hastening(law, grains[s - 1], density, sound, omega, slip_of(start, s))
-    return lost

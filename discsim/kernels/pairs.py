@@ -181,7 +181,7 @@ def push_by_relaxing(
             a = gas[k]
             # What of the slip's change is the dust's: all of it where the gas does not move.
             mine = rho[a] / (rho[a] + density[j]) if two_way else 1.0
-            f, g, _, _, _ = response(1.0 / (mine * time[k]), dt, exponential)
+            f, g = response(1.0 / (mine * time[k]), dt, exponential)
             factor = mass[j] * part[k] * mine
             r2, y, b = 0.0, 0.0, 0.0
             for i in range(dim):

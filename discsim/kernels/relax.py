@@ -12,34 +12,23 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def response(rate, dt, exponential):
-    """What dy/dt = b - rate y does beyond the free y + b dt: (f, g, p, q, r).
-
-    y' = y + b dt + f y + g b; energy lost to the drag, rate * integral of y^2 dt = p y^2 + q y b + r b^2.
-    """
+    """What dy/dt = b - rate y does beyond the free y + b dt: (f, g) of y' = y + b dt + f y + g b."""
     x = rate * dt
     if not exponential:
         low = 1.0 / (1.0 + x)
-        g = dt * low
-        return -x * low, -x * g, 0.5 * x * low * (1.0 + low), 0.5 * x * g * (1.0 + 2.0 * low), 0.5 * x * g * g
+        return -x * low, -x * dt * low
     f = math.expm1(-x)
     if x > 1e-2:
-        g = -f / rate - dt
-        r = (x + f - 0.5 * f * f) / rate / rate
-    else:
-        g = -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
-        r = dt * dt * x * (1.0 / 3.0 - x * (0.25 - x * (7.0 / 60.0 - x / 24.0)))
-    q = f * f / rate if rate > 0.0 else 0.0
-    return f, g, -0.5 * f * (2.0 + f), q, r
+        return f, -f / rate - dt
+    return f, -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
 
 
 @njit(cache=True, error_model="numpy")
 def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
-    """Increments of two coupled velocities of weights w0, w1 beyond their free motion, and the energy lost."""
-    f, g, p, q, r = response(rate, dt, exponential)
-    y, b = y0 - y1, b0 - b1
-    change = f * y + g * b
-    total = w0 + w1
-    return w1 / total * change, -w0 / total * change, w0 * w1 / total * (p * y * y + q * y * b + r * b * b)
+    """Increments of two coupled velocities of weights w0, w1 beyond their free motion."""
+    f, g = response(rate, dt, exponential)
+    change = f * (y0 - y1) + g * (b0 - b1)
+    return w1 / (w0 + w1) * change, -w0 / (w0 + w1) * change
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,7 +69,7 @@ def eigen(matrix):
 
 @njit(cache=True, error_model="numpy")
 def relax_many(weight, time, y, b, dt, exponential, change):
-    """The same for gas (entry 0) and several populations (n, d): writes `change`, returns the energy lost.
+    """The same for gas (entry 0) and several populations (n, d): writes `change`.
 
     The coupling is a star graph; symmetrised with sqrt(weight) it has orthogonal modes, of which the
     resting one is the barycentre.
@@ -103,29 +92,26 @@ def relax_many(weight, time, y, b, dt, exponential, change):
     for i in range(n):
         for k in range(y.shape[1]):
             change[i, k] = 0.0
-    lost = 0.0
     for m in range(n):
         if m == rest:
             continue
-        f, g, p, q, r = response(rates[m], dt, exponential)
+        f, g = response(rates[m], dt, exponential)
         for k in range(y.shape[1]):
             c, s = 0.0, 0.0
             for i in range(n):
                 c += modes[i, m] * root[i] * y[i, k]
                 s += modes[i, m] * root[i] * b[i, k]
-            lost += p * c * c + q * c * s + r * s * s
             for i in range(1, n):
                 change[i, k] += modes[i, m] / root[i] * (f * c + g * s)
     for k in range(y.shape[1]):
         for i in range(1, n):
             change[0, k] -= weight[i] / weight[0] * change[i, k]
-    return lost
 
 
 @njit(cache=True, error_model="numpy")
 def relax_means(mass, time, y, b, two_way, dt, exponential, change):
     """Changes (n, d) beyond their free motion of the velocities of gas (entry 0) and populations, those of no mass
-    left out, and the energy lost; one-way: of the populations alone.
+    left out; one-way: of the populations alone.
     """
     n, dim = y.shape
     count, only = 0, 0
@@ -136,25 +122,23 @@ def relax_means(mass, time, y, b, two_way, dt, exponential, change):
             count += 1
             only = s
             if not two_way:
-                f, g, _, _, _ = response(1.0 / time[s], dt, exponential)
+                f, g = response(1.0 / time[s], dt, exponential)
                 for c in range(dim):
                     change[s, c] = f * (y[s, c] - y[0, c]) + g * (b[s, c] - b[0, c])
     if not two_way or count == 0:
-        return 0.0
-    lost = 0.0
+        return
     if count == 1:
         rate = (1.0 + mass[only] / mass[0]) / time[only]
         for c in range(dim):
-            change[0, c], change[only, c], heat = relax_pair(
+            change[0, c], change[only, c] = relax_pair(
                 mass[0], mass[only], rate, y[0, c], y[only, c], b[0, c], b[only, c], dt, exponential
             )
-            lost += heat
-        return lost
+        return
     if count == n - 1:
-        return relax_many(mass, time, y, b, dt, exponential, change)
+        relax_many(mass, time, y, b, dt, exponential, change)
+        return
     present = np.flatnonzero(mass > 0.0)
     part = np.empty((count + 1, dim))
-    lost = relax_many(mass[present], time[present], y[present], b[present], dt, exponential, part)
+    relax_many(mass[present], time[present], y[present], b[present], dt, exponential, part)
     for k in range(count + 1):
         change[present[k]] = part[k]
-    return lost
