@@ -82,10 +82,9 @@ def test_gas_alone_keeps_its_disc():
 
 @pytest.mark.parametrize("orbits", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0])
 def test_grains_settle(orbits):
-    """400 particles of each over half an orbit: within 1% of the way that they fall, or swing."""
+    """400 particles of each over half an orbit: every grain within 1% of the way that it falls, or swings."""
     way, _, terminal = fall(2 * np.pi * orbits, np.pi, particles=400)
-    # At .1 orbits those nearest to the midplane have no way to speak of; at the ends a cell is a fifth of the height.
-    assert np.quantile(way, 0.95) < 0.01 and way.max() < 0.03
+    assert way.max() < 0.01  # .007 seen, at the ends, where a cell is a fifth of the height
     if orbits <= 1e-4:
         assert np.quantile(np.abs(terminal - 1.0), 0.9) < 0.01
 
