@@ -1,0 +1,310 @@
+"""What a step costs: nanoseconds a particle of whole integrated steps, and what each effect adds.
+
+    python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--parts cases,growth,effects]
+
+A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, and the first steps, which compile,
+apart) in a process of its own for every line:
+
+    gas            the star and SPH with about 25 neighbours (cubic), viscosity with Balsara's switch
+    gravity        the same with self-gravity on 2.7 cells a particle
+    dust one-way   ten dust particles for each of gas, drag `idic-linear`, self-gravity of the gas
+    dust two-way   the same, both ways
+    mix            the same with the dust's gravity, at ten times the dust
+
+    ns, wall  CPU time of all threads, and wall time, a step, over the particles of both kinds, in nanoseconds
+    1e6/s     millions of particles a second and core
+    grain     ns that the line takes beyond the same scene without its dust, over the dust particles
+    triads    the CPU time of a particle in those of one element of a[i] = b[i] + s c[i] (24 bytes) in the same process
+    FFTs      the CPU time of self-gravity, deposit and gather too, in bare zero-padded FFTW transforms of its grid,
+              there and back
+    bytes     the most memory that the process held, less what it held before the scene, over the particles
+
+`growth` takes gas from 1e4 to 1e6 and dust to 1e7 and draws the cost of each against its number; `effects` adds effect
+by effect to one disc, and sets what the whole step became dearer by beside what the ledger (`costs.csv`) says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+STEPS = 16  # between two sorts of the particles: one is among them
+ETA = 1.41  # 25 neighbours
+ORDER = ("gas", "star", "self_gravity", "dust", "drag")
+CASES = ("gas", "gravity", "dust one-way", "dust two-way", "mix")
+ADDED = {
+    "gas": {},
+    "self_gravity": {"self_gravity": {"softening": 0.1}},
+    "dust": {"dust": {"ratio": 0.01}},
+    "drag": {"drag": {"law": "stokes-number", "stokes": 0.1}},
+}
+
+
+def scene(gas: int, dust: int, tables: dict[str, Any], threads: int = 1) -> dict[str, Any]:
+    """The disc in code units with `gas` and `dust` particles and more `tables`, those of [dust] completed."""
+    cells = 2 ** round(np.log2(np.sqrt(2.7 * gas)))
+    out = {
+        "units": {"system": "code"},
+        "run": {"until": 1e3, "threads": threads},
+        "space": {"size": 25.0, "cells": cells},
+        "initial": {"kind": "disc", "mass": 0.02, "inner": 1.0, "outer": 10.0},
+        "gas": {
+            "particles": gas,
+            "kernel": "cubic",
+            "eta": ETA,
+            "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05},
+            "viscosity": {"switch": "balsara"},
+        },
+        "star": {"mass": 1.0, "accretion_radius": 1.0},
+    }
+    return out | tables | ({"dust": {"particles": dust} | tables["dust"]} if "dust" in tables else {})
+
+
+def case(name: str, size: int, threads: int) -> dict[str, Any]:
+    """The scene of a line, of `size` particles of the kind that it measures."""
+    drag = {"law": "stokes-number", "stokes": 0.1, "scheme": "idic-linear"}
+    gravity = {"softening": 0.1, "sources": ["gas"]}
+    dust = {"ratio": 0.01}
+    if name == "gas":
+        return scene(size, 0, {}, threads)
+    if name == "gravity":
+        return scene(size, 0, {"self_gravity": gravity}, threads)
+    if name == "mix":
+        gravity = {"softening": 0.1}
+        return scene(size, 10 * size, {"self_gravity": gravity, "dust": dust, "drag": drag}, threads)
+    drag["direction"] = name.split()[1]
+    return scene(size // 10, size, {"self_gravity": gravity, "dust": dust, "drag": drag}, threads)
+
+
+def without_dust(tables: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in tables.items() if key not in ("dust", "drag")}
+
+
+def measure(tables: dict[str, Any]) -> dict[str, Any]:
+    """Figures of one scene; to be called in a process of its own, as memory is that of the process."""
+    from discsim import Simulation
+    from discsim.kernels.smoothing import KERNELS, SUPPORT
+
+    before = resident()
+    sim = Simulation(tables)
+    left = [2]
+
+    def enough() -> bool:
+        left[0] -= 1
+        return left[0] == 0
+
+    sim.evolve(np.inf, enough)  # compiles
+    start, left[0] = sim.costs.copy(), STEPS
+    cpu, wall = time.process_time(), time.perf_counter()
+    sim.evolve(np.inf, enough)
+    cpu, wall = (time.process_time() - cpu) / STEPS, (time.perf_counter() - wall) / STEPS
+    gas, dust = sim.gas, sim.dust
+    reach = SUPPORT[KERNELS[tables["gas"]["kernel"]]] * gas.h
+    count = gas.count + (dust.count if dust else 0)
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return {
+        "gas": gas.count,
+        "dust": dust.count if dust else 0,
+        "cells": sim.state.grid.shape[0] ** 2 if sim.state.grid else 0,
+        "threads": tables["run"]["threads"],
+        "cpu": cpu,
+        "wall": wall,
+        "neighbours": float(np.median(np.pi * reach**2 * gas.density / gas.mass)),
+        "effects": {name: (sim.costs.seconds[name] - start.seconds[name]) / STEPS for name in sim.effects},
+        "bytes": (most - before) / count,
+        "triad": triad(),
+        "fft": fft_pair(sim.state.grid.shape[0]) if "self_gravity" in tables else None,
+    }
+
+
+def resident() -> int:
+    """Bytes that this process holds now."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def triad(count: int = 20_000_000) -> float:
+    """CPU seconds of an element of a[i] = b[i] + s c[i], far out of the caches; the best of five."""
+    a, b, c = np.zeros(count), np.ones(count), np.ones(count)
+    from numba import njit
+
+    @njit(error_model="numpy")
+    def add(a, b, c, s):
+        for i in range(len(a)):
+            a[i] = b[i] + s * c[i]
+
+    return best(lambda: add(a, b, c, 3.0)) / count
+
+
+def fft_pair(cells: int) -> float:
+    """CPU seconds of a real transform and its inverse of the grid padded to twice its sides; the best of five."""
+    import pyfftw
+
+    field = pyfftw.zeros_aligned((2 * cells, 2 * cells))
+    modes = pyfftw.zeros_aligned((2 * cells, cells + 1), complex)
+    there = pyfftw.FFTW(field, modes, axes=(0, 1), flags=("FFTW_MEASURE",))
+    back = pyfftw.FFTW(modes, field, axes=(0, 1), direction="FFTW_BACKWARD", flags=("FFTW_MEASURE",))
+
+    def pair() -> None:
+        there.execute()
+        back.execute()
+
+    return best(pair)
+
+
+def best(work: Any) -> float:
+    taken = []
+    for _ in range(6):  # the first compiles, or touches its memory
+        start = time.process_time()
+        work()
+        taken.append(time.process_time() - start)
+    return min(taken[1:])
+
+
+def apart(tables: dict[str, Any]) -> dict[str, Any]:
+    """`measure` in a process of its own."""
+    command = [sys.executable, __file__, "--one", json.dumps(tables)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SystemExit(done.stderr.strip().rsplit("\n", 1)[-1])
+    return json.loads(done.stdout)
+
+
+def line_of(name: str, size: int, threads: int) -> dict[str, Any]:
+    tables = case(name, size, threads)
+    row: dict[str, Any] = {"case": name, **apart(tables)}
+    if row["dust"]:
+        bare = apart(without_dust(tables))
+        row["cpu_of_dust"] = row["cpu"] - bare["cpu"]
+    return row
+
+
+def short(count: int) -> str:
+    """10000 as 1e4, and nothing for none."""
+    return f"{count:.0e}".replace("e+0", "e") if count else ""
+
+
+def show_cases(rows: list[dict[str, Any]], console: Console) -> None:
+    heads = ("case", "gas", "dust", "cores", "ns", "wall", "1e6/s", "grain", "triads", "FFTs", "bytes")
+    table = Table(*heads, caption=f"{rows[0]['neighbours']:.0f} neighbours", box=SIMPLE)
+    names = [name for name in ORDER if any(name in row["effects"] for row in rows)]
+    shares = Table("case", "gas", "dust", "cores", *names, title="shares of the time", box=SIMPLE)
+    for row in rows:
+        count = row["gas"] + row["dust"]
+        ns = 1e9 * row["cpu"] / count
+        fft = row["effects"].get("self_gravity")
+        start = (row["case"], short(row["gas"]), short(row["dust"]), str(row["threads"]))
+        table.add_row(
+            *start, f"{ns:.0f}", f"{1e9 * row['wall'] / count:.0f}", f"{1e3 / ns:.2f}",
+            f"{1e9 * row['cpu_of_dust'] / row['dust']:.1f}" if row["dust"] else "",
+            f"{row['cpu'] / count / row['triad']:.0f}", f"{fft / row['fft']:.2f}" if fft else "", f"{row['bytes']:.0f}",
+        )  # fmt: skip
+        parts = {name: f"{seconds / row['cpu']:.0%}" for name, seconds in row["effects"].items()}
+        shares.add_row(*start, *(parts.get(name, "") for name in names))
+    console.print(table)
+    console.print(shares)
+
+
+def show_effects(gas: int, console: Console) -> list[dict[str, Any]]:
+    """The disc with effects added one by one: what the step became dearer by, what of it the new effect takes itself,
+    and what the others take more, which have its particles to serve, or no kick to make of their own beside drag.
+    """
+    rows: list[dict[str, Any]] = []
+    tables: dict[str, Any] = {}
+    table = Table("added", "ms a step", "dearer by", "itself", "more for others", "outside the effects", box=SIMPLE)
+    for name, more in ADDED.items():
+        tables |= more
+        row = {"added": name, **apart(scene(gas, 2 * gas, tables))}
+        former = rows[-1] if rows else {"cpu": 0.0, "effects": {}}
+        own = row["effects"][name]
+        others = sum(row["effects"].values()) - own - sum(former["effects"].values())
+        row |= {"dearer": row["cpu"] - former["cpu"], "own": own, "others": others}
+        row["outside"] = row["cpu"] - sum(row["effects"].values())
+        rows.append(row)
+        figures = (row[key] for key in ("cpu", "dearer", "own", "others", "outside"))
+        table.add_row(name, *(f"{1e3 * seconds:.1f}" for seconds in figures))
+    console.print(table)
+    return rows
+
+
+def growth(threads: int, largest: int) -> list[dict[str, Any]]:
+    sizes = [("gas", n) for n in (10_000, 100_000, 1_000_000) if n <= largest]
+    sizes += [("dust two-way", n) for n in (100_000, 1_000_000, 10_000_000) if n <= 10 * largest]
+    return [line_of(name, size, threads) for name, size in sizes]
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Cost and memory a particle against the number of particles."""
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    FigureCanvasAgg(figure)
+    cost, memory = figure.subplots(1, 2)
+    for name, kind, colour in (("gas", "gas", "C0"), ("dust two-way", "dust", "C1")):
+        found = [row for row in rows if row["case"] == name]
+        count = [row[kind] for row in found]
+        taken = [row.get("cpu_of_dust", row["cpu"]) for row in found]
+        label = "gas, 25 neighbours" if kind == "gas" else "dust, two-way drag and gravity"
+        cost.plot(count, [1e9 * t / n for t, n in zip(taken, count, strict=True)], "o-", color=colour, label=label)
+        memory.plot(count, [row["bytes"] for row in found], "o-", color=colour, label=label)
+    for axes, text in ((cost, "CPU time a particle and step [ns]"), (memory, "memory a particle [bytes]")):
+        axes.set(xscale="log", yscale="log", xlabel="particles", ylabel=text)
+        axes.grid(alpha=0.3, which="both")
+    cost.legend(frameon=False)
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, default=Path("throughput"), help="folder for JSON and figure")
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON and nothing else")
+    parser.add_argument("--sizes", default="1e5,1e6", help="particles: gas of gas, gravity and mix, dust of the others")
+    parser.add_argument("--threads", default="1,2", help="numbers of threads")
+    parser.add_argument("--parts", default="cases,growth,effects")
+    parser.add_argument("--cases", default=",".join(CASES))
+    parser.add_argument("--one", help=argparse.SUPPRESS)  # a scene as JSON: what `apart` calls
+    options = parser.parse_args()
+    if options.one:
+        print(json.dumps(measure(json.loads(options.one))))
+        return
+    sizes = [int(float(text)) for text in options.sizes.split(",")]
+    threads = [int(text) for text in options.threads.split(",")]
+    names = options.cases.split(",")
+    for wrong in [name for name in names if name not in CASES]:
+        parser.error(f"no case {wrong!r}; there are {', '.join(CASES)}")
+    console = Console(stderr=options.json)
+    options.output.mkdir(parents=True, exist_ok=True)
+    found: dict[str, Any] = {}
+    if "cases" in options.parts:
+        found["cases"] = []
+        for name in names:
+            for size in sizes:
+                for number in threads:
+                    console.print(f"{name}, {size:,} particles, {number} threads ...")
+                    found["cases"].append(line_of(name, size, number))
+        show_cases(found["cases"], console)
+    if "growth" in options.parts:
+        found["growth"] = growth(1, max(sizes))
+        show_cases(found["growth"], console)
+        draw(found["growth"], options.output / "throughput.png")
+    if "effects" in options.parts:
+        found["effects"] = show_effects(min(sizes), console)
+    text = json.dumps(found, indent=1)
+    (options.output / "throughput.json").write_text(text + "\n")
+    if options.json:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()
