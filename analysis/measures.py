@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from discsim import Simulation
+from discsim.errors import measure_of
 from discsim.exact import dustyshock, dustywave
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
 
@@ -57,11 +58,9 @@ def frame_of(sim: Simulation) -> float:
 
 def particle_error(sim: Simulation, kind: str) -> float:
     """Rms over particles (those that move) of the velocity minus the exact one, over the largest exact."""
-    p = getattr(sim, kind)
-    moving = np.ones(p.count, bool) if p.immobile is None else ~p.immobile
-    x = p.pos[moving, 0]
-    exact = exact_velocity(sim, kind, x)
-    return float(np.sqrt(((p.vel[moving, 0] - exact) ** 2).mean()) / np.abs(exact - frame_of(sim)).max())
+    measure = measure_of(sim.scene)
+    assert measure is not None
+    return measure.errors(sim)[kind]
 
 
 def smoothed_error(sim: Simulation, kind: str, h: float, kernel: str) -> float:

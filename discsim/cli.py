@@ -88,6 +88,35 @@ def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOpti
 
 
 @app.command()
+def cost(
+    scene: SceneArgument,
+    vary: Annotated[
+        list[str],
+        typer.Option(metavar="TABLE.KEY=A,B,...", help="Values of a key, or of several keys at once: A.X,B.Y=1,2."),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Directory of table and figure.")],
+    repeat: Annotated[int, typer.Option(min=1, help="Runs of each, whose median is taken.")] = 1,
+    parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; more than one makes them slower.")] = 1,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+) -> None:
+    """What accuracy costs in time: a table and a figure of errors against CPU seconds."""
+    loaded = _load(scene, settings or (), without or ())
+    from discsim.scene import SceneError
+
+    try:
+        from discsim.cost import Study, StudyError, Varied
+
+        study = Study(scene, [Varied.from_text(text) for text in vary], repeat, output, settings or (), without or ())
+        fault = directory_fault(output, resume=False)
+        if fault:
+            _refuse(fault)
+        study.make(loaded.title or str(scene), parallel)
+    except (SceneError, StudyError) as error:
+        _refuse(str(error))
+
+
+@app.command()
 def effects() -> None:
     """List every effect: its equation, its keys with units and defaults."""
     from discsim.reference import effects_text

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
+from discsim.errors import front
 from discsim.exact import gresho, sedov, settling
 from discsim.scene import SceneError
 
@@ -92,18 +93,6 @@ def energy(sim):
     with sim.synchronised() as state:
         kinetic = sum(0.5 * (p.mass * (p.vel**2).sum(axis=1)).sum() for p in state.species.values())
         return kinetic + (state.gas.mass * state.gas.u).sum()
-
-
-def front(particles, width):
-    """Radius where the mean density of rings is half way up its jump, from outside."""
-    r = np.sqrt((particles.pos**2).sum(axis=1))
-    edges = np.arange(0.0, 0.5, width)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    density = np.histogram(r, edges, weights=particles.mass)[0] / np.pi / (edges[1:] ** 2 - edges[:-1] ** 2)
-    ahead = density[-3:].mean()
-    peak = int(np.argmax(density))
-    out = peak + int(np.argmax(density[peak:] < 0.5 * (density[peak] + ahead)))
-    return np.interp(0.5 * (density[peak] + ahead), density[[out, out - 1]], middle[[out, out - 1]])
 
 
 def test_sedov():

@@ -1,0 +1,237 @@
+"""Errors of runs against their exact solutions, and studies of what accuracy costs."""
+
+import csv
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from discsim import Simulation, load_scene
+from discsim.cli import app
+from discsim.cost import Point, Study, StudyError, Varied, fitted_power, price
+from discsim.errors import drifts, measure_of, profile_errors, totals
+from discsim.simulation import PhysicsError
+
+WAVE = """
+[units]
+system = "code"
+[run]
+until = 0.1
+[space]
+dimensions = 1
+size = 1.0
+boundary = "periodic"
+[initial]
+kind = "wave"
+[gas]
+particles = 60
+[gas.eos]
+kind = "isothermal"
+sound_speed = 1.0
+[dust]
+particles = 60
+ratio = 1.0
+[drag]
+law = "constant"
+K = 500.0
+"""
+
+
+@pytest.fixture
+def wave(tmp_path):
+    path = tmp_path / "wave.toml"
+    path.write_text(WAVE)
+    return path
+
+
+# Errors
+
+# Setup, changes that make it small, the error that it may have; a bound is twice what is seen.
+SMALL = {
+    "dusty_wave": (["gas.particles=100", "dust.particles=100", "gas.smoothing_length=0.03"], 2e-3),
+    "oblique_wave": (["gas.particles=900", "dust.particles=900", "gas.smoothing_length=0.06", "run.until=0.1"], 0.04),
+    "dusty_shock": (["gas.particles=200", "dust.particles=200", "gas.smoothing_length=0.02"], 0.1),
+    "dusty_box": ([], 1e-10),
+    "settling": (["gas.particles=100", "dust.particles=100"], 0.01),
+    "sheet": (["gas.particles=1024", "space.cells=32", "run.until=0.2"], 0.02),
+    "gresho": (["gas.particles=900", "run.until=0.3"], 0.1),
+    "sedov": (["gas.particles=2500", "initial.radius=0.06"], 0.1),
+}
+
+
+@pytest.mark.parametrize("setup", SMALL)
+def test_a_run_is_near_its_exact_solution_and_a_wrong_one_is_not(setup):
+    changes, bound = SMALL[setup]
+    sim = Simulation(load_scene(f"setups/{setup}.toml", changes))
+    measure = measure_of(sim.scene)
+    before = totals(sim)
+    sim.run()
+    errors = measure.errors(sim)
+    assert set(errors) <= set(sim.state.species) and 0.0 < max(errors.values()) < bound
+    if sim.scene.space.boundary == "periodic":
+        assert drifts(before, totals(sim))["momentum"] < 1e-9
+    # Half the velocities, at the places of half the time.
+    sim.state.time *= 0.5
+    for p in sim.state.species.values():
+        p.vel[:] *= 0.5
+    assert max(measure.errors(sim).values()) > 2 * bound
+
+
+def test_scenes_without_an_exact_solution():
+    for name, changes in {
+        "dusty_disc": [],
+        "dusty_wave": ['drag.direction="one-way"'],
+        "dusty_shock": ['drag.direction="one-way"', "drag.heating=false"],
+    }.items():
+        assert measure_of(load_scene(f"setups/{name}.toml", changes)) is None
+
+
+def test_mass_elsewhere():
+    reference = {"gas": [1.0, 1.0, 0.0], "dust": [0.5, 0.0, 0.5]}
+    assert profile_errors({"gas": [1.0, 0.5, 0.5], "dust": [0.5, 0.0, 0.5]}, reference) == {"gas": 0.25, "dust": 0.0}
+
+
+# What varies
+
+
+def test_keys_and_values_are_read():
+    assert Varied.from_text("a.b=1,2") == Varied(("a.b",), ("1", "2"))
+    assert Varied.from_text("a.x,b.y = 1, 2") == Varied(("a.x", "b.y"), ("1", "2"))
+    assert Varied.from_text('a.v=[1, 0],[0, 1],"x, y"').values == ("[1, 0]", "[0, 1]", '"x, y"')
+    assert Varied.from_text('s=1 au,"2.5 au",1_000').numbers == (1.0, 2.5, 1000.0)
+    assert Varied.from_text("s=mk,tsc").numbers is None
+
+
+@pytest.mark.parametrize("text", ["a.b", "a.b=", "=1", "a.b=1,,2", "a.b=1,1", ",=1"])
+def test_what_cannot_be_read_is_told(text):
+    with pytest.raises(StudyError, match="expected"):
+        Varied.from_text(text)
+
+
+@given(st.lists(st.text("abc123._-", min_size=1), min_size=1, max_size=5, unique=True))
+def test_any_plain_values_come_back(values):
+    assert Varied.from_text("table.key=" + ",".join(values)).values == tuple(values)
+
+
+# Orders and prices
+
+
+def line(errors, seconds):
+    runs = [[{"cpu": cpu, "updates": 10 * cpu, "steps": 1}] for cpu in seconds]
+    return [Point({"n": str(k)}, run, {"gas": error}) for k, (run, error) in enumerate(zip(runs, errors, strict=True))]
+
+
+def test_price_is_read_off_a_power_law():
+    """error = 1 / cpu^2: exactly between the points, fitted beyond them, the cheapest where all are good enough."""
+    points = line([1.0, 0.25, 0.0625], [1.0, 2.0, 4.0])
+    cpu = lambda point: point.cpu  # noqa: E731
+    assert price(points, 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
+    assert price(points, 0.001, cpu) == (pytest.approx(0.001**-0.5), True)
+    assert price(points, 2.0, cpu) == (1.0, False)
+    assert price(points[:1], 0.1, cpu) is None
+    # A dearer run that is worse is no part of the line.
+    assert price([*points, *line([0.5], [8.0])], 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
+
+
+def test_power_of_a_line():
+    assert fitted_power([1.0, 2.0, 4.0], [3.0, 0.75, 0.1875]) == pytest.approx(-2.0)
+    assert fitted_power([1.0, 1.0], [3.0, 0.75]) is None
+
+
+# Studies
+
+
+def rows_of(directory):
+    with (directory / "cost.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["cost", *map(str, arguments)])
+
+
+def test_a_study_makes_table_figure_and_findings(wave, tmp_path):
+    out = tmp_path / "study"
+    vary = ["--vary", "drag.scheme=idic,tsc", "--vary", "gas.particles,dust.particles=40,80"]
+    done = invoke(wave, *vary, "--repeat", 2, "-o", out)
+    assert done.exit_code == 0, done.output
+    rows = rows_of(out)
+    assert [(row["drag.scheme"], row["gas.particles"], row["dust.particles"], row["runs"]) for row in rows] == [
+        (scheme, n, n, "2") for scheme in ("idic", "tsc") for n in ("40", "80")
+    ]
+    errors = [float(row["error"]) for row in rows]
+    assert errors[2] < errors[0] / 10 and errors[3] < errors[1] / 10  # a staircase against none
+    for row in rows:
+        assert float(row["error"]) == max(float(row["error_gas"]), float(row["error_dust"]))
+        assert int(row["updates"]) == 2 * int(row["gas.particles"]) * int(row["steps"])
+        assert float(row["cpu_least"]) <= float(row["cpu_seconds"]) <= float(row["cpu_most"])
+        assert float(row["momentum"]) < 1e-9 and row["energy"] == "" and row["status"] == "done"
+    best = min(rows, key=lambda row: float(row["error"]))
+    assert best["front"] == "1"
+    assert (out / "cost.png").stat().st_size > 10_000
+    for words in ("particle velocities against the exact wave", "0.1: ", "0.001: ", "fitted beyond"):
+        assert words in done.output and words in (out / "cost.log").read_text()
+
+
+def test_a_study_goes_on_where_it_stopped(wave, tmp_path):
+    out, vary = tmp_path / "study", ["--vary", "gas.particles,dust.particles=30,40"]
+    assert invoke(wave, *vary, "-o", out).exit_code == 0
+    kept = (out / "runs.jsonl").read_text().splitlines()
+    (out / "runs.jsonl").write_text("\n".join([*kept[:2], kept[2][:40]]) + "\n")  # as a crash leaves it
+    assert invoke(wave, "--vary", "gas.particles,dust.particles=30,40,50", "-o", out).exit_code == 0
+    assert [json.loads(text)["settings"]["gas.particles"] for text in kept[1:]] == ["30", "40"]
+    assert [row["gas.particles"] for row in rows_of(out)] == ["30", "40", "50"]
+    # The first run was not made again.
+    assert rows_of(out)[0]["cpu_seconds"] == str(json.loads(kept[1])["cpu"])
+    other = invoke(wave, *vary, "--set", "drag.K=5", "-o", out)
+    assert other.exit_code == 2 and "another scene" in other.output
+
+
+def test_parallel_runs_find_the_same_errors(wave, tmp_path):
+    vary = ["--vary", "gas.particles,dust.particles=30,40"]
+    for name, more in (("one", []), ("two", ["--parallel", 2])):
+        assert invoke(wave, *vary, *more, "-o", tmp_path / name).exit_code == 0
+    assert [r["error"] for r in rows_of(tmp_path / "one")] == [r["error"] for r in rows_of(tmp_path / "two")]
+
+
+@pytest.mark.parametrize(
+    "vary, words",
+    [
+        ("drag.scheme=tsc,tsk", 'did you mean "tsc"'),
+        ("drag.scheme=tsc,tsk", "(with scheme = tsk)"),
+        ("drag.schem=tsc,mk", 'did you mean "scheme"'),
+        ("gas.particles", "expected table.key=a,b,c"),
+    ],
+)
+def test_wrong_studies_end_in_a_message_and_write_nothing(wave, tmp_path, vary, words):
+    done = invoke(wave, "--vary", vary, "-o", tmp_path / "study")
+    assert done.exit_code == 2 and words in done.output and "Traceback" not in done.output
+    assert not (tmp_path / "study").exists()
+
+
+def test_without_an_exact_solution_the_finest_run_is_the_measure(wave, tmp_path):
+    study = Study(
+        wave, [Varied.from_text("gas.particles,dust.particles=30,60")], 1, tmp_path / "s", ['drag.direction="one-way"']
+    )
+    study.make("wave", 1)
+    first, finest = rows_of(tmp_path / "s")
+    assert finest["status"] == "reference" and finest["error"] == "" and 0.0 < float(first["error"]) < 0.5
+    assert "mass elsewhere than in the run with particles" not in (tmp_path / "s" / "cost.log").read_text()
+    assert "gas.particles = 60, dust.particles = 60 (no exact one)" in (tmp_path / "s" / "cost.log").read_text()
+
+
+def test_what_the_physics_stops_is_told_and_left_out(wave, tmp_path, monkeypatch):
+    step = Simulation.step
+
+    def fail(sim, *arguments):
+        if sim.scene.gas.particles == 40:
+            raise PhysicsError("gas particle 7 is not finite")
+        return step(sim, *arguments)
+
+    monkeypatch.setattr(Simulation, "step", fail)
+    study = Study(wave, [Varied.from_text("gas.particles,dust.particles=30,40")], 2, tmp_path / "s")
+    study.make("wave", 1)
+    good, bad = rows_of(tmp_path / "s")
+    assert good["status"] == "done" and "gas particle 7 is not finite" in bad["status"] and bad["error"] == ""
