@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from discsim import __version__
-from discsim.check import warnings
+from discsim.cautions import warnings
 from discsim.checkpoint import CheckpointError, read_checkpoint
 from discsim.eos import pressure_and_sound_speed
 from discsim.history import History, history_row

@@ -10,9 +10,11 @@ from test_scene import DISC, write
 from typer.testing import CliRunner
 
 import discsim
-from discsim.check import derived, grid_bytes, warnings
+from discsim.cautions import warnings
 from discsim.cli import app, directory_fault
+from discsim.derived import SUPPORT_OF, derived, grid_bytes
 from discsim.effects import EFFECTS
+from discsim.kernels.smoothing import KERNELS, SUPPORT
 from discsim.scene import load_scene
 
 SHEET = """\
@@ -241,6 +243,32 @@ WARNINGS = [
 def test_warning_has_its_number_and_its_cure(tmp_path, overrides, start):
     found = warnings(load_scene(write(tmp_path, DISC), overrides))
     assert any(line.startswith(start) for line in found), found
+
+
+# A scene that earns a warning, how it starts, and one that does not.
+PAIRS = [
+    (["run.timestep=3 yr"], "run.timestep = 3 yr is 2.5 times what sound allows at 10 au", ["run.timestep=1 yr"]),
+    (["space.size=210 au"], "space.size leaves 0.05 of the disc's radius about it", ["space.size=231 au"]),
+    (["gas.particles=1000"], "a mass that collapses at 100 au has", []),
+    (["space.cells=8"], "what collapses at 100 au is 2.8 grid cells wide", []),
+    (['drag.scheme="mk"'], 'drag.scheme "mk" is explicit: at 10 au its steps are', ["dust.grain_size=10 m"]),
+    (['drag.scheme="mk"'], "h is 11 times c_s t_stop at 10 au, above 1", ["dust.grain_size=10 m"]),
+    (['drag.scheme="lab14"'], "h is", ['drag.scheme="reconstructed"']),
+]
+
+
+@pytest.mark.parametrize("earns, start, does_not", PAIRS)
+def test_a_warning_is_earned(tmp_path, earns, start, does_not):
+    path = write(tmp_path, DISC)
+    words = start.split(" at ")[0].rstrip("0123456789. ")
+    assert any(line.startswith(start) for line in warnings(load_scene(path, earns))), warnings(load_scene(path, earns))
+    kept = [text for text in earns if "scheme" in text and "scheme" not in "".join(does_not)]
+    found = warnings(load_scene(path, [*kept, *does_not]))
+    assert not any(line.startswith(words[:20]) for line in found), found
+
+
+def test_support_of_kernels_is_that_of_the_formulas():
+    assert {name: SUPPORT[code] for name, code in KERNELS.items()} == SUPPORT_OF
 
 
 def test_no_warning_without_a_reason(tmp_path):

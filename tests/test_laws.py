@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from discsim import Simulation
-from discsim.check import derived
+from discsim.derived import derived
 from discsim.exact import dustybox
 from discsim.kernels.background import slip_by_speed
 from discsim.kernels.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, hastening, stopping_time

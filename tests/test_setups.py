@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene, tables
-from discsim.check import dust_masses, gas_mass
 from discsim.cli import app
+from discsim.derived import dust_masses, gas_mass
 from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.rules import BETWEEN_PAIRS, INTERPOLATING

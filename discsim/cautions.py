@@ -1,0 +1,189 @@
+"""What will run, but perhaps not as meant: each with its number and what to change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from discsim.derived import (
+    SUPPORT_OF,
+    Local,
+    drag_cell_counts,
+    gas_mass,
+    gas_step,
+    local,
+    resolution,
+    stopping_times,
+)
+from discsim.rules import KERNEL_KEYS
+from discsim.scene import Scene
+
+# Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell; the clouds of tsc
+# are as good as (1/.55)^2 = 3.3 cells.
+FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (3, 9)}
+WEAK_DUST = 0.1
+EXPLICIT = ("mk", "esph")
+OVERDAMPING = ("mk", "esph", "isph", "lab14")  # Laibe & Price (2012), sec. 4; the cure of Price & Laibe (2020) apart
+ROOM = 1.15  # half of space over the outer radius of a disc
+CLUMP = 6  # kernels' particles that a collapsing mass wants (Nelson 2006, abstract)
+CELLS = 4  # of the grid, that it is to span
+
+
+def warnings(scene: Scene) -> list[str]:
+    """What will run, but perhaps not as meant: each with its number and what to change."""
+    if scene.initial is None:
+        return []
+    at = local(scene)
+    kinds = (_gas_warnings, _step_warnings, _edge_warnings, _gravity_warnings, _collapse_warnings, _drag_warnings)
+    return [line for kind in (*kinds, _scheme_warnings) for line in kind(scene, at)]
+
+
+def _gas_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    if not scene.gas or at.h is None or at.scale_height is None:
+        return
+    ratio = resolution(scene, at.h) / at.scale_height
+    worst = int(np.argmax(ratio))
+    if ratio[worst] > 0.5:
+        needed = scene.gas.particles * (ratio[worst] / 0.5) ** 2
+        where = at.places[worst]
+        yield f"h/H = {ratio[worst]:.2g} at {where}, above 0.5: raise gas.particles to about {needed:.2g}"
+
+
+def _gravity_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    if not scene.self_gravity:
+        return
+    kernel = scene.self_gravity.kernel
+    name = KERNEL_KEYS[kernel]
+    length = getattr(scene.self_gravity, name)
+    shown = scene.units.show(length, "length")
+    for other in set(KERNEL_KEYS.values()) - {name}:
+        if getattr(scene.self_gravity, other) is not None:
+            yield f'self_gravity.{other} is not used by kernel "{kernel}": leave it out'
+    if scene.space.cells:
+        cell = max(scene.space.size) / scene.space.cells
+        if length < cell:
+            needed = math.ceil(max(scene.space.size) / length)
+            yield (
+                f"self_gravity.{name} = {shown} is {length / cell:.2g} of a grid cell: "
+                f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
+            )
+    if at.scale_height is not None:
+        # A softening is to be below H everywhere; a thickness is to be H somewhere.
+        worst = int(at.scale_height.argmin() if kernel == "plummer" else at.scale_height.argmax())
+        height = at.scale_height[worst]
+        if length > height:
+            yield (
+                f"self_gravity.{name} = {shown} is {length / height:.2g} H at {at.places[worst]}, above 1: "
+                f"lower it to {scene.units.show(height, 'length')}"
+            )
+
+
+def _step_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    """A step of the scene's own that is beyond the gas's."""
+    dt = scene.run.timestep
+    if dt is None or at.h is None or at.sound_speed is None:
+        return
+    most = gas_step(scene, at)
+    worst = int(np.argmin(most))
+    if dt > most[worst]:
+        given, best = (scene.units.show(time, "time") for time in (dt, most[worst]))
+        yield (
+            f"run.timestep = {given} is {dt / most[worst]:.2g} times what sound allows at {at.places[worst]}: "
+            f"lower it to {best}, or leave it out"
+        )
+
+
+def _edge_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    if scene.initial is None or scene.initial.kind != "disc" or scene.background:
+        return
+    half, outer = 0.5 * min(scene.space.size), scene.initial.outer
+    if half < ROOM * outer:
+        wanted = scene.units.show(2 * ROOM * outer, "length")
+        yield (
+            f"space.size leaves {half / outer - 1:.2g} of the disc's radius about it, below {ROOM - 1:.2g}: "
+            f"what spreads leaves the grid; raise it to {wanted}"
+        )
+
+
+def _collapse_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    """What collapses, 2 c_s^2 / (G Sigma) wide and pi c_s^4 / (G^2 Sigma) heavy (Nelson 2006, sec. 2), where Q < 2."""
+    if not scene.self_gravity or not scene.gas or at.sound_speed is None or at.h is None or scene.space.dimensions == 1:
+        return
+    length = 2 * at.sound_speed**2 / at.density
+    mass = math.pi * at.sound_speed**4 / at.density
+    heavy = np.ones(len(at.density), bool) if at.toomre_q is None else at.toomre_q < 2
+    if not heavy.any():
+        return
+    worst = int(np.argmin(np.where(heavy, mass, np.inf)))
+    where = at.places[worst]
+    reach = math.pi * (SUPPORT_OF[scene.gas.kernel] * scene.gas.eta) ** 2
+    held = mass[worst] / (reach * gas_mass(scene) / scene.gas.particles)
+    if held < CLUMP:
+        yield (
+            f"a mass that collapses at {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
+            f"raise gas.particles {CLUMP / held:.2g} times"
+        )
+    cell = max(scene.space.size) / (scene.space.cells or scene.gas.particles**0.5)
+    if length[worst] < CELLS * cell:
+        yield (
+            f"what collapses at {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
+            f"raise space.cells {CELLS * cell / length[worst]:.2g} times"
+        )
+
+
+def _scheme_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    """Explicit steps, and schemes that compare velocities at the places of the particles."""
+    drag = scene.drag
+    if drag is None or at.h is None or at.sound_speed is None:
+        return
+    for time in stopping_times(scene, at):
+        if drag.scheme in EXPLICIT:
+            loaded = max(1.0, sum(dust.ratio for dust in scene.dust or ()))
+            short = gas_step(scene, at) / (time / loaded)
+            worst = int(np.argmax(short))
+            if short[worst] > 1:
+                yield (
+                    f'drag.scheme "{drag.scheme}" is explicit: at {at.places[worst]} its steps are {short[worst]:.2g} '
+                    'times shorter than the gas\'s: take "tsc"'
+                )
+        if drag.scheme in OVERDAMPING:
+            ratio = resolution(scene, at.h) / (at.sound_speed * time)
+            worst = int(np.argmax(ratio))
+            if ratio[worst] > 1:
+                more = ratio[worst] ** scene.space.dimensions
+                yield (
+                    f"h is {ratio[worst]:.2g} times c_s t_stop at {at.places[worst]}, above 1, where "
+                    f'drag.scheme "{drag.scheme}" damps too much: take "tsc", or gas.particles {more:.2g} times as many'
+                )
+
+
+def _drag_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    for i, time in enumerate(stopping_times(scene, at)):
+        if at.omega is not None and (time * at.omega).max() > 10:
+            stokes = time * at.omega
+            where = at.places[int(np.argmax(stokes))]
+            which = f"dust.{i}" if len(scene.dust or ()) > 1 else "dust"
+            yield (
+                f"{which}: St = {stokes.max():.3g} at {where}, above 10, where gas hardly drags: "
+                f"lower the stopping time {stokes.max() / 10:.2g} times, or leave out [drag]"
+            )
+    yield from _count_warnings(scene, at)
+
+
+def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    counts = drag_cell_counts(scene, at)
+    strong = sum(dust.ratio for dust in scene.dust or ()) > WEAK_DUST
+    if counts is None or not scene.drag or not strong:
+        return
+    if scene.drag.direction == "one-way" or scene.space.dimensions == 1:
+        return
+    for name, count, few in zip(("gas", "dust"), counts, FEW[scene.drag.scheme], strict=True):
+        if count.min() < few:
+            where = at.places[int(np.argmin(count))]
+            factor = few / count.min()
+            yield (
+                f"{count.min():.2g} {name} particles in a drag cell at {where}, below {few}: "
+                f"raise {name}.particles {factor:.2g} times, or drag.cell {math.sqrt(factor):.2g} times"
+            )
