@@ -1,6 +1,6 @@
 """What a step costs: nanoseconds a particle of whole integrated steps, and what each effect adds.
 
-    python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--parts cases,growth,effects]
+    python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--parts cases,growth,effects,steps]
 
 A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, and the first steps, which compile,
 apart) in a process of its own for every line:
@@ -20,7 +20,8 @@ apart) in a process of its own for every line:
     bytes     the most memory that the process held, less what it held before the scene, over the particles
 
 `growth` takes gas from 1e4 to 1e6 and dust to 1e7 and draws the cost of each against its number; `effects` adds effect
-by effect to one disc, and sets what the whole step became dearer by beside what the ledger (`costs.csv`) says.
+by effect to one disc, and sets what the whole step became dearer by beside what the ledger (`costs.csv`) says; `steps`
+says where the shipped discs have their shortest steps, and what steps of each particle's own would save.
 """
 
 from __future__ import annotations
@@ -246,6 +247,38 @@ def growth(threads: int, largest: int) -> list[dict[str, Any]]:
     return [line_of(name, size, threads) for name, size in sizes]
 
 
+def show_steps(console: Console) -> list[dict[str, Any]]:
+    """What sets the steps of the shipped discs, and what steps of each particle's own, in powers of two, would save."""
+    from discsim import Simulation, load_scene
+
+    rows = []
+    table = Table("disc", "set by", "at r", "r of the edges", "gas updates saved", "at most, of a step", box=SIMPLE)
+    for path in sorted((Path(__file__).parents[1] / "setups").glob("*_disc.toml")):
+        sim = Simulation(load_scene(path))
+        left = [4]
+
+        def enough(left: list[int] = left) -> bool:
+            left[0] -= 1
+            return left[0] == 0
+
+        sim.evolve(np.inf, enough)
+        gas, sound = sim.gas, sim.scene.gas.viscosity.alpha if sim.scene.gas.viscosity else 0.0
+        own = gas.h / (gas.sound_speed * (1.0 + 1.2 * sound))
+        first = int(own.argmin())
+        halvings = np.floor(np.log2(own / own[first]))
+        saved = 1.0 / np.mean(0.5**halvings)
+        share = sim.costs.shares["gas"]
+        whole = 1.0 / (1.0 - share + share / saved)
+        r, edges = np.sqrt((gas.pos[first] ** 2).sum()), (sim.scene.initial.inner, sim.scene.initial.outer)
+        rows.append({"disc": path.stem, "set_by": sim.limited_by, "saved": saved, "whole": whole, "radius": float(r)})
+        table.add_row(
+            path.stem, sim.limited_by, f"{r:.3g}", f"{edges[0]:.3g}, {edges[1]:.3g}", f"{saved:.2g} times",
+            f"{whole:.2g} times",
+        )  # fmt: skip
+    console.print(table)
+    return rows
+
+
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Cost and memory a particle against the number of particles."""
     figure = Figure(figsize=(9, 4), layout="constrained")
@@ -271,7 +304,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print the figures as JSON and nothing else")
     parser.add_argument("--sizes", default="1e5,1e6", help="particles: gas of gas, gravity and mix, dust of the others")
     parser.add_argument("--threads", default="1,2", help="numbers of threads")
-    parser.add_argument("--parts", default="cases,growth,effects")
+    parser.add_argument("--parts", default="cases,growth,effects,steps")
     parser.add_argument("--cases", default=",".join(CASES))
     parser.add_argument("--one", help=argparse.SUPPRESS)  # a scene as JSON: what `apart` calls
     options = parser.parse_args()
@@ -300,6 +333,8 @@ def main() -> None:
         draw(found["growth"], options.output / "throughput.png")
     if "effects" in options.parts:
         found["effects"] = show_effects(min(sizes), console)
+    if "steps" in options.parts:
+        found["steps"] = show_steps(console)
     text = json.dumps(found, indent=1)
     (options.output / "throughput.json").write_text(text + "\n")
     if options.json:

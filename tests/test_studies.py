@@ -292,7 +292,9 @@ def test_throughput_measures_what_it_names(name):
         {"self_gravity"} if name != "gas" else set()
     ) | ({"dust", "drag"} if found["dust"] else set())  # fmt: skip
     # A few at the inner edge fall onto the star.
-    assert found["dust"] == pytest.approx({"dust one-way": 1500, "dust two-way": 1500, "mix": 5000}.get(name, 0), rel=0.1)
+    assert found["dust"] == pytest.approx(
+        {"dust one-way": 1500, "dust two-way": 1500, "mix": 5000}.get(name, 0), rel=0.1
+    )
     # Near the sharp edges kernels are wider than the 25 neighbours inside.
     assert found["neighbours"] == pytest.approx(25, rel=0.1)
     assert 0.0 < sum(found["effects"].values()) <= found["cpu"]
