@@ -67,7 +67,7 @@ def disc() -> dict[str, Any]:
         "space": {"size": 10.0},
         "initial": {"kind": "disc", "mass": 0.01, "inner": 1.0, "outer": 3.0, "inner_taper": 0.3, "outer_taper": 0.3},
         "gas": {"particles": 4000, "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1}, "viscosity": {}},
-        "star": {"mass": 1.0},
+        "star": {"mass": 1.0, "accretion_radius": 0.5},
     }
 
 

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from discsim.cautions import warnings
+from discsim.costs import clock
 from discsim.derived import derived
+from discsim.forecast import forecast
 from discsim.rules import OF_CELLS, OF_SPH, unused_keys
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
@@ -20,9 +22,21 @@ def report(scene: Scene) -> str:
         ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
         ["effects that will run", *(f"  {line}" for line in _effect_lines(scene))],
         ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
+        ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
         ["warnings", *(f"  {line}" for line in warnings(scene) or ["none"])],
     ]
     return "\n\n".join("\n".join(part) for part in parts)
+
+
+def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    expected = forecast(scene)
+    if expected is None:
+        yield "none", "in one dimension runs take seconds" if scene.space.dimensions == 1 else "its step is not known"
+        return
+    yield "steps, about", f"{float(f'{expected.steps:.2g}'):.0f}"
+    yield "CPU time of a step, about", f"{expected.step_seconds:.2g} s"
+    yield "CPU time of the run, about", clock(expected.seconds)
+    yield "memory, about", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
 
 
 def _unit_lines(units: Units) -> Iterator[str]:

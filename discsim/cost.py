@@ -24,7 +24,8 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from discsim.progress import LINE_EVERY, clock
+from discsim.costs import clock
+from discsim.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 
 GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest setting is told

@@ -55,3 +55,14 @@ class Costs:
             for name, seconds in self.seconds.items():
                 rows.writerow([name, self.calls[name], f"{seconds:.4f}", f"{shares[name]:.4f}"])
         os.replace(temporary, path)
+
+
+def clock(seconds: float) -> str:
+    """A wall-clock time for people: "3.2 s", "4 min 5 s", "2 h 5 min"."""
+    if seconds < 10.0:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 1:
+        return f"{rest} s"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"

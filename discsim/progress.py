@@ -12,6 +12,8 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from discsim.costs import clock
+
 if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.state import State
@@ -120,14 +122,3 @@ class Progress:
             self.live = Live(console=self.console, auto_refresh=False, transient=True)
             self.live.start()
         self.live.update(frame, refresh=True)
-
-
-def clock(seconds: float) -> str:
-    """A wall-clock time for people: "3.2 s", "4 min 5 s", "2 h 5 min"."""
-    if seconds < 10.0:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 1:
-        return f"{rest} s"
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"

@@ -19,9 +19,11 @@ from pydantic import BaseModel
 from discsim import __version__
 from discsim.cautions import warnings
 from discsim.checkpoint import CheckpointError, read_checkpoint
+from discsim.costs import clock
 from discsim.eos import pressure_and_sound_speed
+from discsim.forecast import learn
 from discsim.history import History, history_row
-from discsim.progress import Progress, clock
+from discsim.progress import Progress
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.simulation import PhysicsError, Simulation
 from discsim.snapshot import write_snapshot
@@ -33,6 +35,7 @@ Array = np.ndarray
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
 SMALL = 20_000  # particles: below it history has a row for every step
+LONG_RUN = 100  # steps, after which it is known what one takes
 ROW_EVERY = 16  # steps between rows of a larger run
 # What a run that goes on may do otherwise than before.
 FREE_TO_CHANGE = (
@@ -312,6 +315,8 @@ class _Run:
         say(f"output  {self.directory}: {self.snapshots} snapshots, history.csv, costs.csv, run.log")
         say(f"figure  {figure}")
         say(f"cost    {cost}")
+        if self.steps >= LONG_RUN:
+            learn(self.scene, (time.process_time() - self.cpu_after_first) / (self.steps - 1))
         return DONE
 
     def _cost(self) -> str:

@@ -16,7 +16,8 @@ from rich.console import Console
 
 from discsim import Simulation, read_snapshot
 from discsim.checkpoint import read_checkpoint
-from discsim.progress import Progress, clock
+from discsim.costs import clock
+from discsim.progress import Progress
 from discsim.runner import differences, output_times, run_scene
 from discsim.scene import SceneError, load_scene
 
