@@ -92,7 +92,9 @@ def cost(
     scene: SceneArgument,
     vary: Annotated[
         list[str],
-        typer.Option(metavar="TABLE.KEY=A,B,...", help="Values of a key, or of several keys at once: A.X,B.Y=1,2."),
+        typer.Option(
+            metavar="TABLE.KEY=A,B,...", help="Values of a key; of several at once: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6."
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Directory of table and figure.")],
     repeat: Annotated[int, typer.Option(min=1, help="Runs of each, whose median is taken.")] = 1,

@@ -40,14 +40,14 @@ class StudyError(Exception):
 
 @dataclass(frozen=True)
 class Varied:
-    """Keys that take the same values together."""
+    """Keys that vary together: with one value for all of them, or one for each, as in "100:0.06"."""
 
     keys: tuple[str, ...]
     values: tuple[str, ...]
 
     @classmethod
     def from_text(cls, text: str) -> Varied:
-        """From "table.key=a,b" or "table.key,table.key=a,b". Raises StudyError."""
+        """From "table.key=a,b", "table.key,table.key=a,b" or "table.key,table.key=a:c,b:d". Raises StudyError."""
         names, equals, written = text.partition("=")
         keys, values = _split(names), _split(written)
         if not equals or not all(keys) or not all(values) or not values:
@@ -56,16 +56,22 @@ class Varied:
         for value in values:
             if values.count(value) > 1:
                 raise StudyError(f"--vary {text}: {value} is there twice; expected different values")
+            if value.count(":") not in (0, len(keys) - 1):
+                raise StudyError(f"--vary {text}: {value} has not one value for each key; expected {len(keys)} or one")
         return cls(tuple(keys), tuple(values))
 
     @property
     def name(self) -> str:
         return ",".join(self.keys)
 
+    def settings(self, value: str) -> Settings:
+        parts = value.split(":") if ":" in value else [value] * len(self.keys)
+        return {key: part.strip() for key, part in zip(self.keys, parts, strict=True)}
+
     @property
     def numbers(self) -> tuple[float, ...] | None:
-        """The values as numbers, without their unit; None where one of them is none."""
-        found = [_number(value) for value in self.values]
+        """The values (the first key's) as numbers, without their unit; None where one of them is none."""
+        found = [_number(value.partition(":")[0]) for value in self.values]
         return tuple(number for number in found if number is not None) if None not in found else None
 
 
@@ -128,8 +134,8 @@ class Study:
         self.path, self.varied, self.repeat, self.directory = scene, tuple(varied), repeat, directory
         self.settings, self.without = tuple(settings), tuple(without)
         self.points = [
-            Point({key: value for each, value in zip(varied, values, strict=True) for key in each.keys})
-            for values in itertools.product(*(each.values for each in varied))
+            Point({key: part for settings in together for key, part in settings.items()})
+            for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))
         ]
         self.scenes = [self._scene(point.settings) for point in self.points]
         from discsim.errors import measure_of

@@ -102,9 +102,12 @@ def test_keys_and_values_are_read():
     assert Varied.from_text('a.v=[1, 0],[0, 1],"x, y"').values == ("[1, 0]", "[0, 1]", '"x, y"')
     assert Varied.from_text('s=1 au,"2.5 au",1_000').numbers == (1.0, 2.5, 1000.0)
     assert Varied.from_text("s=mk,tsc").numbers is None
+    both = Varied.from_text("a.x,b.y=1:0.5,2:0.25")
+    assert both.settings("2:0.25") == {"a.x": "2", "b.y": "0.25"} and both.numbers == (1.0, 2.0)
+    assert Varied.from_text("a.x,b.y=1,2").settings("2") == {"a.x": "2", "b.y": "2"}
 
 
-@pytest.mark.parametrize("text", ["a.b", "a.b=", "=1", "a.b=1,,2", "a.b=1,1", ",=1"])
+@pytest.mark.parametrize("text", ["a.b", "a.b=", "=1", "a.b=1,,2", "a.b=1,1", ",=1", "a.b=1:2", "a,b,c=1:2"])
 def test_what_cannot_be_read_is_told(text):
     with pytest.raises(StudyError, match="expected"):
         Varied.from_text(text)

@@ -303,7 +303,7 @@ def test_throughput_measures_what_it_names(name):
 
 def test_a_study_of_cost_is_made_once(tmp_path):
     module = script("cost_of_accuracy")
-    vary = ["drag.scheme=idic,tsc", module.particles(16, 32)]
+    vary = ["drag.scheme=idic,tsc", module.particles(24, 48)]
     study = module.made(module.wave(500.0), vary, tmp_path / "wave")
     again = module.made(module.wave(500.0), vary, tmp_path / "wave")
     assert [p.cpu for p in study.points] == [p.cpu for p in again.points]
