@@ -154,14 +154,8 @@ def main() -> None:
         made(shock(500.0), vary, out / "shock")
     if "oblique" in wanted:
         prices["oblique, K = 500"] = [
-            made(
-                wave(500.0, 2),
-                ["drag.scheme=tsc,idic-linear", particles(64, 256, 1024, 4096, dimensions=2)],
-                out / "oblique",
-            ),
-            made(
-                wave(500.0, 2), ["drag.scheme=mk", particles(256, 1024, 4096, dimensions=2)], out / "oblique-explicit"
-            ),
+            made(wave(500.0, 2), ["drag.scheme=tsc,idic-linear", squares(8, 16, 32, 64)], out / "oblique"),
+            made(wave(500.0, 2), ["drag.scheme=mk", squares(16, 32, 64)], out / "oblique-explicit"),
         ]
     if "sheet" in wanted:
         vary = ["space.cells=16,32,64,128", "gas.particles=256,1024,4096"]
