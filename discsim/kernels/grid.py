@@ -173,7 +173,7 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
         outside[p] = x < 0 or y < 0
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _place(i, count, periodic):
     # Where the five nodes about node i begin, and which of them i is.
     first = i - 2
@@ -182,7 +182,7 @@ def _place(i, count, periodic):
     return first, i - first
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _gradient_along_y(line, periodic, scale, out):
     ny = line.size
     a, b = 8.0 * scale, scale
@@ -197,7 +197,7 @@ def _gradient_along_y(line, periodic, scale, out):
         out[j, 1] = scale * total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def gradient(begin, end, potential, cell, periodic, out):
     """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges."""
     nx, ny = potential.shape

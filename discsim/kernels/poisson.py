@@ -3,7 +3,7 @@
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def load_columns(field, first, columns):
     """Columns first, first + 1, ... of `field` (nx, k) into the rows of `columns` (batch, >= nx)."""
     for i in range(field.shape[0]):
@@ -11,7 +11,7 @@ def load_columns(field, first, columns):
             columns[c, i] = field[i, first + c]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def store_columns(columns, first, field):
     """The reverse of `load_columns`."""
     for i in range(field.shape[0]):
@@ -19,7 +19,7 @@ def store_columns(columns, first, field):
             field[i, first + c] = columns[c, i]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def multiply_columns(columns, quadrant, first):
     """Multiply by the kernel's transform: `quadrant` (ky, kx) has half of the kx, for it is even."""
     length = columns.shape[1]
