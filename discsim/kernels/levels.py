@@ -78,7 +78,10 @@ def list_nodes(node, level, first, width, height, wrap, flat, at):
         for k in range(9):
             nodes[n, k] = index[about[k]] if about[k] >= 0 else -1
             blocks[n, k] = at[about[k]] if about[k] >= 0 else -1
-    return index[node], dense[:total], nodes, blocks
+    home = np.empty(len(node), np.int64)
+    for block in range(len(node)):
+        home[block] = index[node[block]]
+    return home, dense[:total], nodes, blocks
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
