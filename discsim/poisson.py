@@ -14,8 +14,8 @@ Open edges: the grid is padded to twice its sides, so that the cyclic convolutio
 nodes (Hockney & Eastwood 1988, ch. 6); rows that are only padding are never transformed. Periodic: phi_k is
 Sigma_k w_k, and phi_0 = 0.
 
-Rows go through one-dimensional FFTW_ESTIMATE plans in batches of fixed size: the same bits on any number of
-threads.
+Rows and columns go through one-dimensional FFTW_ESTIMATE plans in batches of fixed size: the same bits on any number
+of threads.
 """
 
 from collections.abc import Callable
@@ -28,10 +28,17 @@ import pyfftw
 from scipy.fft import dctn, next_fast_len
 from scipy.special import erfcx, gamma, k0e, k1e
 
-from discsim.kernels.poisson import load_columns, multiply_columns, store_columns
+from discsim.kernels.poisson import (
+    TILE,
+    load_columns,
+    multiply_columns,
+    rows_to_tiles,
+    store_columns,
+    tiles_to_rows,
+)
 
 Array = np.ndarray
-BATCH = 16  # rows that a plan transforms at once
+ROWS = 8  # that a plan transforms at once: more would leave the cache between its steps
 
 
 @dataclass(frozen=True)
@@ -89,26 +96,27 @@ class Poisson:
         padded = shape if periodic else (_padded(shape[0]), _padded(shape[1]))
         transform = _periodic_transform if periodic else _open_transform
         self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
-        self._half = np.empty((shape[0], padded[1] // 2 + 1), complex)
+        # Transformed along y; the last tile is filled up with zeros.
+        self._tiles = np.empty((-(-(padded[1] // 2 + 1) // TILE), shape[0], TILE), complex)
         self._workers = [_Worker(padded) for _ in range(threads)]
         self._pool = ThreadPoolExecutor(threads)
 
     def solve(self, surface_density: Array) -> Array:
         """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes."""
         potential = np.empty(self.shape)
-        rows, columns = self._half.shape
-        self._share(lambda worker, first: worker.forward(surface_density, first, self._half), rows)
-        self._share(lambda worker, first: worker.convolve(self._half, first, self._kernel), columns)
-        self._share(lambda worker, first: worker.backward(self._half, first, potential), rows)
+        tiles, rows = self._tiles, range(0, self.shape[0], ROWS)
+        self._share(lambda worker, first: worker.forward(surface_density, first, tiles), rows)
+        self._share(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), range(len(tiles)))
+        self._share(lambda worker, first: worker.backward(tiles, first, potential), rows)
         return potential
 
-    def _share(self, work: "Callable[[_Worker, int], None]", count: int) -> None:
+    def _share(self, work: "Callable[[_Worker, int], None]", batches: range) -> None:
         # The workers take batches from one iterator; a batch gives the same numbers whoever takes it.
-        batches = iter(range(0, count, BATCH))
+        left = iter(batches)
 
         def take(worker: "_Worker") -> None:
-            for first in batches:
-                work(worker, first)
+            for batch in left:
+                work(worker, batch)
 
         if len(self._workers) == 1:
             take(self._workers[0])
@@ -120,42 +128,38 @@ class _Worker:
     """Plans and their buffers for one thread; `forward`, `convolve` and `backward` treat one batch."""
 
     def __init__(self, padded: tuple[int, int]) -> None:
-        nx, ny = padded
-        self.rows = pyfftw.zeros_aligned((BATCH, ny))
-        self.spectra = pyfftw.zeros_aligned((BATCH, ny // 2 + 1), complex)
-        self.columns = _columns(nx)
-        self.modes = _columns(nx)
-        # Backward plans have buffers of their own: what pads the forward ones must stay 0.
-        self.rows_back = pyfftw.zeros_aligned((BATCH, ny))
-        self.columns_back = _columns(nx)
-        self.along_y = _plan(self.rows, self.spectra, "FFTW_FORWARD")
-        self.along_x = _plan(self.columns, self.modes, "FFTW_FORWARD")
-        self.back_along_x = _plan(self.modes, self.columns_back, "FFTW_BACKWARD")
-        self.back_along_y = _plan(self.spectra, self.rows_back, "FFTW_BACKWARD", "FFTW_DESTROY_INPUT")
+        self.length, ny = padded
+        count = ny // 2 + 1
+        # The backward plan has rows of its own: what pads the forward ones must stay 0.
+        self.rows, self.rows_back = pyfftw.zeros_aligned((ROWS, ny)), pyfftw.zeros_aligned((ROWS, ny))
+        self.spectra = pyfftw.zeros_aligned((ROWS, -(-count // TILE) * TILE), complex)
+        # Rows a power of two apart would share their place in the cache, and a transpose wait for it.
+        self.columns = pyfftw.zeros_aligned((TILE, self.length + 4), complex)
+        self.modes = pyfftw.zeros_aligned((TILE, self.length + 4), complex)
+        columns, modes, spectra = self.columns[:, : self.length], self.modes[:, : self.length], self.spectra[:, :count]
+        self.along_y = _plan(self.rows, spectra, "FFTW_FORWARD")
+        self.along_x = _plan(columns, modes, "FFTW_FORWARD")
+        self.back_along_x = _plan(modes, columns, "FFTW_BACKWARD")
+        self.back_along_y = _plan(spectra, self.rows_back, "FFTW_BACKWARD", "FFTW_DESTROY_INPUT")
 
-    def forward(self, surface_density: Array, first: int, half: Array) -> None:
-        batch = surface_density[first : first + BATCH]
+    def forward(self, surface_density: Array, first: int, tiles: Array) -> None:
+        batch = surface_density[first : first + ROWS]
         self.rows[: len(batch), : batch.shape[1]] = batch
         self.along_y.execute()
-        half[first : first + BATCH] = self.spectra[: len(batch)]
+        rows_to_tiles(self.spectra, first, tiles)
 
-    def convolve(self, half: Array, first: int, kernel: Array) -> None:
-        load_columns(half, first, self.columns)
+    def convolve(self, tiles: Array, tile: int, kernel: Array) -> None:
+        load_columns(tiles, tile, self.length, self.columns)
         self.along_x.execute()
-        multiply_columns(self.modes, kernel, first)
+        multiply_columns(self.modes.view(float), kernel, tile * TILE, self.length)
         self.back_along_x.execute()
-        store_columns(self.columns_back, first, half)
+        store_columns(self.columns, tile, tiles)
 
-    def backward(self, half: Array, first: int, potential: Array) -> None:
-        batch = potential[first : first + BATCH]
-        self.spectra[: len(batch)] = half[first : first + BATCH]
+    def backward(self, tiles: Array, first: int, potential: Array) -> None:
+        batch = potential[first : first + ROWS]
+        tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
         batch[:] = self.rows_back[: len(batch), : batch.shape[1]]
-
-
-def _columns(length: int) -> Array:
-    # Rows a power of two apart would share their place in the cache, and a transpose wait for it.
-    return pyfftw.zeros_aligned((BATCH, length + 4), complex)[:, :length]
 
 
 def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:

@@ -6,7 +6,7 @@ import os
 import signal
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -14,6 +14,7 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+from numba.core import event
 from pydantic import BaseModel
 
 from discsim import __version__
@@ -51,7 +52,7 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
     """
     run = _Run(scene, Path(directory), quiet)
     fail = run.progress.fail
-    with run.interrupts:
+    with run.interrupts, event.install_listener("numba:compile", Compilation(run.progress.say)):
         try:
             return run.go(resume)
         except (SceneError, CheckpointError) as fault:
@@ -132,6 +133,21 @@ class Interrupts:
         self.number = number
 
 
+class Compilation(event.Listener):
+    """Tells, once, that kernels compile: when the first does that numba's cache does not hold."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self.say, self.told = say, False
+
+    def on_start(self, event: event.Event) -> None:
+        if not self.told:
+            self.told = True
+            self.say("compiling those that numba's cache does not hold: once, about a minute for a scene with drag")
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
 class _Run:
     """One run: the simulation, and the files of its directory."""
 
@@ -209,7 +225,7 @@ class _Run:
         say(f"effects: {', '.join(self.scene.effects)}")
         for line in warnings(self.scene):
             say(f"warning: {line}")
-        say("loading kernels (the first time they are compiled, which takes a minute or two)")
+        say("loading kernels")
 
     def _open(self, resume: bool) -> None:
         """Open the directory's files, and take up the state where the run goes on."""

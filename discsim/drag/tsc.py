@@ -74,18 +74,18 @@ def relax(drag, state, dt, gas_vel, heat):
     slopes = np.zeros((total, dim, dim))
     change, drive, rate = np.zeros((total, species, dim)), np.zeros((total, species, dim)), np.zeros((total, species))
     source_slopes, known = np.zeros((total, species, dim, dim)), np.zeros((total, species), np.bool_)
-    share(kernels.slope_sources, total, near, cells, dim, source_slopes, known, least=64)
     pooled = species if drag.two_way else 1
-    sound = np.zeros(total if drag.law.nonlinear else 0)
+    share(kernels.fit_slopes, total, near, cells, nodes, pooled, slopes, source_slopes, known, least=64)
+    sound = None
     if drag.law.nonlinear:
+        sound = np.zeros(total)
         number = np.diff(blocks.gas_start[: count + 1])
         of_block = np.repeat(np.arange(count), number)
         speeds = np.bincount(of_block, gas.sound_speed[blocks.gas_order[: len(of_block)]], count)
         share(kernels.mean_sound, total, near, cells, speeds / np.maximum(number, 1), sound, least=64)
     share(
-        kernels.relax_nodes, total, near, about, cells, nodes, centre, source_slopes, known, sound, pooled,
-        drag.law.code, drag.law.grains, drag.two_way, dt, drag.exponential, *drag.star, slopes, change, drive, rate,
-        least=64,
+        kernels.relax_nodes, total, about, nodes, centre, slopes, source_slopes, known, sound, drag.law.code,
+        drag.law.grains, drag.two_way, dt, drag.exponential, *drag.star, change, drive, rate, least=64,
     )  # fmt: skip
     sharp = np.empty_like(change)
     share(kernels.sharpen, total, about, nodes, drag.two_way, change, sharp, least=64)

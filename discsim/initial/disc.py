@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from discsim.exact import nsh
 from discsim.initial import SPECIES, profile, random_stream
@@ -84,6 +83,8 @@ def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
     The seeds of spiral arms, leading and trailing: phases are random, ten from edge to edge and smooth
     between. On quiet rings nothing else breaks the symmetry. Gas and dust share them.
     """
+    from scipy.interpolate import make_interp_spline  # slow to import
+
     start: Any = scene.initial
     stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
     nodes = np.linspace(start.inner, start.outer, 10)

@@ -34,12 +34,12 @@ VALUE, SUPERSONIC, SIZE, COLUMN, THERMAL = range(5)
 KWOK = 9.0 * math.pi / 128.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def volume_density(density, sound, omega):
     return density * omega / (math.sqrt(2.0 * math.pi) * sound) if omega > 0.0 else density
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def stopping_time(law, grain, mass_ratio, density, sound, omega):
     """Stopping time of the dust at vanishing speed; `grain` (5,), rho_d = mass_ratio density."""
     value = grain[VALUE]
@@ -57,7 +57,7 @@ def stopping_time(law, grain, mass_ratio, density, sound, omega):
     return value / (sound * volume) * max(1.0, 4.0 * grain[SIZE] * volume / (9.0 * grain[COLUMN]))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def hastening(law, grain, density, sound, omega, speed):
     """By how much the drag is faster than at vanishing speed; eqs. (2) and (4)."""
     if law == EPSTEIN_STOKES:
@@ -69,7 +69,7 @@ def hastening(law, grain, density, sound, omega, speed):
     return math.sqrt(1.0 + grain[SUPERSONIC] * mach * mach)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def stopping_times(law, grain, mass_ratio, density, sound, omega):
     """`stopping_time` for arrays of density, sound speed and Omega (n,)."""
     out = np.empty(len(density))

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def place_blocks(level, leaf, nx, ny, periodic, levels):
     """Nodes of the blocks: (node of a block (blocks,), block of a node or -1, strides, whether levels wrap).
 
@@ -44,7 +44,7 @@ def step_along(index, by, count, wraps):
     return index
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def neighbours(node, level, first, width, height, wrap, flat, out):
     """Nodes (9,) about `node`, itself in the middle, -1 beyond the border; `flat` in one dimension."""
     rows = height[level] + 2
@@ -56,7 +56,7 @@ def neighbours(node, level, first, width, height, wrap, flat, out):
             out[3 * (i + 1) + j + 1] = first[level] + jx * rows + jy if inside else -1
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def list_nodes(node, level, first, width, height, wrap, flat, at):
     """The nodes in reach of the blocks, numbered: of each block its own, and of each node its number with borders,
     the nodes about it (n, 9) and the blocks about it (n, 9), -1 where there is none.
@@ -78,10 +78,13 @@ def list_nodes(node, level, first, width, height, wrap, flat, at):
         for k in range(9):
             nodes[n, k] = index[about[k]] if about[k] >= 0 else -1
             blocks[n, k] = at[about[k]] if about[k] >= 0 else -1
-    return index[node], dense[:total], nodes, blocks
+    home = np.empty(len(node), np.int64)
+    for block in range(len(node)):
+        home[block] = index[node[block]]
+    return home, dense[:total], nodes, blocks
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def node_centres(dense, first, height, origin, leaf):
     """Places (n, 2) of the nodes, whose numbers with borders are `dense`."""
     out = np.empty((len(dense), 2))

@@ -3,7 +3,7 @@
 from numba import njit
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def add_scaled(begin, end, y, x, dt):
     """y += dt x for arrays (n, d)."""
     for i in range(begin, end):
@@ -11,7 +11,7 @@ def add_scaled(begin, end, y, x, dt):
             y[i, k] += dt * x[i, k]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def wrap(begin, end, pos, size):
     """Bring positions (n, d) back into [0, size)."""
     for i in range(begin, end):

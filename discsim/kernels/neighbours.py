@@ -22,21 +22,25 @@ MAX_CLASSES = 24
 CELL_OVER_REACH = 1.4
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def size_classes(radius):
     """Class of each support radius, in factors of two above the smallest."""
-    smallest = radius.min()
-    s0 = max(smallest, radius.max() * 2.0 ** (1 - MAX_CLASSES))
+    smallest, largest = np.inf, 0.0
+    for r in radius:
+        smallest, largest = min(smallest, r), max(largest, r)
+    s0 = max(smallest, largest * 2.0 ** (1 - MAX_CLASSES))
     out = np.empty(len(radius), np.int64)
     for i in range(len(radius)):
         out[i] = max(0, math.ceil(math.log2(radius[i] / s0) - 1e-12))
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def lay_grids(radius, classes, low, width, periodic):
     """The table of grids over the box [low, low + width], with at most some cells a particle."""
-    count = classes.max() + 1
+    count = 1
+    for k in classes:
+        count = max(count, k + 1)
     grids = np.zeros((count, 6))
     members = np.zeros(count, np.int64)
     for i in range(len(radius)):
@@ -116,7 +120,7 @@ def gap(a0, a1, b0, b1):
     return max(0.0, max(b0 - a1, a0 - b1))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def find_candidates(box, reach, mutual, pos, radius, grids, order, start, bounds, low, width, periodic):
     """Particles that may lie within `reach` of a particle in `box` (x0, x1, y0, y1, ...): (index, shifts).
 

@@ -13,7 +13,7 @@ G the slope pooled within species over the nine cells about the node; that of th
 
     A_s - B_s X_s - (A_g - B_g X_g),                                                                     (2b)
 
-B_s the slope of a species' own sources there (`slope_sources`): where t_stop << dt the drag takes back nearly all that
+B_s the slope of a species' own sources there (`fit_slopes`): where t_stop << dt the drag takes back nearly all that
 they do in a step, and sources linear in space leave no error then. The slip relaxes exactly with the sources inside,
 which changes the velocities by D_s, sum_s M_s D_s = 0, and a particle's by
 
@@ -167,14 +167,15 @@ def collect(node_from, node_to, blocks, first, last, clouds, out):
                 o[2] += j * given[0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def pooled_slope(n, blocks, cells, first, last, field, dim, inertia, moment, part, slope):
     """Slope (d, d) of the moments' `field` about node n, in sides, pooled within each of the species `first` to
     `last`; nearer cells count more.
     """
-    inertia[:] = 0.0
-    moment[:] = 0.0
     mass = 0.0
+    for a in range(2):
+        for c2 in range(2):
+            inertia[a, c2], moment[a, c2] = 0.0, 0.0
     for s in range(first, last):
         for f in range(VELOCITIES + 6):
             part[f] = 0.0
@@ -214,41 +215,54 @@ def pooled_slope(n, blocks, cells, first, last, field, dim, inertia, moment, par
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def slope_sources(node_from, node_to, blocks, cells, dim, out, known):
-    """Slopes (nodes, species, d, d) of each species' sources about the nodes, and whether it has one there."""
+def fit_slopes(node_from, node_to, blocks, cells, nodes, pooled, slopes, source_slopes, known):
+    """Slopes about the nodes: (nodes, d, d) of the velocities, pooled within the first `pooled` species; (nodes,
+    species, d, d) of each species' sources, and whether it has one there.
+    """
+    species, dim = nodes.shape[1], slopes.shape[1]
     inertia, moment, part = np.zeros((2, 2)), np.zeros((2, 2)), np.empty(MOMENTS)
+    none, velocities, sources = np.int64(0), np.int64(VELOCITIES), np.int64(SOURCES)  # each literal would compile anew
     for n in range(node_from, node_to):
-        for s in range(out.shape[1]):
-            known[n, s] = pooled_slope(n, blocks, cells, s, s + 1, SOURCES, dim, inertia, moment, part, out[n, s])
+        if nodes[n, 0, 0] > 0.0:
+            pooled_slope(n, blocks, cells, none, pooled, velocities, dim, inertia, moment, part, slopes[n])
+        for s in range(species):
+            known[n, s] = pooled_slope(
+                n, blocks, cells, s, s + 1, sources, dim, inertia, moment, part, source_slopes[n, s]
+            )
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def slope_near(n, s, about, slopes, known, out):
     """The slope (d, d) of a species' sources at a node: its own, or the mean of those about it."""
-    if known[n, s]:
-        out[:] = slopes[n, s]
-        return
-    out[:] = 0.0
+    dim = len(out)
     count = 0
+    for a in range(dim):
+        for c in range(dim):
+            out[a, c] = slopes[n, s, a, c] if known[n, s] else 0.0
+    if known[n, s]:
+        return
     for k in range(9):
         if about[n, k] >= 0 and known[about[n, k], s]:
-            out += slopes[about[n, k], s]
             count += 1
+            for a in range(dim):
+                for c in range(dim):
+                    out[a, c] += slopes[about[n, k], s, a, c]
     if count > 0:
-        out /= count
+        for a in range(dim):
+            for c in range(dim):
+                out[a, c] /= count
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def relax_nodes(
-    node_from, node_to, blocks, about, cells, nodes, centre, source_slopes, known, sound, pooled, law, grains, two_way,
-    dt, exponential, star, softening, slopes, change, drive, rate,
+    node_from, node_to, about, nodes, centre, slopes, source_slopes, known, sound, law, grains, two_way, dt,
+    exponential, star, softening, change, drive, rate,
 ):  # fmt: skip
-    """Relax the slip at each node: pooled slopes (nodes, d, d), changes (nodes, species, d) of eq. (3) by the slip,
-    `change`, and by the sources, `drive`, and rates of decay (nodes, species). `sound` (nodes,) has entries where the
-    stopping time depends on the slip.
+    """Relax the slip at each node: changes (nodes, species, d) of eq. (3) by the slip, `change`, and by the sources,
+    `drive`, and rates of decay (nodes, species). `sound` (nodes,) is None unless the stopping time depends on the slip:
+    without it numba leaves out the branches that ask for it, half a minute of compilation.
     """
     species, dim = nodes.shape[1], change.shape[2]
-    inertia, moment, part = np.empty((2, 2)), np.empty((2, 2)), np.empty(MOMENTS)
     source_slope, none = np.empty((dim, dim)), np.zeros((species, dim))
     mass, times = np.empty(species), np.empty(species)
     y, b = np.empty((species, dim)), np.empty((species, dim))
@@ -257,13 +271,13 @@ def relax_nodes(
         if gas[0] <= 0.0:
             continue
         slope = slopes[n]
-        pooled_slope(n, blocks, cells, 0, pooled, VELOCITIES, dim, inertia, moment, part, slope)
         omega = 0.0
         if star > 0.0:
             omega = kepler(centre[n, 0] * centre[n, 0] + centre[n, 1] * centre[n, 1], star, softening)
         density, c_s = gas[7] / gas[0], 1.0  # of Epstein's law without a star their product
-        if len(sound) > 0 and law != EPSTEIN:
-            c_s = sound[n]
+        if sound is not None:  # noqa: SIM102
+            if law != EPSTEIN:
+                c_s = sound[n]
         alone = True
         for s in range(species):
             o = nodes[n, s]
@@ -282,12 +296,14 @@ def relax_nodes(
                     b[s, c] -= source_slope[a, c] * o[1 + a] / o[0]  # eq. (2b)
         if alone:
             continue
-        if len(sound) > 0:
+        if sound is not None:
             relax_by_speed(
                 mass, times, law, grains, density, sound[n], omega, y, b, two_way, dt, exponential, change[n]
             )  # fmt: skip
             relax_means(mass, times, none, b, two_way, dt, exponential, drive[n])
-            change[n] -= drive[n]
+            for s in range(species):
+                for c in range(dim):
+                    change[n, s, c] -= drive[n, s, c]
         else:
             relax_means(mass, times, y, none, two_way, dt, exponential, change[n])
             relax_means(mass, times, none, b, two_way, dt, exponential, drive[n])
@@ -418,7 +434,7 @@ def reduced_mass(gas, dust, two_way):
     return gas * dust / (gas + dust) if two_way else dust
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def curvature(about, nodes, slopes, dim, out):
     """Second derivatives (3, d) of the velocity along xx, xy and yy, in sides, from the slopes at the next nodes."""
     for a in range(3):
@@ -445,7 +461,7 @@ def node_heat(node_from, node_to, nodes, change, dt, heat):
                 heat[n] -= change[n, s, c] * (nodes[n, s, 3 + c] + 0.5 * dt * nodes[n, s, 5 + c])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def pass_on(nodes, about, heat):
     """Heat of nodes without gas to those about them, in equal parts to each that has."""
     for n in range(len(heat)):
@@ -474,7 +490,7 @@ def spread_heat(block_from, block_to, home, about, order, start, flat, packed, n
             heat[order[p]] = blend(table, 0, u0, u1, u2, t0, t1, t2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def own_line(first, last, packed, field, pooled, dim, inertia, moment, slope):
     """Mean place and mean of fields `field` and the next of some particles, and their slope.
 
@@ -534,12 +550,14 @@ def apply_nodes(
     inertia, moment, even = np.empty((2, 2)), np.empty((2, 2)), np.zeros((2, 2))
     slope, slope_source, bend = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((3, 2))
     table, turns = np.zeros((9, 3)), np.zeros((9, 6))
+    velocity, source = np.int64(3), np.int64(5)  # each literal would compile anew
     for block in range(block_from, block_to):
         near = about[home[block]]
         if len(spin) > 0:
             for k in range(9):
                 n = near[k]
-                turns[k] = 0.0
+                for f in range(6):
+                    turns[k, f] = 0.0
                 if n >= 0 and spin[n] != 0.0:
                     gas = nodes[n, 0]
                     x, y = gas[1] / gas[0] + k // 3 - 1, gas[2] / gas[0] + k % 3 - 1
@@ -595,10 +613,10 @@ def apply_nodes(
                     bx, by = bent(bend, q[1], q[2])
                     q[3] -= bx
                     q[4] -= by
-                sx, sy, sv, sw = own_line(lo, hi, packed, 3, slopes[home[block]], dim, inertia, moment, slope)
+                sx, sy, sv, sw = own_line(lo, hi, packed, velocity, slopes[home[block]], dim, inertia, moment, slope)
                 tx, ty, tv, tw = 0.0, 0.0, 0.0, 0.0
                 if sources:
-                    tx, ty, tv, tw = own_line(lo, hi, packed, 5, even, dim, inertia, moment, slope_source)
+                    tx, ty, tv, tw = own_line(lo, hi, packed, source, even, dim, inertia, moment, slope_source)
                 for p in range(lo, hi):
                     q, i = packed[p], order[p]
                     x, y = q[1] - sx, q[2] - sy

@@ -20,7 +20,7 @@ ROUNDING = 1e-5  # of the velocities, a slip below which their rounding would as
 MOST = 10_000  # sub-steps
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def slip_of(y, s):
     total = 0.0
     for c in range(y.shape[1]):
@@ -28,7 +28,7 @@ def slip_of(y, s):
     return math.sqrt(total)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def advance(mass, slow, law, grains, density, sound, omega, y, at, b, two_way, dt, exponential, time, change, out):
     """`y` over dt by the stopping times at the slips of `at`."""
     n, dim = y.shape
@@ -41,31 +41,35 @@ def advance(mass, slow, law, grains, density, sound, omega, y, at, b, two_way, d
             out[s, c] = y[s, c] + dt * b[s, c] + change[s, c]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def next_step(error):
     """The next sub-step over this one, whose `error` is in units of the tolerance; it grows with its fourth power."""
     return min(4.0, max(0.1, 0.9 * (error + 1e-30) ** -0.25))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, change):
     """As `relax_means`, whose `time` (n,) is here that at vanishing slip, and afterwards the mean over the kick."""
+    # Arrays are copied by loops: assigning slices would cost seconds of compilation.
     n, dim = y.shape
-    slow, now = time.copy(), np.zeros((n, dim))
+    slow, rate, mean = np.empty(n), np.zeros(n), np.empty(n)
+    start, now, half, best = np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim))
+    stage = np.empty((3, n, dim))
     for s in range(n):
+        slow[s] = time[s]
         for c in range(dim):
-            if mass[s] > 0.0:
-                now[s, c] = y[s, c] - y[0, c]  # small numbers, whatever the frame
-    start, half, best = now.copy(), np.empty((n, dim)), np.empty((n, dim))
-    stage, rate, mean = np.empty((3, n, dim)), np.zeros(n), np.empty(n)
+            start[s, c] = y[s, c] - y[0, c] if mass[s] > 0.0 else 0.0  # small numbers, whatever the frame
+            now[s, c] = start[s, c]
     done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1
         step = min(step, dt - done)
         for level in range(3):
             part = step / 2.0**level
-            mean[:] = 0.0
-            stage[level] = now
+            for s in range(n):
+                mean[s] = 0.0
+                for c in range(dim):
+                    stage[level, s, c] = now[s, c]
             for _ in range(2**level):
                 at = stage[level]
                 advance(
@@ -90,8 +94,10 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
                     error = max(error, abs(best[s, c] - second))
         error = error / scale / TOLERANCE if scale > 0.0 else 0.0
         if error <= 1.0 or count > MOST:
-            now[:] = best
-            rate += mean
+            for s in range(n):
+                rate[s] += mean[s]
+                for c in range(dim):
+                    now[s, c] = best[s, c]
             done = done + step if done + step < dt * (1.0 - 1e-15) else dt
         step *= next_step(error)
     for c in range(dim):

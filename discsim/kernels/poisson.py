@@ -1,32 +1,63 @@
-"""Columns of the half-transformed field in small buffers, and the product with the kernel's transform."""
+"""The half-transformed field in tiles of TILE columns, columns in small buffers, and the product with the kernel.
+
+A tile (nx, TILE) is contiguous: rows are put into tiles, and tiles turned into columns, without long strides.
+Buffers are wider than what they hold, so that their rows do not share their place in the cache.
+"""
 
 from numba import njit
 
-
-@njit(cache=True, nogil=True)
-def load_columns(field, first, columns):
-    """Columns first, first + 1, ... of `field` (nx, k) into the rows of `columns` (batch, >= nx)."""
-    for i in range(field.shape[0]):
-        for c in range(min(columns.shape[0], field.shape[1] - first)):
-            columns[c, i] = field[i, first + c]
+TILE = 8  # columns: two lines of the cache
 
 
-@njit(cache=True, nogil=True)
-def store_columns(columns, first, field):
+@njit(nogil=True, cache=True, error_model="numpy")
+def rows_to_tiles(rows, first, tiles):
+    """Rows (batch, tiles TILE) into rows first, first + 1, ... of `tiles` (tiles, nx, TILE)."""
+    for t in range(tiles.shape[0]):
+        for i in range(min(rows.shape[0], tiles.shape[1] - first)):
+            for c in range(TILE):
+                tiles[t, first + i, c] = rows[i, t * TILE + c]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def tiles_to_rows(tiles, first, rows):
+    """The reverse of `rows_to_tiles`."""
+    for t in range(tiles.shape[0]):
+        for i in range(min(rows.shape[0], tiles.shape[1] - first)):
+            for c in range(TILE):
+                rows[i, t * TILE + c] = tiles[t, first + i, c]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def load_columns(tiles, t, length, columns):
+    """Columns of a tile into `columns` (TILE, >= length), padded with zeros to `length`."""
+    for i in range(tiles.shape[1]):
+        for c in range(TILE):
+            columns[c, i] = tiles[t, i, c]
+    for c in range(TILE):
+        for i in range(tiles.shape[1], length):
+            columns[c, i] = 0.0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def store_columns(columns, t, tiles):
     """The reverse of `load_columns`."""
-    for i in range(field.shape[0]):
-        for c in range(min(columns.shape[0], field.shape[1] - first)):
-            field[i, first + c] = columns[c, i]
+    for i in range(tiles.shape[1]):
+        for c in range(TILE):
+            tiles[t, i, c] = columns[c, i]
 
 
-@njit(cache=True, nogil=True)
-def multiply_columns(columns, quadrant, first):
-    """Multiply by the kernel's transform: `quadrant` (ky, kx) has half of the kx, for it is even."""
-    length = columns.shape[1]
+@njit(nogil=True, cache=True, error_model="numpy")
+def multiply_columns(columns, quadrant, first, length):
+    """Multiply by the kernel's transform: `quadrant` (ky, kx) has half of the kx, for it is even.
+
+    `columns` (TILE, >= 2 length) are real and imaginary parts in turn.
+    """
     half = quadrant.shape[1]
-    for c in range(min(columns.shape[0], quadrant.shape[0] - first)):
-        factor = quadrant[first + c]
+    for c in range(min(TILE, quadrant.shape[0] - first)):
+        column, factor = columns[c], quadrant[first + c]
         for k in range(half):
-            columns[c, k] *= factor[k]
-        for k in range(half, length):
-            columns[c, k] *= factor[length - k]
+            column[2 * k] *= factor[k]
+            column[2 * k + 1] *= factor[k]
+        for k in range(1, length - half + 1):
+            column[2 * (length - k)] *= factor[k]
+            column[2 * (length - k) + 1] *= factor[k]

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def response(rate, dt, exponential):
     """What dy/dt = b - rate y does beyond the free y + b dt: (f, g) of y' = y + b dt + f y + g b."""
     x = rate * dt
@@ -23,7 +23,7 @@ def response(rate, dt, exponential):
     return f, -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     """Increments of two coupled velocities of weights w0, w1 beyond their free motion."""
     f, g = response(rate, dt, exponential)
@@ -31,7 +31,7 @@ def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     return w1 / (w0 + w1) * change, -w0 / (w0 + w1) * change
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def eigen(matrix):
     """Eigenvalues and orthonormal eigenvectors (columns) of a small symmetric matrix, which is overwritten.
 
@@ -39,7 +39,9 @@ def eigen(matrix):
     a LAPACK call would cost every run ten seconds of compilation.
     """
     n = len(matrix)
-    vectors = np.eye(n)
+    vectors = np.zeros((n, n))
+    for i in range(n):
+        vectors[i, i] = 1.0
     for _ in range(50):
         done = True
         for i in range(n):
@@ -67,7 +69,7 @@ def eigen(matrix):
     return rates, vectors
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_many(weight, time, y, b, dt, exponential, change):
     """The same for gas (entry 0) and several populations (n, d): writes `change`.
 
@@ -108,7 +110,7 @@ def relax_many(weight, time, y, b, dt, exponential, change):
             change[0, k] -= weight[i] / weight[0] * change[i, k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_means(mass, time, y, b, two_way, dt, exponential, change):
     """Changes (n, d) beyond their free motion of the velocities of gas (entry 0) and populations, those of no mass
     left out; one-way: of the populations alone.
@@ -137,8 +139,20 @@ def relax_means(mass, time, y, b, two_way, dt, exponential, change):
     if count == n - 1:
         relax_many(mass, time, y, b, dt, exponential, change)
         return
-    present = np.flatnonzero(mass > 0.0)
-    part = np.empty((count + 1, dim))
-    relax_many(mass[present], time[present], y[present], b[present], dt, exponential, part)
-    for k in range(count + 1):
-        change[present[k]] = part[k]
+    # Those that are there, copied by loops: indexing with arrays would cost seconds of compilation.
+    weight, times = np.empty(count + 1), np.empty(count + 1)
+    velocity, source, part = np.empty((count + 1, dim)), np.empty((count + 1, dim)), np.empty((count + 1, dim))
+    k = 0
+    for s in range(n):
+        if mass[s] > 0.0:
+            weight[k], times[k] = mass[s], time[s]
+            for c in range(dim):
+                velocity[k, c], source[k, c] = y[s, c], b[s, c]
+            k += 1
+    relax_many(weight, times, velocity, source, dt, exponential, part)
+    k = 0
+    for s in range(n):
+        if mass[s] > 0.0:
+            for c in range(dim):
+                change[s, c] = part[k, c]
+            k += 1

@@ -17,7 +17,7 @@ def attract(begin, end, pos, acc, mass, softening):
         acc[i, 1] -= f * y
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def nearest(pos):
     """Least squared distance of positions (n, 2) from the origin, inf where there are none."""
     least = np.inf
