@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from discsim.kernels.neighbours import Cells, list_candidates, sort_into_cells, with_reach
+from discsim.kernels.neighbours import Cells, box_about, list_candidates, sort_into_cells, with_reach
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
 from discsim.threads import share
@@ -52,16 +52,13 @@ class Sph:
         self.pairs = NO_VISCOSITY
         if self.viscosity is not None:
             self.pairs = ALL_PAIRS if self.viscosity.pairs == "all" else APPROACHING
+        self.columns = np.empty((0, P + 1))
         self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
 
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         if self.periodic:
             return np.zeros(2), self.size
-        low, width = np.zeros(2), np.zeros(2)
-        low[: self.dim] = points.pos.min(axis=0)
-        width[: self.dim] = points.pos.max(axis=0) - low[: self.dim]
-        width[0] = max(width[0], 1e-300)
-        return low, width
+        return box_about(points.pos)
 
     def cells_of(self, points: Points) -> Cells:
         """Cells of all points, with some room for h to grow."""
@@ -98,14 +95,15 @@ class Sph:
         terms = self.pairs, u is not None, self.conductivity is not None
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
-        columns = np.empty((gas.count, P + 1))
+        if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
+            self.columns = np.empty((gas.count, P + 1))
         share(
             force_columns, gas.count, NORM[self.dim - 1][self.kernel], vel, gas.mass, gas.h, gas.density, gas.gradh,
-            pressure, gas.sound_speed, *self.shear, NONE if u is None else u, *terms, alpha, columns,
+            pressure, gas.sound_speed, *self.shear, NONE if u is None else u, *terms, alpha, self.columns,
         )  # fmt: skip
         divergence = np.zeros(gas.count)
         share(
-            force_driver(self.kernel, self.dim, *terms), len(self.cells.filled), gas.pos, columns, gas.acc,
+            force_driver(self.kernel, self.dim, *terms), len(self.cells.filled), gas.pos, self.columns, gas.acc,
             NONE if u is None else gas.heating_rate, divergence, beta,
             self.conductivity.alpha if self.conductivity else 0.0, self.cells, least=CELLS, each=self.lists,
         )  # fmt: skip

@@ -41,6 +41,19 @@ class Cells(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
+def box_about(pos):
+    """Lower corner and widths (2,) of the box about positions (n, d), in one dimension flat."""
+    low, width = np.zeros(2), np.zeros(2)
+    for axis in range(pos.shape[1]):
+        least, most = np.inf, -np.inf
+        for i in range(len(pos)):
+            least, most = min(least, pos[i, axis]), max(most, pos[i, axis])
+        low[axis], width[axis] = least, most - least
+    width[0] = max(width[0], 1e-300)
+    return low, width
+
+
+@njit(cache=True, error_model="numpy")
 def size_classes(radius):
     """Class of each support radius, in factors of two above the smallest."""
     smallest, largest = radius.min(), radius.max()
