@@ -1,7 +1,7 @@
 """Neighbour search on cell-sorted grids, one grid a size class of support radii.
 
 Particles whose support radius R lies in (s/2, s] share a grid with cells of side >= CELL_OVER_REACH s, so that
-strongly varying smoothing lengths never make a cell with many small particles search far. A disc about each cell is
+strongly varying smoothing lengths never make a cell with many small particles search far. What surrounds a cell is
 looked up on every grid, column by column: the cells of a column follow each other, and so do their particles. On
 periodic axes it is looked up in every turn of the box that it reaches into.
 """
@@ -34,7 +34,7 @@ class Cells(NamedTuple):
     x: np.ndarray
     y: np.ndarray
     radius: np.ndarray
-    bounds: np.ndarray  # centre of each cell's tight box, half its diagonal, largest support radius (cells, 4)
+    bounds: np.ndarray  # centre and half widths of each cell's tight box, largest support radius (cells, 5)
     low: np.ndarray
     width: np.ndarray
     periodic: bool
@@ -122,7 +122,7 @@ def lay_out(first, last, pos, radius, order, start, x, y, sorted_radius, bounds)
             y0, y1 = min(y0, y[k]), max(y1, y[k])
             reach = max(reach, radius[i])
         bounds[c, 0], bounds[c, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-        bounds[c, 2], bounds[c, 3] = 0.5 * math.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2), reach
+        bounds[c, 2], bounds[c, 3], bounds[c, 4] = 0.5 * (x1 - x0), 0.5 * (y1 - y0), reach
 
 
 def sort_into_cells(pos, radius, low, width, periodic):
@@ -133,7 +133,7 @@ def sort_into_cells(pos, radius, low, width, periodic):
     share(cell_keys, len(pos), pos, classes, grids, low, key)
     order, start = counting_sort(key, count)
     x, y, sorted_radius = np.empty((3, len(pos)))
-    bounds = np.empty((count, 4))
+    bounds = np.empty((count, 5))
     share(lay_out, count, pos, radius, order, start, x, y, sorted_radius, bounds)
     return Cells(np.flatnonzero(np.diff(start)), grids, order, start, x, y, sorted_radius, bounds, low, width, periodic)
 
@@ -145,14 +145,15 @@ def with_reach(cells, pos, radius):
     share(lay_out, len(bounds), pos, radius, cells.order, cells.start, x, y, sorted_radius, bounds)
     edges = [*grids[:, FIRST].astype(int), len(bounds)]
     for k in range(len(grids)):
-        grids[k, REACH] = bounds[edges[k] : edges[k + 1], 3].max()
+        grids[k, REACH] = bounds[edges[k] : edges[k + 1], 4].max()
     return cells._replace(grids=grids, x=x, y=y, radius=sorted_radius, bounds=bounds)
 
 
 @njit(nogil=True, inline="always", error_model="numpy")
-def scan(runs, turns, count, ox, oy, spread, reach, mutual, cells, index, turned, found):
+def scan(runs, turns, count, box, reach, mutual, cells, index, turned, found):
     """The particles of `count` runs that `find_candidates` is to find."""
     order, x, y, radius = cells.order, cells.x, cells.y, cells.radius
+    ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
     held = 0
     for run in range(count):
         held += runs[run, 1] - runs[run, 0]
@@ -162,11 +163,11 @@ def scan(runs, turns, count, ox, oy, spread, reach, mutual, cells, index, turned
         sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
         before = found
         for k in range(runs[run, 0], runs[run, 1]):
-            px, py = x[k] + sx, y[k] + sy
-            far = spread + (max(reach, radius[k]) if mutual else reach)
+            dx, dy = max(abs(x[k] + sx) - half_x, 0.0), max(abs(y[k] + sy) - half_y, 0.0)
+            far = max(reach, radius[k]) if mutual else reach
             # Written first and counted after: a branch here would be guessed wrong half of the time.
             index[found] = order[k]
-            found += px * px + py * py <= far * far
+            found += dx * dx + dy * dy <= far * far
         if cells.periodic:
             for k in range(before, found):
                 turned[0, k], turned[1, k] = turns[run, 0], turns[run, 1]
@@ -174,10 +175,10 @@ def scan(runs, turns, count, ox, oy, spread, reach, mutual, cells, index, turned
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_candidates(ox, oy, spread, reach, mutual, cells, runs, turns, index, turned, found):
-    """Particles that may lie within `reach` of one that is at most `spread` from (ox, oy), added to `index`.
+def find_candidates(box, reach, mutual, cells, runs, turns, index, turned, found):
+    """Particles within `reach` of a box (centre, half widths), added to `index`.
 
-    With `mutual` also those whose own support may hold it. On periodic axes the image that is meant is `turned`
+    With `mutual` also those whose own support meets it. On periodic axes the image that is meant is `turned`
     (2, n) times the box away. `found` is how many there are; it is returned with the new ones, and where that is
     more than `index` has room for, what was written is of no use.
     """
@@ -187,12 +188,13 @@ def find_candidates(ox, oy, spread, reach, mutual, cells, runs, turns, index, tu
     for level in range(len(grids)):
         first, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NY])
         per_x, per_y = 1.0 / grids[level, SIDE_X], 1.0 / grids[level, SIDE_Y]
-        r = spread + (max(reach, grids[level, REACH]) if mutual else reach)
-        fx, fy = (ox - low[0]) * per_x, (oy - low[1]) * per_y
-        ix0, ix1 = math.floor(fx - r * per_x), math.floor(fx + r * per_x)
+        r = max(reach, grids[level, REACH]) if mutual else reach
+        fx, fy = (box[0] - low[0]) * per_x, (box[1] - low[1]) * per_y
+        rx, ry = (box[2] + r) * per_x, (box[3] + r) * per_y
+        ix0, ix1 = math.floor(fx - rx), math.floor(fx + rx)
         iy0, iy1, tx0, tx1, ty0, ty1 = 0, 0, 0, 0, 0, 0
         if width[1] > 0.0:
-            iy0, iy1 = math.floor(fy - r * per_y), math.floor(fy + r * per_y)
+            iy0, iy1 = math.floor(fy - ry), math.floor(fy + ry)
         if cells.periodic:
             tx0, tx1, ty0, ty1 = ix0 // nx, ix1 // nx, iy0 // ny, iy1 // ny
         for tx in range(tx0, tx1 + 1):
@@ -202,13 +204,13 @@ def find_candidates(ox, oy, spread, reach, mutual, cells, runs, turns, index, tu
                     continue
                 for ix in range(max(ix0 - tx * nx, 0), min(ix1 - tx * nx, nx - 1) + 1):
                     if count == len(runs):
-                        found = scan(runs, turns, count, ox, oy, spread, reach, mutual, cells, index, turned, found)
+                        found = scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
                         count = 0
                     column = first + ix * ny
                     runs[count, 0], runs[count, 1] = start[column + y0], start[column + y1 + 1]
                     turns[count, 0], turns[count, 1] = tx, ty
                     count += runs[count, 1] > runs[count, 0]
-    return scan(runs, turns, count, ox, oy, spread, reach, mutual, cells, index, turned, found)
+    return scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -225,10 +227,9 @@ def list_candidates(first, last, filled, bounds, extent, mutual, cells):
     for c in range(first, last):
         cell, held = filled[c], begin[c - first]
         while True:
-            found = find_candidates(
-                bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], extent * bounds[cell, 3], mutual, cells, runs, turns,
-                index, turned, held,
-            )  # fmt: skip
+            box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
+            reach = extent * bounds[cell, 4]
+            found = find_candidates(box, reach, mutual, cells, runs, turns, index, turned, held)
             if found <= len(index):
                 break
             more = np.empty(2 * found, np.uint32)

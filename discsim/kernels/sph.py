@@ -133,7 +133,7 @@ def density_driver(kernel: int, dim: int, shear: bool):
         sums, low, high, settled = np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)
         for c in range(first, last):
             cell, listed, end = filled[c], begin[c - first], begin[c - first + 1]
-            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 3]
+            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
             per_unit = 1.0 / unit
             n, own, members = whole(end - listed), start[cell], start[cell + 1] - start[cell]
             place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
@@ -279,7 +279,7 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
         )  # fmt: skip
         for c in range(first, last):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
-            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 3]
+            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
             n = whole(end - listed)
             per_unit = 1.0 / unit
             place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
