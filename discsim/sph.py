@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from discsim.kernels.neighbours import cell_bounds, sort_into_cells
-from discsim.kernels.smoothing import KERNELS, SUPPORT
-from discsim.kernels.sph import density_driver, force_driver
+from discsim.kernels.neighbours import Cells, box_about, list_candidates, sort_into_cells, with_reach
+from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT
+from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
 from discsim.threads import share
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 NONE = np.empty(0)
 CELLS = 64  # the fewest that a thread takes at once
+ROOM = 1.03  # how far h may grow in a step without looking for candidates again
 
 
 class Points(Protocol):
@@ -48,65 +49,67 @@ class Sph:
         self.h_most = self.size.max() / (1.0 if self.periodic else 8.0)
         self.viscosity = scene.gas.viscosity
         self.conductivity = scene.gas.conductivity
-        self.receding = 1.0 if self.viscosity is not None and self.viscosity.pairs == "all" else 0.0
+        self.pairs = NO_VISCOSITY
+        if self.viscosity is not None:
+            self.pairs = ALL_PAIRS if self.viscosity.pairs == "all" else APPROACHING
+        self.columns = np.empty((0, P + 1))
         self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
 
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         if self.periodic:
             return np.zeros(2), self.size
-        low, width = np.zeros(2), np.zeros(2)
-        low[: self.dim] = points.pos.min(axis=0)
-        width[: self.dim] = points.pos.max(axis=0) - low[: self.dim]
-        width[0] = max(width[0], 1e-300)
-        return low, width
+        return box_about(points.pos)
+
+    def cells_of(self, points: Points) -> Cells:
+        """Cells of all points, with some room for h to grow."""
+        room = 1.0 if self.fixed else ROOM
+        return sort_into_cells(points.pos, room * self.support * points.h, *self.box_of(points), self.periodic)
 
     def order(self, gas: Gas) -> np.ndarray:
         """Order of the particles by neighbour cell, for memory locality (n,)."""
-        return sort_into_cells(gas.pos, self.support * gas.h, *self.box_of(gas), self.periodic)[1]
+        return self.cells_of(gas).order
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
         """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`."""
-        low, width = self.box_of(gas)
-        radius = self.support * gas.h
-        grids, order, start, bounds, filled = sort_into_cells(gas.pos, radius, low, width, self.periodic)
-        self.cells = filled, grids, order, start
-        self.box = low, width, self.periodic
+        driver = density_driver(self.kernel, self.dim, self.balsara)
+        cells = self.cells = self.cells_of(gas)
+        lists = self.lists = candidates(cells, cells, mutual=True)
         self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
-        share(
-            density_driver(self.kernel, self.dim, self.balsara), len(filled), gas.pos, vel, gas.mass, gas.h,
-            gas.density, gas.gradh, *self.shear, self.eta, self.h_most, self.fixed,
-            *self.cells, bounds, *self.box, least=CELLS,
-        )  # fmt: skip
+        left = cells.filled
+        while len(left) > 0:
+            outgrown = np.zeros(len(left), np.bool_)
+            share(
+                driver, len(left), left, gas.pos, vel, gas.mass, gas.h, gas.density, gas.gradh, *self.shear, self.eta,
+                self.h_most, self.fixed, cells, outgrown, least=CELLS, each=lists,
+            )  # fmt: skip
+            left = left[outgrown]
+            if len(left) > 0:
+                cells = with_reach(cells, gas.pos, 1.2 * self.support * gas.h)
+                lists = candidates(cells._replace(filled=left), cells, mutual=True)
+        if cells is not self.cells:
+            self.cells = with_reach(cells, gas.pos, self.support * gas.h)
+            self.lists = candidates(self.cells, self.cells, mutual=True)
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> np.ndarray:
         """Add to `acc` (and `heating_rate`); return the velocity divergence (n,), for the step's limit."""
-        filled, grids, order, start = self.cells
-        radius = self.support * gas.h
-        bounds = cell_bounds(gas.pos, radius, order, start)
-        # h moved since the cells were laid, and with it how far the particles of a grid reach.
-        grids = _with_reach(grids, bounds)
-        switch = NONE
-        if self.balsara:
-            div, curl = self.shear
-            switch = div / (div + curl + 1e-4 * gas.sound_speed / gas.h)
-        divergence = np.zeros(gas.count)
-        viscous, conductive = self.viscosity is not None, self.conductivity is not None
-        driver = force_driver(self.kernel, self.dim, viscous, u is not None, conductive)
+        terms = self.pairs, u is not None, self.conductivity is not None
+        # Halves of the means over a pair are taken out of its sums.
+        alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
+        if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
+            self.columns = np.empty((gas.count, P + 1))
         share(
-            driver, len(filled), gas.pos, vel, gas.mass, gas.h, radius, gas.density, gas.gradh, pressure,
-            gas.sound_speed, switch,
-            NONE if u is None else u, gas.acc, NONE if u is None else gas.heating_rate, divergence,
-            self.viscosity.alpha if viscous else 0.0, self.viscosity.beta if viscous else 0.0,
-            self.receding, self.conductivity.alpha if conductive else 0.0,
-            filled, grids, order, start, bounds, *self.box, least=CELLS,
+            force_columns, gas.count, NORM[self.dim - 1][self.kernel], vel, gas.mass, gas.h, gas.density, gas.gradh,
+            pressure, gas.sound_speed, *self.shear, NONE if u is None else u, *terms, alpha, self.columns,
+        )  # fmt: skip
+        divergence = np.zeros(gas.count)
+        share(
+            force_driver(self.kernel, self.dim, *terms), len(self.cells.filled), gas.pos, self.columns, gas.acc,
+            NONE if u is None else gas.heating_rate, divergence, beta,
+            self.conductivity.alpha if self.conductivity else 0.0, self.cells, least=CELLS, each=self.lists,
         )  # fmt: skip
         return divergence
 
 
-def _with_reach(grids: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """The grids with their largest support radius taken again from the cells."""
-    grids = grids.copy()
-    edges = [*grids[:, 0].astype(int), len(bounds)]
-    for k in range(len(grids)):
-        grids[k, 5] = bounds[edges[k] : edges[k + 1], 4].max()
-    return grids
+def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -> list:
+    """Of each cell of `points`, particles of `among` within `extent` times its reach; by the pieces of `share`."""
+    return share(list_candidates, len(points.filled), points.filled, points.bounds, extent, mutual, among, least=CELLS)

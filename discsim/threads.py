@@ -23,16 +23,18 @@ def use_threads(number: int | None) -> None:
     numba.set_num_threads(most if number is None else min(number, most))
 
 
-def share(kernel: Callable, count: int, *arguments, least: int = 4096) -> None:
-    """Run `kernel(first, last, *arguments)` over [0, count) in pieces of at least `least`."""
+def share(kernel: Callable, count: int, *arguments, least: int = 4096, each: list | None = None) -> list:
+    """Run `kernel(first, last, *arguments)` over [0, count) in pieces of at least `least`; what each returned.
+
+    With `each`, what this returned for the same count and `least`, its own part of that is the third argument.
+    """
     threads = numba.get_num_threads()
-    pieces = min(count // least, PIECES * threads)
-    if threads == 1 or pieces <= 1:
-        kernel(0, count, *arguments)
-        return
+    pieces = max(1, min(count // least, PIECES * threads)) if threads > 1 else 1
+    edges = [count * k // pieces for k in range(pieces + 1)]
+    parts = [(*edges[k : k + 2], *([] if each is None else [each[k]])) for k in range(pieces)]
+    if pieces == 1:
+        return [kernel(*parts[0], *arguments)]
     if threads not in _pools:
         _pools[threads] = ThreadPoolExecutor(threads)
-    edges = [count * k // pieces for k in range(pieces + 1)]
-    tasks = [_pools[threads].submit(kernel, *edges[k : k + 2], *arguments) for k in range(pieces)]
-    for task in tasks:
-        task.result()
+    tasks = [_pools[threads].submit(kernel, *part, *arguments) for part in parts]
+    return [task.result() for task in tasks]

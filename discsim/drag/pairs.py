@@ -19,7 +19,7 @@ from discsim.kernels import pairs as kernels
 from discsim.kernels.grid import counting_sort
 from discsim.kernels.move import add_scaled
 from discsim.kernels.neighbours import CELL_OVER_REACH, sort_into_cells
-from discsim.sph import Sph
+from discsim.sph import CELLS, Sph, candidates
 from discsim.threads import share
 
 Array = np.ndarray
@@ -47,10 +47,7 @@ def pair_up(drag, state, whole: bool, hump: bool = False) -> list[Pairs]:
     gas, dust = state.gas, state.dust
     sph = Sph(state.scene)
     sph.balsara = False
-    radius = sph.support * gas.h
-    low, width = sph.box_of(gas)
-    grids, order, begin, bounds, _ = sort_into_cells(gas.pos, radius, low, width, sph.periodic)
-    cells = radius, grids, order, begin, bounds, low, width, sph.periodic
+    cells = sph.cells_of(gas)
     found = []
     for population, grain in enumerate(drag.law.grains):
         members = np.flatnonzero(dust.species == population)
@@ -87,13 +84,15 @@ def _list(cloud: Cloud, gas, cells) -> tuple[Array, Array, Array]:
     area = np.prod(width[width > 1e-300])
     side = (IN_A_CELL * area / cloud.count) ** (1.0 / max(1, (width > 1e-300).sum()))
     reach = np.full(cloud.count, side / CELL_OVER_REACH)
-    _, order, begin, boxes, filled = sort_into_cells(cloud.pos, reach, low, width, cloud.sph.periodic)
+    dust_cells = sort_into_cells(cloud.pos, reach, low, width, cloud.sph.periodic)
+    lists = candidates(dust_cells, cells, mutual=True, extent=0.0)
+    radius = cloud.sph.support * gas.h
     start = np.zeros(cloud.count + 1, np.int64)
     index, offset = np.empty(0, np.int64), np.empty((0, cloud.sph.dim))
     for _ in range(2):  # their number, then themselves
         share(
-            kernels.list_pairs, len(filled), filled, order, begin, boxes, cloud.pos, gas.pos, *cells, start,
-            index, offset, least=16,
+            kernels.list_pairs, len(dust_cells.filled), dust_cells, cells, cloud.pos, gas.pos, radius, start, index,
+            offset, least=CELLS, each=lists,
         )  # fmt: skip
         if len(index) == 0:
             np.cumsum(start, out=start)

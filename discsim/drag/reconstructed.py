@@ -11,8 +11,8 @@ differences of velocity along r, stays. Momentum and angular momentum are exact,
 import numpy as np
 
 from discsim.drag.lab14 import relax_each_pair
-from discsim.kernels.neighbours import sort_into_cells
 from discsim.kernels.slopes import slope_driver
+from discsim.sph import CELLS, candidates
 from discsim.threads import share
 
 
@@ -22,13 +22,10 @@ def relax(drag, state, dt, gas_vel, heat):
 
 def slopes_of(sph, points, vel):
     """Slopes (n, d, d) of a velocity that gas or a cloud of dust has."""
-    low, width = sph.box_of(points)
-    grids, order, start, bounds, filled = sort_into_cells(
-        points.pos, sph.support * points.h, low, width, sph.periodic
-    )  # fmt: skip
+    cells = sph.cells_of(points)
     slope = np.empty((points.count, sph.dim, sph.dim))
     share(
-        slope_driver(sph.kernel, sph.dim), len(filled), points.pos, vel, points.mass, points.h, slope,
-        filled, grids, order, start, bounds, low, width, sph.periodic, least=64,
+        slope_driver(sph.kernel, sph.dim), len(cells.filled), points.pos, vel, points.mass, points.h, slope, cells,
+        least=CELLS, each=candidates(cells, cells, mutual=False),
     )  # fmt: skip
     return slope

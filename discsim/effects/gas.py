@@ -9,6 +9,7 @@ import numpy as np
 from discsim.effects import base
 from discsim.eos import pressure_and_sound_speed
 from discsim.kernels.move import add_scaled
+from discsim.kernels.sph import step_limit
 from discsim.sph import Sph
 from discsim.state import Gas, State
 from discsim.threads import share
@@ -38,7 +39,7 @@ class Effect(base.Effect):
             gas.acc[gas.immobile] = 0.0
             if gas.heating_rate is not None:
                 gas.heating_rate[gas.immobile] = 0.0
-        self._limit = self._step_limit(gas, gas.acc - before, divergence)
+        self._limit = self._step_limit(gas, before, divergence)
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Velocity and energy at the time of the positions, which viscosity and pressure need.
@@ -59,13 +60,10 @@ class Effect(base.Effect):
         self.sph.forces(gas, vel, u, np.zeros(gas.count))
         return gas.acc
 
-    def _step_limit(self, gas: Gas, acc: np.ndarray, divergence: np.ndarray) -> float:
+    def _step_limit(self, gas: Gas, before: np.ndarray, divergence: np.ndarray) -> float:
         alpha, beta = (self.sph.viscosity.alpha, self.sph.viscosity.beta) if self.sph.viscosity else (0.0, 0.0)
-        signal = gas.sound_speed * (1.0 + 1.2 * alpha)
-        signal = signal + gas.h * (1.0 + 1.2 * beta) * np.maximum(0.0, -divergence)
-        strength = np.sqrt(np.einsum("ij,ij->i", acc, acc))
-        with np.errstate(divide="ignore", over="ignore"):
-            return float(min((gas.h / signal).min(), np.sqrt(gas.h / strength).min()))
+        given = gas.h, gas.sound_speed, gas.acc, before, divergence, alpha, beta
+        return float(np.min(share(step_limit, gas.count, *given)))
 
     def limit(self, state: State) -> float:
         return self._limit

@@ -1,12 +1,13 @@
 """Neighbour search on cell-sorted grids, one grid a size class of support radii.
 
-Particles whose support radius R lies in (s/2, s] share a grid with cells of side >= s, so that strongly varying
-smoothing lengths never make a cell with many small particles search far. A search box is looked up on every
-grid; on periodic axes cell indices run on past the edge and the images' shift follows from them, so images need no
-special case.
+Particles whose support radius R lies in (s/2, s] share a grid with cells of side >= CELL_OVER_REACH s, so that
+strongly varying smoothing lengths never make a cell with many small particles search far. What surrounds a cell is
+looked up on every grid, column by column: the cells of a column follow each other, and so do their particles. On
+periodic axes it is looked up in every turn of the box that it reaches into.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,9 +18,39 @@ from discsim.threads import share
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
 MAX_CLASSES = 24
+LANES = 8  # candidates come in whole vectors, the last filled up with some of no mass: rests of a loop are slow
 
 # Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
-CELL_OVER_REACH = 1.4
+CELL_OVER_REACH = 0.6
+
+
+class Cells(NamedTuple):
+    """Particles sorted by cell. `x`, `y` and `radius` are in the order of the cells, particle `order[k]` at k."""
+
+    filled: np.ndarray  # the cells that hold any
+    grids: np.ndarray
+    order: np.ndarray
+    start: np.ndarray  # where in it each cell begins
+    x: np.ndarray
+    y: np.ndarray
+    radius: np.ndarray
+    bounds: np.ndarray  # centre and half widths of each cell's tight box, largest support radius (cells, 5)
+    low: np.ndarray
+    width: np.ndarray
+    periodic: bool
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def box_about(pos):
+    """Lower corner and widths (2,) of the box about positions (n, d), in one dimension flat."""
+    low, width = np.zeros(2), np.zeros(2)
+    for axis in range(pos.shape[1]):
+        least, most = np.inf, -np.inf
+        for i in range(len(pos)):
+            least, most = min(least, pos[i, axis]), max(most, pos[i, axis])
+        low[axis], width[axis] = least, most - least
+    width[0] = max(width[0], 1e-300)
+    return low, width
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -29,9 +60,13 @@ def size_classes(radius):
     for r in radius:
         smallest, largest = min(smallest, r), max(largest, r)
     s0 = max(smallest, largest * 2.0 ** (1 - MAX_CLASSES))
+    edges = s0 * (1.0 + 1e-12) * 2.0 ** np.arange(MAX_CLASSES)
     out = np.empty(len(radius), np.int64)
     for i in range(len(radius)):
-        out[i] = max(0, math.ceil(math.log2(radius[i] / s0) - 1e-12))
+        k = 0
+        while radius[i] > edges[k] and k < MAX_CLASSES - 1:
+            k += 1
+        out[i] = k
     return out
 
 
@@ -70,111 +105,174 @@ def cell_keys(first, last, pos, classes, grids, low, out):
     """Write the cell of each particle to `out` (n,)."""
     dim = pos.shape[1]
     for i in range(first, last):
-        g = grids[classes[i]]
-        ix = min(max(int((pos[i, 0] - low[0]) / g[SIDE_X]), 0), int(g[NX]) - 1)
+        g = classes[i]
+        ix = min(max(int((pos[i, 0] - low[0]) / grids[g, SIDE_X]), 0), int(grids[g, NX]) - 1)
         iy = 0
         if dim == 2:
-            iy = min(max(int((pos[i, 1] - low[1]) / g[SIDE_Y]), 0), int(g[NY]) - 1)
-        out[i] = int(g[FIRST]) + ix * int(g[NY]) + iy
+            iy = min(max(int((pos[i, 1] - low[1]) / grids[g, SIDE_Y]), 0), int(grids[g, NY]) - 1)
+        out[i] = int(grids[g, FIRST]) + ix * int(grids[g, NY]) + iy
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def bounds_of(first, last, pos, radius, order, start, out):
-    """Write tight box and largest support radius of the particles in each cell: (x0, x1, y0, y1, R)."""
+def lay_out(first, last, pos, radius, order, start, x, y, sorted_radius, bounds):
+    """Positions and support radii in the order of the cells, and the bounds of each cell."""
     dim = pos.shape[1]
     for c in range(first, last):
         x0, x1, y0, y1, reach = np.inf, -np.inf, np.inf, -np.inf, 0.0
         for k in range(start[c], start[c + 1]):
             i = order[k]
-            x0, x1 = min(x0, pos[i, 0]), max(x1, pos[i, 0])
-            y = pos[i, 1] if dim == 2 else 0.0
-            y0, y1 = min(y0, y), max(y1, y)
+            x[k], y[k], sorted_radius[k] = pos[i, 0], pos[i, 1] if dim == 2 else 0.0, radius[i]
+            x0, x1 = min(x0, x[k]), max(x1, x[k])
+            y0, y1 = min(y0, y[k]), max(y1, y[k])
             reach = max(reach, radius[i])
-        out[c, 0], out[c, 1], out[c, 2], out[c, 3], out[c, 4] = x0, x1, y0, y1, reach
-
-
-def cell_bounds(pos, radius, order, start):
-    """Tight box and largest support radius of the particles in each cell (cells, 5)."""
-    out = np.empty((len(start) - 1, 5))
-    share(bounds_of, len(out), pos, radius, order, start, out)
-    return out
+        bounds[c, 0], bounds[c, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+        bounds[c, 2], bounds[c, 3], bounds[c, 4] = 0.5 * (x1 - x0), 0.5 * (y1 - y0), reach
 
 
 def sort_into_cells(pos, radius, low, width, periodic):
-    """Cells of all particles: (grids, order, start, bounds, filled), with `filled` the cells that hold any.
-
-    `low` and `width` (2,) are the box; in one dimension its second width is 0.
-    """
+    """Cells of all particles, with support radii (n,). `low` and `width` (2,) are the box; in 1D width[1] is 0."""
     classes = size_classes(radius)
     grids, count = lay_grids(radius, classes, low, width, periodic)
     key = np.empty(len(pos), np.int64)
     share(cell_keys, len(pos), pos, classes, grids, low, key)
     order, start = counting_sort(key, count)
-    bounds = cell_bounds(pos, radius, order, start)
-    return grids, order, start, bounds, np.flatnonzero(np.diff(start))
+    x, y, sorted_radius = np.empty((3, len(pos)))
+    bounds = np.empty((count, 5))
+    share(lay_out, count, pos, radius, order, start, x, y, sorted_radius, bounds)
+    return Cells(np.flatnonzero(np.diff(start)), grids, order, start, x, y, sorted_radius, bounds, low, width, periodic)
 
 
-@njit(inline="always")
-def gap(a0, a1, b0, b1):
-    """Distance between two intervals."""
-    return max(0.0, max(b0 - a1, a0 - b1))
+def with_reach(cells, pos, radius):
+    """The same cells with support radii (n,) that have changed since."""
+    x, y, sorted_radius = np.empty((3, len(pos)))
+    bounds, grids = np.empty_like(cells.bounds), cells.grids.copy()
+    share(lay_out, len(bounds), pos, radius, cells.order, cells.start, x, y, sorted_radius, bounds)
+    edges = [*grids[:, FIRST].astype(int), len(bounds)]
+    for k in range(len(grids)):
+        grids[k, REACH] = bounds[edges[k] : edges[k + 1], 4].max()
+    return cells._replace(grids=grids, x=x, y=y, radius=sorted_radius, bounds=bounds)
+
+
+@njit(nogil=True, inline="always", error_model="numpy")
+def scan(runs, turns, count, box, reach, mutual, cells, index, turned, found):
+    """The particles of `count` runs that `find_candidates` is to find."""
+    order, x, y, radius = cells.order, cells.x, cells.y, cells.radius
+    ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
+    held = 0
+    for run in range(count):
+        held += runs[run, 1] - runs[run, 0]
+    if found + held > len(index):
+        return found + held
+    for run in range(count):
+        sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
+        before = found
+        for k in range(runs[run, 0], runs[run, 1]):
+            dx, dy = max(abs(x[k] + sx) - half_x, 0.0), max(abs(y[k] + sy) - half_y, 0.0)
+            far = max(reach, radius[k]) if mutual else reach
+            # Written first and counted after: a branch here would be guessed wrong half of the time.
+            index[found] = order[k]
+            found += dx * dx + dy * dy <= far * far
+        if cells.periodic:
+            for k in range(before, found):
+                turned[0, k], turned[1, k] = turns[run, 0], turns[run, 1]
+    return found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_candidates(box, reach, mutual, pos, radius, grids, order, start, bounds, low, width, periodic):
-    """Particles that may lie within `reach` of a particle in `box` (x0, x1, y0, y1, ...): (index, shifts).
+def find_candidates(box, reach, mutual, cells, runs, turns, index, turned, found):
+    """Particles within `reach` of a box (centre, half widths), added to `index`.
 
-    With `mutual` also those whose own support may reach the box. Shifts are those of periodic images.
+    With `mutual` also those whose own support meets it. On periodic axes the image that is meant is `turned`
+    (2, n) times the box away. `found` is how many there are; it is returned with the new ones, and where that is
+    more than `index` has room for, what was written is of no use.
     """
-    x0, x1, y0, y1 = box[0], box[1], box[2], box[3]
-    size = 256
-    index = np.empty(size, np.int64)
-    shift = np.empty((size, 2))
-    found = 0
+    grids, start, low, width = cells.grids, cells.start, cells.low, cells.width
+    # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
+    count = 0
     for level in range(len(grids)):
-        g = grids[level]
-        nx, ny = int(g[NX]), int(g[NY])
-        r = max(reach, g[REACH]) if mutual else reach
-        ix0, ix1 = math.floor((x0 - r - low[0]) / g[SIDE_X]), math.floor((x1 + r - low[0]) / g[SIDE_X])
-        iy0, iy1 = 0, 0
+        first, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NY])
+        per_x, per_y = 1.0 / grids[level, SIDE_X], 1.0 / grids[level, SIDE_Y]
+        r = max(reach, grids[level, REACH]) if mutual else reach
+        fx, fy = (box[0] - low[0]) * per_x, (box[1] - low[1]) * per_y
+        rx, ry = (box[2] + r) * per_x, (box[3] + r) * per_y
+        ix0, ix1 = math.floor(fx - rx), math.floor(fx + rx)
+        iy0, iy1, tx0, tx1, ty0, ty1 = 0, 0, 0, 0, 0, 0
         if width[1] > 0.0:
-            iy0, iy1 = math.floor((y0 - r - low[1]) / g[SIDE_Y]), math.floor((y1 + r - low[1]) / g[SIDE_Y])
-        if not periodic:
-            ix0, ix1, iy0, iy1 = max(ix0, 0), min(ix1, nx - 1), max(iy0, 0), min(iy1, ny - 1)
-        for ix in range(ix0, ix1 + 1):
-            wx = ix % nx if periodic else ix
-            sx = (ix - wx) // nx * width[0]
-            for iy in range(iy0, iy1 + 1):
-                wy = iy % ny if periodic else iy
-                sy = (iy - wy) // ny * width[1]
-                c = int(g[FIRST]) + wx * ny + wy
-                n = start[c + 1] - start[c]
-                if n == 0:
+            iy0, iy1 = math.floor(fy - ry), math.floor(fy + ry)
+        if cells.periodic:
+            tx0, tx1, ty0, ty1 = ix0 // nx, ix1 // nx, iy0 // ny, iy1 // ny
+        for tx in range(tx0, tx1 + 1):
+            for ty in range(ty0, ty1 + 1):
+                y0, y1 = max(iy0 - ty * ny, 0), min(iy1 - ty * ny, ny - 1)
+                if y0 > y1:
                     continue
-                near = max(reach, bounds[c, 4]) if mutual else reach
-                dx = gap(x0, x1, bounds[c, 0] + sx, bounds[c, 1] + sx)
-                dy = gap(y0, y1, bounds[c, 2] + sy, bounds[c, 3] + sy)
-                if dx * dx + dy * dy > near * near:
-                    continue
-                if found + n > size:
-                    size = 2 * (found + n)
-                    more, more_shift = np.empty(size, np.int64), np.empty((size, 2))
-                    for k in range(found):  # a slice's assignment takes seconds to compile
-                        more[k] = index[k]
-                        more_shift[k, 0], more_shift[k, 1] = shift[k, 0], shift[k, 1]
-                    index, shift = more, more_shift
-                for k in range(start[c], start[c + 1]):
-                    j = order[k]
-                    px = pos[j, 0] + sx
-                    dx = gap(x0, x1, px, px)
-                    dy = 0.0
-                    if pos.shape[1] == 2:
-                        py = pos[j, 1] + sy
-                        dy = gap(y0, y1, py, py)
-                    near = max(reach, radius[j]) if mutual else reach
-                    if dx * dx + dy * dy <= near * near:
-                        index[found] = j
-                        shift[found, 0] = sx
-                        shift[found, 1] = sy
-                        found += 1
-    return index[:found], shift[:found]
+                for ix in range(max(ix0 - tx * nx, 0), min(ix1 - tx * nx, nx - 1) + 1):
+                    if count == len(runs):
+                        found = scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
+                        count = 0
+                    column = first + ix * ny
+                    runs[count, 0], runs[count, 1] = start[column + y0], start[column + y1 + 1]
+                    turns[count, 0], turns[count, 1] = tx, ty
+                    count += runs[count, 1] > runs[count, 0]
+    return scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def list_candidates(first, last, filled, bounds, extent, mutual, cells):
+    """Candidates of the cells `filled` of some particles with `bounds` among those of `cells`.
+
+    They reach as far as `extent` times their supports; arguments and (index, turned) are those of
+    `find_candidates`, and the candidates of the n-th cell begin at begin[n]. Returns (begin, index, turned).
+    """
+    runs, turns = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
+    begin = np.zeros(last - first + 1, np.int64)
+    room = 1024 + 64 * (last - first)
+    index, turned = np.empty(room, np.uint32), np.empty((2, room if cells.periodic else 0), np.int32)
+    for c in range(first, last):
+        cell, held = filled[c], begin[c - first]
+        while True:
+            box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
+            reach = extent * bounds[cell, 4]
+            found = find_candidates(box, reach, mutual, cells, runs, turns, index, turned, held)
+            if found <= len(index):
+                break
+            more = np.empty(2 * found, np.uint32)
+            for k in range(held):
+                more[k] = index[k]
+            index = more
+            if cells.periodic:
+                more_turned = np.empty((2, 2 * found), np.int32)
+                for k in range(held):
+                    more_turned[0, k], more_turned[1, k] = turned[0, k], turned[1, k]
+                turned = more_turned
+        begin[c - first + 1] = found
+    return begin, index, turned
+
+
+@njit(nogil=True, inline="always")
+def most_of(begin):
+    """The largest number of candidates of a cell, in whole vectors."""
+    most = 0
+    for c in range(len(begin) - 1):
+        most = max(most, begin[c + 1] - begin[c])
+    return whole(most)
+
+
+@njit(nogil=True, inline="always")
+def whole(n):
+    """n candidates filled up to whole vectors."""
+    return (n + LANES - 1) & -LANES
+
+
+@njit(nogil=True, inline="always")
+def place(begin, end, index, turned, pos, ox, oy, per_length, cells, cx, cy):
+    """Write where the candidates from `begin` to `end` are, from (ox, oy) and times `per_length`."""
+    dim = pos.shape[1]
+    for k in range(begin, end):
+        j = index[k]
+        sx, sy = -ox, -oy
+        if cells.periodic:
+            sx, sy = turned[0, k] * cells.width[0] - ox, turned[1, k] * cells.width[1] - oy
+        cx[k - begin] = (pos[j, 0] + sx) * per_length
+        if dim == 2:
+            cy[k - begin] = (pos[j, 1] + sy) * per_length

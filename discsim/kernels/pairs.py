@@ -14,7 +14,7 @@ from numba import njit
 
 from discsim.kernels.drag import kepler
 from discsim.kernels.laws import hastening, stopping_time
-from discsim.kernels.neighbours import find_candidates
+from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.relax import response
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
 
@@ -23,28 +23,27 @@ CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def list_pairs(
-    first, last, filled, order, begin, boxes, pos, gpos, radius, grids, gorder, gbegin, gbounds, low, width, periodic,
-    start, gas, offset,
-):  # fmt: skip
+def list_pairs(first, last, lists, dust_cells, cells, pos, gpos, radius, start, gas, offset):
     """For dust cells: the gas whose support holds each dust particle, and offset x_dust - x_gas (pairs, d).
 
     Where `gas` has no entries only their number is written, to start[j + 1].
     """
     dim = pos.shape[1]
     counting = len(gas) == 0
+    begin, index, turned = lists
+    room = most_of(begin)
+    cx, cy = np.zeros(room), np.zeros(room)
     for c in range(first, last):
-        cell = filled[c]
-        index, shift = find_candidates(
-            boxes[cell], 0.0, True, gpos, radius, grids, gorder, gbegin, gbounds, low, width, periodic
-        )
-        for m in range(begin[cell], begin[cell + 1]):
-            j = order[m]
+        cell, listed, end = dust_cells.filled[c], begin[c - first], begin[c - first + 1]
+        ox, oy = dust_cells.bounds[cell, 0], dust_cells.bounds[cell, 1]
+        place(listed, end, index, turned, gpos, ox, oy, 1.0, cells, cx, cy)
+        for m in range(dust_cells.start[cell], dust_cells.start[cell + 1]):
+            j = dust_cells.order[m]
             found = 0
-            for k in range(len(index)):
-                a = index[k]
-                dx = pos[j, 0] - (gpos[a, 0] + shift[k, 0])
-                dy = pos[j, 1] - (gpos[a, 1] + shift[k, 1]) if dim == 2 else 0.0
+            for k in range(end - listed):
+                a = index[listed + k]
+                dx = pos[j, 0] - ox - cx[k]
+                dy = pos[j, 1] - oy - cy[k] if dim == 2 else 0.0
                 if dx * dx + dy * dy < radius[a] * radius[a]:
                     if not counting:
                         at = start[j] + found

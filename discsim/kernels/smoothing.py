@@ -26,7 +26,8 @@ NORM = (
 def shape(kernel, dim, q):
     """w(q) and dw/dq. `kernel` and `dim` are compile-time constants of the caller, so one branch is left."""
     if kernel == CUBIC:
-        a, b = max(0.0, 2.0 - q), max(0.0, 1.0 - q)
+        a = max(0.0, 2.0 - q)
+        b = max(0.0, a - 1.0)
         return 0.25 * a * a * a - b * b * b, -0.75 * a * a + 3.0 * b * b
     if kernel == WENDLAND_C4:
         t = max(0.0, 1.0 - 0.5 * q)
@@ -39,3 +40,19 @@ def shape(kernel, dim, q):
     a, b, c = max(0.0, 3.0 - s), max(0.0, 2.0 - s), max(0.0, 1.0 - s)
     a4, b4, c4 = a * a * a * a, b * b * b * b, c * c * c * c
     return a4 * a - 6.0 * b4 * b + 15.0 * c4 * c, scale * (-5.0 * a4 + 30.0 * b4 - 75.0 * c4)
+
+
+@njit(inline="always")
+def bend(kernel, dim, q):
+    """d2w/dq2."""
+    if kernel == CUBIC:
+        return 1.5 * max(0.0, 2.0 - q) - 6.0 * max(0.0, 1.0 - q)
+    if kernel == WENDLAND_C4:
+        t = max(0.0, 1.0 - 0.5 * q)
+        if dim == 1:
+            return 3.5 * t * t * t * (6.0 * q * q - 1.5 * q - 1.0)
+        return 14.0 / 3.0 * t * t * t * t * (8.75 * q * q - 2.0 * q - 1.0)
+    scale = 3.0 if kernel == QUINTIC_H else 1.0
+    s = scale * q
+    a, b, c = max(0.0, 3.0 - s), max(0.0, 2.0 - s), max(0.0, 1.0 - s)
+    return scale * scale * (20.0 * a * a * a - 120.0 * b * b * b + 300.0 * c * c * c)

@@ -12,9 +12,12 @@
 kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction:
 Price 2008, eq. 28.
 
+h goes from step to step by so little that one sum over the neighbours is nearly always enough: with its first two
+derivatives in h the root of (1) is known to third order in the change, and rho and Omega follow by their series.
+
 All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the
 same on any number of threads. Candidates of a cell are packed once, relative to the cell's centre, and serve
-every particle of it and every Newton iteration.
+every particle of it.
 """
 
 import functools
@@ -23,261 +26,314 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.neighbours import find_candidates
-from discsim.kernels.smoothing import NORM, SUPPORT, shape
+from discsim.kernels.neighbours import most_of, place, whole
+from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
 
 # No 'nnan'/'ninf': a run that goes wrong must still be seen to.
 # Drivers take error_model="numpy": with Python's, a division may raise, and no loop with one is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-NEWTON_TOLERANCE = 1e-3  # of h, on the last step before the final sums; the error left is its square
-NEWTON_ITERATIONS = 60
+TOLERANCE = 4e-3  # of h, on the last step; the error left is some times its cube
+ITERATIONS = 60
+NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
+NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
 
 
 @njit(inline="always")
-def density_sums(kernel, dim, x, y, h, cx, cy, cm):
-    """Sums of eqs. (1, 2) over packed candidates: rho and drho/dh."""
-    support = SUPPORT[kernel]
-    inv_h = 1.0 / h
-    total_w, total_dh = 0.0, 0.0
-    for k in range(len(cx)):
-        dx, dy = x - cx[k], y - cy[k]
-        q = min(math.sqrt(dx * dx + dy * dy) * inv_h, support)
-        w, dw = shape(kernel, dim, q)
-        total_w += cm[k] * w
-        total_dh -= cm[k] * (dim * w + q * dw)
-    norm = NORM[dim - 1][kernel] * inv_h**dim
-    return norm * total_w, norm * inv_h * total_dh
+def inverse_root(x):
+    """1 / sqrt(x) to rounding: a guess in single precision, for which there is an instruction, and one step."""
+    y = np.float64(np.float32(1.0) / np.sqrt(np.float32(x)))
+    e = 1.0 - x * y * y
+    return y + y * e * (0.5 + 0.375 * e)
 
 
 @njit(inline="always")
-def solve_h(kernel, dim, x, y, m, h, eta, h_most, reach, cx, cy, cm):
-    """(h, rho, Omega) of eq. (1) by Newton's method kept in a bracket; the sums are those at the last h.
+def density_sums(kernel, dim, shear, x, y, vx, vy, h, n, cx, cy, cm, cvx, cvy):
+    """Over n packed candidates: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
 
-    (h wanted, -1, 1) where the candidates do not reach far enough.
+    The last two values are those two's slopes, as much of the velocity's derivatives per relative change of h.
     """
-    h = min(h, h_most)
-    low, high = 0.0, np.inf
-    rho, omega = -1.0, 1.0
-    near = False
-    for _ in range(NEWTON_ITERATIONS):
-        rho = -1.0
-        if SUPPORT[kernel] * h > reach:
-            break
-        rho, drho = density_sums(kernel, dim, x, y, h, cx, cy, cm)
-        wanted = m * (eta / h) ** dim
-        omega = 1.0 + h / (dim * rho) * drho
-        if near:
-            break
-        if rho > wanted:
-            high = h
-        elif h >= h_most:  # a lone particle: h stays at its cap, as if fixed
-            omega = 1.0
-            break
-        else:
-            low = h
-        step = -(rho - wanted) / (drho + dim * wanted / h)
-        near = abs(step) <= NEWTON_TOLERANCE * h
-        new = min(h + min(max(step, -0.3 * h), 0.5 * h), h_most)
-        if not low < new < high and not near:
-            new = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
-        h = new
-    return h, rho, omega
+    inv_h = 1.0 / h
+    total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        dx, dy = x - cx[k], y - cy[k]
+        r2 = dx * dx + (dy * dy + NEAREST2)
+        inv_r = inverse_root(r2)
+        q = r2 * inv_r * inv_h
+        w, dw = shape(kernel, dim, q)
+        total += cm[k] * w
+        first += cm[k] * (q * dw)
+        ddw = q * bend(kernel, dim, q)
+        second += cm[k] * (q * ddw)
+        if shear:
+            weight, more = cm[k] * dw * inv_r, cm[k] * ddw * inv_r
+            dvx, dvy = vx - cvx[k], vy - cvy[k]
+            along, across = dvx * dx + dvy * dy, dvy * dx - dvx * dy
+            div += weight * along
+            curl += weight * across
+            more_div += more * along
+            more_curl += more * across
+    rate = 1.0 / total
+    first *= rate
+    slope = -(dim + first)
+    curve = dim * (dim + 1) + 2 * (dim + 1) * first + second * rate
+    div, curl = div * rate, curl * rate
+    more_div, more_curl = (first - 1.0) * div - more_div * rate, (first - 1.0) * curl - more_curl * rate
+    return NORM[dim - 1][kernel] * total, slope, curve, div, curl, more_div, more_curl
 
 
 @njit(inline="always")
-def shear_sums(kernel, dim, x, y, vx, vy, h, cx, cy, cm, cvx, cvy):
-    """|div v| and |curl v| over packed candidates, times the density."""
-    support = SUPPORT[kernel]
+def improve(dim, m, h, eta, h_most, low, high, rho, slope, curve):
+    """(settled, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
+
+    Where it is short enough, rho and Omega are taken along by their series. `step` is relative to h.
+    """
     inv_h = 1.0 / h
-    div, curl = 0.0, 0.0
-    for k in range(len(cx)):
-        dx, dy = x - cx[k], y - cy[k]
-        dvx, dvy = vx - cvx[k], vy - cvy[k]
-        inv_r = 1.0 / math.sqrt(dx * dx + dy * dy + 1e-300)
-        _, dw = shape(kernel, dim, min((dx * dx + dy * dy) * inv_r * inv_h, support))
-        weight = cm[k] * dw * inv_r
-        div += weight * (dvx * dx + dvy * dy)
-        curl += weight * (dvy * dx - dvx * dy)
-    norm = NORM[dim - 1][kernel] * inv_h ** (dim + 1)
-    return abs(div) * norm, abs(curl) * norm
+    # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
+    t = eta * inv_h * (m / rho if dim == 1 else math.sqrt(m / rho))
+    if t >= 1.0 and h >= h_most:  # a lone particle: h stays at its cap, as if fixed
+        return True, 0.0, h, rho, 1.0, low, high
+    rise = 1.0 + t * slope / dim
+    step = (t - 1.0) / rise
+    if abs(step) <= TOLERANCE:
+        step *= 1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise
+        step = min(step, h_most * inv_h - 1.0)
+        grown = 1.0 + step * (slope + 0.5 * step * curve)
+        omega = 1.0 + (1.0 + step) * (slope + step * curve) / (dim * grown)
+        return True, step, h * (1.0 + step), rho * grown, omega, low, high
+    if t < 1.0:
+        high = h
+    else:
+        low = h
+    new = min(h + h * min(max(step, -0.3), 0.5), h_most)
+    if not low < new < high:
+        new = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
+    return False, 0.0, new, rho, 1.0 + slope / dim, low, high
 
 
 @functools.cache
 def density_driver(kernel: int, dim: int, shear: bool):
-    """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|."""
+    """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|.
+
+    `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for.
+    """
     support = SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
     def density(
-        piece, last, pos, vel, mass, h, rho, gradh, div, curl, eta, h_most, fixed,
-        filled, grids, order, start, bounds, low, width, periodic,
-    ):  # fmt: skip
-        for c in range(piece, last):
-            cell = filled[c]
-            members = order[start[cell] : start[cell + 1]]
-            ox = 0.5 * (bounds[cell, 0] + bounds[cell, 1])
-            oy = 0.5 * (bounds[cell, 2] + bounds[cell, 3])
-            # Room for h to grow since the last step without looking again.
-            reach = bounds[cell, 4] * (1.0 if fixed else 1.05)
-            while True:
-                index, shift = find_candidates(
-                    bounds[cell], reach, False, pos, h, grids, order, start, bounds, low, width, periodic
-                )
-                n = len(index)
-                cx, cy, cm = np.empty(n), np.zeros(n), np.empty(n)
-                for k in range(n):
-                    cx[k] = pos[index[k], 0] + (shift[k, 0] - ox)
+        first, last, lists, filled, pos, vel, mass, h, rho, gradh, div, curl, eta, h_most, fixed, cells, outgrown
+    ):
+        order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
+        begin, index, turned = lists
+        room = most_of(begin)
+        cx, cy, cm = np.zeros(room), np.zeros(room), np.zeros(room)
+        cvx, cvy = np.zeros(room), np.zeros(room)
+        most = 0
+        for c in range(first, last):
+            most = max(most, start[filled[c] + 1] - start[filled[c]])
+        sums, low, high, settled = np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)
+        for c in range(first, last):
+            cell, listed, end = filled[c], begin[c - first], begin[c - first + 1]
+            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
+            per_unit = 1.0 / unit
+            n, own, members = whole(end - listed), start[cell], start[cell + 1] - start[cell]
+            place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
+            for k in range(listed, end):
+                j = index[k]
+                cm[k - listed] = mass[j]
+                if shear:
+                    cvx[k - listed] = vel[j, 0]
                     if dim == 2:
-                        cy[k] = pos[index[k], 1] + (shift[k, 1] - oy)
-                    cm[k] = mass[index[k]]
-                missing = 0.0
-                for i in members:
-                    x, y = pos[i, 0] - ox, (pos[i, 1] - oy if dim == 2 else 0.0)
-                    if fixed:
-                        rho[i], _ = density_sums(kernel, dim, x, y, h[i], cx, cy, cm)
-                        gradh[i] = 1.0
+                        cvy[k - listed] = vel[j, 1]
+            for k in range(end - listed, n):
+                cm[k] = 0.0
+            for p in range(members):
+                settled[p], low[p], high[p] = False, 0.0, np.inf
+                if not fixed:
+                    h[order[own + p]] = min(h[order[own + p]], h_most)
+            for _ in range(ITERATIONS):
+                for p in range(members):
+                    if settled[p]:
                         continue
-                    new, density_i, omega = solve_h(kernel, dim, x, y, mass[i], h[i], eta, h_most, reach, cx, cy, cm)
-                    if density_i < 0.0:
-                        missing = max(missing, support * new)
-                    else:
-                        h[i], rho[i], gradh[i] = new, density_i, omega
-                if missing == 0.0:
+                    i = order[own + p]
+                    x, y, vx, vy = (pos[i, 0] - ox) * per_unit, 0.0, 0.0, 0.0
+                    if dim == 2:
+                        y = (pos[i, 1] - oy) * per_unit
+                    if shear:
+                        vx, vy = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
+                    sums[p, 0], sums[p, 1], sums[p, 2], sums[p, 3], sums[p, 4], sums[p, 5], sums[p, 6] = density_sums(
+                        kernel, dim, shear, x, y, vx, vy, h[i] * per_unit, n, cx, cy, cm, cvx, cvy
+                    )
+                # Apart from the sums, whose loop need not wait for all these divisions.
+                left = False
+                for p in range(members):
+                    if settled[p]:
+                        continue
+                    i = order[own + p]
+                    per_h, step = 1.0 / h[i], 0.0
+                    rho[i], gradh[i], settled[p] = sums[p, 0] * per_h**dim, 1.0, True
+                    if not fixed:
+                        settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
+                            dim, mass[i], h[i], eta, h_most, low[p], high[p], rho[i], sums[p, 1], sums[p, 2]
+                        )
+                    if shear:
+                        div[i] = abs(sums[p, 3] + step * sums[p, 5]) * per_h
+                        curl[i] = abs(sums[p, 4] + step * sums[p, 6]) * per_h
+                    if support * h[i] > radius[own + p]:
+                        outgrown[c], settled[p] = True, True
+                    left |= not settled[p]
+                if not left:
                     break
-                reach = 1.2 * missing
-            if shear:
-                cvx, cvy = np.empty(n), np.zeros(n)
-                for k in range(n):
-                    cvx[k] = vel[index[k], 0]
-                    if dim == 2:
-                        cvy[k] = vel[index[k], 1]
-                for i in members:
-                    y, vy = 0.0, 0.0
-                    if dim == 2:
-                        y, vy = pos[i, 1] - oy, vel[i, 1]
-                    d, r = shear_sums(kernel, dim, pos[i, 0] - ox, y, vel[i, 0], vy, h[i], cx, cy, cm, cvx, cvy)
-                    div[i], curl[i] = d / rho[i], r / rho[i]
 
     return density
 
 
-# Columns of the packed candidates that eqs. (3-5) read.
-X, Y, MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(13)
+# Columns of what eqs. (3-5) read of a neighbour, beside its place.
+MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(11)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def force_columns(
+    first, last, norm, vel, mass, h, rho, gradh, pressure, sound, div, curl, u, viscous, energetic, conductive, alpha,
+    columns,
+):  # fmt: skip
+    """Write to `columns` (n, 11) what the sums of a scene read of each particle."""
+    dim = vel.shape[1]
+    for i in range(first, last):
+        inv_h, inv_rho = 1.0 / h[i], 1.0 / rho[i]
+        columns[i, MASS], columns[i, INV_H] = mass[i], inv_h
+        columns[i, NORM_H] = mass[i] * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
+        columns[i, PRESS] = pressure[i] * inv_rho * inv_rho / gradh[i]
+        if viscous != NO_VISCOSITY or energetic:
+            columns[i, VX], columns[i, VY] = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
+        columns[i, INV_RHO] = inv_rho
+        if viscous != NO_VISCOSITY:
+            columns[i, SOUND], columns[i, SWITCH] = alpha * sound[i], 1.0
+            if len(div) > 0:
+                columns[i, SWITCH] = div[i] / (div[i] + curl[i] + 1e-4 * sound[i] * inv_h)
+        if conductive:
+            columns[i, ENERGY], columns[i, P] = u[i], pressure[i]
 
 
 @njit(inline="always")
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, x, y, vx, vy, h, press, inv_rho_i, c_i, f_i, u_i, p_i, alpha,
-    beta, receding, alpha_u, rows
+    kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, cx, cy, rows
 ):  # fmt: skip
-    """Sums of one particle: acceleration, du/dt and divergence."""
-    sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
-    inv_h = 1.0 / h
-    gi = sigma * inv_h ** (dim + 1)
+    """Sums of particle i over n candidates, in units of `unit`: acceleration, du/dt and divergence."""
+    norm, inv_h = columns[i, NORM_H] / columns[i, MASS], columns[i, INV_H] * unit
+    press, inv_rho_i, c_i = columns[i, PRESS] * norm, columns[i, INV_RHO], columns[i, SOUND]
+    vx, vy, f_i, u_i, p_i = columns[i, VX], columns[i, VY], columns[i, SWITCH], columns[i, ENERGY], columns[i, P]
+    conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
     ax, ay, rate, div = 0.0, 0.0, 0.0, 0.0
-    for k in range(len(rows[X])):
-        dx, dy = x - rows[X][k], y - rows[Y][k]
-        r2 = dx * dx + dy * dy
-        inv_r = 1.0 / math.sqrt(r2 + 1e-300)
+    for k in range(n):
+        dx, dy = x - cx[k], y - cy[k]
+        r2 = dx * dx + (dy * dy + NEAREST2)
+        inv_r = inverse_root(r2)
         r = r2 * inv_r
-        _, dwi = shape(kernel, dim, min(r * inv_h, support))
-        inv_hj = rows[INV_H][k]
-        _, dwj = shape(kernel, dim, min(r * inv_hj, support))
-        dwi *= gi
-        dwj *= rows[NORM_H][k]
-        m = rows[MASS][k]
-        force = press * dwi + rows[PRESS][k] * dwj
-        if viscous or energetic:
+        _, own = shape(kernel, dim, r * inv_h)
+        _, other = shape(kernel, dim, r * rows[INV_H][k])
+        own *= rows[MASS][k]
+        other *= rows[NORM_H][k]
+        force = press * own + rows[PRESS][k] * other
+        if viscous != NO_VISCOSITY or energetic:
             w = ((vx - rows[VX][k]) * dx + (vy - rows[VY][k]) * dy) * inv_r
-            div += m * w * dwi
-            heat = press * dwi * w
-            if viscous:
+            div += w * own
+            heat = press * own * w
+            if viscous != NO_VISCOSITY or conductive:
+                both = norm * own + other
+                inv_rho = inv_rho_i + rows[INV_RHO][k]
+            if viscous != NO_VISCOSITY:
                 mu = min(w, 0.0)
-                mean = 0.5 * (dwi + dwj)
-                inv_rho = 0.5 * (inv_rho_i + rows[INV_RHO][k])
-                switch = 0.5 * (f_i + rows[SWITCH][k])
-                c = 0.5 * (c_i + rows[SOUND][k])
-                felt = mu + receding * (w - mu)
-                pi = switch * (beta * mu * mu - alpha * c * felt) * inv_rho  # eq. (5)
-                force += pi * mean
-                heat += 0.5 * pi * felt * mean
+                felt = w if viscous == ALL_PAIRS else mu
+                pi = beta * mu * mu - (c_i + rows[SOUND][k]) * felt  # eq. (5)
+                pi *= (f_i + rows[SWITCH][k]) * inv_rho * both
+                force += pi
+                heat += 0.5 * pi * felt
             if conductive:
-                mean = 0.5 * (dwi + dwj)
-                inv_rho = 0.5 * (inv_rho_i + rows[INV_RHO][k])
                 signal = math.sqrt(abs(p_i - rows[P][k]) * inv_rho)
-                heat += alpha_u * signal * (u_i - rows[ENERGY][k]) * inv_rho * mean
+                heat += conducted * signal * (u_i - rows[ENERGY][k]) * inv_rho * both
             if energetic:
-                rate += m * heat
-        ax -= m * force * dx * inv_r
-        ay -= m * force * dy * inv_r
-    return ax, ay, rate, -div * inv_rho_i
+                rate += heat
+        force *= inv_r
+        ax -= force * dx
+        ay -= force * dy
+    return ax, ay, rate, -div * norm * inv_rho_i
 
 
 @functools.cache
-def force_driver(kernel: int, dim: int, viscous: bool, energetic: bool, conductive: bool):
+def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool):
     """Compile eqs. (3-5), leaving out what the scene does not name.
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence.
     """
-
-    sigma = NORM[dim - 1][kernel]
+    moving, rubbing = viscous != NO_VISCOSITY or energetic, viscous != NO_VISCOSITY
 
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def forces(
-        piece, last, pos, vel, mass, h, radius, rho, gradh, pressure, sound, switch, u, acc, rate, div, alpha,
-        beta, receding, alpha_u,
-        filled, grids, order, start, bounds, low, width, periodic,
-    ):  # fmt: skip
-        for c in range(piece, last):
-            cell = filled[c]
-            ox = 0.5 * (bounds[cell, 0] + bounds[cell, 1])
-            oy = 0.5 * (bounds[cell, 2] + bounds[cell, 3])
-            index, shift = find_candidates(
-                bounds[cell], bounds[cell, 4], True, pos, radius, grids, order, start, bounds, low, width, periodic
-            )
-            pack = np.zeros((P + 1, len(index)))
-            # Rows by themselves: loops over a row of a matrix are not vectorised.
-            rows = (
-                pack[0], pack[1], pack[2], pack[3], pack[4], pack[5],
-                pack[6], pack[7], pack[8], pack[9], pack[10], pack[11], pack[12],
-            )  # fmt: skip
-            for k in range(len(index)):
-                j = index[k]
-                pack[X, k] = pos[j, 0] + (shift[k, 0] - ox)
-                if dim == 2:
-                    pack[Y, k] = pos[j, 1] + (shift[k, 1] - oy)
-                pack[MASS, k] = mass[j]
-                pack[INV_H, k] = 1.0 / h[j]
-                pack[NORM_H, k] = sigma / h[j] ** (dim + 1)
-                pack[PRESS, k] = pressure[j] / (gradh[j] * rho[j] * rho[j])
-                if viscous or energetic:
-                    pack[VX, k] = vel[j, 0]
-                    if dim == 2:
-                        pack[VY, k] = vel[j, 1]
-                if viscous or conductive:
-                    pack[INV_RHO, k] = 1.0 / rho[j]
-                if viscous:
-                    pack[SOUND, k] = sound[j]
-                    pack[SWITCH, k] = switch[j] if len(switch) > 0 else 1.0
+    def forces(first, last, lists, pos, columns, acc, rate, div, beta, alpha_u, cells):
+        order, start, bounds = cells.order, cells.start, cells.bounds
+        begin, index, turned = lists
+        room = most_of(begin)
+        cx, cy, pack = np.zeros(room), np.zeros(room), np.zeros((P + 1, room))
+        # Rows by themselves: loops over a row of a matrix are not vectorised.
+        rows = (
+            pack[0], pack[1], pack[2], pack[3], pack[4], pack[5], pack[6], pack[7], pack[8], pack[9], pack[10],
+        )  # fmt: skip
+        for c in range(first, last):
+            cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
+            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
+            n = whole(end - listed)
+            per_unit = 1.0 / unit
+            place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
+            for k in range(listed, end):
+                j, to = index[k], k - listed
+                rows[MASS][to], rows[NORM_H][to], rows[PRESS][to] = (
+                    columns[j, MASS], columns[j, NORM_H], columns[j, PRESS]
+                )  # fmt: skip
+                rows[INV_H][to] = columns[j, INV_H] * unit
+                if moving:
+                    rows[VX][to], rows[VY][to] = columns[j, VX], columns[j, VY]
+                if rubbing or conductive:
+                    rows[INV_RHO][to] = columns[j, INV_RHO]
+                if rubbing:
+                    rows[SOUND][to], rows[SWITCH][to] = columns[j, SOUND], columns[j, SWITCH]
                 if conductive:
-                    pack[ENERGY, k] = u[j]
-                    pack[P, k] = pressure[j]
-            for i in order[start[cell] : start[cell + 1]]:
-                y, vy = 0.0, 0.0
+                    rows[ENERGY][to], rows[P][to] = columns[j, ENERGY], columns[j, P]
+            for k in range(end - listed, n):
+                rows[MASS][k], rows[NORM_H][k] = 0.0, 0.0
+            for k in range(start[cell], start[cell + 1]):
+                i = order[k]
+                x, y = (pos[i, 0] - ox) * per_unit, 0.0
                 if dim == 2:
-                    y, vy = pos[i, 1] - oy, vel[i, 1]
+                    y = (pos[i, 1] - oy) * per_unit
                 ax, ay, r, d = force_sums(
-                    kernel, dim, viscous, energetic, conductive, pos[i, 0] - ox, y, vel[i, 0], vy, h[i],
-                    pressure[i] / (gradh[i] * rho[i] * rho[i]),
-                    1.0 / rho[i], sound[i], switch[i] if len(switch) > 0 else 1.0, u[i] if conductive else 0.0,
-                    pressure[i], alpha, beta, receding, alpha_u, rows,
+                    kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, cx, cy,
+                    rows,
                 )  # fmt: skip
                 acc[i, 0] += ax
                 if dim == 2:
                     acc[i, 1] += ay
                 if energetic:
                     rate[i] += r
-                if viscous or energetic:
+                if viscous != NO_VISCOSITY or energetic:
                     div[i] = d
 
     return forces
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def step_limit(first, last, h, sound, acc, before, divergence, alpha, beta):
+    """The least of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) and sqrt(h / |a|), a = acc - before."""
+    limit = np.inf
+    for i in range(first, last):
+        squeezed = h[i] * (1.0 + 1.2 * beta) * max(0.0, -divergence[i])
+        limit = least(limit, h[i] / (sound[i] * (1.0 + 1.2 * alpha) + squeezed))
+        strength2 = 0.0
+        for axis in range(acc.shape[1]):
+            strength2 += (acc[i, axis] - before[i, axis]) ** 2
+        limit = least(limit, math.sqrt(h[i] / math.sqrt(strength2)))
+    return limit
+
+
+@njit(inline="always")
+def least(a, b):
+    """The smaller of two; what is no number stays none."""
+    return a if a <= b or a != a else b
