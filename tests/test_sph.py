@@ -131,7 +131,7 @@ def test_density_and_force_equal_direct_sums(kernel, dim, boundary):
     rho, omega = direct_density(gas.pos, gas.mass, gas.h, kernel, boundary == "periodic")
     solved = gas.h < sim.effects["gas"].sph.h_most * (1 - 1e-9)
     assert solved.mean() > 0.7 and gas.h.max() > 20 * gas.h.min()
-    # Newton's last step is below 1e-3 h; what it leaves is the square of that, a few times over.
+    # The last step is below 4e-3 h; what it leaves is some times its cube.
     np.testing.assert_allclose(gas.density, rho, rtol=5e-6)
     np.testing.assert_allclose((gas.h / (eta * (gas.mass / rho) ** (1 / dim)))[solved], 1.0, rtol=5e-6)
     # Omega is taken before the last step, and moves some times more than h.
@@ -171,7 +171,7 @@ def test_h_does_not_depend_on_its_first_guess():
     for factor in (0.03, 20.0):
         sims[1].gas.h *= factor
         sims[1].effects["gas"].accelerate(sims[1].state)
-        # Both are solved to the square of Newton's last step, 1e-3.
+        # Both are solved to some times the cube of the last step, 4e-3.
         np.testing.assert_allclose(sims[1].gas.h, sims[0].gas.h, rtol=5e-6)
 
 
@@ -221,7 +221,7 @@ def test_rotation_boost_and_order():
     start = lively("open", pos=pos)
     vel, u = start.gas.vel, start.gas.u
     scale, rate = np.abs(gas.acc).max(), np.abs(gas.heating_rate).max()
-    # Newton's method stops a step earlier or later: Omega, and with it the force, differ by some 1e-4.
+    # The solution for h stops a step earlier or later: Omega, and with it the force, may differ by up to 1e-4.
     cases = {
         "turned": (lively("open", pos=pos @ turn, vel=vel @ turn), gas.acc @ turn, slice(None)),
         "boosted": (lively("open", vel=vel + np.array([3.0, -2.0])), gas.acc, slice(None)),
