@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.drag.cloud import densities_of_sparse_dust
-from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS, leaf_counts, leaf_keys, merge
+from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS, leaf_counts, leaf_keys, mass_in_enlarged, merge, sort_members
 from discsim.kernels.drag import relax_blocks
-from discsim.kernels.grid import counting_sort
 from discsim.threads import share
 
 Array = np.ndarray
 NONE = np.empty(0)
+NOBODY = np.empty(0, np.int64)
 
 # Steps of the cells' origin, in fractions of the largest block: n a 2^k mod 1 is well spread for k = 0..5 (for
 # n <= 60, n |n a 2^k - nearest whole number| >= .17; found by search).
@@ -80,7 +80,7 @@ def sort_into_blocks(drag, state, leaves: Lattice, least, size: float, dust_want
     shift = np.zeros(2)
     if shifted:
         shift[: drag.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
-    gas_key, dust_key = np.empty(gas.count, np.int64), np.empty(dust.count, np.int64)
+    gas_key, dust_key = np.empty(gas.count, np.uint32), np.empty(dust.count, np.uint32)
     for particles, key in ((gas, gas_key), (dust, dust_key)):
         share(
             leaf_keys, len(key), particles.pos, leaves.origin, shift, 1.0 / leaves.side, nx, ny, leaves.periodic, key
@@ -94,9 +94,10 @@ def sort_into_blocks(drag, state, leaves: Lattice, least, size: float, dust_want
     )
     # What lies outside the lattice meets nobody: a block of its own for each species.
     count, population = len(level), drag.law.populations
-    gas_order, gas_start = counting_sort(np.append(number, count)[gas_key], count + 2)
-    dust_block = np.append(number, count + 1)[dust_key]
-    dust_order, dust_start = counting_sort(dust_block * population + dust.species, (count + 2) * population)
+    gas_order, gas_start = sort_members(gas_key, n_gas, np.append(number, np.int32(count)), NOBODY, 1, count + 2)
+    dust_order, dust_start = sort_members(
+        dust_key, n_dust, np.append(number, np.int32(count + 1)), dust.species, population, count + 2
+    )  # fmt: skip
     moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
     return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
 
@@ -125,7 +126,12 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
         drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential, *drag.star, corners, drag.size,
         state.grid.periodic, heat, least=64,
     )  # fmt: skip
-    population = drag.law.populations
-    alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
-    members = np.diff(blocks.dust_start[::population])
-    drag.count_uncoupled(dust, blocks.dust_order, np.repeat(alone, members))
+    count_uncoupled(drag, dust, blocks)
+
+
+def count_uncoupled(drag, dust, blocks: Blocks) -> None:
+    """Note the share of the dust mass that has no gas or is in enlarged blocks."""
+    start = blocks.dust_start[:: drag.law.populations]
+    drag.count_uncoupled(
+        dust, lambda mass: mass_in_enlarged(mass, drag.stopping_times, blocks.dust_order, start, blocks.enlarged)
+    )  # fmt: skip

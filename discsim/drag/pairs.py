@@ -150,7 +150,7 @@ def note_times(drag, dust, found: list[Pairs]) -> None:
     for pairs in found:
         coupled = pairs.rate > 0.0
         drag.stopping_times[pairs.cloud.members[coupled]] = 1.0 / pairs.rate[coupled]
-    drag.count_uncoupled(dust, np.arange(dust.count), ~np.isfinite(drag.stopping_times))
+    drag.count_uncoupled(dust)
 
 
 def fastest(drag, gas, found: list[Pairs]) -> float:

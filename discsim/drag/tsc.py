@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from discsim.drag.cells import lattice, sort_into_blocks
+from discsim.drag.cells import count_uncoupled, lattice, sort_into_blocks
 from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.kernels import levels
 from discsim.kernels import nodes as kernels
@@ -112,5 +112,4 @@ def relax(drag, state, dt, gas_vel, heat):
             kernels.spread_heat, count, home, about, blocks.gas_order, blocks.gas_start, dim == 1, packed["gas"], nodes,
             node_heat, heat, least=64,
         )  # fmt: skip
-    enlarged = np.repeat(np.append(blocks.enlarged, [True, True]), np.diff(blocks.dust_start[::population]))
-    drag.count_uncoupled(dust, blocks.dust_order, enlarged | ~np.isfinite(drag.stopping_times[blocks.dust_order]))
+    count_uncoupled(drag, dust, blocks)

@@ -5,6 +5,7 @@ right at any step. Schemes are in `discsim/drag`, laws in `kernels/laws.py`. Two
 the step to about t_stop / max(1, eps); any other drag limits none.
 """
 
+from collections.abc import Callable
 from importlib import import_module
 
 import numpy as np
@@ -41,10 +42,11 @@ class Effect(base.Effect):
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
         return self.law.stopping_time(population, density, sound, omega, ratio)
 
-    def count_uncoupled(self, dust: Dust, order: np.ndarray, alone: np.ndarray) -> None:
-        """Note the share of the dust mass that is `alone` (n,), a mask in the order `order` (n,)."""
+    def count_uncoupled(self, dust: Dust, in_blocks: Callable[[np.ndarray], float] | None = None) -> None:
+        """Note the share of the dust mass without a stopping time; `in_blocks(mass)` adds what else is uncoupled."""
         mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
-        self.uncoupled = float(mass[order[alone]].sum() / mass.sum())
+        alone = float(mass[self.stopping_times == np.inf].sum()) + (in_blocks(mass) if in_blocks else 0.0)
+        self.uncoupled = alone / float(mass.sum())
 
     def limit(self, state: State) -> float:
         explicit = hasattr(self.scheme, "limit")

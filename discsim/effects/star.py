@@ -7,7 +7,7 @@ to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the inne
 import numpy as np
 
 from discsim.effects import base
-from discsim.kernels.star import attract, nearest
+from discsim.kernels.star import attract, nearest, within
 from discsim.state import Particles, State
 from discsim.threads import share
 
@@ -33,9 +33,11 @@ class Effect(base.Effect):
                 self._accrete(state, name, particles)
 
     def _accrete(self, state: State, name: str, particles: Particles) -> None:
-        if nearest(particles.pos) >= self.star.accretion_radius**2:
+        squared = self.star.accretion_radius**2
+        inside = np.empty(particles.count, bool)
+        share(within, particles.count, particles.pos, squared, inside)
+        if not inside.any():
             return
-        inside = (particles.pos**2).sum(axis=1) < self.star.accretion_radius**2
         mass, pos, vel = particles.mass[inside], particles.pos[inside], particles.vel[inside]
         ledger = state.ledger
         setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + float(mass.sum()))
