@@ -51,7 +51,7 @@ class Particles:
 
     def remove(self, gone: Array) -> None:
         """Drop the particles of the mask `gone` (n,); the last ones take their places, so that little is moved."""
-        left = self.count - int(gone.sum())
+        left = self.count - int(np.count_nonzero(gone))
         holes = np.flatnonzero(gone[:left])
         tail = left + np.flatnonzero(~gone[left:])
         for name, array in self.arrays().items():

@@ -16,6 +16,7 @@ its limit, the children stay as they are, and dust without gas stays uncoupled (
 import numpy as np
 from numba import njit
 
+ONE, TWO = np.uint64(1), np.uint64(2)
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 DONE, LONELY, SMALL, FEW, LACKING = range(5)
 IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
@@ -25,13 +26,13 @@ IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 def leaf_keys(first, last, pos, origin, shift, inverse, nx, ny, periodic, out):
     """Write the leaf of each particle; nx ny where it lies outside the lattice. `shift` (2,) in leaves."""
     ox, oy, dx, dy = origin[0], origin[1], shift[0], shift[1]
-    outside = np.uint32(nx * ny)
+    outside, rows = np.uint32(nx * ny), np.int32(ny)
     if pos.shape[1] == 2 and not periodic:
-        flat = pos.reshape(-1)  # pairs at a known distance: vectorised
+        flat = pos.reshape(-1)  # steps of two and unsigned numbers: vectorised
         for i in range(np.uint64(first), np.uint64(last)):
-            sx, sy = (flat[2 * i] - ox) * inverse + dx, (flat[2 * i + 1] - oy) * inverse + dy
+            sx, sy = (flat[TWO * i] - ox) * inverse + dx, (flat[TWO * i + ONE] - oy) * inverse + dy
             inside = (sx >= 0.0) & (sx < nx) & (sy >= 0.0) & (sy < ny)
-            out[i] = np.uint32(np.int32(sx) * ny + np.int32(sy)) if inside else outside
+            out[i] = np.uint32(np.int32(sx) * rows + np.int32(sy)) if inside else outside
         return
     for i in range(first, last):
         sx = (pos[i, 0] - ox) * inverse + dx
@@ -85,14 +86,25 @@ def sort_members(key, counts, number, species, populations, count):
 
 
 @njit(cache=True)
-def mass_in_enlarged(mass, time, order, start, enlarged):
-    """Mass of the particles with a stopping time in the blocks that want of particles enlarged."""
+def mass_in(mass, order, start, chosen, time):
+    """Mass of the particles in the blocks `chosen`, and, if `time` has entries, with a stopping time."""
     total = 0.0
-    for block in range(len(enlarged)):
-        if enlarged[block]:
+    for block in range(len(chosen)):
+        if chosen[block]:
             for k in range(start[block], start[block + 1]):
-                total += mass[order[k]] if time[order[k]] < np.inf else 0.0
+                total += mass[order[k]] if len(time) == 0 or time[order[k]] < np.inf else 0.0
     return total
+
+
+@njit(cache=True)
+def times_of_members(times, order, start):
+    """The stopping time of each particle (n,) from those of its block and population."""
+    out = np.empty(len(order))
+    for block in range(times.shape[0]):
+        for s in range(times.shape[1]):
+            for k in range(start[block * times.shape[1] + s], start[block * times.shape[1] + s + 1]):
+                out[order[k]] = times[block, s]
+    return out
 
 
 @njit(cache=True)

@@ -332,14 +332,14 @@ def mean_of(values, order, first, last):
 @njit(nogil=True, cache=True, error_model="numpy")
 def relax_blocks(
     block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
-    dpos, dvel, dacc, down, dmass, drho, dorder, dstart, dtime,
+    dpos, dvel, dacc, down, dmass, drho, dorder, dstart, times,
     linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corners, size, periodic, heat,
 ):  # fmt: skip
     """The kick of all blocks: accelerations and drag together, velocities in place.
 
     gorder, gstart: gas by block; dorder, dstart: dust by block and, within it, by population. `own` arrays are the
-    sources (accelerations not shared; no entries where there are none). Writes each dust particle's
-    stopping time, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
+    sources (accelerations not shared; no entries where there are none). Writes the stopping times of the populations in
+    each block, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
     """
     n, dim, heated = len(grains) + 1, gpos.shape[1], len(heat) > 0
     most = 0
@@ -353,8 +353,8 @@ def relax_blocks(
         if g0 == g1 or d0 == d1:
             free_kick(gorder[g0:g1], gvel, gacc, dt)
             free_kick(dorder[d0:d1], dvel, dacc, dt)
-            for k in range(d0, d1):
-                dtime[dorder[k]] = np.inf
+            for s in range(n - 1):
+                times[block, s] = np.inf
             continue
         x0, y0, ng, nd = corners[block, 0], corners[block, 1], g1 - g0, d1 - d0
         pack(gorder, g0, g1, 0, gpos, gvel, gown, gmass, corners, block, size, periodic, p)
@@ -415,8 +415,7 @@ def relax_blocks(
             free_kick(gorder[g0:g1], gvel, gacc, dt)
         kick(dorder, d0, d1, ng, p, dt, dvel, dacc)
         for s in range(1, n):
-            for k in range(bound[s], bound[s + 1]):
-                dtime[dorder[d0 + k - ng]] = time[s]
+            times[block, s - 1] = time[s]
         if heated:
             for k in range(g0, g1):
                 heat[gorder[k]] = lost / mass[0]

@@ -8,6 +8,7 @@ Every sum has an order that does not depend on the number of threads. `origin` i
 import numpy as np
 from numba import njit
 
+ONE, TWO = np.uint64(1), np.uint64(2)
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
 CHUNK = 4096  # particles of which `pull` notes what it found
 TILE = 6  # a tile of the order of particles in memory is 2^TILE cells wide
@@ -111,9 +112,9 @@ def _stencil_y(pos, p, origin, inverse, count, periodic):
 def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     """Strip of 2^shift rows that holds each particle's first node (n,); STRIPS for particles off the grid."""
     if pos.shape[1] == 2 and not periodic:
-        flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # pairs at a known distance: vectorised
+        flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # steps of two and unsigned numbers: vectorised
         for p in range(np.uint64(begin), np.uint64(end)):
-            x, y = (flat[2 * p] - ox) * inverse - 0.5, (flat[2 * p + 1] - oy) * inverse - 0.5
+            x, y = (flat[TWO * p] - ox) * inverse - 0.5, (flat[TWO * p + ONE] - oy) * inverse - 0.5
             inside = (x >= 0.0) & (x < shape[0] - 1) & (y >= 0.0) & (y < shape[1] - 1)
             key[p] = np.uint8(np.int32(x) >> np.int32(shift)) if inside else np.uint8(STRIPS)
         return
@@ -130,8 +131,8 @@ def runs_of(key):
     Particles are near in memory where they are near in space: a few runs instead of an order of all of them.
     """
     count = min(1, len(key))
-    for p in range(np.uint64(1), np.uint64(len(key))):
-        count += key[p] != key[p - np.uint64(1)]
+    for p in range(ONE, np.uint64(len(key))):
+        count += key[p] != key[p - ONE]
     begin, strip = np.empty(count + 1, np.int64), np.empty(count, np.int64)
     run = 0
     for p in range(len(key)):
@@ -142,26 +143,6 @@ def runs_of(key):
     return begin, strip
 
 
-@njit(cache=True)
-def _deposit_run(pos, value, scale, begin, end, origin, inverse, shape, periodic, first, sums):
-    plane = pos.shape[1] == 2
-    out, row_length = sums.reshape(-1), sums.shape[1]
-    ox, oy = origin[0], origin[1]
-    for p in range(np.uint64(begin), np.uint64(end)):
-        x, y = (pos[p, 0] - ox) * inverse - 0.5, (pos[p, 1] - oy) * inverse - 0.5 if plane else 0.0
-        if periodic:
-            x, y = _wrapped(x, shape[0]), _wrapped(y, shape[1])
-        ix, iy = int(x), int(y)
-        wx, wy, v = x - ix, y - iy, value[p] * scale
-        low, high = v * (1.0 - wx), v * wx
-        at = np.uint64((ix - first) * row_length + iy)
-        out[at] += low * (1.0 - wy)
-        out[at + np.uint64(1)] += low * wy
-        at += np.uint64(row_length)
-        out[at] += high * (1.0 - wy)
-        out[at + np.uint64(1)] += high * wy
-
-
 @njit(cache=True, nogil=True)
 def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, shift, out, beyond):
     """Add `scale` times `value` (n,) to the nodes of `out` (nx, ny), cloud in cell; order and start sort the runs of
@@ -170,15 +151,28 @@ def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, in
     A strip sums its own rows and, apart, the one after them: `beyond` (strips, ny), for `join_strips`.
     """
     nx, ny = out.shape
-    rows = 1 << shift
+    ox, oy, rows, plane = origin[0], origin[1], 1 << shift, pos.shape[1] == 2
+    sums = np.empty((rows + 1, ny + 1))  # one column more, which is the first where space is periodic
+    flat, row_length = sums.reshape(-1), np.uint64(ny + 1)
     for s in range(begin, end):
         first = s * rows
-        sums = np.zeros((rows + 1, ny + 1))  # one column more, which is the first where space is periodic
+        flat[:] = 0.0
         for k in range(start[s], start[s + 1]):
-            run = order[k]
-            _deposit_run(
-                pos, value, scale, runs[run], runs[run + 1], origin, inverse, out.shape, periodic, first, sums
-            )  # fmt: skip
+            for p in range(np.uint64(runs[order[k]]), np.uint64(runs[order[k] + 1])):
+                x, y = (pos[p, 0] - ox) * inverse - 0.5, (pos[p, 1] - oy) * inverse - 0.5 if plane else 0.0
+                if periodic:
+                    x, y = _wrapped(x, nx), _wrapped(y, ny)
+                ix, iy = int(x), int(y)
+                low = np.uint64((ix - first) * (ny + 1) + iy)
+                high = low + row_length
+                v = value[p] * scale
+                v1 = v * (x - ix)
+                v0 = v - v1
+                v01, v11 = v0 * (y - iy), v1 * (y - iy)
+                flat[low] += v0 - v01
+                flat[low + ONE] += v01
+                flat[high] += v1 - v11
+                flat[high + ONE] += v11
         held = max(0, min(rows, nx - first))
         for r in range(held + 1):
             sums[r, 0] += sums[r, ny]
@@ -256,7 +250,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, large
             acc[p, 0] -= x
             square = x * x
             if plane:
-                y = _between(flat, low + np.uint64(1), along_x, along_y, wx, wy)
+                y = _between(flat, low + ONE, along_x, along_y, wx, wy)
                 acc[p, 1] -= y
                 square += y * y
             most = max(most, square)

@@ -7,6 +7,10 @@ from numba import njit
 @njit(nogil=True, cache=True)
 def take_rows(begin, end, source, index, out):
     """out[i] = source[index[i]] for arrays (n, d)."""
+    if out.shape[1] == 2:
+        for i in range(begin, end):
+            out[i, 0], out[i, 1] = source[index[i], 0], source[index[i], 1]
+        return
     for i in range(begin, end):
         for k in range(out.shape[1]):
             out[i, k] = source[index[i], k]

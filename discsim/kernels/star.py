@@ -5,17 +5,19 @@ import math
 import numpy as np
 from numba import njit
 
+ONE, TWO = np.uint64(1), np.uint64(2)
+
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def attract(begin, end, pos, acc, mass, softening):
     """acc -= G M r / (r^2 + s^2)^(3/2), arrays (n, 2)."""
-    flat, out = pos.reshape(-1), acc.reshape(-1)  # pairs at a known distance: vectorised
+    flat, out = pos.reshape(-1), acc.reshape(-1)  # steps of two and unsigned numbers: vectorised
     for i in range(np.uint64(begin), np.uint64(end)):
-        x, y = flat[2 * i], flat[2 * i + 1]
+        x, y = flat[TWO * i], flat[TWO * i + ONE]
         d2 = x * x + y * y + softening * softening
         f = mass / (d2 * math.sqrt(d2))
-        out[2 * i] -= f * x
-        out[2 * i + 1] -= f * y
+        out[TWO * i] -= f * x
+        out[TWO * i + ONE] -= f * y
 
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
@@ -24,13 +26,21 @@ def nearest(pos):
     least = np.inf
     flat = pos.reshape(-1)
     for i in range(np.uint64(len(pos))):
-        least = min(least, flat[2 * i] * flat[2 * i] + flat[2 * i + 1] * flat[2 * i + 1])
+        x, y = flat[TWO * i], flat[TWO * i + ONE]
+        least = min(least, x * x + y * y)
     return least
 
 
-@njit(nogil=True, cache=True)
-def within(begin, end, pos, squared, out):
-    """Which positions (n, 2) are nearer to the origin than a distance that is given squared."""
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def divide(pos, squared, inside):
+    """Note which positions (n, 2) are nearer to the origin than a distance that is given squared; returns the least
+    squared distance of the others.
+    """
+    least = np.inf
     flat = pos.reshape(-1)
-    for i in range(np.uint64(begin), np.uint64(end)):
-        out[i] = flat[2 * i] * flat[2 * i] + flat[2 * i + 1] * flat[2 * i + 1] < squared
+    for i in range(np.uint64(len(pos))):
+        x, y = flat[TWO * i], flat[TWO * i + ONE]
+        d2 = x * x + y * y
+        inside[i] = d2 < squared
+        least = min(least, d2 if d2 >= squared else np.inf)
+    return least
