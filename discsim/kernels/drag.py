@@ -215,7 +215,7 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
     block is kept. The difference relaxes at the means' rate.
     """
     f, g = response(rate, dt, exponential)
-    xx, xy, yy = o[0, INERTIA] + o[one, INERTIA], o[0, INERTIA + 1] + o[one, INERTIA + 1], 0.0
+    xx, xy = o[0, INERTIA] + o[one, INERTIA], o[0, INERTIA + 1] + o[one, INERTIA + 1]
     yy = o[0, INERTIA + 2] + o[one, INERTIA + 2]
     for s, other, sign in ((0, one, 1.0), (one, 0, -1.0)):
         ixx, ixy, iyy = o[other, INERTIA], o[other, INERTIA + 1], o[other, INERTIA + 2]
@@ -335,7 +335,7 @@ def relax_blocks(
     dpos, dvel, dacc, down, dmass, drho, dorder, dstart, times,
     linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corners, size, periodic, heat,
 ):  # fmt: skip
-    """The kick of all blocks: accelerations and drag together, velocities in place.
+    """The kick of all blocks: accelerations and drag together, velocities in place; that of dust alone if one-way.
 
     gorder, gstart: gas by block; dorder, dstart: dust by block and, within it, by population. `own` arrays are the
     sources (accelerations not shared; no entries where there are none). Writes the stopping times of the populations in
@@ -351,7 +351,8 @@ def relax_blocks(
     for block in range(block_from, block_to):
         g0, g1, d0, d1 = gstart[block], gstart[block + 1], dstart[block * (n - 1)], dstart[(block + 1) * (n - 1)]
         if g0 == g1 or d0 == d1:
-            free_kick(gorder[g0:g1], gvel, gacc, dt)
+            if two_way:
+                free_kick(gorder[g0:g1], gvel, gacc, dt)
             free_kick(dorder[d0:d1], dvel, dacc, dt)
             for s in range(n - 1):
                 times[block, s] = np.inf
@@ -411,8 +412,6 @@ def relax_blocks(
                 lost += loss(p, bound[s], bound[s + 1], o, s, sources, dt)
         if two_way:
             kick(gorder, g0, g1, 0, p, dt, gvel, gacc)
-        else:
-            free_kick(gorder[g0:g1], gvel, gacc, dt)
         kick(dorder, d0, d1, ng, p, dt, dvel, dacc)
         for s in range(1, n):
             times[block, s - 1] = time[s]

@@ -275,34 +275,30 @@ def _place(i, count, periodic):
     return first, i - first
 
 
-@njit(cache=True)
-def _gradient_along_y(line, periodic, scale, out):
-    ny = line.size
-    a, b = 8.0 * scale, scale
-    for j in range(2, ny - 2):
-        out[j, 1] = a * (line[j + 1] - line[j - 1]) - b * (line[j + 2] - line[j - 2])
-    for edge in range(min(4, ny)):
-        j = edge if edge < 2 else ny - 1 - (edge - 2)
-        first, place = _place(j, ny, periodic)
-        total = 0.0
-        for k in range(5):
-            total += _STENCILS[place, k] * line[(first + k) % ny]
-        out[j, 1] = scale * total
-
-
 @njit(cache=True, nogil=True)
 def gradient(begin, end, potential, cell, periodic, out):
     """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges."""
     nx, ny = potential.shape
     scale = 1.0 / (12.0 * cell)
+    far, near = scale, 8.0 * scale
     for i in range(begin, end):
         first, place = _place(i, nx, periodic)
         w = _STENCILS[place]
+        w0, w1, w2, w3, w4 = scale * w[0], scale * w[1], scale * w[2], scale * w[3], scale * w[4]
         r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]
-        r3, r4 = potential[(first + 3) % nx], potential[(first + 4) % nx]
-        for j in range(ny):
-            out[i, j, 0] = scale * (w[0] * r0[j] + w[1] * r1[j] + w[2] * r2[j] + w[3] * r3[j] + w[4] * r4[j])
-        _gradient_along_y(potential[i], periodic, scale, out[i])
+        r3, r4, line = potential[(first + 3) % nx], potential[(first + 4) % nx], potential[i]
+        pairs = out[i].reshape(-1)
+        for j in range(TWO, np.uint64(max(ny - 2, 2))):  # unsigned numbers: vectorised
+            pairs[TWO * j] = w0 * r0[j] + w1 * r1[j] + w2 * r2[j] + w3 * r3[j] + w4 * r4[j]
+            pairs[TWO * j + ONE] = near * (line[j + ONE] - line[j - ONE]) - far * (line[j + TWO] - line[j - TWO])
+        for edge in range(min(4, ny)):
+            j = edge if edge < 2 else ny - 1 - (edge - 2)
+            out[i, j, 0] = w0 * r0[j] + w1 * r1[j] + w2 * r2[j] + w3 * r3[j] + w4 * r4[j]
+            first, place = _place(j, ny, periodic)
+            total = 0.0
+            for k in range(5):
+                total += _STENCILS[place, k] * line[(first + k) % ny]
+            out[i, j, 1] = scale * total
 
 
 @njit(cache=True)
