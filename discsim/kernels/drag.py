@@ -243,16 +243,22 @@ def exchange_slopes(mass, time, dim, two_way, dt, exponential, y, b, change, o):
     if two_way and count == 1:
         relax_slopes(only, (1.0 + mass[only] / mass[0]) / time[only], dim, dt, exponential, o)
         return
-    weight = mass
-    if two_way:
-        weight = np.zeros(n)
-        least, most = np.inf, 0.0
-        for s in range(n):
+    if not two_way:
+        for s in range(1, n):
             if mass[s] > 0.0:
-                weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
-                least, most = min(least, weight[s]), max(most, weight[s])
-        if least <= 1e-6 * most:
-            return  # a population on one point has no slope of its own
+                f, g = response(1.0 / time[s], dt, exponential)
+                for k in range(4):
+                    slip, source = o[s, SLOPE + k] - o[0, SLOPE + k], o[s, SLOPE_SOURCE + k] - o[0, SLOPE_SOURCE + k]
+                    o[s, SLOPE_CHANGE + k] = f * slip + g * source
+        return
+    weight = np.zeros(n)
+    least, most = np.inf, 0.0
+    for s in range(n):
+        if mass[s] > 0.0:
+            weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
+            least, most = min(least, weight[s]), max(most, weight[s])
+    if least <= 1e-6 * most:
+        return  # a population on one point has no slope of its own
     for a in range(0, 2 * dim, 2):
         for s in range(n):
             for c in range(dim):
