@@ -67,14 +67,14 @@ class Grid:
         out = np.zeros(self.shape) if out is None else out
         shift = ((self.shape[0] - 1) // kernels.STRIPS).bit_length()  # STRIPS times 2^shift rows hold nx
         inverse = 1.0 / self.cell
-        key = np.empty(len(pos), np.int64)
+        key = np.empty(len(pos), np.uint8)
         share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key)
-        order, start = kernels.counting_sort(key, kernels.STRIPS + 1)
-        density = mass * inverse ** pos.shape[1]
+        runs, strips = kernels.runs_of(key)
+        order, start = kernels.counting_sort(strips, kernels.STRIPS + 1)
         beyond = np.zeros((kernels.STRIPS, self.shape[1]))
         share(
-            kernels.deposit_strips, kernels.STRIPS, pos, density, order, start, self.origin, inverse,
-            self.periodic, shift, out, beyond, least=1,
+            kernels.deposit_strips, kernels.STRIPS, pos, mass, inverse ** pos.shape[1], runs, order, start, self.origin,
+            inverse, self.periodic, shift, out, beyond, least=1,
         )  # fmt: skip
         kernels.join_strips(shift, beyond, out)
         return out
@@ -90,11 +90,24 @@ class Grid:
         share(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, out)
         return out[:, 0] if scalar else out
 
+    def pull(self, gradient: Array, pos: Array, acc: Array) -> tuple[float, int]:
+        """Take `gradient` (nx, ny, 2) at the particles off `acc` (n, dimensions), but for those off the grid.
+
+        Returns the largest length of what is taken off, and how many particles are off the grid.
+        """
+        chunks = -(-len(pos) // kernels.CHUNK)
+        largest, missing = np.empty(chunks), np.empty(chunks, np.int64)
+        share(
+            kernels.pull, chunks, gradient, pos, self.origin, 1.0 / self.cell, self.periodic, acc, largest, missing,
+            least=1,
+        )  # fmt: skip
+        return float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())
+
     def order(self, pos: Array) -> Array:
         """Order (n,) of the particles by cell, for memory locality."""
-        key = np.empty(len(pos), np.int64)
-        share(kernels.cells_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
-        return kernels.counting_sort(key, self.shape[0] * self.shape[1] + 1)[0]
+        key = np.empty(len(pos), np.uint32)
+        share(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
+        return kernels.counting_sort(key, int(key.max(initial=0)) + 1)[0]
 
     def outside(self, pos: Array) -> Array:
         """Indices of the particles off the grid: never deposited, and not to be gathered for."""

@@ -39,12 +39,19 @@ class Particles:
 
     def take(self, index: Array) -> None:
         """Keep the particles `index` (whole numbers), in that order, in every array."""
+        from discsim.kernels.move import take_rows
+        from discsim.threads import share
+
         for name, array in self.arrays().items():
-            setattr(self, name, array.take(index, axis=0))
+            taken = np.empty((len(index), *array.shape[1:]), array.dtype)
+            # Bits are moved, whatever they mean: one kernel for all.
+            rows, out = (a.reshape(len(a), -1).view(f"i{array.itemsize}") for a in (array, taken))
+            share(take_rows, len(index), rows, index, out)
+            setattr(self, name, taken)
 
     def remove(self, gone: Array) -> None:
         """Drop the particles of the mask `gone` (n,); the last ones take their places, so that little is moved."""
-        left = self.count - int(gone.sum())
+        left = self.count - int(np.count_nonzero(gone))
         holes = np.flatnonzero(gone[:left])
         tail = left + np.flatnonzero(~gone[left:])
         for name, array in self.arrays().items():

@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.drag.cloud import densities_of_sparse_dust
-from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS, leaf_counts, leaf_keys, merge
+from discsim.kernels import blocks as kernels
+from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import relax_blocks
-from discsim.kernels.grid import counting_sort
 from discsim.threads import share
 
 Array = np.ndarray
 NONE = np.empty(0)
+NOBODY = np.empty(0, np.int64)
 
 # Steps of the cells' origin, in fractions of the largest block: n a 2^k mod 1 is well spread for k = 0..5 (for
 # n <= 60, n |n a 2^k - nearest whole number| >= .17; found by search).
@@ -80,23 +81,24 @@ def sort_into_blocks(drag, state, leaves: Lattice, least, size: float, dust_want
     shift = np.zeros(2)
     if shifted:
         shift[: drag.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
-    gas_key, dust_key = np.empty(gas.count, np.int64), np.empty(dust.count, np.int64)
+    gas_key, dust_key = np.empty(gas.count, np.uint32), np.empty(dust.count, np.uint32)
     for particles, key in ((gas, gas_key), (dust, dust_key)):
         share(
-            leaf_keys, len(key), particles.pos, leaves.origin, shift, 1.0 / leaves.side, nx, ny, leaves.periodic, key
+            kernels.leaf_keys, len(key), particles.pos, leaves.origin, shift, 1.0 / leaves.side, nx, ny,
+            leaves.periodic, key,
         )  # fmt: skip
-    n_gas, h_sum = leaf_counts(gas_key, gas.h, nx * ny)
-    n_dust, _ = leaf_counts(dust_key, NONE, nx * ny)
+    n_gas, h_sum = kernels.leaf_counts(gas_key, gas.h, nx * ny)
+    n_dust, _ = kernels.leaf_counts(dust_key, NONE, nx * ny)
     # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
     length = leaves.side if drag.drag.cell_length else 0.0
-    number, first_leaf, level, enlarged = merge(
+    number, first_leaf, level, enlarged = kernels.merge(
         n_gas, n_dust, h_sum, nx, ny, leaves.side, size, length, least[0], least[1], drag.soft, drag.hard, dust_wanted
     )
     # What lies outside the lattice meets nobody: a block of its own for each species.
     count, population = len(level), drag.law.populations
-    gas_order, gas_start = counting_sort(np.append(number, count)[gas_key], count + 2)
-    dust_block = np.append(number, count + 1)[dust_key]
-    dust_order, dust_start = counting_sort(dust_block * population + dust.species, (count + 2) * population)
+    of_gas, of_dust = (np.append(number, np.int32(outside)) for outside in (count, count + 1))
+    gas_order, gas_start = kernels.sort_members(gas_key, n_gas, of_gas, NOBODY, 1, count + 2)
+    dust_order, dust_start = kernels.sort_members(dust_key, n_dust, of_dust, dust.species, population, count + 2)
     moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
     return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
 
@@ -116,16 +118,17 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
         drag, state, lattice(drag, state, wanted), least, drag.drag.cell or 0.0,
         INSIDE if drag.two_way else IGNORE, shifted=linear,
     )  # fmt: skip
+    times = np.empty((len(blocks.level) + 2, drag.law.populations))
     corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
     share(
         relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
         gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
-        dust.mass, densities_of_sparse_dust(drag, state), blocks.dust_order, blocks.dust_start, drag.stopping_times,
+        dust.mass, densities_of_sparse_dust(drag, state), blocks.dust_order, blocks.dust_start, times,
         linear, drag.two_way,
         drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential, *drag.star, corners, drag.size,
         state.grid.periodic, heat, least=64,
     )  # fmt: skip
-    population = drag.law.populations
+    start = blocks.dust_start[:: drag.law.populations]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
-    members = np.diff(blocks.dust_start[::population])
-    drag.count_uncoupled(dust, blocks.dust_order, np.repeat(alone, members))
+    drag.note_uncoupled(dust, lambda mass: kernels.mass_in(mass, blocks.dust_order, start, alone, NONE))
+    drag.stopping_times = lambda: kernels.times_of_members(times, blocks.dust_order, blocks.dust_start)

@@ -145,11 +145,11 @@ def exchange(drag, state, found: list[Pairs], dt: float, gas_vel: Array, heat: A
 
 def note_times(drag, dust, found: list[Pairs]) -> None:
     """Write the dust's stopping times, and what has no gas."""
-    drag.stopping_times[:] = np.inf
+    drag.stopping_times = np.full(dust.count, np.inf)
     for pairs in found:
         coupled = pairs.rate > 0.0
         drag.stopping_times[pairs.cloud.members[coupled]] = 1.0 / pairs.rate[coupled]
-    drag.count_uncoupled(dust, np.arange(dust.count), ~np.isfinite(drag.stopping_times))
+    drag.note_uncoupled(dust, lambda mass: mass[drag.stopping_times == np.inf].sum())
 
 
 def fastest(drag, gas, found: list[Pairs]) -> float:

@@ -16,7 +16,7 @@ from discsim.drag.cells import lattice, sort_into_blocks
 from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.kernels import levels
 from discsim.kernels import nodes as kernels
-from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
+from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, mass_in
 from discsim.kernels.drag import free_kick
 from discsim.threads import share
 
@@ -96,7 +96,7 @@ def relax(drag, state, dt, gas_vel, heat):
     share(kernels.sharpen_slopes, total, about, nodes, slopes, sharp_slopes, least=64)
     node_heat = np.zeros(total if len(heat) > 0 else 0)
     share(kernels.node_heat, len(node_heat), nodes, sharp, dt, node_heat, least=64)
-    drag.stopping_times[:] = np.inf
+    drag.stopping_times = np.full(dust.count, np.inf)
     times = {"gas": NONE, "dust": drag.stopping_times}
     for name, (vel, _, _, order, start, number, begin) in members.items():
         acc = state.species[name].acc
@@ -112,5 +112,8 @@ def relax(drag, state, dt, gas_vel, heat):
             kernels.spread_heat, count, home, about, blocks.gas_order, blocks.gas_start, dim == 1, packed["gas"], nodes,
             node_heat, heat, least=64,
         )  # fmt: skip
-    enlarged = np.repeat(np.append(blocks.enlarged, [True, True]), np.diff(blocks.dust_start[::population]))
-    drag.count_uncoupled(dust, blocks.dust_order, enlarged | ~np.isfinite(drag.stopping_times[blocks.dust_order]))
+    start = blocks.dust_start[::population]
+    time = drag.stopping_times
+    drag.note_uncoupled(
+        dust, lambda mass: mass[time == np.inf].sum() + mass_in(mass, blocks.dust_order, start, blocks.enlarged, time)
+    )

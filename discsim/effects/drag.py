@@ -5,6 +5,7 @@ right at any step. Schemes are in `discsim/drag`, laws in `kernels/laws.py`. Two
 the step to about t_stop / max(1, eps); any other drag limits none.
 """
 
+from collections.abc import Callable
 from importlib import import_module
 
 import numpy as np
@@ -35,16 +36,26 @@ class Effect(base.Effect):
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
-        self.stopping_times = np.empty(0)
+        self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
 
     def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
         return self.law.stopping_time(population, density, sound, omega, ratio)
 
-    def count_uncoupled(self, dust: Dust, order: np.ndarray, alone: np.ndarray) -> None:
-        """Note the share of the dust mass that is `alone` (n,), a mask in the order `order` (n,)."""
+    @property
+    def stopping_times(self) -> np.ndarray:
+        """Stopping times of the dust at the last kick (n,), inf where it had no gas; made when they are looked at."""
+        self._times = times = self._times() if callable(self._times) else self._times
+        return times
+
+    @stopping_times.setter
+    def stopping_times(self, times: np.ndarray | Callable[[], np.ndarray]) -> None:
+        self._times = times
+
+    def note_uncoupled(self, dust: Dust, mass_of: Callable[[np.ndarray], float]) -> None:
+        """Note the share of the dust mass that is uncoupled, `mass_of(mass)` of masses (n,)."""
         mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
-        self.uncoupled = float(mass[order[alone]].sum() / mass.sum())
+        self.uncoupled = float(mass_of(mass) / mass.sum())
 
     def limit(self, state: State) -> float:
         explicit = hasattr(self.scheme, "limit")
@@ -90,8 +101,6 @@ class Effect(base.Effect):
 
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         dust = state.dust
-        if len(self.stopping_times) != dust.count:
-            self.stopping_times = np.empty(dust.count)
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
         self.scheme.relax(self, state, dt, gas_vel, heat)
         if resting is not None:

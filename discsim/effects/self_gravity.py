@@ -60,12 +60,14 @@ class Effect(base.Effect):
         gradient = self.grid.gradient(field.potential)
         self.outside = 0
         for name, particles in state.species.items():
-            acceleration = -self.grid.gather(gradient, particles.pos)
-            outside = self.grid.outside(particles.pos)
-            acceleration[outside] = field.monopole.acceleration(particles.pos[outside])
-            self.outside += outside.size
-            self._strongest[name] = largest_norm(acceleration)
-            particles.acc += acceleration
+            strongest, missing = self.grid.pull(gradient, particles.pos, particles.acc)
+            if missing > 0:
+                outside = self.grid.outside(particles.pos)
+                acceleration = field.monopole.acceleration(particles.pos[outside])
+                particles.acc[outside] += acceleration
+                strongest = max(strongest, largest_norm(acceleration))
+            self.outside += missing
+            self._strongest[name] = strongest
 
     def limit(self, state: State) -> float:
         """The least sqrt(length / |a|) of the limiting particles: softening, or cell of a thin-disc."""

@@ -7,7 +7,7 @@ to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the inne
 import numpy as np
 
 from discsim.effects import base
-from discsim.kernels.star import attract, nearest
+from discsim.kernels.star import attract, divide, nearest
 from discsim.state import Particles, State
 from discsim.threads import share
 
@@ -18,13 +18,19 @@ class Effect(base.Effect):
 
     def __init__(self, scene, state):
         self.star = scene.star
+        self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
 
     def accelerate(self, state: State) -> None:
         for particles in state.species.values():
             share(attract, particles.count, particles.pos, particles.acc, self.star.mass, self.star.softening)
 
     def limit(self, state: State) -> float:
-        distance2 = min(nearest(particles.pos) for particles in state.limiting)
+        limiting = {id(particles) for particles in state.limiting}
+        distance2 = min(
+            self._nearest.pop(name, None) or nearest(particles.pos)
+            for name, particles in state.species.items()
+            if id(particles) in limiting
+        )
         return ((distance2 + self.star.softening**2) ** 1.5 / self.star.mass) ** 0.5
 
     def event(self, state: State) -> None:
@@ -33,10 +39,13 @@ class Effect(base.Effect):
                 self._accrete(state, name, particles)
 
     def _accrete(self, state: State, name: str, particles: Particles) -> None:
-        if nearest(particles.pos) >= self.star.accretion_radius**2:
+        squared = self.star.accretion_radius**2
+        inside = np.empty(particles.count, bool)
+        self._nearest[name] = divide(particles.pos, squared, inside)
+        gone = np.flatnonzero(inside)
+        if len(gone) == 0:
             return
-        inside = (particles.pos**2).sum(axis=1) < self.star.accretion_radius**2
-        mass, pos, vel = particles.mass[inside], particles.pos[inside], particles.vel[inside]
+        mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
         ledger = state.ledger
         setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + float(mass.sum()))
         ledger.accreted_momentum += (mass[:, None] * vel).sum(axis=0)

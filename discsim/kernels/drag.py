@@ -25,6 +25,19 @@ from discsim.kernels.laws import stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
 
+FAST = {"reassoc", "contract", "nsz"}  # sums within a block take any order, so that they are vectorised
+# Blocks are many and small. Their arrays are made once for all of them, and are few: to make one, to take a part of it
+# or to hand it on costs as much as what is done with ten particles. Loops over particles count with unsigned numbers,
+# which are no indices from the end: otherwise nothing is vectorised.
+#
+# Rows of the packed particles of a block: place from its corner, velocity, source and mass.
+X, Y, VX, VY, BX, BY, MASS, ROWS = range(8)
+# Of a species in a block, and in one row more of them all: its mass, centroid (2), mean velocity (2) and source (2),
+# all with the same names as above; second moments about these, of place (xx, xy, yy), of place with velocity and with
+# source (x, x; x, y; y, x; y, y); slopes of velocity and source; changes of the mean and of the slope.
+PLACE, VELOCITY, SOURCE = X, VX, BX
+INERTIA, MOMENT, MOMENT_SOURCE, SLOPE, SLOPE_SOURCE, CHANGE, SLOPE_CHANGE, NUMBERS = 7, 10, 14, 18, 22, 26, 28, 32
+
 
 @njit(cache=True, error_model="numpy")
 def clip01(x):
@@ -50,39 +63,6 @@ def solve_slope(inertia, moment, dim, out):
 
 
 @njit(cache=True, error_model="numpy")
-def moments(xi, y, b, mass, inertia, moment, moment_source):
-    """Second moments of one species about its centroid: of place with place, velocity and source, (d, d) each."""
-    dim = xi.shape[1]
-    for a in range(dim):
-        for c in range(dim):
-            ii, iy, ib = 0.0, 0.0, 0.0
-            for k in range(len(mass)):
-                arm = mass[k] * xi[k, a]
-                ii += arm * xi[k, c]
-                iy += arm * y[k, c]
-                ib += arm * b[k, c]
-            inertia[a, c], moment[a, c], moment_source[a, c] = ii, iy, ib
-
-
-@njit(cache=True, error_model="numpy")
-def pack(pos, vel, own, mass, members, corner, size, periodic, star, softening, xi, y, b, m):
-    """Copy members of a block: place in it, velocity (relative to Kepler's about a star), source, mass."""
-    dim = pos.shape[1]
-    for k in range(len(members)):
-        i = members[k]
-        m[k] = mass[i]
-        for a in range(dim):
-            x = pos[i, a] - corner[a]
-            xi[k, a] = x - size[a] * math.floor(x / size[a]) if periodic else x
-            y[k, a] = vel[i, a]
-            b[k, a] = own[i, a] if len(own) > 0 else 0.0
-        if star > 0.0:
-            omega = kepler(pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1], star, softening)
-            y[k, 0] += omega * pos[i, 1]
-            y[k, 1] -= omega * pos[i, 0]
-
-
-@njit(cache=True, error_model="numpy")
 def kepler(r2, star, softening):
     """Omega about a softened star at squared radius r2."""
     d2 = r2 + softening * softening
@@ -90,140 +70,254 @@ def kepler(r2, star, softening):
 
 
 @njit(cache=True, error_model="numpy")
-def centre(first, xi, y, b, m, mass, x, v, acc):
-    """Mass, centroid, mean velocity and source of each species; the members keep what differs from them."""
-    for s in range(len(mass)):
-        for k in range(first[s], first[s + 1]):
-            mass[s] += m[k]
-        for a in range(xi.shape[1]):
-            for k in range(first[s], first[s + 1]):
-                x[s, a] += m[k] * xi[k, a]
-                v[s, a] += m[k] * y[k, a]
-                acc[s, a] += m[k] * b[k, a]
-            if mass[s] > 0.0:
-                x[s, a] /= mass[s]
-                v[s, a] /= mass[s]
-                acc[s, a] /= mass[s]
-            for k in range(first[s], first[s + 1]):
-                xi[k, a] -= x[s, a]
-                y[k, a] -= v[s, a]
-                b[k, a] -= acc[s, a]
+def pack(order, first, last, at, pos, vel, own, mass, corners, block, size, periodic, p):
+    """Copy a block's members into columns from `at` on; 0 along an axis that there is not."""
+    x0, y0 = corners[block, 0], corners[block, 1]
+    line = pos.shape[1] == 1
+    if line:
+        for k in range(first, last):
+            i, j = order[k], np.uint64(k - first + at)
+            p[MASS, j], p[X, j], p[Y, j], p[VX, j], p[VY, j] = mass[i], pos[i, 0] - x0, 0.0, vel[i, 0], 0.0
+    else:
+        for k in range(first, last):
+            i, j = order[k], np.uint64(k - first + at)
+            p[MASS, j], p[X, j], p[Y, j] = mass[i], pos[i, 0] - x0, pos[i, 1] - y0
+            p[VX, j], p[VY, j] = vel[i, 0], vel[i, 1]
+    if periodic:
+        for k in range(at, at + last - first):
+            p[X, k] -= size[0] * math.floor(p[X, k] / size[0])
+            p[Y, k] -= size[1] * math.floor(p[Y, k] / size[1])
+    if len(own) > 0:
+        for k in range(first, last):
+            i, j = order[k], k - first + at
+            p[BX, j], p[BY, j] = own[i, 0], 0.0 if line else own[i, 1]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def leave_orbits(p, count, x0, y0, star, softening):
+    """Velocities relative to Kepler's."""
+    for k in range(np.uint64(count)):
+        x, y = p[X, k] + x0, p[Y, k] + y0
+        omega = kepler(x * x + y * y, star, softening)
+        p[VX, k] += omega * y
+        p[VY, k] -= omega * x
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def mean_square(p, first, last, x0, y0):
+    """Mean squared distance from the origin."""
+    total = 0.0
+    for k in range(np.uint64(first), np.uint64(last)):
+        x, y = p[X, k] + x0, p[Y, k] + y0
+        total += x * x + y * y
+    return total / (last - first)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def means(p, first, last, f, o, s):
+    """Mass, and means of the rows f and f + 1."""
+    mass, u, v = 0.0, 0.0, 0.0
+    for k in range(np.uint64(first), np.uint64(last)):
+        m = p[MASS, k]
+        mass += m
+        u += m * p[f, k]
+        v += m * p[f + 1, k]
+    o[s, MASS] = mass
+    o[s, f], o[s, f + 1] = (u / mass, v / mass) if mass > 0.0 else (0.0, 0.0)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def second_moments(p, first, last, o, s):
+    x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
+    xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(np.uint64(first), np.uint64(last)):
+        m, x, y, u, v = p[MASS, k], p[X, k] - x0, p[Y, k] - y0, p[VX, k] - u0, p[VY, k] - v0
+        mx, my = m * x, m * y
+        xx += mx * x
+        xy += mx * y
+        yy += my * y
+        xu += mx * u
+        xv += mx * v
+        yu += my * u
+        yv += my * v
+    o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2] = xx, xy, yy
+    o[s, MOMENT], o[s, MOMENT + 1], o[s, MOMENT + 2], o[s, MOMENT + 3] = xu, xv, yu, yv
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def moments_of_source(p, first, last, o, s):
+    x0, y0, a0, b0 = o[s, X], o[s, Y], o[s, BX], o[s, BY]
+    xa, xb, ya, yb = 0.0, 0.0, 0.0, 0.0
+    for k in range(np.uint64(first), np.uint64(last)):
+        mx, my, a, b = p[MASS, k] * (p[X, k] - x0), p[MASS, k] * (p[Y, k] - y0), p[BX, k] - a0, p[BY, k] - b0
+        xa += mx * a
+        xb += mx * b
+        ya += my * a
+        yb += my * b
+    o[s, MOMENT_SOURCE], o[s, MOMENT_SOURCE + 1], o[s, MOMENT_SOURCE + 2], o[s, MOMENT_SOURCE + 3] = xa, xb, ya, yb
 
 
 @njit(cache=True, error_model="numpy")
-def fit_slopes(first, xi, y, b, m, two_way, inertia, slope, source, pooled, pooled_source):
+def solve(xx, xy, yy, o, s, f, dim, out, factor):
+    """o[s, out : out + 4] = factor [xx xy; xy yy]^-1 o[s, f : f + 4]; False where the particles of which [xx xy; xy yy]
+    are the second moments lie too nearly on a point or a line.
+    """
+    if dim == 1:
+        o[s, out] = factor * o[s, f] / xx
+        return xx > 0.0
+    det, trace = xx * yy - xy * xy, xx + yy
+    if det <= 1e-3 * trace * trace:
+        return False
+    factor /= det
+    a, b, c, d = o[s, f], o[s, f + 1], o[s, f + 2], o[s, f + 3]
+    o[s, out], o[s, out + 1] = factor * (yy * a - xy * c), factor * (yy * b - xy * d)
+    o[s, out + 2], o[s, out + 3] = factor * (xx * c - xy * a), factor * (xx * d - xy * b)
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def fit_line(o, s, dim, fade):
+    """Slopes of velocity and source times `fade`; returns it, or 0 and leaves no slope where there is none."""
+    xx, xy, yy = o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2]
+    if fade > 0.0 and solve(xx, xy, yy, o, s, MOMENT, dim, SLOPE, fade):
+        solve(xx, xy, yy, o, s, MOMENT_SOURCE, dim, SLOPE_SOURCE, fade)
+        return fade
+    for f in range(SLOPE, CHANGE):
+        o[s, f] = 0.0
+    return 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def fit_slopes(bound, dim, two_way, o):
     """Slopes of velocity and source: pooled within species (of the gas alone for one-way drag), and each species' own.
 
     They fade in with the number of particles; a species with too few for its own takes the pooled one.
     """
-    n, dim = len(first) - 1, xi.shape[1]
-    moment, moment_source = np.empty((n, dim, dim)), np.empty((n, dim, dim))
-    total, total_moment, total_source = np.zeros((dim, dim)), np.zeros((dim, dim)), np.zeros((dim, dim))
+    n = len(bound) - 1
     freedom = 0
+    for f in range(INERTIA, SLOPE):
+        o[n, f] = 0.0
+    for s in range(n if two_way else 1):
+        freedom += max(bound[s + 1] - bound[s] - 1, 0)
+        for f in range(INERTIA, SLOPE):
+            o[n, f] += o[s, f]
+    fit_line(o, n, dim, clip01((freedom - dim) / (3.0 * dim)))
     for s in range(n):
-        lo, hi = first[s], first[s + 1]
-        moments(xi[lo:hi], y[lo:hi], b[lo:hi], m[lo:hi], inertia[s], moment[s], moment_source[s])
-        if s == 0 or two_way:
-            freedom += max(hi - lo - 1, 0)
-            for a in range(dim):
-                for c in range(dim):
-                    total[a, c] += inertia[s, a, c]
-                    total_moment[a, c] += moment[s, a, c]
-                    total_source[a, c] += moment_source[s, a, c]
-    fade = clip01((freedom - dim) / (3.0 * dim))
-    if fade > 0.0 and solve_slope(total, total_moment, dim, pooled):
-        solve_slope(total, total_source, dim, pooled_source)
-        for a in range(dim):
-            for c in range(dim):
-                pooled[a, c] *= fade
-                pooled_source[a, c] *= fade
-    for s in range(n):
-        fade = clip01((first[s + 1] - first[s] - 1.0 - dim) / (2.0 * dim))
-        own = fade > 0.0 and solve_slope(inertia[s], moment[s], dim, slope[s])
-        if own:
-            solve_slope(inertia[s], moment_source[s], dim, source[s])
-        else:
-            fade = 0.0
-        for a in range(dim):
-            for c in range(dim):
-                slope[s, a, c] = fade * slope[s, a, c] + (1.0 - fade) * pooled[a, c]
-                source[s, a, c] = fade * source[s, a, c] + (1.0 - fade) * pooled_source[a, c]
+        fade = fit_line(o, s, dim, clip01((bound[s + 1] - bound[s] - 1.0 - dim) / (2.0 * dim)))
+        if fade < 1.0:
+            for f in range(SLOPE, CHANGE):
+                o[s, f] += (1.0 - fade) * o[n, f]
 
 
 @njit(cache=True, error_model="numpy")
-def relax_slopes(i0, i1, rate, g0, g1, h0, h1, dt, exponential, out0, out1):
-    """Change two slopes (d, d) such that I_0 G_0 + I_1 G_1 stays: angular momentum within the block is kept.
-
-    The difference relaxes at the means' rate.
+def relax_slopes(one, rate, dim, dt, exponential, o):
+    """Change the slopes of gas and population `one` such that I_0 G_0 + I_1 G_1 stays: angular momentum within the
+    block is kept. The difference relaxes at the means' rate.
     """
-    dim = len(g0)
     f, g = response(rate, dt, exponential)
-    share0, share1 = np.zeros((dim, dim)), np.zeros((dim, dim))
-    total = np.empty((dim, dim))
-    for a in range(dim):
-        for c in range(dim):
-            total[a, c] = i0[a, c] + i1[a, c]
-    if not (solve_slope(total, i1, dim, share0) and solve_slope(total, i0, dim, share1)):
-        return
-    for c in range(dim):
-        for a in range(dim):
-            for k in range(dim):
-                change = f * (g0[k, c] - g1[k, c]) + g * (h0[k, c] - h1[k, c])
-                out0[a, c] += share0[a, k] * change
-                out1[a, c] -= share1[a, k] * change
+    xx, xy = o[0, INERTIA] + o[one, INERTIA], o[0, INERTIA + 1] + o[one, INERTIA + 1]
+    yy = o[0, INERTIA + 2] + o[one, INERTIA + 2]
+    for s, other, sign in ((0, one, 1.0), (one, 0, -1.0)):
+        ixx, ixy, iyy = o[other, INERTIA], o[other, INERTIA + 1], o[other, INERTIA + 2]
+        for c in range(2):
+            along = f * (o[0, SLOPE + c] - o[one, SLOPE + c])
+            along += g * (o[0, SLOPE_SOURCE + c] - o[one, SLOPE_SOURCE + c])
+            across = f * (o[0, SLOPE + 2 + c] - o[one, SLOPE + 2 + c])
+            across += g * (o[0, SLOPE_SOURCE + 2 + c] - o[one, SLOPE_SOURCE + 2 + c])
+            o[s, SLOPE_CHANGE + c] = ixx * along + ixy * across
+            o[s, SLOPE_CHANGE + 2 + c] = ixy * along + iyy * across
+        if not solve(xx, xy, yy, o, s, SLOPE_CHANGE, dim, SLOPE_CHANGE, sign):
+            for c in range(4):
+                o[s, SLOPE_CHANGE + c] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential, dslope):
-    """Changes (n, d, d) of the slopes, weighed with the moments of inertia."""
-    n, dim = slope.shape[0], slope.shape[1]
+def exchange_slopes(mass, time, dim, two_way, dt, exponential, y, b, change, o):
+    """Changes of the slopes, weighed with the moments of inertia; y, b and change (n, d) are overwritten."""
+    n = len(mass)
     count, only = 0, 0
     for s in range(1, n):
         if mass[s] > 0.0:
             count += 1
             only = s
     if two_way and count == 1:
-        rate = (1.0 + mass[only] / mass[0]) / time[only]
-        relax_slopes(
-            inertia[0], inertia[only], rate, slope[0], slope[only], source[0], source[only],
-            dt, exponential, dslope[0], dslope[only],
-        )  # fmt: skip
+        relax_slopes(only, (1.0 + mass[only] / mass[0]) / time[only], dim, dt, exponential, o)
         return
-    weight, change = np.zeros(n), np.empty((n, dim))
+    if not two_way:
+        for s in range(1, n):
+            if mass[s] > 0.0:
+                f, g = response(1.0 / time[s], dt, exponential)
+                for k in range(4):
+                    slip, source = o[s, SLOPE + k] - o[0, SLOPE + k], o[s, SLOPE_SOURCE + k] - o[0, SLOPE_SOURCE + k]
+                    o[s, SLOPE_CHANGE + k] = f * slip + g * source
+        return
+    weight = np.zeros(n)
     least, most = np.inf, 0.0
     for s in range(n):
         if mass[s] > 0.0:
-            weight[s] = inertia[s, 0, 0] + (inertia[s, 1, 1] if dim == 2 else 0.0) if two_way else mass[s]
+            weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
             least, most = min(least, weight[s]), max(most, weight[s])
-    if two_way and least <= 1e-6 * most:
+    if least <= 1e-6 * most:
         return  # a population on one point has no slope of its own
-    for axis in range(dim):
-        relax_means(weight, time, slope[:, axis], source[:, axis], two_way, dt, exponential, change)
-        dslope[:, axis] = change
+    for a in range(0, 2 * dim, 2):
+        for s in range(n):
+            for c in range(dim):
+                y[s, c], b[s, c] = o[s, SLOPE + a + c], o[s, SLOPE_SOURCE + a + c]
+        relax_means(weight, time, y, b, two_way, dt, exponential, change)
+        for s in range(n):
+            for c in range(dim):
+                o[s, SLOPE_CHANGE + a + c] = change[s, c]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def make_changes(p, first, last, o, s, sources, f, g):
+    """What the drag changes, the line of the species and what is left of each particle, eq. (2), in place of places."""
+    x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
+    # What is linear in the place: the change of the line, less what the line itself has no part in.
+    xx = o[s, SLOPE_CHANGE] - f * o[s, SLOPE] - g * o[s, SLOPE_SOURCE]
+    xy = o[s, SLOPE_CHANGE + 1] - f * o[s, SLOPE + 1] - g * o[s, SLOPE_SOURCE + 1]
+    yx = o[s, SLOPE_CHANGE + 2] - f * o[s, SLOPE + 2] - g * o[s, SLOPE_SOURCE + 2]
+    yy = o[s, SLOPE_CHANGE + 3] - f * o[s, SLOPE + 3] - g * o[s, SLOPE_SOURCE + 3]
+    mean_x, mean_y = o[s, CHANGE], o[s, CHANGE + 1]
+    for k in range(np.uint64(first), np.uint64(last)):
+        x, y = p[X, k] - x0, p[Y, k] - y0
+        p[X, k] = mean_x + (xx * x + yx * y) + f * (p[VX, k] - u0)
+        p[Y, k] = mean_y + (xy * x + yy * y) + f * (p[VY, k] - v0)
+    if sources:
+        a0, b0 = o[s, BX], o[s, BY]
+        for k in range(np.uint64(first), np.uint64(last)):
+            p[X, k] += g * (p[BX, k] - a0)
+            p[Y, k] += g * (p[BY, k] - b0)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def loss(p, first, last, o, s, sources, dt):
+    """What is lost of the energy of motion beside the work of the sources, both at the velocities half-way, relative to
+    the gas's means.
+    """
+    ax, ay = (-o[s, BX], -o[s, BY]) if sources else (0.0, 0.0)
+    ux = 0.5 * dt * (o[s, BX] - o[0, BX] + ax) - o[0, VX]
+    uy = 0.5 * dt * (o[s, BY] - o[0, BY] + ay) - o[0, VY]
+    lost = 0.0
+    for k in range(np.uint64(first), np.uint64(last)):
+        a, b = (p[BX, k], p[BY, k]) if sources else (0.0, 0.0)
+        lost -= p[MASS, k] * p[X, k] * (ux + p[VX, k] + 0.5 * (dt * a + p[X, k]))
+        lost -= p[MASS, k] * p[Y, k] * (uy + p[VY, k] + 0.5 * (dt * b + p[Y, k]))
+    return lost
 
 
 @njit(cache=True, error_model="numpy")
-def apply(members, y, b, m, mean, xi, slope, source, dv, dslope, rate, dt, exponential, vel, acc):
-    """Free kick, the change of the species' line, and what is left of each particle, eq. (2).
-
-    Returns what is lost of the energy of motion beside the work of the sources, both at the velocities half-way;
-    `mean` (d,) is that of the species, in any frame that all of them share.
-    """
-    f, g = response(rate, dt, exponential)
-    lost = 0.0
-    dim = y.shape[1]
-    for k in range(len(members)):
-        i = members[k]
-        for c in range(dim):
-            rest, rest_source, line = y[k, c], b[k, c], dv[c]
-            for a in range(dim):
-                rest -= slope[a, c] * xi[k, a]
-                rest_source -= source[a, c] * xi[k, a]
-                line += dslope[a, c] * xi[k, a]
-            change = line + f * rest + g * rest_source
-            vel[i, c] += dt * acc[i, c] + change
-            lost -= m[k] * change * (mean[c] + y[k, c] + 0.5 * (dt * b[k, c] + change))
-    return lost
+def kick(order, first, last, at, p, dt, vel, acc):
+    """Free kick, and the changes."""
+    if vel.shape[1] == 1:
+        for k in range(first, last):
+            i = order[k]
+            vel[i, 0] += dt * acc[i, 0] + p[X, k - first + at]
+    else:
+        for k in range(first, last):
+            i, j = order[k], np.uint64(k - first + at)
+            vel[i, 0] += dt * acc[i, 0] + p[X, j]
+            vel[i, 1] += dt * acc[i, 1] + p[Y, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -234,117 +328,99 @@ def free_kick(members, vel, acc, dt):
 
 
 @njit(cache=True, error_model="numpy")
-def relax_block(
-    gas_members, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
-    dust_members, dpos, dvel, dacc, down, dmass, drho, dtime,
-    linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corner, size, periodic, heat,
-):  # fmt: skip
-    """The kick of one block that holds both species; `first` (species + 1,) divides the dust by population."""
-    n, dim = len(grains) + 1, gpos.shape[1]
-    ng = len(gas_members)
-    count = ng + len(dust_members)
-    reference = star if linear else 0.0
-    xi, y, b, m = np.empty((count, dim)), np.empty((count, dim)), np.empty((count, dim)), np.empty(count)
-    pack(gpos, gvel, gown, gmass, gas_members, corner, size, periodic, reference, softening, xi, y, b, m)
-    pack(
-        dpos, dvel, down, dmass, dust_members, corner, size, periodic, reference, softening,
-        xi[ng:], y[ng:], b[ng:], m[ng:],
-    )  # fmt: skip
-    bound = np.empty(n + 1, np.int64)
-    bound[0] = 0
-    for s in range(n):
-        bound[s + 1] = first[s] - first[0] + ng
-    mass, time = np.zeros(n), np.full(n, np.inf)
-    x, v, acc = np.zeros((n, dim)), np.zeros((n, dim)), np.zeros((n, dim))
-    centre(bound, xi, y, b, m, mass, x, v, acc)
-
-    rho, sound, r2 = 0.0, 0.0, 0.0
-    for i in gas_members:
-        rho += grho[i] / ng
-        sound += gsound[i] / ng
-    for i in dust_members:
-        for a in range(dim):
-            r2 += dpos[i, a] * dpos[i, a] / len(dust_members)
-    omega = kepler(r2, star, softening) if star > 0.0 else 0.0
-    for s in range(1, n):
-        if mass[s] > 0.0:
-            ratio = mass[s] / mass[0]
-            if len(drho) > 0:
-                own = 0.0
-                for k in range(bound[s], bound[s + 1]):
-                    own += drho[dust_members[k - ng]] / (bound[s + 1] - bound[s])
-                ratio = own / rho if own > 0.0 else ratio
-            time[s] = stopping_time(law, grains[s - 1], ratio, rho, sound, omega)
-
-    slope, source, dslope = np.zeros((n, dim, dim)), np.zeros((n, dim, dim)), np.zeros((n, dim, dim))
-    inertia = np.zeros((n, dim, dim))
-    pooled, pooled_source = np.zeros((dim, dim)), np.zeros((dim, dim))
-    if linear:
-        fit_slopes(bound, xi, y, b, m, two_way, inertia, slope, source, pooled, pooled_source)
-    at, at_source = v.copy(), acc.copy()
-    for s in range(1, n):  # what each species' velocity would be at the gas's centroid
-        for a in range(dim):
-            for c in range(dim):
-                at[s, c] -= pooled[a, c] * (x[s, a] - x[0, a])
-                at_source[s, c] -= pooled_source[a, c] * (x[s, a] - x[0, a])
-    dv, lost = np.zeros((n, dim)), 0.0
-    if nonlinear:
-        relax_by_speed(mass, time, law, grains, rho, sound, omega, at, at_source, two_way, dt, exponential, dv)
-    else:
-        relax_means(mass, time, at, at_source, two_way, dt, exponential, dv)
-    if linear:
-        exchange_slopes(mass, time, inertia, slope, source, two_way, dt, exponential, dslope)
-    half = v - v[0] + 0.5 * dt * (acc - acc[0])
-    gas_rate = 0.0
-    for s in range(1, n):
-        if mass[s] > 0.0:
-            gas_rate += mass[s] / mass[0] / time[s]
-    if two_way:
-        lost += apply(
-            gas_members, y, b, m, half[0], xi, slope[0], source[0], dv[0], dslope[0],
-            gas_rate, dt, exponential, gvel, gacc,
-        )  # fmt: skip
-    else:
-        free_kick(gas_members, gvel, gacc, dt)
-    for s in range(1, n):
-        lo, hi = bound[s], bound[s + 1]
-        members = dust_members[lo - ng : hi - ng]
-        lost += apply(
-            members, y[lo:hi], b[lo:hi], m[lo:hi], half[s], xi[lo:hi], slope[s], source[s], dv[s], dslope[s],
-            1.0 / time[s], dt, exponential, dvel, dacc,
-        )  # fmt: skip
-        for i in members:
-            dtime[i] = time[s]
-    if len(heat) > 0:
-        for i in gas_members:
-            heat[i] = lost / mass[0]
+def mean_of(values, order, first, last):
+    total = 0.0
+    for k in range(first, last):
+        total += values[order[k]]
+    return total / (last - first)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def relax_blocks(
     block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
-    dpos, dvel, dacc, down, dmass, drho, dorder, dstart, dtime,
+    dpos, dvel, dacc, down, dmass, drho, dorder, dstart, times,
     linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corners, size, periodic, heat,
 ):  # fmt: skip
-    """The kick of all blocks: accelerations and drag together, velocities in place.
+    """The kick of all blocks: accelerations and drag together, velocities in place; that of dust alone if one-way.
 
     gorder, gstart: gas by block; dorder, dstart: dust by block and, within it, by population. `own` arrays are the
-    sources (accelerations not shared; no entries where there are none). Writes each dust particle's
-    stopping time, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
+    sources (accelerations not shared; no entries where there are none). Writes the stopping times of the populations in
+    each block, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
     """
-    n = len(grains)
+    n, dim, heated = len(grains) + 1, gpos.shape[1], len(heat) > 0
+    most = 0
     for block in range(block_from, block_to):
-        gas = gorder[gstart[block] : gstart[block + 1]]
-        first = dstart[block * n : (block + 1) * n + 1]
-        dust = dorder[first[0] : first[n]]
-        if len(gas) > 0 and len(dust) > 0:
-            relax_block(
-                gas, gpos, gvel, gacc, gown, gmass, grho, gsound, first,
-                dust, dpos, dvel, dacc, down, dmass, drho, dtime, linear, two_way, law, grains, nonlinear, dt,
-                exponential, star, softening, corners[block], size, periodic, heat,
-            )  # fmt: skip
+        most = max(most, gstart[block + 1] - gstart[block] + dstart[(block + 1) * (n - 1)] - dstart[block * (n - 1)])
+    p, o, bound = np.empty((ROWS, most)), np.zeros((n + 1, NUMBERS)), np.empty(n + 1, np.int64)
+    mass, time = np.empty(n), np.empty(n)
+    y, b, change = np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim))
+    for block in range(block_from, block_to):
+        g0, g1, d0, d1 = gstart[block], gstart[block + 1], dstart[block * (n - 1)], dstart[(block + 1) * (n - 1)]
+        if g0 == g1 or d0 == d1:
+            if two_way:
+                free_kick(gorder[g0:g1], gvel, gacc, dt)
+            free_kick(dorder[d0:d1], dvel, dacc, dt)
+            for s in range(n - 1):
+                times[block, s] = np.inf
+            continue
+        x0, y0, ng, nd = corners[block, 0], corners[block, 1], g1 - g0, d1 - d0
+        pack(gorder, g0, g1, 0, gpos, gvel, gown, gmass, corners, block, size, periodic, p)
+        pack(dorder, d0, d1, ng, dpos, dvel, down, dmass, corners, block, size, periodic, p)
+        rho, sound = mean_of(grho, gorder, g0, g1), mean_of(gsound, gorder, g0, g1)
+        omega = kepler(mean_square(p, ng, ng + nd, x0, y0), star, softening) if star > 0.0 else 0.0
+        if linear and star > 0.0:
+            leave_orbits(p, ng + nd, x0, y0, star, softening)
+        bound[0] = 0
+        for s in range(n):
+            bound[s + 1] = dstart[block * (n - 1) + s] - d0 + ng
+            first, last = bound[s], bound[s + 1]
+            means(p, first, last, PLACE, o, s)
+            means(p, first, last, VELOCITY, o, s)
+            if len(gown if s == 0 else down) > 0:
+                means(p, first, last, SOURCE, o, s)
+            if linear:
+                second_moments(p, first, last, o, s)
+                if len(gown if s == 0 else down) > 0:
+                    moments_of_source(p, first, last, o, s)
+            mass[s], time[s] = o[s, MASS], np.inf
+            if s > 0 and mass[s] > 0.0:
+                own = mean_of(drho, dorder, d0 + first - ng, d0 + last - ng) if len(drho) > 0 else 0.0
+                ratio = own / rho if own > 0.0 else mass[s] / mass[0]
+                time[s] = stopping_time(law, grains[s - 1], ratio, rho, sound, omega)
+        if linear:
+            fit_slopes(bound, dim, two_way, o)
+        for s in range(n):  # what each species' velocity would be at the gas's centroid
+            x, z = o[s, X] - o[0, X], o[s, Y] - o[0, Y]
+            for c in range(dim):
+                y[s, c] = o[s, VX + c] - o[n, SLOPE + c] * x - o[n, SLOPE + 2 + c] * z
+                b[s, c] = o[s, BX + c] - o[n, SLOPE_SOURCE + c] * x - o[n, SLOPE_SOURCE + 2 + c] * z
+        if nonlinear:
+            relax_by_speed(mass, time, law, grains, rho, sound, omega, y, b, two_way, dt, exponential, change)
         else:
-            free_kick(gas, gvel, gacc, dt)
-            free_kick(dust, dvel, dacc, dt)
-            for i in dust:
-                dtime[i] = np.inf
+            relax_means(mass, time, y, b, two_way, dt, exponential, change)
+        for s in range(n):
+            for c in range(dim):
+                o[s, CHANGE + c] = change[s, c]
+            for c in range(4):
+                o[s, SLOPE_CHANGE + c] = 0.0
+        if linear:
+            exchange_slopes(mass, time, dim, two_way, dt, exponential, y, b, change, o)
+        rate, lost = 0.0, 0.0
+        for s in range(n - 1, -1, -1):
+            if mass[s] == 0.0 or (s == 0 and not two_way):
+                continue
+            if s > 0:
+                rate += mass[s] / mass[0] / time[s]
+            f, g = response(1.0 / time[s] if s > 0 else rate, dt, exponential)
+            sources = len(gown if s == 0 else down) > 0
+            make_changes(p, bound[s], bound[s + 1], o, s, sources, f, g)
+            if heated:
+                lost += loss(p, bound[s], bound[s + 1], o, s, sources, dt)
+        if two_way:
+            kick(gorder, g0, g1, 0, p, dt, gvel, gacc)
+        kick(dorder, d0, d1, ng, p, dt, dvel, dacc)
+        for s in range(1, n):
+            times[block, s - 1] = time[s]
+        if heated:
+            for k in range(g0, g1):
+                heat[gorder[k]] = lost / mass[0]

@@ -8,8 +8,10 @@ Every sum has an order that does not depend on the number of threads. `origin` i
 import numpy as np
 from numba import njit
 
+ONE, TWO = np.uint64(1), np.uint64(2)
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
-BLOCK = 256  # particles of a strip that are copied at once
+CHUNK = 4096  # particles of which `pull` notes what it found
+TILE = 6  # a tile of the order of particles in memory is 2^TILE cells wide
 
 # Weights of f at five nodes for 12 cell f' at the first, ..., the last of them: fourth order (Fornberg 1988).
 _STENCILS = np.array(
@@ -51,23 +53,47 @@ def cell_of(x, origin, inverse, count, periodic):
     return int(s) if 0.0 <= s < count else -1
 
 
+@njit(cache=True)
+def _apart(i):
+    # The TILE low bits of i, each followed by a 0.
+    out = 0
+    for k in range(TILE):
+        out |= (i >> k & 1) << 2 * k
+    return out
+
+
 @njit(cache=True, nogil=True)
-def cells_of(begin, end, pos, origin, inverse, shape, periodic, out):
-    """Row-major index of the cell that holds each particle (n,), the number of cells where it is off the grid."""
+def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
+    """Place (n,) of the cell that holds each particle along rows of tiles, within a tile along a Z-curve: what is near
+    in space is near in memory. One beyond the last off the grid.
+    """
+    plane = pos.shape[1] == 2
+    bits = TILE if plane else 0
+    along_x, along_y = (shape[0] - 1 >> bits) + 1, (shape[1] - 1 >> bits) + 1
     for i in range(begin, end):
         ix = cell_of(pos[i, 0], origin[0], inverse, shape[0], periodic)
-        iy = cell_of(pos[i, 1], origin[1], inverse, shape[1], periodic) if pos.shape[1] == 2 else 0
-        out[i] = ix * shape[1] + iy if ix >= 0 and iy >= 0 else shape[0] * shape[1]
+        iy = cell_of(pos[i, 1], origin[1], inverse, shape[1], periodic) if plane else 0
+        place = (ix >> bits) * along_y + (iy >> bits) << 2 * bits
+        if plane:
+            place |= _apart(ix & (1 << TILE) - 1) << 1 | _apart(iy & (1 << TILE) - 1)
+        out[i] = place if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
+
+
+@njit(cache=True)
+def _wrapped(s, count):
+    if not 0.0 <= s < count:
+        s -= count * np.floor(s / count)
+        if s == count:
+            s = 0.0
+    return s
 
 
 @njit(cache=True)
 def stencil(x, origin, inverse, count, periodic):
     """The two nodes about x and the weight of the second; (-1, -1, 0) where they are not on the grid."""
     s = (x - origin) * inverse - 0.5
-    if periodic and not 0.0 <= s < count:
-        s -= count * np.floor(s / count)
-        if s == count:
-            s = 0.0
+    if periodic:
+        s = _wrapped(s, count)
     if not 0.0 <= s < (count if periodic else count - 1):
         return -1, -1, 0.0
     low = int(s)
@@ -85,6 +111,13 @@ def _stencil_y(pos, p, origin, inverse, count, periodic):
 @njit(cache=True, nogil=True)
 def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     """Strip of 2^shift rows that holds each particle's first node (n,); STRIPS for particles off the grid."""
+    if pos.shape[1] == 2 and not periodic:
+        flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # steps of two and unsigned numbers: vectorised
+        for p in range(np.uint64(begin), np.uint64(end)):
+            x, y = (flat[TWO * p] - ox) * inverse - 0.5, (flat[TWO * p + ONE] - oy) * inverse - 0.5
+            inside = (x >= 0.0) & (x < shape[0] - 1) & (y >= 0.0) & (y < shape[1] - 1)
+            key[p] = np.uint8(np.int32(x) >> np.int32(shift)) if inside else np.uint8(STRIPS)
+        return
     for p in range(begin, end):
         low = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
         inside = low >= 0 and _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0] >= 0
@@ -92,42 +125,61 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
 
 
 @njit(cache=True)
-def _deposit_strip(pos, value, members, origin, inverse, shape, periodic, first, out):
-    # Blocks are copied first: those reads wait for memory together, and the sums then wait for none.
-    x, y, v = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
-    plane = pos.shape[1] == 2
-    for begin in range(0, members.size, BLOCK):
-        count = min(BLOCK, members.size - begin)
-        for k in range(count):
-            p = members[begin + k]
-            x[k], y[k], v[k] = pos[p, 0], pos[p, -1], value[p]
-        for k in range(count):
-            ix, _, wx = stencil(x[k], origin[0], inverse, shape[0], periodic)
-            iy, jy, wy = stencil(y[k], origin[1], inverse, shape[1], periodic) if plane else (0, 0, 0.0)
-            row, low, high = ix - first, v[k] * (1.0 - wx), v[k] * wx
-            out[row, iy] += low * (1.0 - wy)
-            out[row, jy] += low * wy
-            out[row + 1, iy] += high * (1.0 - wy)
-            out[row + 1, jy] += high * wy
+def runs_of(key):
+    """Where the runs of particles in one strip begin and end (runs + 1,), and the strip of each.
+
+    Particles are near in memory where they are near in space: a few runs instead of an order of all of them.
+    """
+    count = min(1, len(key))
+    for p in range(ONE, np.uint64(len(key))):
+        count += key[p] != key[p - ONE]
+    begin, strip = np.empty(count + 1, np.int64), np.empty(count, np.int64)
+    run = 0
+    for p in range(len(key)):
+        if p == 0 or key[p] != key[p - 1]:
+            begin[run], strip[run] = p, key[p]
+            run += 1
+    begin[count] = len(key)
+    return begin, strip
 
 
 @njit(cache=True, nogil=True)
-def deposit_strips(begin, end, pos, value, order, start, origin, inverse, periodic, shift, out, beyond):
-    """Add `value` (n,) to the nodes of `out` (nx, ny), cloud in cell; order and start sort by strip.
+def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, shift, out, beyond):
+    """Add `scale` times `value` (n,) to the nodes of `out` (nx, ny), cloud in cell; order and start sort the runs of
+    particles by strip.
 
     A strip sums its own rows and, apart, the one after them: `beyond` (strips, ny), for `join_strips`.
     """
     nx, ny = out.shape
-    rows = 1 << shift
+    ox, oy, rows, plane = origin[0], origin[1], 1 << shift, pos.shape[1] == 2
+    sums = np.empty((rows + 1, ny + 1))  # one column more, which is the first where space is periodic
+    flat, row_length = sums.reshape(-1), np.uint64(ny + 1)
     for s in range(begin, end):
         first = s * rows
-        sums = np.zeros((rows + 1, ny))
-        members = order[start[s] : start[s + 1]]
-        _deposit_strip(pos, value, members, origin, inverse, out.shape, periodic, first, sums)
+        flat[:] = 0.0
+        for k in range(start[s], start[s + 1]):
+            for p in range(np.uint64(runs[order[k]]), np.uint64(runs[order[k] + 1])):
+                x, y = (pos[p, 0] - ox) * inverse - 0.5, (pos[p, 1] - oy) * inverse - 0.5 if plane else 0.0
+                if periodic:
+                    x, y = _wrapped(x, nx), _wrapped(y, ny)
+                ix, iy = int(x), int(y)
+                low = np.uint64((ix - first) * (ny + 1) + iy)
+                high = low + row_length
+                v = value[p] * scale
+                v1 = v * (x - ix)
+                v0 = v - v1
+                v01, v11 = v0 * (y - iy), v1 * (y - iy)
+                flat[low] += v0 - v01
+                flat[low + ONE] += v01
+                flat[high] += v1 - v11
+                flat[high + ONE] += v11
         held = max(0, min(rows, nx - first))
-        for j in range(ny):
-            for r in range(held):
+        for r in range(held + 1):
+            sums[r, 0] += sums[r, ny]
+        for r in range(held):
+            for j in range(ny):
                 out[first + r, j] += sums[r, j]
+        for j in range(ny):
             beyond[s, j] = sums[held, j]
 
 
@@ -162,6 +214,47 @@ def gather(begin, end, field, pos, origin, inverse, periodic, out):
             out[p, 0] = _weighted(field, 0, ix, jx, iy, jy, w00, w01, w10, w11)
             if out.shape[1] == 2:
                 out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
+
+
+@njit(cache=True, fastmath={"contract"})
+def _between(flat, low, along_x, along_y, wx, wy):
+    high = low + along_x
+    first = flat[low] + wy * (flat[low + along_y] - flat[low])
+    second = flat[high] + wy * (flat[high + along_y] - flat[high])
+    return first + wx * (second - first)
+
+
+@njit(cache=True, nogil=True)
+def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, largest, missing):
+    """acc -= field (nx, ny, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
+    many particles are off the grid, (chunks,) each.
+    """
+    nx, ny, plane = field.shape[0], field.shape[1], pos.shape[1] == 2
+    ox, oy, flat = origin[0], origin[1], field.reshape(-1)
+    end_x, end_y = (nx, ny) if periodic else (nx - 1, ny - 1 if plane else 1)
+    for chunk in range(chunk_from, chunk_to):
+        most, lost = 0.0, 0
+        for p in range(np.uint64(chunk * CHUNK), np.uint64(min((chunk + 1) * CHUNK, len(pos)))):
+            sx, sy = (pos[p, 0] - ox) * inverse - 0.5, (pos[p, 1] - oy) * inverse - 0.5 if plane else 0.0
+            if periodic:
+                sx, sy = _wrapped(sx, nx), _wrapped(sy, ny)
+            if not (0.0 <= sx < end_x and 0.0 <= sy < end_y):
+                lost += 1
+                continue
+            ix, iy = int(sx), int(sy)
+            wx, wy = sx - ix, sy - iy
+            low = np.uint64(2 * (ix * ny + iy))  # unsigned: no index from the end
+            along_x = np.uint64(2 * ny if ix + 1 < nx else -2 * ny * ix)
+            along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
+            x = _between(flat, low, along_x, along_y, wx, wy)
+            acc[p, 0] -= x
+            square = x * x
+            if plane:
+                y = _between(flat, low + ONE, along_x, along_y, wx, wy)
+                acc[p, 1] -= y
+                square += y * y
+            most = max(most, square)
+        largest[chunk], missing[chunk] = most, lost
 
 
 @njit(cache=True, nogil=True)

@@ -55,22 +55,22 @@ def pack(
     for block in range(block_from, block_to):
         inverse = 1.0 / sides[block]
         for k in range(start[block * stride], start[(block + 1) * stride]):
-            i, o = order[k], out[k]
-            o[0] = mass[i]
+            i = order[k]
+            out[k, 0] = mass[i]
             for a in range(dim):
                 d = pos[i, a] - corners[block, a]
                 if periodic:
                     d -= size[a] * np.floor(d / size[a])
-                o[1 + a] = d * inverse - 0.5
-                o[3 + a] = vel[i, a]
+                out[k, 1 + a] = d * inverse - 0.5
+                out[k, 3 + a] = vel[i, a]
                 if len(own) > 0:
-                    o[5 + a] = own[i, a]
+                    out[k, 5 + a] = own[i, a]
             if star > 0.0:
                 omega = kepler(pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1], star, softening)
-                o[3] += omega * pos[i, 1]
-                o[4] -= omega * pos[i, 0]
+                out[k, 3] += omega * pos[i, 1]
+                out[k, 4] -= omega * pos[i, 0]
             if len(density) > 0:
-                o[7] = density[i] * (sound[i] if law == EPSTEIN and star == 0.0 else 1.0)
+                out[k, 7] = density[i] * (sound[i] if law == EPSTEIN and star == 0.0 else 1.0)
 
 
 @njit(cache=True, inline="always")
@@ -101,8 +101,7 @@ def deposit(
         for s in range(species):
             o, c = clouds[block, first + s], cells[block, first + s]
             for p in range(start[block * species + s], start[block * species + s + 1]):
-                q = packed[p]
-                m, x, y, vx, vy = q[0], q[1], q[2], q[3], q[4]
+                m, x, y, vx, vy = packed[p, 0], packed[p, 1], packed[p, 2], packed[p, 3], packed[p, 4]
                 c[0] += m
                 c[1] += m * x
                 c[2] += m * y
@@ -116,7 +115,7 @@ def deposit(
                 c[10] += m * y * vx
                 c[11] += m * y * vy
                 if sources:
-                    bx, by = q[5], q[6]
+                    bx, by = packed[p, 5], packed[p, 6]
                     c[12] += m * bx
                     c[13] += m * by
                     c[14] += m * x * bx
@@ -142,7 +141,7 @@ def deposit(
                 m *= scale
                 value[0] = m
                 for f in range(1, FIELDS):
-                    value[f] = m * q[f]
+                    value[f] = m * packed[p, f]
                 value[SQUARE] = m * (x * x + y * y)
                 for k in range(9):
                     for f in range(SQUARE + 1):
@@ -499,18 +498,16 @@ def own_line(first, last, packed, field, pooled, dim, inertia, moment, slope):
     """
     m, sx, sy, sv, sw = 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(first, last):
-        q = packed[p]
-        m += q[0]
-        sx += q[0] * q[1]
-        sy += q[0] * q[2]
-        sv += q[0] * q[field]
-        sw += q[0] * q[field + 1]
+        m += packed[p, 0]
+        sx += packed[p, 0] * packed[p, 1]
+        sy += packed[p, 0] * packed[p, 2]
+        sv += packed[p, 0] * packed[p, field]
+        sw += packed[p, 0] * packed[p, field + 1]
     sx, sy, sv, sw = sx / m, sy / m, sv / m, sw / m
     xx, xy, yy, xv, xw, yv, yw = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(first, last):
-        q = packed[p]
-        x, y, v, w = q[1] - sx, q[2] - sy, q[field] - sv, q[field + 1] - sw
-        mx, my = q[0] * x, q[0] * y
+        x, y, v, w = packed[p, 1] - sx, packed[p, 2] - sy, packed[p, field] - sv, packed[p, field + 1] - sw
+        mx, my = packed[p, 0] * x, packed[p, 0] * y
         xx += mx * x
         xy += mx * y
         yy += my * y
@@ -575,32 +572,33 @@ def apply_nodes(
                     table[k, 1 + c] = change[n, first + s, c] if n >= 0 else 0.0
             met, lost = 0.0, 0.0
             for p in range(lo, hi):
-                q, i = packed[p], order[p]
-                u0, u1, u2 = cloud(q[1], False)
-                t0, t1, t2 = cloud(q[2], flat)
+                i = order[p]
+                u0, u1, u2 = cloud(packed[p, 1], False)
+                t0, t1, t2 = cloud(packed[p, 2], flat)
                 scale = norm[p] if len(norm) > 0 else 1.0
                 local = scale * blend(table, 0, u0, u1, u2, t0, t1, t2)
                 d = scale * blend(table, 1, u0, u1, u2, t0, t1, t2)
                 spin_x, spin_y = 0.0, 0.0
                 if len(spin) > 0:
                     omega = blend(turns, 0, u0, u1, u2, t0, t1, t2)
-                    spin_x = blend(turns, 2, u0, u1, u2, t0, t1, t2) - omega * q[2]
-                    spin_y = omega * q[1] - blend(turns, 1, u0, u1, u2, t0, t1, t2)
+                    spin_x = blend(turns, 2, u0, u1, u2, t0, t1, t2) - omega * packed[p, 2]
+                    spin_y = omega * packed[p, 1] - blend(turns, 1, u0, u1, u2, t0, t1, t2)
                     if len(heat) > 0:
                         # `node_heat` has the work of eq. (3) alone. A rotation does none on the mean velocity.
-                        work = spin_x * (q[3] + 0.5 * dt * q[5]) + spin_y * (q[4] + 0.5 * dt * q[6])
-                        work += q[2] * blend(turns, 3, u0, u1, u2, t0, t1, t2)
-                        work -= q[1] * blend(turns, 4, u0, u1, u2, t0, t1, t2)
+                        work = spin_x * (packed[p, 3] + 0.5 * dt * packed[p, 5])
+                        work += spin_y * (packed[p, 4] + 0.5 * dt * packed[p, 6])
+                        work += packed[p, 2] * blend(turns, 3, u0, u1, u2, t0, t1, t2)
+                        work -= packed[p, 1] * blend(turns, 4, u0, u1, u2, t0, t1, t2)
                         work -= blend(turns, 5, u0, u1, u2, t0, t1, t2)
-                        lost -= q[0] * work
+                        lost -= packed[p, 0] * work
                     d += spin_x
-                q[3] += d
-                lost -= 0.5 * q[0] * d * d
+                packed[p, 3] += d
+                lost -= 0.5 * packed[p, 0] * d * d
                 vel[i, 0] += dt * acc[i, 0] + d
                 if not flat:
                     d = scale * blend(table, 2, u0, u1, u2, t0, t1, t2) + spin_y
-                    q[4] += d
-                    lost -= 0.5 * q[0] * d * d
+                    packed[p, 4] += d
+                    lost -= 0.5 * packed[p, 0] * d * d
                     vel[i, 1] += dt * acc[i, 1] + d
                 met += local / (hi - lo)
                 if len(time) > 0:
@@ -609,33 +607,33 @@ def apply_nodes(
                 f, g = response(met, dt, exponential)
                 curvature(near, nodes, slopes, dim, bend)
                 for p in range(lo, hi):
-                    q = packed[p]
-                    bx, by = bent(bend, q[1], q[2])
-                    q[3] -= bx
-                    q[4] -= by
+                    bx, by = bent(bend, packed[p, 1], packed[p, 2])
+                    packed[p, 3] -= bx
+                    packed[p, 4] -= by
                 sx, sy, sv, sw = own_line(lo, hi, packed, velocity, slopes[home[block]], dim, inertia, moment, slope)
                 tx, ty, tv, tw = 0.0, 0.0, 0.0, 0.0
                 if sources:
                     tx, ty, tv, tw = own_line(lo, hi, packed, source, even, dim, inertia, moment, slope_source)
                 for p in range(lo, hi):
-                    q, i = packed[p], order[p]
-                    x, y = q[1] - sx, q[2] - sy
-                    rest = q[3] - sv - slope[0, 0] * x - slope[1, 0] * y
-                    rest_y = q[4] - sw - slope[0, 1] * x - slope[1, 1] * y
+                    i = order[p]
+                    x, y = packed[p, 1] - sx, packed[p, 2] - sy
+                    rest = packed[p, 3] - sv - slope[0, 0] * x - slope[1, 0] * y
+                    rest_y = packed[p, 4] - sw - slope[0, 1] * x - slope[1, 1] * y
                     more, more_y = f * rest, f * rest_y
                     if sources:
-                        x, y = q[1] - tx, q[2] - ty
-                        more += g * (q[5] - tv - slope_source[0, 0] * x - slope_source[1, 0] * y)
-                        more_y += g * (q[6] - tw - slope_source[0, 1] * x - slope_source[1, 1] * y)
+                        x, y = packed[p, 1] - tx, packed[p, 2] - ty
+                        more += g * (packed[p, 5] - tv - slope_source[0, 0] * x - slope_source[1, 0] * y)
+                        more_y += g * (packed[p, 6] - tw - slope_source[0, 1] * x - slope_source[1, 1] * y)
                     vel[i, 0] += more
                     if not flat:
                         vel[i, 1] += more_y
                     if len(heat) > 0:
                         # The changes have no mean: what is common to the cell does no work.
-                        bx, by = bent(bend, q[1], q[2])
-                        lost -= q[0] * more * (q[3] - sv + bx + 0.5 * (dt * q[5] + more))
+                        bx, by = bent(bend, packed[p, 1], packed[p, 2])
+                        lost -= packed[p, 0] * more * (packed[p, 3] - sv + bx + 0.5 * (dt * packed[p, 5] + more))
                         if not flat:
-                            lost -= q[0] * more_y * (q[4] - sw + by + 0.5 * (dt * q[6] + more_y))
+                            half = 0.5 * (dt * packed[p, 6] + more_y)
+                            lost -= packed[p, 0] * more_y * (packed[p, 4] - sw + by + half)
             if len(heat) > 0:
                 heat[home[block]] += lost
 

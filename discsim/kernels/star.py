@@ -5,22 +5,42 @@ import math
 import numpy as np
 from numba import njit
 
+ONE, TWO = np.uint64(1), np.uint64(2)
+
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def attract(begin, end, pos, acc, mass, softening):
     """acc -= G M r / (r^2 + s^2)^(3/2), arrays (n, 2)."""
-    for i in range(begin, end):
-        x, y = pos[i, 0], pos[i, 1]
+    flat, out = pos.reshape(-1), acc.reshape(-1)  # steps of two and unsigned numbers: vectorised
+    for i in range(np.uint64(begin), np.uint64(end)):
+        x, y = flat[TWO * i], flat[TWO * i + ONE]
         d2 = x * x + y * y + softening * softening
         f = mass / (d2 * math.sqrt(d2))
-        acc[i, 0] -= f * x
-        acc[i, 1] -= f * y
+        out[TWO * i] -= f * x
+        out[TWO * i + ONE] -= f * y
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
 def nearest(pos):
-    """Least squared distance of positions (n, 2) from the origin, inf where there are none."""
+    """Least squared distance of positions (n, 2) from the origin, inf where there are none; they must be numbers."""
     least = np.inf
-    for i in range(len(pos)):
-        least = min(least, pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1])
+    flat = pos.reshape(-1)
+    for i in range(np.uint64(len(pos))):
+        x, y = flat[TWO * i], flat[TWO * i + ONE]
+        least = min(least, x * x + y * y)
+    return least
+
+
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def divide(pos, squared, inside):
+    """Note which positions (n, 2) are nearer to the origin than a distance that is given squared; returns the least
+    squared distance of the others.
+    """
+    least = np.inf
+    flat = pos.reshape(-1)
+    for i in range(np.uint64(len(pos))):
+        x, y = flat[TWO * i], flat[TWO * i + ONE]
+        d2 = x * x + y * y
+        inside[i] = d2 < squared
+        least = min(least, d2 if d2 >= squared else np.inf)
     return least
