@@ -122,7 +122,7 @@ def test_a_thin_disc_with_artificial_viscosity():
     for p in sim.state.species.values():
         r, outwards, _ = polar(p)
         assert np.sqrt((outwards**2).mean()) < 0.05
-        assert 0.7 < r.min() and r.max() < 3.3
+        assert r.min() > 0.7 and r.max() < 3.3
 
 
 def test_a_disc_as_thick_as_a_third():
@@ -249,7 +249,7 @@ def edge(scheme):
 
 @pytest.mark.parametrize("scheme", ["tsc", "idic-linear"])
 def test_near_vacuum_outside_a_sharp_edge(scheme):
-    """t_stop is 1e7 and more in what gas there is beyond the edge: dust there keeps its orbit, dust within has St of .1.
+    """Next to no gas beyond the edge: dust there keeps its orbit.
 
     Nothing is thrown out by the particles of a millionth: no speed above that of escape. Angular momentum is exact but
     for nodes with next to no gas. Cells of idic-linear grow until they have eight of gas, and reach the disc.
@@ -272,11 +272,12 @@ def test_near_vacuum_outside_a_sharp_edge(scheme):
 # Many steps
 
 
-@pytest.mark.parametrize("steps", [300, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [200, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_a_steady_two_way_disc_keeps_its_totals(steps):
-    """About a softened star that takes nothing: M to rounding, L but for nodes with next to no gas, 1e-7 a step of so few
-    particles. The orbits' energy only falls, by what viscosity and drag dissipate: at 4.5 nu / r^2 of itself, .01 for a
-    nu of h^2 Omega / 4 at an h of .24.
+    """About a softened star that takes nothing: M to rounding, L but for nodes with next to no gas.
+
+    That is 1e-7 a step of so few particles. The orbits' energy only falls, by what viscosity and drag dissipate: at
+    4.5 nu / r^2 of itself, .01 for a nu of h^2 Omega / 4 at an h of .24.
     """
     tables = disc(0.05, {"law": "stokes-number", "stokes": 0.1}, run={"until": 1e9})
     tables["gas"]["particles"] = tables["dust"]["particles"] = 500

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_hard_kick import barycentre, kicked, mixture, momentum_and_energy, start
+from test_hard_kick import barycentre, kicked, momentum_and_energy, start
 
 from discsim import Simulation
 from discsim.errors import drifts, totals
@@ -184,7 +184,7 @@ def test_one_of_each_at_one_point(stop, scheme):
 
 
 def streams(stop, scheme="tsc", direction="two-way", until=0.1, ratio=0.5):
-    """Two streams of dust at +-1 along x, a checkerboard, in gas at rest: along their own way, places, the simulation."""
+    """Dust at +-1 along x, a checkerboard, in gas at rest: velocity along each one's way, its way, the simulation."""
     lattices = []
     for side in (24, 48):
         x = (np.arange(side) + 0.5) / side

@@ -65,7 +65,7 @@ def square(velocity, **drag):
 def test_a_square_in_a_moving_frame():
     """Gas, viscosity and drag at (100, -60) c_s. Gas and dust alone do not notice, to the rounding of 100.
 
-    Drag notices its lattice: seven particles of a cell fit slopes to their noise, a tenth of the motion of .035 at most.
+    Drag notices its lattice: seven particles of a cell fit slopes to their noise, at most a tenth of .035.
     """
     for drag, limit in (({}, 1e-11), ({"drag": {"law": "stopping-time", "t_stop": 0.02}}, 0.1 * 0.035)):
         still, moving = square(np.zeros(2), **drag), square(np.array([BOOST, -60.0]), **drag)

@@ -40,10 +40,9 @@ def shock(left, right, gamma, until, particles=400, free=False):
 
 @pytest.mark.parametrize("particles", [400, pytest.param(2000, marks=pytest.mark.slow)])
 def test_shock_of_a_pressure_ratio_of_a_million(particles):
-    """1000 against .001, Mach 2e2 and more: front and plateau of the exact solution, and no cold particle overdrawn.
+    """1000 against .001, Mach 600: front and plateau of the exact solution, and no cold particle overdrawn.
 
-    The post-shock shell is .2 wide here of 100 particles; the front is within 2 spacings of the gas ahead, the energy is the
-    step's second order.
+    The front is within two spacings of the gas ahead of it; the energy's error is the step's, of second order.
     """
     until = 0.015
     x, found, exact, energy = shock([1.0, 1000.0, 0.0], [1.0, 0.001, 0.0], 1.4, until, particles)
@@ -59,7 +58,7 @@ def test_shock_of_a_pressure_ratio_of_a_million(particles):
 
 @pytest.mark.parametrize("particles", [200, pytest.param(2000, marks=pytest.mark.slow)])
 def test_planar_noh(particles):
-    """Cold streams meet at +-1: density 4 behind shocks that leave at 1/3 (gamma = 5/3); no more than the wall is hot."""
+    """Cold streams meet at +-1: density 4 behind shocks that leave at 1/3 (gamma = 5/3); only the wall is hotter."""
     until = 0.6
     x, found, _, energy = shock([1.0, 1e-6, 1.0], [1.0, 1e-6, -1.0], 5 / 3, until, particles, free=True)
     spacing = 2.0 / particles
@@ -104,8 +103,8 @@ def round_noh(particles, until=0.4):
 def test_noh_implosion(particles, density):
     """Density 16 within a shock at t/3, 1 + t/r before it; mass, momentum and energy of a converging shock.
 
-    The heat of the start at the centre keeps the density behind low over a few h: by .36, .23, .13 and .07 of it at 2, 4, 8
-    and 20 thousand particles.
+    The heat of the start at the centre keeps the density behind low over a few h: by .36, .23, .13 and .07 of it at
+    2, 4, 8 and 20 thousand particles.
     """
     until = 0.4
     sim, lost = round_noh(particles, until)

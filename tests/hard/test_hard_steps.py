@@ -35,7 +35,7 @@ def forced(name, times):
 
 @pytest.mark.parametrize("name", SMALL)
 def test_a_step_ten_times_over_courant_stops_the_run(name):
-    """Every kind of motion grows there, by 1e5 in ten steps (or cools below zero): the run ends before its first step."""
+    """Motion grows there, by 1e5 in ten steps, or gas cools below zero: the run ends before its first step."""
     sim = Simulation(load_scene(f"setups/{name}.toml", forced(name, 10.0)))
     with pytest.raises(PhysicsError, match=r"run\.timestep is [\d.]+ times the step that \w+ allows"):
         sim.run()
