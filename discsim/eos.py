@@ -50,7 +50,8 @@ def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array 
     eos: Any = scene.gas.eos
     if eos.kind == "adiabatic":
         pressure = (eos.gamma - 1.0) * density * u
-        return pressure, np.sqrt(eos.gamma * pressure / density)
+        with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
+            return pressure, np.sqrt(eos.gamma * pressure / density)
     if eos.kind == "polytropic":
         pressure = eos.constant * density**eos.gamma
         return pressure, np.sqrt(eos.gamma * pressure / density)

@@ -25,6 +25,9 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         gas = state.gas
+        if gas.count == 0:  # the star has it all
+            self._limit = np.inf
+            return
         vel, u = self.predicted(state)
         self.sph.density(gas, vel)
         gas.pressure, gas.sound_speed = pressure_and_sound_speed(self.scene, gas.pos, gas.density, u)
@@ -75,7 +78,7 @@ class Effect(base.Effect):
         base.drift(self.scene, state.gas, dt)
 
     def event(self, state: State) -> None:
-        if state.step % base.SORT_EVERY == 0:
+        if state.step % base.SORT_EVERY == 0 and state.gas.count > 0:
             state.gas.take(self.sph.order(state.gas))
 
 
