@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Self
 
@@ -45,7 +46,8 @@ class Particles:
         for name, array in self.arrays().items():
             taken = np.empty((len(index), *array.shape[1:]), array.dtype)
             # Bits are moved, whatever they mean: one kernel for all.
-            rows, out = (a.reshape(len(a), -1).view(f"i{array.itemsize}") for a in (array, taken))
+            wide = math.prod(array.shape[1:])
+            rows, out = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, taken))
             share(take_rows, len(index), rows, index, out)
             setattr(self, name, taken)
 
