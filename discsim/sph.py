@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from discsim.kernels.neighbours import Cells, box_about, list_candidates, sort_into_cells, with_reach
+from discsim.kernels.neighbours import Cells, box_about, list_candidates, sort_into_cells, widen
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
 from discsim.threads import share
@@ -74,6 +74,7 @@ class Sph:
         driver = density_driver(self.kernel, self.dim, self.balsara)
         cells = self.cells = self.cells_of(gas)
         lists = self.lists = candidates(cells, cells, mutual=True)
+        self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
         left = cells.filled
         while len(left) > 0:
@@ -83,12 +84,10 @@ class Sph:
                 self.h_most, self.fixed, cells, outgrown, least=CELLS, each=lists,
             )  # fmt: skip
             left = left[outgrown]
-            if len(left) > 0:
-                cells = with_reach(cells, gas.pos, 1.2 * self.support * gas.h)
-                lists = candidates(cells._replace(filled=left), cells, mutual=True)
-        if cells is not self.cells:
-            self.cells = with_reach(cells, gas.pos, self.support * gas.h)
-            self.lists = candidates(self.cells, self.cells, mutual=True)
+            widen(left, 1.2 * self.support, gas.h, cells)
+            lists = candidates(cells._replace(filled=left), cells, mutual=True)
+            for begin, index, _ in lists:
+                self.met[cells.key[index[: begin[-1]]]] = True
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> np.ndarray:
         """Add to `acc` (and `heating_rate`); return the velocity divergence (n,), for the step's limit."""
@@ -102,11 +101,14 @@ class Sph:
             pressure, gas.sound_speed, *self.shear, NONE if u is None else u, *terms, alpha, self.columns,
         )  # fmt: skip
         divergence = np.zeros(gas.count)
-        share(
-            force_driver(self.kernel, self.dim, *terms), len(self.cells.filled), gas.pos, self.columns, gas.acc,
-            NONE if u is None else gas.heating_rate, divergence, beta,
-            self.conductivity.alpha if self.conductivity else 0.0, self.cells, least=CELLS, each=self.lists,
-        )  # fmt: skip
+        met = self.cells._replace(filled=np.flatnonzero(self.met))
+        for cells, again in ((self.cells, False), (met, True)):
+            lists = candidates(cells, cells, mutual=True) if again else self.lists
+            share(
+                force_driver(self.kernel, self.dim, *terms), len(cells.filled), gas.pos, self.columns, gas.acc,
+                NONE if u is None else gas.heating_rate, divergence, beta,
+                self.conductivity.alpha if self.conductivity else 0.0, cells, self.met, again, least=CELLS, each=lists,
+            )  # fmt: skip
         return divergence
 
 

@@ -28,6 +28,7 @@ class Cells(NamedTuple):
     """Particles sorted by cell. `x`, `y` and `radius` are in the order of the cells, particle `order[k]` at k."""
 
     filled: np.ndarray  # the cells that hold any
+    key: np.ndarray  # each particle's cell
     grids: np.ndarray
     order: np.ndarray
     start: np.ndarray  # where in it each cell begins
@@ -139,18 +140,21 @@ def sort_into_cells(pos, radius, low, width, periodic):
     x, y, sorted_radius = np.empty((3, len(pos)))
     bounds = np.empty((count, 5))
     share(lay_out, count, pos, radius, order, start, x, y, sorted_radius, bounds)
-    return Cells(np.flatnonzero(np.diff(start)), grids, order, start, x, y, sorted_radius, bounds, low, width, periodic)
+    filled = np.flatnonzero(np.diff(start))
+    return Cells(filled, key, grids, order, start, x, y, sorted_radius, bounds, low, width, periodic)
 
 
-def with_reach(cells, pos, radius):
-    """The same cells with support radii (n,) that have changed since."""
-    x, y, sorted_radius = np.empty((3, len(pos)))
-    bounds, grids = np.empty_like(cells.bounds), cells.grids.copy()
-    share(lay_out, len(bounds), pos, radius, cells.order, cells.start, x, y, sorted_radius, bounds)
-    edges = [*grids[:, FIRST].astype(int), len(bounds)]
-    for k in range(len(grids)):
-        grids[k, REACH] = bounds[edges[k] : edges[k + 1], 4].max()
-    return cells._replace(grids=grids, x=x, y=y, radius=sorted_radius, bounds=bounds)
+@njit(nogil=True, cache=True, error_model="numpy")
+def widen(some, extent, h, cells):
+    """Let the support radii of the particles in `some` cells be `extent` h (n,), in place."""
+    for cell in some:
+        reach = 0.0
+        for k in range(cells.start[cell], cells.start[cell + 1]):
+            cells.radius[k] = extent * h[cells.order[k]]
+            reach = max(reach, cells.radius[k])
+        cells.bounds[cell, 4] = reach
+        level = np.searchsorted(cells.grids[:, FIRST], cell, side="right") - 1
+        cells.grids[level, REACH] = max(cells.grids[level, REACH], reach)
 
 
 @njit(nogil=True, inline="always", error_model="numpy")

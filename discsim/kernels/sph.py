@@ -263,12 +263,13 @@ def force_sums(
 def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool):
     """Compile eqs. (3-5), leaving out what the scene does not name.
 
-    Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence.
+    Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence. Takes the cells
+    whose `met` is `now` alone.
     """
     moving, rubbing = viscous != NO_VISCOSITY or energetic, viscous != NO_VISCOSITY
 
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def forces(first, last, lists, pos, columns, acc, rate, div, beta, alpha_u, cells):
+    def forces(first, last, lists, pos, columns, acc, rate, div, beta, alpha_u, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         begin, index, turned = lists
         room = most_of(begin)
@@ -279,6 +280,8 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
         )  # fmt: skip
         for c in range(first, last):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
+            if met[cell] != now:
+                continue
             ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
             n = whole(end - listed)
             per_unit = 1.0 / unit
