@@ -26,7 +26,7 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.neighbours import most_of, place, whole
+from discsim.kernels.neighbours import LANES, place, whole
 from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
 
 # No 'nnan'/'ninf': a run that goes wrong must still be seen to.
@@ -36,6 +36,15 @@ TOLERANCE = 4e-3  # of h, on the last step; the error left is some times its cub
 ITERATIONS = 60
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
+
+# A pack holds what sums read of up to CHUNK candidates, and what their loops hand on to each other: a long chain of
+# instructions keeps a processor waiting, where some short loops over the same candidates do not. Its rows are of one
+# array, and the distance between them is known when it is compiled: so loops that write are vectorised too.
+CHUNK = 256
+STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
+MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(11)  # columns of `force_columns` too
+X, Y, INV_R, Q, OWN, OTHER = range(P + 1, P + 7)
+ROWS = OTHER + 1
 
 
 @njit(inline="always")
@@ -47,38 +56,52 @@ def inverse_root(x):
 
 
 @njit(inline="always")
-def density_sums(kernel, dim, shear, x, y, vx, vy, h, n, cx, cy, cm, cvx, cvy):
-    """Over n packed candidates: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
+def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
+    """Add n packed candidates' share of what `in_units_of_density` takes to `sums` (7,)."""
+    total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
+        r2 = dx * dx + (dy * dy + NEAREST2)
+        inv_r = inverse_root(r2)
+        pack[INV_R * STRIDE + k] = inv_r
+        pack[Q * STRIDE + k] = r2 * inv_r * inv_h
+    for k in range(n):
+        q, m = pack[Q * STRIDE + k], pack[MASS * STRIDE + k]
+        w, dw = shape(kernel, dim, q)
+        ddw = q * bend(kernel, dim, q)
+        total += m * w
+        first += m * (q * dw)
+        second += m * (q * ddw)
+        if shear:
+            dx, dy, m_per_r = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k], m * pack[INV_R * STRIDE + k]
+            dvx, dvy = vx - pack[VX * STRIDE + k], vy - pack[VY * STRIDE + k]
+            along, across = m_per_r * (dvx * dx + dvy * dy), m_per_r * (dvy * dx - dvx * dy)
+            div += dw * along
+            curl += dw * across
+            more_div += ddw * along
+            more_curl += ddw * across
+    sums[0] += total
+    sums[1] += first
+    sums[2] += second
+    if shear:
+        sums[3] += div
+        sums[4] += curl
+        sums[5] += more_div
+        sums[6] += more_curl
+
+
+@njit(inline="always")
+def in_units_of_density(kernel, dim, sums):
+    """Of a particle's sums: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
 
     The last two values are those two's slopes, as much of the velocity's derivatives per relative change of h.
     """
-    inv_h = 1.0 / h
-    total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(n):
-        dx, dy = x - cx[k], y - cy[k]
-        r2 = dx * dx + (dy * dy + NEAREST2)
-        inv_r = inverse_root(r2)
-        q = r2 * inv_r * inv_h
-        w, dw = shape(kernel, dim, q)
-        total += cm[k] * w
-        first += cm[k] * (q * dw)
-        ddw = q * bend(kernel, dim, q)
-        second += cm[k] * (q * ddw)
-        if shear:
-            weight, more = cm[k] * dw * inv_r, cm[k] * ddw * inv_r
-            dvx, dvy = vx - cvx[k], vy - cvy[k]
-            along, across = dvx * dx + dvy * dy, dvy * dx - dvx * dy
-            div += weight * along
-            curl += weight * across
-            more_div += more * along
-            more_curl += more * across
-    rate = 1.0 / total
-    first *= rate
+    rate = 1.0 / sums[0]
+    first, div, curl = sums[1] * rate, sums[3] * rate, sums[4] * rate
     slope = -(dim + first)
-    curve = dim * (dim + 1) + 2 * (dim + 1) * first + second * rate
-    div, curl = div * rate, curl * rate
-    more_div, more_curl = (first - 1.0) * div - more_div * rate, (first - 1.0) * curl - more_curl * rate
-    return NORM[dim - 1][kernel] * total, slope, curve, div, curl, more_div, more_curl
+    curve = dim * (dim + 1) + 2 * (dim + 1) * first + sums[2] * rate
+    more_div, more_curl = (first - 1.0) * div - sums[5] * rate, (first - 1.0) * curl - sums[6] * rate
+    return NORM[dim - 1][kernel] * sums[0], slope, curve, div, curl, more_div, more_curl
 
 
 @njit(inline="always")
@@ -124,45 +147,46 @@ def density_driver(kernel: int, dim: int, shear: bool):
     ):
         order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
         begin, index, turned = lists
-        room = most_of(begin)
-        cx, cy, cm = np.zeros(room), np.zeros(room), np.zeros(room)
-        cvx, cvy = np.zeros(room), np.zeros(room)
+        pack = np.zeros(ROWS * STRIDE)
+        cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         most = 0
         for c in range(first, last):
             most = max(most, start[filled[c] + 1] - start[filled[c]])
         sums, low, high, settled = np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)
         for c in range(first, last):
-            cell, listed, end = filled[c], begin[c - first], begin[c - first + 1]
+            cell = filled[c]
             ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
             per_unit = 1.0 / unit
-            n, own, members = whole(end - listed), start[cell], start[cell + 1] - start[cell]
-            place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
-            for k in range(listed, end):
-                j = index[k]
-                cm[k - listed] = mass[j]
-                if shear:
-                    cvx[k - listed] = vel[j, 0]
-                    if dim == 2:
-                        cvy[k - listed] = vel[j, 1]
-            for k in range(end - listed, n):
-                cm[k] = 0.0
+            own, members = start[cell], start[cell + 1] - start[cell]
             for p in range(members):
                 settled[p], low[p], high[p] = False, 0.0, np.inf
                 if not fixed:
                     h[order[own + p]] = min(h[order[own + p]], h_most)
             for _ in range(ITERATIONS):
-                for p in range(members):
-                    if settled[p]:
-                        continue
-                    i = order[own + p]
-                    x, y, vx, vy = (pos[i, 0] - ox) * per_unit, 0.0, 0.0, 0.0
-                    if dim == 2:
-                        y = (pos[i, 1] - oy) * per_unit
-                    if shear:
-                        vx, vy = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
-                    sums[p, 0], sums[p, 1], sums[p, 2], sums[p, 3], sums[p, 4], sums[p, 5], sums[p, 6] = density_sums(
-                        kernel, dim, shear, x, y, vx, vy, h[i] * per_unit, n, cx, cy, cm, cvx, cvy
-                    )
+                sums[:members] = 0.0
+                for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
+                    end = min(listed + CHUNK, begin[c - first + 1])
+                    place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
+                    for k in range(listed, end):
+                        j = index[k]
+                        pack[MASS * STRIDE + k - listed] = mass[j]
+                        if shear:
+                            pack[VX * STRIDE + k - listed] = vel[j, 0]
+                            if dim == 2:
+                                pack[VY * STRIDE + k - listed] = vel[j, 1]
+                    n = whole(end - listed)
+                    for k in range(end - listed, n):
+                        pack[MASS * STRIDE + k] = 0.0
+                    for p in range(members):
+                        if settled[p]:
+                            continue
+                        i = order[own + p]
+                        x, y, vx, vy = (pos[i, 0] - ox) * per_unit, 0.0, 0.0, 0.0
+                        if dim == 2:
+                            y = (pos[i, 1] - oy) * per_unit
+                        if shear:
+                            vx, vy = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
+                        add_density(kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack, sums[p])
                 # Apart from the sums, whose loop need not wait for all these divisions.
                 left = False
                 for p in range(members):
@@ -170,14 +194,15 @@ def density_driver(kernel: int, dim: int, shear: bool):
                         continue
                     i = order[own + p]
                     per_h, step = 1.0 / h[i], 0.0
-                    rho[i], gradh[i], settled[p] = sums[p, 0] * per_h**dim, 1.0, True
+                    total, slope, curve, div_v, curl_v, more_div, more_curl = in_units_of_density(kernel, dim, sums[p])
+                    rho[i], gradh[i], settled[p] = total * per_h**dim, 1.0, True
                     if not fixed:
                         settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
-                            dim, mass[i], h[i], eta, h_most, low[p], high[p], rho[i], sums[p, 1], sums[p, 2]
+                            dim, mass[i], h[i], eta, h_most, low[p], high[p], rho[i], slope, curve
                         )
                     if shear:
-                        div[i] = abs(sums[p, 3] + step * sums[p, 5]) * per_h
-                        curl[i] = abs(sums[p, 4] + step * sums[p, 6]) * per_h
+                        div[i] = abs(div_v + step * more_div) * per_h
+                        curl[i] = abs(curl_v + step * more_curl) * per_h
                     if support * h[i] > radius[own + p]:
                         outgrown[c], settled[p] = True, True
                     left |= not settled[p]
@@ -185,10 +210,6 @@ def density_driver(kernel: int, dim: int, shear: bool):
                     break
 
     return density
-
-
-# Columns of what eqs. (3-5) read of a neighbour, beside its place.
-MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(11)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -216,7 +237,7 @@ def force_columns(
 
 @njit(inline="always")
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, cx, cy, rows
+    kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, pack
 ):  # fmt: skip
     """Sums of particle i over n candidates, in units of `unit`: acceleration, du/dt and divergence."""
     norm, inv_h = columns[i, NORM_H] / columns[i, MASS], columns[i, INV_H] * unit
@@ -225,32 +246,38 @@ def force_sums(
     conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
     ax, ay, rate, div = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        dx, dy = x - cx[k], y - cy[k]
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
         inv_r = inverse_root(r2)
-        r = r2 * inv_r
+        pack[INV_R * STRIDE + k] = inv_r
+        pack[Q * STRIDE + k] = r2 * inv_r
+    for k in range(n):
+        r = pack[Q * STRIDE + k]
         _, own = shape(kernel, dim, r * inv_h)
-        _, other = shape(kernel, dim, r * rows[INV_H][k])
-        own *= rows[MASS][k]
-        other *= rows[NORM_H][k]
-        force = press * own + rows[PRESS][k] * other
+        _, other = shape(kernel, dim, r * pack[INV_H * STRIDE + k])
+        pack[OWN * STRIDE + k] = own * pack[MASS * STRIDE + k]
+        pack[OTHER * STRIDE + k] = other * pack[NORM_H * STRIDE + k]
+    for k in range(n):
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
+        inv_r, own, other = pack[INV_R * STRIDE + k], pack[OWN * STRIDE + k], pack[OTHER * STRIDE + k]
+        force = press * own + pack[PRESS * STRIDE + k] * other
         if viscous != NO_VISCOSITY or energetic:
-            w = ((vx - rows[VX][k]) * dx + (vy - rows[VY][k]) * dy) * inv_r
+            w = ((vx - pack[VX * STRIDE + k]) * dx + (vy - pack[VY * STRIDE + k]) * dy) * inv_r
             div += w * own
             heat = press * own * w
             if viscous != NO_VISCOSITY or conductive:
                 both = norm * own + other
-                inv_rho = inv_rho_i + rows[INV_RHO][k]
+                inv_rho = inv_rho_i + pack[INV_RHO * STRIDE + k]
             if viscous != NO_VISCOSITY:
                 mu = min(w, 0.0)
                 felt = w if viscous == ALL_PAIRS else mu
-                pi = beta * mu * mu - (c_i + rows[SOUND][k]) * felt  # eq. (5)
-                pi *= (f_i + rows[SWITCH][k]) * inv_rho * both
+                pi = beta * mu * mu - (c_i + pack[SOUND * STRIDE + k]) * felt  # eq. (5)
+                pi *= (f_i + pack[SWITCH * STRIDE + k]) * inv_rho * both
                 force += pi
                 heat += 0.5 * pi * felt
             if conductive:
-                signal = math.sqrt(abs(p_i - rows[P][k]) * inv_rho)
-                heat += conducted * signal * (u_i - rows[ENERGY][k]) * inv_rho * both
+                signal = math.sqrt(abs(p_i - pack[P * STRIDE + k]) * inv_rho)
+                heat += conducted * signal * (u_i - pack[ENERGY * STRIDE + k]) * inv_rho * both
             if energetic:
                 rate += heat
         force *= inv_r
@@ -272,52 +299,49 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
     def forces(first, last, lists, pos, columns, acc, rate, div, beta, alpha_u, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         begin, index, turned = lists
-        room = most_of(begin)
-        cx, cy, pack = np.zeros(room), np.zeros(room), np.zeros((P + 1, room))
-        # Rows by themselves: loops over a row of a matrix are not vectorised.
-        rows = (
-            pack[0], pack[1], pack[2], pack[3], pack[4], pack[5], pack[6], pack[7], pack[8], pack[9], pack[10],
-        )  # fmt: skip
+        pack = np.zeros(ROWS * STRIDE)
+        cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         for c in range(first, last):
-            cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
+            cell = cells.filled[c]
             if met[cell] != now:
                 continue
             ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
-            n = whole(end - listed)
             per_unit = 1.0 / unit
-            place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
-            for k in range(listed, end):
-                j, to = index[k], k - listed
-                rows[MASS][to], rows[NORM_H][to], rows[PRESS][to] = (
-                    columns[j, MASS], columns[j, NORM_H], columns[j, PRESS]
-                )  # fmt: skip
-                rows[INV_H][to] = columns[j, INV_H] * unit
-                if moving:
-                    rows[VX][to], rows[VY][to] = columns[j, VX], columns[j, VY]
-                if rubbing or conductive:
-                    rows[INV_RHO][to] = columns[j, INV_RHO]
-                if rubbing:
-                    rows[SOUND][to], rows[SWITCH][to] = columns[j, SOUND], columns[j, SWITCH]
-                if conductive:
-                    rows[ENERGY][to], rows[P][to] = columns[j, ENERGY], columns[j, P]
-            for k in range(end - listed, n):
-                rows[MASS][k], rows[NORM_H][k] = 0.0, 0.0
-            for k in range(start[cell], start[cell + 1]):
-                i = order[k]
-                x, y = (pos[i, 0] - ox) * per_unit, 0.0
-                if dim == 2:
-                    y = (pos[i, 1] - oy) * per_unit
-                ax, ay, r, d = force_sums(
-                    kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, cx, cy,
-                    rows,
-                )  # fmt: skip
-                acc[i, 0] += ax
-                if dim == 2:
-                    acc[i, 1] += ay
-                if energetic:
-                    rate[i] += r
-                if viscous != NO_VISCOSITY or energetic:
-                    div[i] = d
+            for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
+                end = min(listed + CHUNK, begin[c - first + 1])
+                place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
+                for k in range(listed, end):
+                    j, to = index[k], k - listed
+                    pack[MASS * STRIDE + to] = columns[j, MASS]
+                    pack[INV_H * STRIDE + to] = columns[j, INV_H] * unit
+                    pack[NORM_H * STRIDE + to] = columns[j, NORM_H]
+                    pack[PRESS * STRIDE + to] = columns[j, PRESS]
+                    if moving:
+                        pack[VX * STRIDE + to], pack[VY * STRIDE + to] = columns[j, VX], columns[j, VY]
+                    if rubbing or conductive:
+                        pack[INV_RHO * STRIDE + to] = columns[j, INV_RHO]
+                    if rubbing:
+                        pack[SOUND * STRIDE + to], pack[SWITCH * STRIDE + to] = columns[j, SOUND], columns[j, SWITCH]
+                    if conductive:
+                        pack[ENERGY * STRIDE + to], pack[P * STRIDE + to] = columns[j, ENERGY], columns[j, P]
+                n = whole(end - listed)
+                for k in range(end - listed, n):
+                    pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
+                for k in range(start[cell], start[cell + 1]):
+                    i = order[k]
+                    x, y = (pos[i, 0] - ox) * per_unit, 0.0
+                    if dim == 2:
+                        y = (pos[i, 1] - oy) * per_unit
+                    ax, ay, r, d = force_sums(
+                        kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, pack
+                    )
+                    acc[i, 0] += ax
+                    if dim == 2:
+                        acc[i, 1] += ay
+                    if energetic:
+                        rate[i] += r
+                    if viscous != NO_VISCOSITY or energetic:
+                        div[i] += d
 
     return forces
 
