@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 NONE = np.empty(0)
 CELLS = 64  # the fewest that a thread takes at once
+# Over the density of an even gas of the mean h, where h stops. Of particles at one place, or as near as nothing, m W(0)
+# h^d is more than m eta^d at any h: without a limit h and the step would fall to nothing. Codes with gravity have it at
+# a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
+DENSEST = 4096.0
+PASSES = 4  # a first guess of h may be too large by DENSEST^((PASSES - 1) / d)
 ROOM = 1.03  # how far h may grow in a step without looking for candidates again
 
 
@@ -71,6 +76,18 @@ class Sph:
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
         """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`."""
+        for _ in range(PASSES):
+            h_least = self.least(gas)
+            self.settle(gas, vel, h_least)
+            # Where h is at its limit, that has to be one of the h found, not of the first guess.
+            if self.fixed or gas.h.min() > h_least or self.least(gas) > 0.9 * h_least:
+                return
+
+    def least(self, gas: Points) -> float:
+        return float(gas.h.mean()) * DENSEST ** (-1.0 / self.dim)
+
+    def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> None:
+        """`density` with h of no less than h_least."""
         driver = density_driver(self.kernel, self.dim, self.balsara)
         cells = self.cells = self.cells_of(gas)
         lists = self.lists = candidates(cells, cells, mutual=True)
@@ -81,7 +98,7 @@ class Sph:
             outgrown = np.zeros(len(left), np.bool_)
             share(
                 driver, len(left), left, gas.pos, vel, gas.mass, gas.h, gas.density, gas.gradh, *self.shear, self.eta,
-                self.h_most, self.fixed, cells, outgrown, least=CELLS, each=lists,
+                h_least, self.h_most, self.fixed, cells, outgrown, least=CELLS, each=lists,
             )  # fmt: skip
             left = left[outgrown]
             widen(left, 1.2 * self.support, gas.h, cells)

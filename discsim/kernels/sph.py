@@ -34,6 +34,9 @@ from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 TOLERANCE = 4e-3  # of h, on the last step; the error left is some times its cube
 ITERATIONS = 60
+# Where nearly all of rho is that of particles at one place, h hangs on the edge of its support: pressure felt through
+# it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
+LEAST_OMEGA = 0.05
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
 
@@ -105,7 +108,7 @@ def in_units_of_density(kernel, dim, sums):
 
 
 @njit(inline="always")
-def improve(dim, m, h, eta, h_most, low, high, rho, slope, curve):
+def improve(dim, m, h, eta, h_least, h_most, low, high, rho, slope, curve):
     """(settled, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
 
     Where it is short enough, rho and Omega are taken along by their series. `step` is relative to h.
@@ -113,21 +116,22 @@ def improve(dim, m, h, eta, h_most, low, high, rho, slope, curve):
     inv_h = 1.0 / h
     # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
     t = eta * inv_h * (m / rho if dim == 1 else math.sqrt(m / rho))
-    if t >= 1.0 and h >= h_most:  # a lone particle: h stays at its cap, as if fixed
+    # A lone particle, or a crowd at one place, where (1) has no root: h stays at its limit, as if fixed.
+    if (t >= 1.0 and h >= h_most) or (t <= 1.0 and h <= h_least):
         return True, 0.0, h, rho, 1.0, low, high
     rise = 1.0 + t * slope / dim
     step = (t - 1.0) / rise
-    if abs(step) <= TOLERANCE:
+    if abs(step) <= TOLERANCE and h + h * step > h_least:
         step *= 1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise
         step = min(step, h_most * inv_h - 1.0)
         grown = 1.0 + step * (slope + 0.5 * step * curve)
         omega = 1.0 + (1.0 + step) * (slope + step * curve) / (dim * grown)
-        return True, step, h * (1.0 + step), rho * grown, omega, low, high
+        return True, step, h * (1.0 + step), rho * grown, max(omega, LEAST_OMEGA), low, high
     if t < 1.0:
         high = h
     else:
         low = h
-    new = min(h + h * min(max(step, -0.3), 0.5), h_most)
+    new = min(max(h + h * min(max(step, -0.3), 0.5), h_least), h_most)
     if not low < new < high:
         new = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
     return False, 0.0, new, rho, 1.0 + slope / dim, low, high
@@ -143,8 +147,9 @@ def density_driver(kernel: int, dim: int, shear: bool):
 
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
     def density(
-        first, last, lists, filled, pos, vel, mass, h, rho, gradh, div, curl, eta, h_most, fixed, cells, outgrown
-    ):
+        first, last, lists, filled, pos, vel, mass, h, rho, gradh, div, curl, eta, h_least, h_most, fixed, cells,
+        outgrown,
+    ):  # fmt: skip
         order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
         begin, index, turned = lists
         pack = np.zeros(ROWS * STRIDE)
@@ -161,7 +166,7 @@ def density_driver(kernel: int, dim: int, shear: bool):
             for p in range(members):
                 settled[p], low[p], high[p] = False, 0.0, np.inf
                 if not fixed:
-                    h[order[own + p]] = min(h[order[own + p]], h_most)
+                    h[order[own + p]] = min(max(h[order[own + p]], h_least), h_most)
             for _ in range(ITERATIONS):
                 sums[:members] = 0.0
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
@@ -198,7 +203,7 @@ def density_driver(kernel: int, dim: int, shear: bool):
                     rho[i], gradh[i], settled[p] = total * per_h**dim, 1.0, True
                     if not fixed:
                         settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
-                            dim, mass[i], h[i], eta, h_most, low[p], high[p], rho[i], slope, curve
+                            dim, mass[i], h[i], eta, h_least, h_most, low[p], high[p], rho[i], slope, curve
                         )
                     if shear:
                         div[i] = abs(div_v + step * more_div) * per_h
