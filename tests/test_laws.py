@@ -97,7 +97,7 @@ def test_relaxation_by_speed_is_that_of_an_ode_solver(kind, time, populations, t
     y, b, change = 10 * rng.normal(size=(n, 2)), 3 * rng.normal(size=(n, 2)), np.empty((n, 2))
     grains = np.tile(grain, (populations, 1))
     times = slow.copy()
-    relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, two_way, 1.0, True, change)
+    relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, two_way, 1.0, True, True, change)
     expected = by_ode(mass, slow, law, grains, y, b, two_way, 1.0)
     largest = np.abs(y - y[0]).max()
     np.testing.assert_allclose((y + b + change)[1:], expected[1:], rtol=0, atol=1e-7 * largest)
@@ -124,7 +124,7 @@ def test_relaxation_by_speed_is_sane(kind, ratio, time, slip, source, boost):
     def change_of(y, b):
         change = np.empty((2, 1))
         slow = np.array([np.inf, time])
-        relax_by_speed(mass, slow, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.0, True, change)
+        relax_by_speed(mass, slow, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.0, True, True, change)
         assert np.isfinite(change).all()
         return change
 

@@ -124,9 +124,8 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
         relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
         gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
         dust.mass, densities_of_sparse_dust(drag, state), blocks.dust_order, blocks.dust_start, times,
-        linear, drag.two_way,
-        drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential, *drag.star, corners, drag.size,
-        state.grid.periodic, heat, least=64,
+        linear, drag.two_way, drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential,
+        drag.law.several, *drag.star, corners, drag.size, state.grid.periodic, heat, least=64,
     )  # fmt: skip
     start = blocks.dust_start[:: drag.law.populations]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)

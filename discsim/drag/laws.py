@@ -25,6 +25,7 @@ class Law:
         self.code = LAWS[self.drag.law]
         self.nonlinear = self.drag.supersonic or self.code == EPSTEIN_STOKES
         self.populations = len(scene.dust or ())
+        self.several = True if self.populations > 1 else None  # None: not compiled
         self.grains = np.array([self._grain(scene, population) for population in scene.dust or ()])
 
     def _grain(self, scene: Scene, population: Any) -> list[float]:

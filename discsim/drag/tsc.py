@@ -85,7 +85,8 @@ def relax(drag, state, dt, gas_vel, heat):
         share(kernels.mean_sound, total, near, cells, speeds / np.maximum(number, 1), sound, least=64)
     share(
         kernels.relax_nodes, total, about, nodes, centre, slopes, source_slopes, known, sound, drag.law.code,
-        drag.law.grains, drag.two_way, dt, drag.exponential, *drag.star, change, drive, rate, least=64,
+        drag.law.grains, drag.two_way, dt, drag.exponential, drag.law.several, *drag.star, change, drive, rate,
+        least=64,
     )  # fmt: skip
     sharp = np.empty_like(change)
     share(kernels.sharpen, total, about, nodes, drag.two_way, change, sharp, least=64)

@@ -34,7 +34,7 @@ def circle(x, y, omega, step):
     return less * x - turn * y, less * y + turn * x
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def mean_response(z):
     """(1 - exp(-z)) / z of a complex z; its series where that loses digits."""
     if abs(z) < 1e-2:
@@ -42,7 +42,7 @@ def mean_response(z):
     return (1.0 - np.exp(-z)) / z
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def slip_after(w, source, time, omega, dt, late):
     """What eq. (2) makes of the slip w over a part dt of the kick that ends `late` after the time of x."""
     z = complex(dt / time, omega * dt)
@@ -50,7 +50,7 @@ def slip_after(w, source, time, omega, dt, late):
     return w + math.expm1(-dt / time) * w + dt * source * turn * mean_response(z)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def slip_by_speed(w, source, slow, law, grain, density, sound, kepler, omega, dt, lag):
     """The slip after the kick and the mean stopping time in it, which depends on the slip: `kernels/nonlinear.py`."""
     done, step, rate, count = 0.0, dt, 0.0, 0

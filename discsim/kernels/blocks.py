@@ -22,7 +22,7 @@ DONE, LONELY, SMALL, FEW, LACKING = range(5)
 IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def leaf_keys(first, last, pos, origin, shift, inverse, nx, ny, periodic, out):
     """Write the leaf of each particle; nx ny where it lies outside the lattice. `shift` (2,) in leaves."""
     ox, oy, dx, dy = origin[0], origin[1], shift[0], shift[1]
@@ -45,7 +45,7 @@ def leaf_keys(first, last, pos, origin, shift, inverse, nx, ny, periodic, out):
         out[i] = np.uint32(int(sx) * ny + int(sy)) if inside else outside
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def leaf_counts(key, weight, count):
     """Particles in each leaf and outside, and the sum of `weight`, if it has entries, over them."""
     number, total = np.zeros(count + 1, np.uint32), np.zeros(count + 1 if len(weight) > 0 else 0)
@@ -59,7 +59,7 @@ def leaf_counts(key, weight, count):
     return number, total
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def sort_members(key, counts, number, species, populations, count):
     """Order of the particles by the block of their leaf and, within it, by population, and where each of them begins.
 
@@ -85,7 +85,7 @@ def sort_members(key, counts, number, species, populations, count):
     return order, start
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def mass_in(mass, order, start, chosen, time):
     """Mass of the particles in the blocks `chosen`, and, if `time` has entries, with a stopping time."""
     total = 0.0
@@ -96,7 +96,7 @@ def mass_in(mass, order, start, chosen, time):
     return total
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def times_of_members(times, order, start):
     """The stopping time of each particle (n,) from those of its block and population."""
     out = np.empty(len(order))
@@ -107,7 +107,7 @@ def times_of_members(times, order, start):
     return out
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _status(gas, dust, h_sum, side, size, length, least_gas, least_dust, dust_wanted):
     """What a block still waits for."""
     if gas + dust == 0:
@@ -122,7 +122,7 @@ def _status(gas, dust, h_sum, side, size, length, least_gas, least_dust, dust_wa
     return FEW if gas < least_gas or dust < least_dust else DONE
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def merge(gas, dust, h_sum, nx, ny, leaf, size, length, least_gas, least_dust, soft, hard, dust_wanted):
     """Block of each leaf, and of each block its first leaf (ix, iy), its level and whether want of particles
     enlarged it. `gas`, `dust`, `h_sum` (nx ny,): particles in each leaf and the sum of the gas's h.
@@ -173,7 +173,7 @@ def merge(gas, dust, h_sum, nx, ny, leaf, size, length, least_gas, least_dust, s
     return _number(final, enlarged, width, height, first)
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _number(final, enlarged, width, height, first):
     """Number the blocks, the largest final ones about each leaf, along a Z-curve in each of the largest possible, so
     that those in one place follow each other at whatever level.

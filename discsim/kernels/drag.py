@@ -39,12 +39,12 @@ PLACE, VELOCITY, SOURCE = X, VX, BX
 INERTIA, MOMENT, MOMENT_SOURCE, SLOPE, SLOPE_SOURCE, CHANGE, SLOPE_CHANGE, NUMBERS = 7, 10, 14, 18, 22, 26, 28, 32
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def clip01(x):
     return min(max(x, 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def solve_slope(inertia, moment, dim, out):
     """out (d, d) = inertia^-1 moment, or False where the particles lie too nearly on a point or a line."""
     if dim == 1:
@@ -62,14 +62,14 @@ def solve_slope(inertia, moment, dim, out):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def kepler(r2, star, softening):
     """Omega about a softened star at squared radius r2."""
     d2 = r2 + softening * softening
     return math.sqrt(star / (d2 * math.sqrt(d2)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def pack(order, first, last, at, pos, vel, own, mass, corners, block, size, periodic, p):
     """Copy a block's members into columns from `at` on; 0 along an axis that there is not."""
     x0, y0 = corners[block, 0], corners[block, 1]
@@ -157,7 +157,7 @@ def moments_of_source(p, first, last, o, s):
     o[s, MOMENT_SOURCE], o[s, MOMENT_SOURCE + 1], o[s, MOMENT_SOURCE + 2], o[s, MOMENT_SOURCE + 3] = xa, xb, ya, yb
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def solve(xx, xy, yy, o, s, f, dim, out, factor):
     """o[s, out : out + 4] = factor [xx xy; xy yy]^-1 o[s, f : f + 4]; False where the particles of which [xx xy; xy yy]
     are the second moments lie too nearly on a point or a line.
@@ -175,7 +175,7 @@ def solve(xx, xy, yy, o, s, f, dim, out, factor):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def fit_line(o, s, dim, fade):
     """Slopes of velocity and source times `fade`; returns it, or 0 and leaves no slope where there is none."""
     xx, xy, yy = o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2]
@@ -187,7 +187,7 @@ def fit_line(o, s, dim, fade):
     return 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def fit_slopes(bound, dim, two_way, o):
     """Slopes of velocity and source: pooled within species (of the gas alone for one-way drag), and each species' own.
 
@@ -209,7 +209,7 @@ def fit_slopes(bound, dim, two_way, o):
                 o[s, f] += (1.0 - fade) * o[n, f]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_slopes(one, rate, dim, dt, exponential, o):
     """Change the slopes of gas and population `one` such that I_0 G_0 + I_1 G_1 stays: angular momentum within the
     block is kept. The difference relaxes at the means' rate.
@@ -231,8 +231,8 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
                 o[s, SLOPE_CHANGE + c] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def exchange_slopes(mass, time, dim, two_way, dt, exponential, y, b, change, o):
+@njit(nogil=True, cache=True, error_model="numpy")
+def exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, change, o):
     """Changes of the slopes, weighed with the moments of inertia; y, b and change (n, d) are overwritten."""
     n = len(mass)
     count, only = 0, 0
@@ -263,7 +263,7 @@ def exchange_slopes(mass, time, dim, two_way, dt, exponential, y, b, change, o):
         for s in range(n):
             for c in range(dim):
                 y[s, c], b[s, c] = o[s, SLOPE + a + c], o[s, SLOPE_SOURCE + a + c]
-        relax_means(weight, time, y, b, two_way, dt, exponential, change)
+        relax_means(weight, time, y, b, two_way, dt, exponential, several, change)
         for s in range(n):
             for c in range(dim):
                 o[s, SLOPE_CHANGE + a + c] = change[s, c]
@@ -306,7 +306,7 @@ def loss(p, first, last, o, s, sources, dt):
     return lost
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def kick(order, first, last, at, p, dt, vel, acc):
     """Free kick, and the changes."""
     if vel.shape[1] == 1:
@@ -320,14 +320,14 @@ def kick(order, first, last, at, p, dt, vel, acc):
             vel[i, 1] += dt * acc[i, 1] + p[Y, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def free_kick(members, vel, acc, dt):
     for i in members:
         for a in range(vel.shape[1]):
             vel[i, a] += dt * acc[i, a]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def mean_of(values, order, first, last):
     total = 0.0
     for k in range(first, last):
@@ -339,7 +339,7 @@ def mean_of(values, order, first, last):
 def relax_blocks(
     block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
     dpos, dvel, dacc, down, dmass, drho, dorder, dstart, times,
-    linear, two_way, law, grains, nonlinear, dt, exponential, star, softening, corners, size, periodic, heat,
+    linear, two_way, law, grains, nonlinear, dt, exponential, several, star, softening, corners, size, periodic, heat,
 ):  # fmt: skip
     """The kick of all blocks: accelerations and drag together, velocities in place; that of dust alone if one-way.
 
@@ -395,16 +395,16 @@ def relax_blocks(
                 y[s, c] = o[s, VX + c] - o[n, SLOPE + c] * x - o[n, SLOPE + 2 + c] * z
                 b[s, c] = o[s, BX + c] - o[n, SLOPE_SOURCE + c] * x - o[n, SLOPE_SOURCE + 2 + c] * z
         if nonlinear:
-            relax_by_speed(mass, time, law, grains, rho, sound, omega, y, b, two_way, dt, exponential, change)
+            relax_by_speed(mass, time, law, grains, rho, sound, omega, y, b, two_way, dt, exponential, several, change)
         else:
-            relax_means(mass, time, y, b, two_way, dt, exponential, change)
+            relax_means(mass, time, y, b, two_way, dt, exponential, several, change)
         for s in range(n):
             for c in range(dim):
                 o[s, CHANGE + c] = change[s, c]
             for c in range(4):
                 o[s, SLOPE_CHANGE + c] = 0.0
         if linear:
-            exchange_slopes(mass, time, dim, two_way, dt, exponential, y, b, change, o)
+            exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, change, o)
         rate, lost = 0.0, 0.0
         for s in range(n - 1, -1, -1):
             if mass[s] == 0.0 or (s == 0 and not two_way):

@@ -11,7 +11,7 @@ from discsim.kernels.ppm import DUST_MASS, DUST_MOMENTUM, ENERGY, MASS, MOMENTUM
 from discsim.kernels.relax import relax_pair
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def stopping_times(law, grain, density, dust_density, sound):
     """Of the dust in each cell (n,)."""
     out = np.empty(len(density))
@@ -20,7 +20,7 @@ def stopping_times(law, grain, density, dust_density, sound):
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_together(law, grain, sound, start, middle, after, dt, exponential, adiabatic, heating):
     """Gas and dust of `after`, moved from `start` over dt without drag, with the drag of the densities in `middle`."""
     for i in range(after.shape[1]):
@@ -43,7 +43,7 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
                 after[ENERGY, i] += dust * gained * slip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_apart(law, grain, sound, cells, dt, adiabatic, heating):
     """Each species towards the other's old velocity."""
     for i in range(cells.shape[1]):

@@ -25,7 +25,7 @@ _STENCILS = np.array(
 )
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def counting_sort(key, count):
     """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,)."""
     order = np.empty(key.size, np.int64)
@@ -42,7 +42,7 @@ def counting_sort(key, count):
     return order, start
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def cell_of(x, origin, inverse, count, periodic):
     """Index of the cell that holds x; outside an open axis, or where x is not finite, -1."""
     s = (x - origin) * inverse
@@ -53,7 +53,7 @@ def cell_of(x, origin, inverse, count, periodic):
     return int(s) if 0.0 <= s < count else -1
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _apart(i):
     # The TILE low bits of i, each followed by a 0.
     out = 0
@@ -62,7 +62,7 @@ def _apart(i):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
     """Place (n,) of the cell that holds each particle along rows of tiles, within a tile along a Z-curve: what is near
     in space is near in memory. One beyond the last off the grid.
@@ -79,7 +79,7 @@ def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
         out[i] = place if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _wrapped(s, count):
     if not 0.0 <= s < count:
         s -= count * np.floor(s / count)
@@ -88,7 +88,7 @@ def _wrapped(s, count):
     return s
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def stencil(x, origin, inverse, count, periodic):
     """The two nodes about x and the weight of the second; (-1, -1, 0) where they are not on the grid."""
     s = (x - origin) * inverse - 0.5
@@ -100,7 +100,7 @@ def stencil(x, origin, inverse, count, periodic):
     return low, low + 1 if low + 1 < count else 0, s - low
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _stencil_y(pos, p, origin, inverse, count, periodic):
     # A run of one dimension has one row of nodes along y, and no weight beyond it.
     if pos.shape[1] == 1:
@@ -108,7 +108,7 @@ def _stencil_y(pos, p, origin, inverse, count, periodic):
     return stencil(pos[p, 1], origin[1], inverse, count, periodic)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     """Strip of 2^shift rows that holds each particle's first node (n,); STRIPS for particles off the grid."""
     if pos.shape[1] == 2 and not periodic:
@@ -124,7 +124,7 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
         key[p] = low >> shift if inside else STRIPS  # a shift: dividing took longer than all the rest
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def runs_of(key):
     """Where the runs of particles in one strip begin and end (runs + 1,), and the strip of each.
 
@@ -143,7 +143,7 @@ def runs_of(key):
     return begin, strip
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, shift, out, beyond):
     """Add `scale` times `value` (n,) to the nodes of `out` (nx, ny), cloud in cell; order and start sort the runs of
     particles by strip.
@@ -183,7 +183,7 @@ def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, in
             beyond[s, j] = sums[held, j]
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def join_strips(shift, beyond, out):
     """Add each strip's last row to the next strip, in a fixed order."""
     nx, ny = out.shape
@@ -194,13 +194,13 @@ def join_strips(shift, beyond, out):
                 out[row, j] += beyond[s, j]
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
     low = w00 * field[ix, iy, c] + w01 * field[ix, jy, c]
     return low + w10 * field[jx, iy, c] + w11 * field[jx, jy, c]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def gather(begin, end, field, pos, origin, inverse, periodic, out):
     """Field (nx, ny, c <= 2) at the particles into out (n, c) with the deposit's weights; 0 off the grid."""
     nx, ny = field.shape[0], field.shape[1]
@@ -224,7 +224,7 @@ def _between(flat, low, along_x, along_y, wx, wy):
     return first + wx * (second - first)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, largest, missing):
     """acc -= field (nx, ny, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
     many particles are off the grid, (chunks,) each.
@@ -257,7 +257,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, large
         largest[chunk], missing[chunk] = most, lost
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
     """True (n,) for particles whose nodes are not all on the grid."""
     for p in range(begin, end):
@@ -300,7 +300,7 @@ def gradient(begin, end, potential, cell, periodic, out):
                 row[j, 1] += scale * _STENCILS[place, k] * line[(first + k) % ny]
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def largest_norm(vectors):
     """The largest length of the vectors (n, c); 0 without any."""
     largest = 0.0

@@ -32,7 +32,7 @@ def place_blocks(level, leaf, nx, ny, periodic, levels):
     return node, at, first, width, height, wrap
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def step_along(index, by, count, wraps):
     """Index (with the border's 1 added) of a neighbour along one axis."""
     index += by

@@ -153,46 +153,22 @@ def widen(some, extent, h, cells):
             cells.radius[k] = extent * h[cells.order[k]]
             reach = max(reach, cells.radius[k])
         cells.bounds[cell, 4] = reach
-        level = np.searchsorted(cells.grids[:, FIRST], cell, side="right") - 1
-        cells.grids[level, REACH] = max(cells.grids[level, REACH], reach)
-
-
-@njit(nogil=True, inline="always", error_model="numpy")
-def scan(runs, turns, count, box, reach, mutual, cells, index, turned, found):
-    """The particles of `count` runs that `find_candidates` is to find."""
-    order, x, y, radius = cells.order, cells.x, cells.y, cells.radius
-    ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
-    held = 0
-    for run in range(count):
-        held += runs[run, 1] - runs[run, 0]
-    if found + held > len(index):
-        return found + held
-    for run in range(count):
-        sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
-        before = found
-        for k in range(runs[run, 0], runs[run, 1]):
-            dx, dy = max(abs(x[k] + sx) - half_x, 0.0), max(abs(y[k] + sy) - half_y, 0.0)
-            far = max(reach, radius[k]) if mutual else reach
-            # Written first and counted after: a branch here would be guessed wrong half of the time.
-            index[found] = order[k]
-            found += dx * dx + dy * dy <= far * far
-        if cells.periodic:
-            for k in range(before, found):
-                turned[0, k], turned[1, k] = turns[run, 0], turns[run, 1]
-    return found
+        for level in range(len(cells.grids)):
+            if cells.grids[level, FIRST] <= cell:
+                mine = level
+        cells.grids[mine, REACH] = max(cells.grids[mine, REACH], reach)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_candidates(box, reach, mutual, cells, runs, turns, index, turned, found):
-    """Particles within `reach` of a box (centre, half widths), added to `index`.
+def find_runs(box, reach, mutual, cells, runs, turns):
+    """Runs of particles in the order of the cells that may be within `reach` of a box (centre, half widths).
 
-    With `mutual` also those whose own support meets it. On periodic axes the image that is meant is `turned`
-    (2, n) times the box away. `found` is how many there are; it is returned with the new ones, and where that is
-    more than `index` has room for, what was written is of no use.
+    With `mutual` also those whose own support may meet it. On periodic axes the images meant are `turns` (runs, 2)
+    times the box away. Returns how many there are, and how many particles they hold; of more than `runs` has room for,
+    what was written is of no use.
     """
     grids, start, low, width = cells.grids, cells.start, cells.low, cells.width
-    # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
-    count = 0
+    count, held = 0, 0
     for level in range(len(grids)):
         first, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NY])
         per_x, per_y = 1.0 / grids[level, SIDE_X], 1.0 / grids[level, SIDE_Y]
@@ -211,45 +187,70 @@ def find_candidates(box, reach, mutual, cells, runs, turns, index, turned, found
                 if y0 > y1:
                     continue
                 for ix in range(max(ix0 - tx * nx, 0), min(ix1 - tx * nx, nx - 1) + 1):
-                    if count == len(runs):
-                        found = scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
-                        count = 0
                     column = first + ix * ny
-                    runs[count, 0], runs[count, 1] = start[column + y0], start[column + y1 + 1]
-                    turns[count, 0], turns[count, 1] = tx, ty
-                    count += runs[count, 1] > runs[count, 0]
-    return scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
+                    to = min(count, len(runs) - 1)
+                    runs[to, 0], runs[to, 1] = start[column + y0], start[column + y1 + 1]
+                    turns[to, 0], turns[to, 1] = tx, ty
+                    held += runs[to, 1] - runs[to, 0]
+                    count += runs[to, 1] > runs[to, 0]
+    return count, held
+
+
+@njit(nogil=True, inline="always", error_model="numpy")
+def scan(runs, turns, count, box, reach, mutual, cells, index, turned, found):
+    """Particles of `count` runs that are within `reach` of the box or, with `mutual`, meet it, added to `index`.
+
+    `found` is how many there were; it is returned with the new ones.
+    """
+    order, x, y, radius = cells.order, cells.x, cells.y, cells.radius
+    ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
+    for run in range(count):
+        sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
+        before = found
+        for k in range(runs[run, 0], runs[run, 1]):
+            dx, dy = max(abs(x[k] + sx) - half_x, 0.0), max(abs(y[k] + sy) - half_y, 0.0)
+            far = max(reach, radius[k]) if mutual else reach
+            # Written first and counted after: a branch here would be guessed wrong half of the time.
+            index[found] = order[k]
+            found += dx * dx + dy * dy <= far * far
+        if cells.periodic:
+            for k in range(before, found):
+                turned[0, k], turned[1, k] = turns[run, 0], turns[run, 1]
+    return found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def list_candidates(first, last, filled, bounds, extent, mutual, cells):
     """Candidates of the cells `filled` of some particles with `bounds` among those of `cells`.
 
-    They reach as far as `extent` times their supports; arguments and (index, turned) are those of
-    `find_candidates`, and the candidates of the n-th cell begin at begin[n]. Returns (begin, index, turned).
+    They reach as far as `extent` times their supports; with `mutual` there are also those whose own support meets a
+    cell. The candidates of the n-th cell begin at begin[n] of `index`, `turned` (2, n) times the box away on periodic
+    axes. Returns (begin, index, turned).
     """
     runs, turns = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
     begin = np.zeros(last - first + 1, np.int64)
     room = 1024 + 64 * (last - first)
     index, turned = np.empty(room, np.uint32), np.empty((2, room if cells.periodic else 0), np.int32)
     for c in range(first, last):
-        cell, held = filled[c], begin[c - first]
-        while True:
-            box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
-            reach = extent * bounds[cell, 4]
-            found = find_candidates(box, reach, mutual, cells, runs, turns, index, turned, held)
-            if found <= len(index):
-                break
-            more = np.empty(2 * found, np.uint32)
-            for k in range(held):
+        cell, found = filled[c], begin[c - first]
+        box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
+        reach = extent * bounds[cell, 4]
+        # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
+        count, held = find_runs(box, reach, mutual, cells, runs, turns)
+        if count > len(runs):
+            runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
+            count, held = find_runs(box, reach, mutual, cells, runs, turns)
+        if found + held > len(index):
+            more = np.empty(2 * (found + held), np.uint32)
+            for k in range(found):
                 more[k] = index[k]
             index = more
             if cells.periodic:
-                more_turned = np.empty((2, 2 * found), np.int32)
-                for k in range(held):
+                more_turned = np.empty((2, len(index)), np.int32)
+                for k in range(found):
                     more_turned[0, k], more_turned[1, k] = turned[0, k], turned[1, k]
                 turned = more_turned
-        begin[c - first + 1] = found
+        begin[c - first + 1] = scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
     return begin, index, turned
 
 

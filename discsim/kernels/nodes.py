@@ -73,7 +73,7 @@ def pack(
                 out[k, 7] = density[i] * (sound[i] if law == EPSTEIN and star == 0.0 else 1.0)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def cloud(x, flat):
     """Weights on the nodes -1, 0 and 1 from its own of a particle at x in [-1/2, 1/2]; `flat`: all on its own."""
     low, high = 0.5 - x, 0.5 + x
@@ -255,7 +255,7 @@ def slope_near(n, s, about, slopes, known, out):
 @njit(nogil=True, cache=True, error_model="numpy")
 def relax_nodes(
     node_from, node_to, about, nodes, centre, slopes, source_slopes, known, sound, law, grains, two_way, dt,
-    exponential, star, softening, change, drive, rate,
+    exponential, several, star, softening, change, drive, rate,
 ):  # fmt: skip
     """Relax the slip at each node: changes (nodes, species, d) of eq. (3) by the slip, `change`, and by the sources,
     `drive`, and rates of decay (nodes, species). `sound` (nodes,) is None unless the stopping time depends on the slip:
@@ -297,15 +297,15 @@ def relax_nodes(
             continue
         if sound is not None:
             relax_by_speed(
-                mass, times, law, grains, density, sound[n], omega, y, b, two_way, dt, exponential, change[n]
+                mass, times, law, grains, density, sound[n], omega, y, b, two_way, dt, exponential, several, change[n]
             )  # fmt: skip
-            relax_means(mass, times, none, b, two_way, dt, exponential, drive[n])
+            relax_means(mass, times, none, b, two_way, dt, exponential, several, drive[n])
             for s in range(species):
                 for c in range(dim):
                     change[n, s, c] -= drive[n, s, c]
         else:
-            relax_means(mass, times, y, none, two_way, dt, exponential, change[n])
-            relax_means(mass, times, none, b, two_way, dt, exponential, drive[n])
+            relax_means(mass, times, y, none, two_way, dt, exponential, several, change[n])
+            relax_means(mass, times, none, b, two_way, dt, exponential, several, drive[n])
         for s in range(1, species):
             if mass[s] > 0.0:
                 rate[n, s] = 1.0 / times[s]
@@ -426,7 +426,7 @@ def sharpen_slopes(node_from, node_to, about, nodes, slopes, out):
                     out[n, a, c] -= given * (slopes[low, a, c] - 2.0 * slopes[n, a, c] + slopes[high, a, c])
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def reduced_mass(gas, dust, two_way):
     if gas <= 0.0 or dust <= 0.0:
         return 0.0
@@ -638,14 +638,14 @@ def apply_nodes(
                 heat[home[block]] += lost
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def bent(bend, x, y):
     """The quadratic part of a velocity at (x, y) from its second derivatives."""
     xx, xy, yy = 0.5 * x * x, x * y, 0.5 * y * y
     return bend[0, 0] * xx + bend[1, 0] * xy + bend[2, 0] * yy, bend[0, 1] * xx + bend[1, 1] * xy + bend[2, 1] * yy
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def blend(table, c, u0, u1, u2, t0, t1, t2):
     """Sum of column c over the nine nodes with the products of the weights."""
     low = t0 * table[0, c] + t1 * table[1, c] + t2 * table[2, c]

@@ -29,13 +29,15 @@ def slip_of(y, s):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def advance(mass, slow, law, grains, density, sound, omega, y, at, b, two_way, dt, exponential, time, change, out):
+def advance(mass, slow, law, grains, density, sound, omega, y, at, b, two_way, dt, exponential, several, time,
+    change, out,
+):  # fmt: skip
     """`y` over dt by the stopping times at the slips of `at`."""
     n, dim = y.shape
     for s in range(1, n):
         if mass[s] > 0.0:
             time[s] = slow[s] / hastening(law, grains[s - 1], density, sound, omega, slip_of(at, s))
-    relax_means(mass, time, y, b, two_way, dt, exponential, change)
+    relax_means(mass, time, y, b, two_way, dt, exponential, several, change)
     for s in range(n):
         for c in range(dim):
             out[s, c] = y[s, c] + dt * b[s, c] + change[s, c]
@@ -48,7 +50,7 @@ def next_step(error):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, change):
+def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, change):
     """As `relax_means`, whose `time` (n,) is here that at vanishing slip, and afterwards the mean over the kick."""
     # Arrays are copied by loops: assigning slices would cost seconds of compilation.
     n, dim = y.shape
@@ -73,12 +75,12 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
             for _ in range(2**level):
                 at = stage[level]
                 advance(
-                    mass, slow, law, grains, density, sound, omega, at, at, b, two_way, 0.5 * part, exponential, time,
-                    change, half,
+                    mass, slow, law, grains, density, sound, omega, at, at, b, two_way, 0.5 * part, exponential,
+                    several, time, change, half,
                 )  # fmt: skip
                 advance(
-                    mass, slow, law, grains, density, sound, omega, at, half, b, two_way, part, exponential, time,
-                    change, at,
+                    mass, slow, law, grains, density, sound, omega, at, half, b, two_way, part, exponential,
+                    several, time, change, at,
                 )  # fmt: skip
                 for s in range(1, n):
                     mean[s] += part / time[s]

@@ -27,7 +27,7 @@ MOST = 0.75  # share of a cell's dust that its parabola may give away in a step
 STEEP, SHOCKED, SLOPE, LEAST_JUMP = 0.75, 10.0, 2.0, 0.33  # omega_1, omega_2, of (1.8), epsilon of A.2
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def limited_slope(left, centre, right):
     """(1.7), (1.8)."""
     down, up = centre - left, right - centre
@@ -37,7 +37,7 @@ def limited_slope(left, centre, right):
     return math.copysign(min(abs(middle), SLOPE * abs(down), SLOPE * abs(up)), middle)
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def monotone(left, centre, right):
     """The ends of a cell's parabola between which it has no extremum (1.10)."""
     if (right - centre) * (centre - left) <= 0.0:
@@ -50,7 +50,7 @@ def monotone(left, centre, right):
     return left, right
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def parabolas(mean, flatness, left, right):
     """Values at the left and right ends of each cell but two at either end (A.2, 1.6, 4.1, 1.10)."""
     n = len(mean)
@@ -65,7 +65,7 @@ def parabolas(mean, flatness, left, right):
         left[i], right[i] = monotone(low, mean[i], high)
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def flattening(velocity, pressure):
     """How far the parabola of each cell is drawn to its mean: 1 in a shock of one or two cells (A.2)."""
     n = len(pressure)
@@ -82,7 +82,7 @@ def flattening(velocity, pressure):
     return out
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def gas_flux(left, right, gamma, flux):
     """HLLC's flux of mass, momentum and energy between two states; HLL's of mass and momentum with gamma = 0.
 
@@ -120,7 +120,7 @@ def gas_flux(left, right, gamma, flux):
         flux[ENERGY] = 0.0
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def through_faces(state, gamma):
     """Flux through the faces of cells with their ghosts, state (5, n + 2 ghosts).
 
@@ -144,7 +144,7 @@ def through_faces(state, gamma):
     return gas, rightward, leftward
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
     """Let no more leave a cell than it has, and that with its own velocity: dust in voids.
 

@@ -111,9 +111,33 @@ def relax_many(weight, time, y, b, dt, exponential, change):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def relax_means(mass, time, y, b, two_way, dt, exponential, change):
+def relax_present(mass, time, y, b, dt, exponential, change):
+    """`relax_many` of those that have mass; `change` of the others stays."""
+    n, dim = y.shape
+    # Copied by loops: indexing with arrays would cost seconds of compilation.
+    who = np.empty(n, np.int64)
+    count = 0
+    for s in range(n):
+        if mass[s] > 0.0:
+            who[count] = s
+            count += 1
+    weight, times = np.empty(count), np.empty(count)
+    velocity, source, part = np.empty((count, dim)), np.empty((count, dim)), np.empty((count, dim))
+    for k in range(count):
+        weight[k], times[k] = mass[who[k]], time[who[k]]
+        for c in range(dim):
+            velocity[k, c], source[k, c] = y[who[k], c], b[who[k], c]
+    relax_many(weight, times, velocity, source, dt, exponential, part)
+    for k in range(count):
+        for c in range(dim):
+            change[who[k], c] = part[k, c]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def relax_means(mass, time, y, b, two_way, dt, exponential, several, change):
     """Changes (n, d) beyond their free motion of the velocities of gas (entry 0) and populations, those of no mass
-    left out; one-way: of the populations alone.
+    left out; one-way: of the populations alone. `several` is None where there is one population: without it numba
+    leaves out the modes of many, four seconds of compilation.
     """
     n, dim = y.shape
     count, only = 0, 0
@@ -135,24 +159,5 @@ def relax_means(mass, time, y, b, two_way, dt, exponential, change):
             change[0, c], change[only, c] = relax_pair(
                 mass[0], mass[only], rate, y[0, c], y[only, c], b[0, c], b[only, c], dt, exponential
             )
-        return
-    if count == n - 1:
-        relax_many(mass, time, y, b, dt, exponential, change)
-        return
-    # Those that are there, copied by loops: indexing with arrays would cost seconds of compilation.
-    weight, times = np.empty(count + 1), np.empty(count + 1)
-    velocity, source, part = np.empty((count + 1, dim)), np.empty((count + 1, dim)), np.empty((count + 1, dim))
-    k = 0
-    for s in range(n):
-        if mass[s] > 0.0:
-            weight[k], times[k] = mass[s], time[s]
-            for c in range(dim):
-                velocity[k, c], source[k, c] = y[s, c], b[s, c]
-            k += 1
-    relax_many(weight, times, velocity, source, dt, exponential, part)
-    k = 0
-    for s in range(n):
-        if mass[s] > 0.0:
-            for c in range(dim):
-                change[s, c] = part[k, c]
-            k += 1
+    elif several is not None:
+        relax_present(mass, time, y, b, dt, exponential, change)
