@@ -21,7 +21,7 @@ MAX_CLASSES = 24
 LANES = 8  # candidates come in whole vectors, the last filled up with some of no mass: rests of a loop are slow
 
 # Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
-CELL_OVER_REACH = 0.6
+CELL_OVER_REACH = 1.0
 
 
 class Cells(NamedTuple):
@@ -159,7 +159,7 @@ def widen(some, extent, h, cells):
         cells.grids[mine, REACH] = max(cells.grids[mine, REACH], reach)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def find_runs(box, reach, mutual, cells, runs, turns):
     """Runs of particles in the order of the cells that may be within `reach` of a box (centre, half widths).
 
@@ -236,10 +236,11 @@ def list_candidates(first, last, filled, bounds, extent, mutual, cells):
         box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
         reach = extent * bounds[cell, 4]
         # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
-        count, held = find_runs(box, reach, mutual, cells, runs, turns)
-        if count > len(runs):
-            runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
+        while True:
             count, held = find_runs(box, reach, mutual, cells, runs, turns)
+            if count <= len(runs):
+                break
+            runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
         if found + held > len(index):
             more = np.empty(2 * (found + held), np.uint32)
             for k in range(found):
