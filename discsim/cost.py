@@ -398,7 +398,7 @@ def show(study: Study, console: Console) -> None:
         runs.add_row(
             "*" if id(point) in front else "", *values,
             f"{point.error:.2g}" if point.error is not None else "reference", f"{point.cpu:.3g}", str(first["steps"]),
-            f"{first['updates']:.2g}", f"{momentum:.0e}", "" if energy is None else f"{energy:.0e}",
+            f"{first['updates']:.2g}", *("" if drift is None else f"{drift:.0e}" for drift in (momentum, energy)),
         )  # fmt: skip
     console.print(runs)
     console.print("* no other is both cheaper and no worse")

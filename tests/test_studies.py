@@ -6,13 +6,16 @@ import json
 import sys
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from discsim.scene import load_scene
 from discsim.snapshot import write_snapshot
 from discsim.state import Dust, Gas
+from discsim.tables import Drag
 
 ROOT = Path(__file__).parents[1]
 SCENE = {
@@ -309,3 +312,81 @@ def test_a_study_of_cost_is_made_once(tmp_path):
     assert [p.cpu for p in study.points] == [p.cpu for p in again.points]
     prices = {name: module.price(points, 0.01, module.updates) for name, points in study.lines().items()}
     assert prices["scheme = tsc"][0] < prices["scheme = idic"][0]
+
+
+def cost_module(**reduced):
+    module = script("cost_of_accuracy")
+    for name, value in reduced.items():
+        setattr(module, name, value)
+    return module
+
+
+def rows_of(file):
+    return list(csv.DictReader(file.read_text().splitlines()))
+
+
+def test_waves_and_shocks_are_made_with_every_scheme(tmp_path, capsys):
+    module = cost_module(COEFFICIENTS=(0.5,), SHOCK=5.0, WAVES=(24, 48), FINER_WAVES=(24, 48), SHOCKS=(30, 60))
+    assert module.main(["-o", str(tmp_path), "--studies", "wave,shock"]) == 0
+    for problem in ("wave-0.5", "shock"):
+        rows = [row for folder in tmp_path.glob(f"{problem}*") for row in rows_of(folder / "cost.csv")]
+        assert sorted({row["drag.scheme"] for row in rows}) == sorted(get_args(Drag.model_fields["scheme"].annotation))
+        assert all(row["status"] == "done" for row in rows)
+        coarse, fine = ([float(row["error"]) for row in rows if row["gas.particles"] == n] for n in (
+            ("24", "48") if problem == "wave-0.5" else ("30", "60")))  # fmt: skip
+        assert sum(fine) < 0.8 * sum(coarse)
+        # The ends of a tube are held: its momentum is none to keep.
+        assert all((row["momentum"] == "") == (problem == "shock") for row in rows)
+    for name in ("cost_wave.png", "cost_shock.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
+    assert "updates to 1%" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        module.main(["--studies", "waves"])
+
+
+def test_waves_across_a_square(tmp_path):
+    module = cost_module(SQUARES=(8, 16), FINER_SQUARES=(8, 16))
+    assert module.main(["-o", str(tmp_path), "--studies", "oblique"]) == 0
+    finer = {
+        row["drag.scheme"]: row
+        for name in ("oblique", "oblique-explicit")
+        for row in rows_of(tmp_path / name / "cost.csv")
+        if row["gas.particles"] == "256"
+    }
+    # Steps of t_stop against steps of sound, for four times the error.
+    assert int(finer["mk"]["steps"]) > 50 * int(finer["tsc"]["steps"])
+    assert float(finer["mk"]["error"]) > 4.0 * float(finer["tsc"]["error"])
+
+
+def test_the_sheet_grows_as_it_must_with_more_cells(tmp_path):
+    module = cost_module(CELLS=(16, 64), SHEETS=(900,))
+    assert module.main(["-o", str(tmp_path), "--studies", "sheet"]) == 0
+    coarse, fine = (float(row["error"]) for row in rows_of(tmp_path / "sheet" / "cost.csv"))
+    assert fine < 0.3 * coarse < 0.05  # of e^5
+    assert (tmp_path / "cost_sheet.png").exists()
+
+
+def test_what_discs_keep_against_the_courant_factor(tmp_path, capsys):
+    module = cost_module(COURANTS=(0.2, 0.8), DISC=800, ORBITS=0.3)
+    assert module.main(["-o", str(tmp_path), "--studies", "courant"]) == 0
+    plain, complete = (rows_of(tmp_path / name / "cost.csv") for name in (
+        "courant-gas", "courant-gas-dust-drag-self-gravity"))  # fmt: skip
+    assert all(float(row["angular_momentum"]) < 1e-13 for row in plain)
+    assert all(1e-13 < float(row["angular_momentum"]) < 1e-5 for row in complete)  # the grid's
+    assert float(plain[0]["energy"]) < 0.4 * float(plain[1]["energy"])
+    assert (tmp_path / "cost_courant.png").exists() and "Courant factor" in capsys.readouterr().out
+
+
+def test_cost_of_the_drift(tmp_path, capsys):
+    module = script("drift_cost")
+    wanted = [case for case in module.cases((1500,), (2,)) if case.gas == "given"]
+    wanted.append(module.Case("quintic", 0.1, "tsc", 2000, 2))
+    rows = module.make(tmp_path / "drift", Console(), wanted)
+    for row in rows:
+        if row["gas"] == "given":
+            assert row["drift"] == pytest.approx(1.0, abs=0.03), row
+        assert row["cpu"] > 0.0 and row["error"] > 0.0
+    assert rows[-1]["of_headwind"] == pytest.approx(1.0, abs=0.5)  # 2000 particles
+    again = module.make(tmp_path / "drift", Console(), wanted)
+    assert [row["cpu"] for row in again] == [row["cpu"] for row in rows]
+    assert (tmp_path / "cost_drift.png").exists() and "of_headwind" in capsys.readouterr().out
