@@ -37,6 +37,7 @@ from discsim.tables import ETA
 
 SCHEMES = ("tsc", "idic-linear")
 STOKES, CELLS, COUNTS = (0.1, 0.01), (1, 2, 4, 8), (1500, 6000, 24_000)
+WIDTH = 130  # letters that the table takes
 INNER, OUTER, TIMESTEP = 0.8, 1.25, 0.04
 KERNELS = {
     "cubic": {"kernel": "cubic"},
@@ -151,7 +152,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     *given, sph = figure.subplots(1, 3)
     for axes, stokes in zip(given, STOKES, strict=True):
         draw_given(axes, [row for row in rows if row["gas"] == "given" and row["stokes"] == stokes])
-        axes.set_title(f"pressure given, eps = 1, St = {stokes:g}; particles per drag cell", fontsize=9)
+        axes.set_title(f"pressure given, St = {stokes:g} (numbers: particles in a cell)", fontsize=9)
     given[0].set_ylabel("|drift / NSH - 1|")
     for number, name in enumerate(KERNELS):
         for scheme, marker in zip(SCHEMES, "os", strict=True):
@@ -160,13 +161,13 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             sph.errorbar(x, y, error, fmt=marker, color=f"C{number}", ms=5, capsize=2, label=f"{name}, {scheme}")
             sph.plot(x, [row["of_headwind"] for row in mine], marker, color=f"C{number}", mfc="none", ms=5)
     sph.axhline(1.0, color="0.6", lw=0.8)
-    sph.set_title("SPH's own pressure, St = .1 (open: over its headwind)", fontsize=9)
+    sph.set_title("the gas's own pressure, St = 0.1 (open: over its headwind)", fontsize=9)
     sph.set_ylabel("drift / NSH")
     for axes in (*given, sph):
         axes.set_xlabel("CPU time of the steps [s]")
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=7)
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=95)
 
 
 def draw_given(axes: Any, rows: list[dict[str, Any]]) -> None:
@@ -178,15 +179,16 @@ def draw_given(axes: Any, rows: list[dict[str, Any]]) -> None:
             label = f"{scheme}, {count} of each"
             axes.errorbar(x, off, error, fmt=marker + "-", color=f"C{number}", lw=0.8, ms=4, capsize=2, label=label)
             for row, at in zip(mine, off, strict=True):
-                text = f"{row['per_cell']:.2g}"
+                text = f"{row['per_cell']:.{int(row['per_cell'] < 10)}f}"
                 axes.annotate(text, (row["cpu"], at), (4, 3), textcoords="offset points", fontsize=6)
-    axes.set(xscale="log", yscale="log", ylim=(3e-4, None))
+    axes.set(xscale="log", yscale="log", ylim=(4e-4, 1.0))
 
 
 def make(out: Path, console: Console, wanted: Sequence[Case] | None = None) -> list[dict[str, Any]]:
     """Run what is missing, print the table, write drift_cost.csv and cost_drift.png."""
     rows = study(out, cases() if wanted is None else wanted)
     table = Table(*COLUMNS, box=SIMPLE)
+    console.width = max(console.width, WIDTH)
     for row in rows:
         table.add_row(*(f"{v:.3g}" if isinstance(v := row[key], float) else str(v) for key in COLUMNS))
     console.print(table)

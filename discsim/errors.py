@@ -250,7 +250,7 @@ def totals(sim: Simulation) -> dict[str, float]:
         "energy": energy,
         "moved": moved,
         "spun": spun,
-        "closed": float(all(p.immobile is None for p in species)),
+        "closed": float(sim.scene.space.dimensions == 2 or sim.scene.space.boundary == "periodic"),
         "held": float(sim.gas is None or sim.gas.u is not None or sim.scene.gas.eos.kind == "polytropic"),
         "size": abs(row["kinetic_gas"]) + abs(row["kinetic_dust"]) + abs(row["thermal"]) + abs(row["potential"]),
     }

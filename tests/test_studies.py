@@ -326,7 +326,7 @@ def rows_of(file):
 
 
 def test_waves_and_shocks_are_made_with_every_scheme(tmp_path, capsys):
-    module = cost_module(COEFFICIENTS=(0.5,), SHOCK=5.0, WAVES=(24, 48), FINER_WAVES=(24, 48), SHOCKS=(30, 60))
+    module = cost_module(WAVE_K=(0.5,), SHOCK_K=(5.0,), WAVES=(24, 48), FINER_WAVES=(24, 48), SHOCKS=(30, 60))
     assert module.main(["-o", str(tmp_path), "--studies", "wave,shock"]) == 0
     for problem in ("wave-0.5", "shock"):
         rows = [row for folder in tmp_path.glob(f"{problem}*") for row in rows_of(folder / "cost.csv")]
@@ -334,7 +334,7 @@ def test_waves_and_shocks_are_made_with_every_scheme(tmp_path, capsys):
         assert all(row["status"] == "done" for row in rows)
         coarse, fine = ([float(row["error"]) for row in rows if row["gas.particles"] == n] for n in (
             ("24", "48") if problem == "wave-0.5" else ("30", "60")))  # fmt: skip
-        assert sum(fine) < 0.8 * sum(coarse)
+        assert sum(fine) < 0.9 * sum(coarse)  # K = 5 has a shock of its own, wider than the limit's
         # The ends of a tube are held: its momentum is none to keep.
         assert all((row["momentum"] == "") == (problem == "shock") for row in rows)
     for name in ("cost_wave.png", "cost_shock.png"):
@@ -362,7 +362,7 @@ def test_the_sheet_grows_as_it_must_with_more_cells(tmp_path):
     module = cost_module(CELLS=(16, 64), SHEETS=(900,))
     assert module.main(["-o", str(tmp_path), "--studies", "sheet"]) == 0
     coarse, fine = (float(row["error"]) for row in rows_of(tmp_path / "sheet" / "cost.csv"))
-    assert fine < 0.3 * coarse < 0.05  # of e^5
+    assert fine < 0.2 * coarse and fine < 0.02  # of e^5
     assert (tmp_path / "cost_sheet.png").exists()
 
 
@@ -379,12 +379,12 @@ def test_what_discs_keep_against_the_courant_factor(tmp_path, capsys):
 
 def test_cost_of_the_drift(tmp_path, capsys):
     module = script("drift_cost")
-    wanted = [case for case in module.cases((1500,), (2,)) if case.gas == "given"]
+    wanted = [case for case in module.cases((1500,), (1,)) if case.gas == "given"]
     wanted.append(module.Case("quintic", 0.1, "tsc", 2000, 2))
     rows = module.make(tmp_path / "drift", Console(), wanted)
     for row in rows:
         if row["gas"] == "given":
-            assert row["drift"] == pytest.approx(1.0, abs=0.03), row
+            assert row["drift"] == pytest.approx(1.0, abs=0.05), row
         assert row["cpu"] > 0.0 and row["error"] > 0.0
     assert rows[-1]["of_headwind"] == pytest.approx(1.0, abs=0.5)  # 2000 particles
     again = module.make(tmp_path / "drift", Console(), wanted)
