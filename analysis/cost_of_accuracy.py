@@ -189,9 +189,9 @@ def draw_lines(problems: dict[str, list[Study]], path: Path) -> None:
     panels = figure.subplots(1, len(problems), sharey=True, squeeze=False)[0]
     for axes, (title, studies) in zip(panels, problems.items(), strict=True):
         lines = {label: points for study in studies for label, points in study.lines().items()}
-        for label, points in lines.items():
+        for points in lines.values():
             cpu, errors = [point.cpu for point in points], [point.error or 0.0 for point in points]
-            scheme = label.split()[-1]
+            scheme = points[0].settings["drag.scheme"]
             number = SCHEMES.index(scheme)
             axes.plot(cpu, errors, "osD^vP*X<>"[number] + "-", ms=4, lw=1.2, color=f"C{number}", label=scheme)
             for point, error in ((points[0], errors[0]), (points[-1], errors[-1])):
@@ -263,7 +263,7 @@ def draw_sheet(study: Study, path: Path) -> None:
         errors = [point.error for point in points]
         left.plot([int(point.settings["space.cells"]) for point in points], errors, "o-", ms=4, label=label)
         right.plot([point.cpu for point in points], errors, "o-", ms=4)
-    left.set(xscale="log", yscale="log", xlabel="cells a side", ylabel="error of the amplitude, e^5 of growth")
+    left.set(xscale="log", yscale="log", xlabel="cells a side", ylabel="error of the amplitude, grown by 74")
     left.set_xticks(CELLS, labels=map(str, CELLS), minor=False)
     left.set_xticks([], minor=True)
     right.set(xscale="log", xlabel="CPU time of the steps [s]")

@@ -161,7 +161,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             sph.errorbar(x, y, error, fmt=marker, color=f"C{number}", ms=5, capsize=2, label=f"{name}, {scheme}")
             sph.plot(x, [row["of_headwind"] for row in mine], marker, color=f"C{number}", mfc="none", ms=5)
     sph.axhline(1.0, color="0.6", lw=0.8)
-    sph.set_title("the gas's own pressure, St = 0.1 (open: over its headwind)", fontsize=9)
+    sph.set_title("pressure of SPH, St = 0.1 (open: over its headwind)", fontsize=9)
     sph.set_ylabel("drift / NSH")
     for axes in (*given, sph):
         axes.set_xlabel("CPU time of the steps [s]")
