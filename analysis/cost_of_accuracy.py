@@ -210,8 +210,8 @@ def show_prices(studies: dict[str, list[Study]], console: Console) -> None:
     """Updates for an error of GOAL by line, over those of tsc."""
     table = Table("problem", "scheme", f"updates to {GOAL:.0%}", "over tsc's", box=SIMPLE)
     for name, parts in studies.items():
-        lines = {scheme: points for study in parts for scheme, points in study.lines().items()}
-        best = price(lines["scheme = tsc"], GOAL, updates)
+        lines = {points[0].settings["drag.scheme"]: points for study in parts for points in study.lines().values()}
+        best = price(lines["tsc"], GOAL, updates)
         for scheme, points in lines.items():
             paid = price(points, GOAL, updates)
             if paid is None or best is None:

@@ -166,7 +166,8 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     for axes in (*given, sph):
         axes.set_xlabel("CPU time of the steps [s]")
         axes.grid(alpha=0.3)
-        axes.legend(frameon=False, fontsize=7)
+        if axes.has_data():
+            axes.legend(frameon=False, fontsize=7)
     figure.savefig(path, dpi=95)
 
 

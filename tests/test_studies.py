@@ -352,13 +352,12 @@ def test_waves_and_shocks_are_made_with_every_scheme(cost_module, tmp_path, caps
 
 
 def test_waves_across_a_square(cost_module, tmp_path):
-    module = cost_module(SQUARES=(8, 12), FINER_SQUARES=(8, 12))
+    module = cost_module(SQUARES=(12,), FINER_SQUARES=(12,))
     assert module.main(["-o", str(tmp_path), "--studies", "oblique"]) == 0
     finer = {
         row["drag.scheme"]: row
         for name in ("oblique", "oblique-explicit")
         for row in rows_of(tmp_path / name / "cost.csv")
-        if row["gas.particles"] == "144"
     }
     # Steps of t_stop against steps of sound, for four times the error.
     assert int(finer["mk"]["steps"]) > 50 * int(finer["tsc"]["steps"])
@@ -386,14 +385,14 @@ def test_what_discs_keep_against_the_courant_factor(cost_module, tmp_path, capsy
 
 def test_cost_of_the_drift(tmp_path, capsys):
     module = script("drift_cost")
-    wanted = [case for case in module.cases((1500,), (1,)) if case.gas == "given"]
-    wanted.append(module.Case("quintic", 0.1, "tsc", 1000, 2))
+    wanted = [case for case in module.cases((1500,), (1,)) if case.gas == "given" and case.stokes == 0.01]
+    wanted.append(module.Case("quintic", 0.1, "tsc", 2000, 2))
     rows = module.make(tmp_path / "drift", Console(), wanted)
     for row in rows:
         if row["gas"] == "given":
             assert row["drift"] == pytest.approx(1.0, abs=0.05), row
         assert row["cpu"] > 0.0 and row["error"] > 0.0
-    assert rows[-1]["of_headwind"] == pytest.approx(1.0, abs=0.5)  # 1000 particles
+    assert rows[-1]["of_headwind"] == pytest.approx(1.0, abs=0.25)  # 2000 particles
     again = module.make(tmp_path / "drift", Console(), wanted)
     assert [row["cpu"] for row in again] == [row["cpu"] for row in rows]
     assert (tmp_path / "cost_drift.png").exists() and "of_headwind" in capsys.readouterr().out
