@@ -7,7 +7,7 @@
              the fronts, so of order 1/2, against the limit of strong drag: at K = 500 what is below .03 is in part
              the limit's own
     oblique  a DustyWave across a square, K = 500: the explicit `mk` against the default
-    sheet    growth of a Jeans-unstable sheet over five e-foldings, against particles and cells
+    sheet    growth of a Jeans-unstable sheet over five growth times, against particles and cells
     courant  change of angular momentum and energy of a disc over three orbits, against the Courant factor: of gas
              alone, and with dust, drag and self-gravity
     drift    drift of dust past gas over that of Nakagawa et al., against particles per drag cell with the pressure
@@ -16,7 +16,7 @@
 A study in OUT that is there already is not made again; each leaves its figure in OUT. For waves and shock it prints
 what schemes pay in particle updates for an error of 1%, and how many times what `tsc` pays; of those out of reach it is
 fitted to the last two runs. The study of SPH noise against kernel and neighbours is `analysis/noise.py`: noise of the
-gas against CPU time. Drift at full size, over orbits and seeds, is `analysis/drift.py`. All take half an hour.
+gas against CPU time. Drift at full size, over orbits and seeds, is `analysis/drift.py`. All take twenty minutes.
 """
 
 from __future__ import annotations
