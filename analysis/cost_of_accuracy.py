@@ -9,7 +9,7 @@
     oblique  a DustyWave across a square, K = 500: the explicit `mk` against the default
     sheet    growth of a Jeans-unstable sheet over five growth times, against particles and cells
     courant  change of angular momentum and energy of a disc over three orbits, against the Courant factor: of gas
-             alone, and with dust, drag and self-gravity
+             alone, with dust and drag, and with self-gravity too
     drift    drift of dust past gas over that of Nakagawa et al., against particles per drag cell with the pressure
              given, and against the SPH kernel with the gas's own (drift_cost.py)
 
@@ -89,9 +89,8 @@ def on_grid(scene: dict[str, Any]) -> dict[str, Any]:
     return scene | {"gas": {key: value for key, value in scene["gas"].items() if key not in own}}
 
 
-def disc(complete: bool) -> dict[str, Any]:
-    """A disc of gas about a softened star, so that nothing leaves it; the complete one has all that a disc can have."""
-    members = "gas, dust, drag and self-gravity" if complete else "gas"
+def disc(members: str) -> dict[str, Any]:
+    """A disc of gas, and of what else `members` names, about a softened star, so that nothing leaves it."""
     scene = {
         "title": f"A disc of {members}, {ORBITS} orbits at its middle",
         "units": {"system": "code"},
@@ -106,12 +105,12 @@ def disc(complete: bool) -> dict[str, Any]:
         },
         "star": {"mass": 1.0, "softening": 0.3},
     }
-    more = {
-        "dust": {"particles": DISC, "ratio": 0.1},
-        "self_gravity": {"softening": 0.1},
-        "drag": {"law": "stokes-number", "stokes": 0.1},
-    }
-    return scene | (more if complete else {})
+    if "dust" in members:
+        drag = {"law": "stokes-number", "stokes": 0.1}
+        scene |= {"dust": {"particles": DISC, "ratio": 0.1}, "drag": drag}
+    if "gravity" in members:
+        scene["self_gravity"] = {"softening": 0.1}
+    return scene
 
 
 def made(scene: dict[str, Any] | Path, vary: list[str], folder: Path) -> Study:
@@ -177,8 +176,8 @@ def sheet_study(out: Path) -> Study:
 def courant_studies(out: Path) -> dict[str, Study]:
     vary = [f"run.courant={','.join(map(str, COURANTS))}"]
     return {
-        "gas": made(disc(False), vary, out / "courant-gas"),
-        "gas, dust, drag, self-gravity": made(disc(True), vary, out / "courant-gas-dust-drag-self-gravity"),
+        members: made(disc(members), vary, out / f"courant-{members.replace(', ', '-').replace(' and ', '-')}")
+        for members in ("gas", "gas, dust and drag", "gas, dust, drag and self-gravity")
     }
 
 
