@@ -1,26 +1,37 @@
 """What accuracy costs in time: the studies behind the figures, each made as `discsim cost` makes one.
 
-    python analysis/cost_of_accuracy.py [-o OUT] [--studies wave,shock,oblique,sheet,courant]
+    python analysis/cost_of_accuracy.py [-o OUT] [--studies wave,shock,oblique,sheet,courant,drift]
 
-    wave     DustyWaves, eps = 1, K = .5, 500 and 5000: every scheme against the number of particles
-    shock    DustyShock, K = 500, the same; the error is that of the front's width
+    wave     DustyWaves, eps = 1, K = .5, 500 and 5000: every scheme against the number of particles, or of cells
+    shock    DustyShock, K = 500, the same, and K = 5e5 but for the explicit ones. The error is that of the width of
+             the fronts, so of order 1/2, against the limit of strong drag: at K = 500 what is below .03 is in part
+             the limit's own
     oblique  a DustyWave across a square, K = 500: the explicit `mk` against the default
-    sheet    growth of a Jeans-unstable sheet against particles and cells
-    courant  angular momentum and energy of a small disc of gas over three orbits, against the Courant factor
+    sheet    growth of a Jeans-unstable sheet over five growth times, against particles and cells
+    courant  change of angular momentum and energy of a disc over three orbits, against the Courant factor: of gas
+             alone, with dust and drag, and with self-gravity too
+    drift    drift of dust past gas over that of Nakagawa et al., against particles per drag cell with the pressure
+             given, and against the SPH kernel with the gas's own (drift_cost.py)
 
-A study in OUT that is there already is not made again. For waves and shock it prints what schemes pay in particle
-updates for an error of 1%, and how many times what `tsc` pays; of `mk` out of reach it is fitted to its last two runs.
-What quieter gas costs is `analysis/noise.py`, what drift costs `analysis/drift.py`.
+A study in OUT that is there already is not made again; each leaves its figure in OUT. For waves and shock it prints
+what schemes pay in particle updates for an error of 1%, and how many times what `tsc` pays; of those out of reach it is
+fitted to the last two runs. The study of SPH noise against kernel and neighbours is `analysis/noise.py`: noise of the
+gas against CPU time. Drift at full size, over orbits and seeds, is `analysis/drift.py`. All take twenty minutes.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Sequence
+from math import pi
 from pathlib import Path
 from typing import Any
 
+import drift_cost
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
@@ -28,11 +39,23 @@ from rich.table import Table
 from discsim import load_scene
 from discsim.cost import Study, Varied, price
 
+STUDIES = ("wave", "shock", "oblique", "sheet", "courant", "drift")
 GOAL = 0.01
 IMPLICIT = "lab14,reconstructed,isph,idic,idic-linear,tsc"
+EXPLICIT = "mk,esph"
+ON_GRID = "emsi-ppm,sios-ppm"
+SCHEMES = f"{IMPLICIT},{EXPLICIT},{ON_GRID}".split(",")
+WAVE_K, SHOCK_K, STIFF = (0.5, 500.0, 5000.0), (500.0, 5e5), 5000.0  # explicit schemes up to STIFF
+WAVES, FINER_WAVES, SHOCKS = (24, 48, 96, 192, 384, 768), (192, 384, 768, 1536), (100, 200, 400, 800)  # particles
+SQUARES, FINER_SQUARES = (8, 16, 32, 64), (16, 32, 64)  # a side
+CELLS, SHEETS = (16, 32, 64, 128, 256), (400, 900, 1024, 3600)
+COURANTS, DISC, ORBITS = (0.1, 0.2, 0.4, 0.8), 6000, 3
+ROUNDING = 1e-16  # what is exact is drawn there
+ROOT = Path(__file__).parents[1]
 
 
 def wave(coefficient: float, dimensions: int = 1) -> dict[str, Any]:
+    """A wave so weak that its own steepening is below any error here; at 1e-4 that is 1e-4."""
     oblique = {"direction": [1, 1]} if dimensions == 2 else {}
     kernel = "quintic" if oblique else "cubic"
     return {
@@ -40,7 +63,7 @@ def wave(coefficient: float, dimensions: int = 1) -> dict[str, Any]:
         "units": {"system": "code"},
         "run": {"until": 0.5 if dimensions == 1 else 0.1},
         "space": {"dimensions": dimensions, "size": 1.0, "boundary": "periodic"},
-        "initial": {"kind": "wave", **oblique},
+        "initial": {"kind": "wave", "amplitude": 1e-6, **oblique},
         "gas": {"particles": 100, "kernel": kernel, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
         "dust": {"particles": 100, "ratio": 1.0},
         "drag": {"law": "constant", "K": coefficient},
@@ -60,16 +83,34 @@ def shock(coefficient: float) -> dict[str, Any]:
     }
 
 
-def disc() -> dict[str, Any]:
-    return {
-        "title": "A disc of gas over three orbits at its middle",
+def on_grid(scene: dict[str, Any]) -> dict[str, Any]:
+    """The scene for schemes on a fixed grid: without what is SPH's."""
+    own = ("kernel", "viscosity")
+    return scene | {"gas": {key: value for key, value in scene["gas"].items() if key not in own}}
+
+
+def disc(members: str) -> dict[str, Any]:
+    """A disc of gas, and of what else `members` names, about a softened star, so that nothing leaves it."""
+    scene = {
+        "title": f"A disc of {members}, {ORBITS} orbits at its middle",
         "units": {"system": "code"},
-        "run": {"until": 110.0},
-        "space": {"size": 10.0},
+        "run": {"until": 2.0 * pi * 2.0**1.5 * ORBITS},
+        "space": {"size": 10.0, "cells": 128},
         "initial": {"kind": "disc", "mass": 0.01, "inner": 1.0, "outer": 3.0, "inner_taper": 0.3, "outer_taper": 0.3},
-        "gas": {"particles": 4000, "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1}, "viscosity": {}},
-        "star": {"mass": 1.0, "softening": 0.3},  # nothing leaves the disc: its energy is to stay,
+        "gas": {
+            "particles": DISC,
+            "kernel": "wendland-c4",
+            "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.05},
+            "viscosity": {"alpha": 0.1, "beta": 0.5, "pairs": "all"},  # heat swells the disc, and there is no cooling
+        },
+        "star": {"mass": 1.0, "softening": 0.3},
     }
+    if "dust" in members:
+        drag = {"law": "stokes-number", "stokes": 0.1}
+        scene |= {"dust": {"particles": DISC, "ratio": 0.1}, "drag": drag}
+    if "gravity" in members:
+        scene["self_gravity"] = {"softening": 0.1}
+    return scene
 
 
 def made(scene: dict[str, Any] | Path, vary: list[str], folder: Path) -> Study:
@@ -92,18 +133,84 @@ def particles(*counts: int) -> str:
     return "gas.particles,dust.particles,gas.smoothing_length=" + ",".join(f"{n}:{n}:{6.0 / n:.6g}" for n in counts)
 
 
+def cells(*counts: int) -> str:
+    """Numbers of cells of both fluids on a fixed grid."""
+    return "gas.particles,dust.particles=" + ",".join(map(str, counts))
+
+
 def squares(*sides: int) -> str:
     """The same of n x n particles, and h of 1.4 spacings."""
     values = ",".join(f"{n * n}:{n * n}:{1.4 / n:.6g}" for n in sides)
     return f"gas.particles,dust.particles,gas.smoothing_length={values}"
 
 
+def wave_studies(k: float, out: Path) -> list[Study]:
+    finer = FINER_WAVES if k < STIFF else FINER_WAVES[:2]
+    return [
+        made(wave(k), [f"drag.scheme={IMPLICIT}", particles(*WAVES)], out / f"wave-{k:g}"),
+        made(wave(k), [f"drag.scheme={EXPLICIT}", particles(*finer)], out / f"wave-{k:g}-explicit"),
+        made(on_grid(wave(k)), [f"drag.scheme={ON_GRID}", cells(*WAVES)], out / f"wave-{k:g}-grid"),
+    ]
+
+
+def shock_studies(k: float, out: Path) -> list[Study]:
+    schemes = IMPLICIT if k > STIFF else f"{IMPLICIT},{EXPLICIT}"
+    return [
+        made(shock(k), [f"drag.scheme={schemes}", particles(*SHOCKS)], out / f"shock-{k:g}"),
+        made(on_grid(shock(k)), [f"drag.scheme={ON_GRID}", cells(*SHOCKS)], out / f"shock-{k:g}-grid"),
+    ]
+
+
+def oblique_studies(k: float, out: Path) -> list[Study]:
+    return [
+        made(wave(k, 2), ["drag.scheme=tsc,idic-linear", squares(*SQUARES)], out / "oblique"),
+        made(wave(k, 2), ["drag.scheme=mk", squares(*FINER_SQUARES)], out / "oblique-explicit"),
+    ]
+
+
+def sheet_study(out: Path) -> Study:
+    vary = [f"space.cells={','.join(map(str, CELLS))}", f"gas.particles={','.join(map(str, SHEETS))}"]
+    return made(ROOT / "setups" / "sheet.toml", vary, out / "sheet")
+
+
+def courant_studies(out: Path) -> dict[str, Study]:
+    vary = [f"run.courant={','.join(map(str, COURANTS))}"]
+    return {
+        members: made(disc(members), vary, out / f"courant-{members.replace(', ', '-').replace(' and ', '-')}")
+        for members in ("gas", "gas, dust and drag", "gas, dust, drag and self-gravity")
+    }
+
+
+def draw_lines(problems: dict[str, list[Study]], path: Path) -> None:
+    """Error against CPU seconds, a panel a problem and a line a scheme, of the numbers of particles at its ends."""
+    figure = Figure(figsize=(3.6 * len(problems) + 1.6, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(problems), sharey=True, squeeze=False)[0]
+    for axes, (title, studies) in zip(panels, problems.items(), strict=True):
+        lines = {label: points for study in studies for label, points in study.lines().items()}
+        for points in lines.values():
+            cpu, errors = [point.cpu for point in points], [point.error or 0.0 for point in points]
+            scheme = points[0].settings["drag.scheme"]
+            number = SCHEMES.index(scheme)
+            axes.plot(cpu, errors, "osD^vP*X<>"[number] + "-", ms=4, lw=1.2, color=f"C{number}", label=scheme)
+            for point, error in ((points[0], errors[0]), (points[-1], errors[-1])):
+                count = point.settings["gas.particles"]
+                axes.annotate(count, (point.cpu, error), (3, 3), textcoords="offset points", fontsize=6)
+        axes.set(xscale="log", yscale="log", xlabel="CPU time of the steps [s]")
+        axes.set_title(title, fontsize=10)
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("error of the velocities")
+    of_all = {name: line for axes in panels for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    panels[-1].legend(of_all.values(), of_all, frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure.savefig(path, dpi=95)
+
+
 def show_prices(studies: dict[str, list[Study]], console: Console) -> None:
     """Updates for an error of GOAL by line, over those of tsc."""
     table = Table("problem", "scheme", f"updates to {GOAL:.0%}", "over tsc's", box=SIMPLE)
     for name, parts in studies.items():
-        lines = {scheme: points for study in parts for scheme, points in study.lines().items()}
-        best = price(lines["scheme = tsc"], GOAL, updates)
+        lines = {points[0].settings["drag.scheme"]: points for study in parts for points in study.lines().values()}
+        best = price(lines["tsc"], GOAL, updates)
         for scheme, points in lines.items():
             paid = price(points, GOAL, updates)
             if paid is None or best is None:
@@ -118,54 +225,88 @@ def updates(point: Any) -> float:
     return float(point.runs[0]["updates"])
 
 
-def draw_drifts(study: Study, path: Path) -> None:
-    figure = Figure(figsize=(6, 4.5), layout="constrained")
+def draw_conservation(studies: dict[str, Study], path: Path) -> None:
+    """Changes over three orbits against CPU seconds, the Courant factor at each point."""
+    figure = Figure(figsize=(8.4, 3.8), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for name in ("angular_momentum", "energy"):
-        drift = [point.runs[0]["drifts"][name] for point in study.points]
-        axes.plot([point.cpu for point in study.points], drift, "o-", label=name.replace("_", " "))
-    for point in study.points:
-        at = (point.cpu, point.runs[0]["drifts"]["energy"])
-        axes.annotate(point.settings["run.courant"], at, (4, 4), textcoords="offset points", fontsize=8)
-    axes.set(xscale="log", yscale="log", xlabel="CPU time of the steps [s]", ylabel="change over three orbits")
-    axes.set_title("by the Courant factor", fontsize=9)
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
-    figure.savefig(path, dpi=150)
+    for axes, name in zip(figure.subplots(1, 2), ("energy", "angular_momentum"), strict=True):
+        for title, study in studies.items():
+            changes = [max(point.runs[0]["drifts"][name], ROUNDING) for point in study.points]
+            axes.plot([point.cpu for point in study.points], changes, "o-", label=title)
+            for point, change in zip(study.points, changes, strict=True):
+                at = (point.cpu, change)
+                axes.annotate(point.settings["run.courant"], at, (4, 4), textcoords="offset points", fontsize=7)
+        axes.set(yscale="log", xlabel="CPU time of the steps [s]")
+        axes.set_ylabel(f"change of {name.replace('_', ' ')} over {ORBITS} orbits")
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=110)
 
 
-def main() -> None:
+def show_conservation(studies: dict[str, Study], console: Console) -> None:
+    table = Table("disc of", "Courant factor", "CPU s", "steps", "energy", "angular momentum", box=SIMPLE)
+    for title, study in studies.items():
+        for point in study.points:
+            run = point.runs[0]
+            changes = (f"{run['drifts'][name]:.1e}" for name in ("energy", "angular_momentum"))
+            table.add_row(title, point.settings["run.courant"], f"{point.cpu:.3g}", str(run["steps"]), *changes)
+    console.print(table)
+
+
+def draw_sheet(study: Study, path: Path) -> None:
+    """The error against what the cells are and what they cost, a line a number of particles."""
+    figure = Figure(figsize=(8.4, 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, sharey=True)
+    for label, points in study.lines().items():
+        errors = [point.error for point in points]
+        left.plot([int(point.settings["space.cells"]) for point in points], errors, "o-", ms=4, label=label)
+        right.plot([point.cpu for point in points], errors, "o-", ms=4)
+    left.set(xscale="log", yscale="log", xlabel="cells a side", ylabel="error of the amplitude, grown by 74")
+    left.set_xticks(CELLS, labels=map(str, CELLS), minor=False)
+    left.set_xticks([], minor=True)
+    right.set(xscale="log", xlabel="CPU time of the steps [s]")
+    right.xaxis.set_minor_formatter(NullFormatter())
+    left.legend(frameon=False, fontsize=8)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=110)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("cost"))
-    parser.add_argument("--studies", default="wave,shock,oblique,sheet,courant")
-    options = parser.parse_args()
+    parser.add_argument("--studies", default=",".join(STUDIES))
+    options = parser.parse_args(arguments)
     out, wanted = options.output, options.studies.split(",")
-    console, prices = Console(), {}
+    if unknown := [name for name in wanted if name not in STUDIES]:
+        parser.error(f"no study {unknown[0]!r}; there are {', '.join(STUDIES)}")
+    console = Console()
+    prices: dict[str, list[Study]] = {}
     if "wave" in wanted:
-        for k in (0.5, 500.0, 5000.0):
-            all_of = [f"drag.scheme={IMPLICIT}", particles(24, 48, 96, 192, 384, 768)]
-            finer = ["drag.scheme=mk,esph", particles(192, 384, 768, 1536) if k < 5000 else particles(192, 384)]
-            prices[f"wave, K = {k:g}"] = [
-                made(wave(k), all_of, out / f"wave-{k:g}"), made(wave(k), finer, out / f"wave-{k:g}-explicit"),
-            ]  # fmt: skip
+        waves = {f"wave, K = {k:g}": wave_studies(k, out) for k in WAVE_K}
+        prices |= waves
+        draw_lines(waves, out / "cost_wave.png")
     if "shock" in wanted:
-        vary = [f"drag.scheme=mk,{IMPLICIT}", particles(100, 200, 400, 800)]
-        made(shock(500.0), vary, out / "shock")
+        shocks = {f"shock, K = {k:g}": shock_studies(k, out) for k in SHOCK_K}
+        prices |= shocks
+        draw_lines(shocks, out / "cost_shock.png")
     if "oblique" in wanted:
-        prices["oblique, K = 500"] = [
-            made(wave(500.0, 2), ["drag.scheme=tsc,idic-linear", squares(8, 16, 32, 64)], out / "oblique"),
-            made(wave(500.0, 2), ["drag.scheme=mk", squares(16, 32, 64)], out / "oblique-explicit"),
-        ]
+        oblique = {"oblique, K = 500": oblique_studies(500.0, out)}
+        prices |= oblique
+        draw_lines(oblique, out / "cost_oblique.png")
     if "sheet" in wanted:
-        vary = ["space.cells=16,32,64,128", "gas.particles=256,1024,4096"]
-        made(Path(__file__).parents[1] / "setups" / "sheet.toml", vary, out / "sheet")
+        draw_sheet(sheet_study(out), out / "cost_sheet.png")
     if "courant" in wanted:
-        study = made(disc(), ["run.courant=0.1,0.2,0.4,0.6,0.8"], out / "courant")
-        draw_drifts(study, out / "courant" / "drifts.png")
+        kept = courant_studies(out)
+        show_conservation(kept, console)
+        draw_conservation(kept, out / "cost_courant.png")
+    if "drift" in wanted:
+        drift_cost.make(out / "drift", console)
     if prices:
         show_prices(prices, console)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

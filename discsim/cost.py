@@ -29,6 +29,7 @@ from discsim.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 
 GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest setting is told
+FARTHEST = 1e8
 RUNS = "runs.jsonl"
 WIDTH = 110  # letters that the tables take, also where there is no terminal
 Settings = dict[str, str]  # key of the scene: its value, as text
@@ -364,7 +365,8 @@ def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
 def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) -> tuple[float, bool] | None:
     """What a line pays for an error of `goal`, and whether it was fitted beyond its points; None where it never pays.
 
-    Between points, and beyond them by the last two, along straight lines of the logarithms.
+    Between points, and beyond them by the last two, along straight lines of the logarithms; never is also what would
+    take FARTHEST times the dearest run.
     """
     known = sorted((point.error or np.inf, of(point)) for point in points)
     known = [(error, paid) for k, (error, paid) in enumerate(known) if all(paid < other for _, other in known[:k])]
@@ -375,8 +377,8 @@ def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) ->
         return known[-1][1], False  # the cheapest run is good enough
     if goal >= known[0][0]:
         return float(np.exp(np.interp(np.log(goal), errors, paid))), False
-    slope = (paid[1] - paid[0]) / (errors[1] - errors[0])
-    return float(np.exp(paid[0] + slope * (np.log(goal) - errors[0]))), True
+    more = (np.log(goal) - errors[0]) * (paid[1] - paid[0]) / (errors[1] - errors[0])
+    return (float(np.exp(paid[0] + more)), True) if more < np.log(FARTHEST) else None
 
 
 def show(study: Study, console: Console) -> None:
@@ -398,7 +400,7 @@ def show(study: Study, console: Console) -> None:
         runs.add_row(
             "*" if id(point) in front else "", *values,
             f"{point.error:.2g}" if point.error is not None else "reference", f"{point.cpu:.3g}", str(first["steps"]),
-            f"{first['updates']:.2g}", f"{momentum:.0e}", "" if energy is None else f"{energy:.0e}",
+            f"{first['updates']:.2g}", *("" if drift is None else f"{drift:.0e}" for drift in (momentum, energy)),
         )  # fmt: skip
     console.print(runs)
     console.print("* no other is both cheaper and no worse")

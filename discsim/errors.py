@@ -250,6 +250,7 @@ def totals(sim: Simulation) -> dict[str, float]:
         "energy": energy,
         "moved": moved,
         "spun": spun,
+        "closed": float(sim.scene.space.dimensions == 2 or sim.scene.space.boundary == "periodic"),
         "held": float(sim.gas is None or sim.gas.u is not None or sim.scene.gas.eos.kind == "polytropic"),
         "size": abs(row["kinetic_gas"]) + abs(row["kinetic_dust"]) + abs(row["thermal"]) + abs(row["potential"]),
     }
@@ -258,7 +259,7 @@ def totals(sim: Simulation) -> dict[str, float]:
 def drifts(before: dict[str, float], after: dict[str, float]) -> dict[str, float | None]:
     """Changes of mass, momentum, angular momentum and energy, over the sums of the sizes of their terms.
 
-    None for the energy of gas that is held at a temperature.
+    None for the energy of gas that is held at a temperature, and for the momentum of a tube whose ends are held.
     """
 
     def over(change: float, scale: str) -> float:
@@ -267,7 +268,7 @@ def drifts(before: dict[str, float], after: dict[str, float]) -> dict[str, float
     momentum = np.hypot(after["momentum_x"] - before["momentum_x"], after["momentum_y"] - before["momentum_y"])
     return {
         "mass": over(after["mass"] - before["mass"], "mass"),
-        "momentum": over(float(momentum), "moved"),
+        "momentum": over(float(momentum), "moved") if before["closed"] else None,
         "angular_momentum": over(after["spin"] - before["spin"], "spun"),
         "energy": over(after["energy"] - before["energy"], "size") if before["held"] else None,
     }

@@ -134,6 +134,7 @@ def test_price_is_read_off_a_power_law():
     assert price(points, 0.001, cpu) == (pytest.approx(0.001**-0.5), True)
     assert price(points, 2.0, cpu) == (1.0, False)
     assert price(points[:1], 0.1, cpu) is None
+    assert price(line([0.100, 0.099], [1.0, 4.0]), 0.01, cpu) is None  # cpu ~ error^-138
     # A dearer run that is worse is no part of the line.
     assert price([*points, *line([0.5], [8.0])], 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
 
