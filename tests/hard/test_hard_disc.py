@@ -224,6 +224,27 @@ def test_a_disc_that_is_swallowed_whole():
     assert sim.state.ledger.accreted_gas + sim.state.ledger.accreted_dust == pytest.approx(3e-3, rel=1e-14)
 
 
+def test_dust_that_outlives_its_gas():
+    """All the gas falls into the star: from then on the grain keeps its circle, and is said to have no gas."""
+    given = {
+        "gas": {"pos": np.array([[0.3, 0.0], [0.31, 0.0]]), "vel": np.zeros((2, 2)), "mass": np.full(2, 1e-3)},
+        "dust": {"pos": np.array([[0.0, 1.0]]), "vel": np.array([[-1.0, 0.0]]), "mass": np.full(1, 1e-3)},
+    }
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 6.0, "timestep": 0.02}, "space": {"size": 4.0, "cells": 16},
+        "gas": {"particles": 2, "eos": {"kind": "isothermal", "sound_speed": 0.05}, "smoothing_length": 0.1},
+        "dust": {"particles": 1, "ratio": 0.5}, "star": {"mass": 1.0, "accretion_radius": 0.1},
+        "drag": {"law": "stopping-time", "t_stop": 0.01},
+    }  # fmt: skip
+    sim = Simulation(tables, particles=given)
+    sim.run(0.5)
+    assert sim.gas.count == 0
+    sim.run()
+    assert sim.effects["drag"].uncoupled == 1.0 and np.isinf(sim.effects["drag"].stopping_times).all()
+    # Leapfrog: (Omega dt)^2 / 8 of eccentricity.
+    assert polar(sim.dust)[0] == pytest.approx(1.0, abs=1e-4)
+
+
 def edge(scheme):
     """Gas within 2, its dust within 3, and beyond the edge five particles of a millionth of the gas's mass."""
     rng = np.random.default_rng(6)
@@ -267,6 +288,34 @@ def test_near_vacuum_outside_a_sharp_edge(scheme):
     changed = np.abs(energy * 2.0 * r + 1.0)[r > 2.6]
     assert changed.max() < (0.01 if scheme == "tsc" else 0.05)
     assert sim.gas.h.max() <= 1.0 + 1e-12  # an eighth of the side
+
+
+# Heat of drag
+
+
+@pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "idic"])
+def test_a_kick_of_a_warm_disc_loses_no_energy(scheme):
+    """What drag takes from motion is the gas's heat, to rounding: motion and heat gain the work of gravity alone.
+
+    Angular momentum that goes from one orbit to another is energy as well, though their speeds relative to Kepler's
+    are the same.
+    """
+    tables = disc(0.1, {"law": "stokes-number", "stokes": 0.1, "scheme": scheme}, self_gravity={"softening": 0.2})
+    tables["gas"]["eos"] = {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1}
+    sim = Simulation(tables)
+    for _ in range(3):
+        sim.step()
+    before = [(p.vel.copy(), p.acc.copy()) for p in (sim.gas, sim.dust)]
+    heat, pressure = -sim.gas.mass @ sim.gas.u, sim.gas.pressure_acc.copy()
+    sim._kick(0.1)
+    heat += sim.gas.mass @ sim.gas.u
+    gained, worked, size = heat, 0.0, 0.0
+    before[0] = before[0][0], before[0][1] - pressure  # pressure and viscosity work at the expense of the heat
+    for p, (vel, acc) in zip((sim.gas, sim.dust), before, strict=True):
+        gained += 0.5 * (p.mass[:, None] * (p.vel**2 - vel**2)).sum()
+        worked += 0.1 * (p.mass[:, None] * acc * 0.5 * (p.vel + vel)).sum()
+        size += 0.5 * (p.mass[:, None] * p.vel**2).sum()
+    assert abs(gained - worked) < 1e-13 * size
 
 
 # Many steps
