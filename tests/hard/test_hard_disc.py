@@ -225,16 +225,19 @@ def test_a_disc_that_is_swallowed_whole():
 
 
 def test_dust_that_outlives_its_gas():
-    """All the gas falls into the star: from then on the grain keeps its circle, and is said to have no gas."""
+    """All the gas falls into the star: from then on the grain keeps its circle, and is said to have no gas.
+
+    Until then it feels next to none of it: 1e4 times its own period is what it would take to stop.
+    """
     given = {
         "gas": {"pos": np.array([[0.3, 0.0], [0.31, 0.0]]), "vel": np.zeros((2, 2)), "mass": np.full(2, 1e-3)},
-        "dust": {"pos": np.array([[0.0, 1.0]]), "vel": np.array([[-1.0, 0.0]]), "mass": np.full(1, 1e-3)},
+        "dust": {"pos": np.array([[0.0, 0.5]]), "vel": np.array([[-(2.0**0.5), 0.0]]), "mass": np.full(1, 1e-3)},
     }
     tables = {
-        "units": {"system": "code"}, "run": {"until": 6.0, "timestep": 0.02}, "space": {"size": 4.0, "cells": 16},
+        "units": {"system": "code"}, "run": {"until": 6.0, "timestep": 0.01}, "space": {"size": 4.0, "cells": 16},
         "gas": {"particles": 2, "eos": {"kind": "isothermal", "sound_speed": 0.05}, "smoothing_length": 0.1},
         "dust": {"particles": 1, "ratio": 0.5}, "star": {"mass": 1.0, "accretion_radius": 0.1},
-        "drag": {"law": "stopping-time", "t_stop": 0.01},
+        "drag": {"law": "stopping-time", "t_stop": 1e4},
     }  # fmt: skip
     sim = Simulation(tables, particles=given)
     sim.run(0.5)
@@ -242,7 +245,7 @@ def test_dust_that_outlives_its_gas():
     sim.run()
     assert sim.effects["drag"].uncoupled == 1.0 and np.isinf(sim.effects["drag"].stopping_times).all()
     # Leapfrog: (Omega dt)^2 / 8 of eccentricity.
-    assert polar(sim.dust)[0] == pytest.approx(1.0, abs=1e-4)
+    assert polar(sim.dust)[0] == pytest.approx(0.5, abs=1e-3)
 
 
 def edge(scheme):
@@ -323,24 +326,24 @@ def test_a_kick_of_a_warm_disc_loses_no_energy(scheme):
 
 @pytest.mark.parametrize("steps", [200, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_a_steady_two_way_disc_keeps_its_totals(steps):
-    """About a softened star that takes nothing: M to rounding, L but for nodes with next to no gas.
+    """In a soft well that takes nothing, where it turns nearly as one and rubs little: M, L and E after a thousand turns.
 
-    That is 1e-7 a step of so few particles. The orbits' energy only falls, by what viscosity and drag dissipate: at
-    4.5 nu / r^2 of itself, .01 for a nu of h^2 Omega / 4 at an h of .24.
+    M to rounding. L but for nodes with next to no gas: only dust at the outer edge has such, until it has drifted in.
+    E because what drag and viscosity take is heat of the gas, which is adiabatic: what is left is leapfrog's, of second
+    order in steps of .3 of a sound crossing, and does not add up in a disc that is at rest. Seen after 200, 3e4 and 1e5
+    steps: L 2e-8, 4e-8 and 4e-8, E 2e-6, 2e-5 and SEEN.
     """
-    tables = disc(0.05, {"law": "stokes-number", "stokes": 0.1}, run={"until": 1e9})
-    tables["gas"]["particles"] = tables["dust"]["particles"] = 500
-    tables["star"] = {"mass": 1.0, "softening": 0.5}
+    eos = {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.02}
+    few, law = {"particles": 200}, {"law": "stokes-number", "stokes": 0.1}
+    tables = disc(0.02, law, gas=few | {"eos": eos}, dust=few, run={"until": 1e9}, star={"mass": 1.0, "softening": 6.0})
+    tables["space"]["cells"] = 32
     sim = Simulation(tables)
     before = totals(sim)
     for _ in range(steps):
         sim.step()
-    after = totals(sim)
-    lost = drifts(before, after)
+    lost = drifts(before, totals(sim))
     assert finite(sim)
-    assert lost["mass"] < 1e-12 and lost["angular_momentum"] < 1e-7 * steps
-    assert -0.01 * sim.time < (after["energy"] - before["energy"]) / abs(before["energy"]) < 1e-4
-    assert after["energy"] > -before["mass"] / 0.5  # all at rest in the star
+    assert lost["mass"] < 1e-13 and lost["angular_momentum"] < 1e-7 and lost["energy"] < 1e-4
 
 
 # Rotated discs
