@@ -207,7 +207,7 @@ def test_a_clump_falls_into_the_star(scheme):
 
 
 def test_a_disc_that_is_swallowed_whole():
-    """The last particle of gas and of dust goes: the run goes on with none, past steps at which particles are sorted."""
+    """The last particle of gas and of dust goes: the run goes on with none, past steps that sort what there is."""
     given = {
         "gas": {"pos": np.array([[0.3, 0.0], [0.31, 0.0]]), "vel": np.zeros((2, 2)), "mass": np.full(2, 1e-3)},
         "dust": {"pos": np.array([[0.305, 0.0]]), "vel": np.zeros((1, 2)), "mass": np.full(1, 1e-3)},
@@ -326,7 +326,7 @@ def test_a_kick_of_a_warm_disc_loses_no_energy(scheme):
 
 @pytest.mark.parametrize("steps", [200, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_a_steady_two_way_disc_keeps_its_totals(steps):
-    """In a soft well that takes nothing, where it turns nearly as one and rubs little: M, L and E after a thousand turns.
+    """In a soft well that takes nothing, where it turns nearly as one and rubs little: M, L and E after 500 turns.
 
     M to rounding. L but for nodes with next to no gas: only dust at the outer edge has such, until it has drifted in.
     E because what drag and viscosity take is heat of the gas, which is adiabatic: what is left is leapfrog's, of second
