@@ -190,3 +190,18 @@ def test_steps_land_on_the_end():
     assert sim.time == 0.0777
     sim.run(until=0.1)
     assert sim.time == 0.1
+
+
+def test_own_particles_may_lie_in_memory_as_they_like():
+    pos = np.array([[1.0, 2.0, 1.5], [0.0, 0.5, 0.2]]).T
+    scene = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 8.0}, "star": {"mass": 1.0},
+        "dust": {"particles": 3, "ratio": 1.0},
+    }  # fmt: skip
+    ends = []
+    for order in "CF":
+        dust = {name: np.array(pos, order=order) for name in ("pos", "vel")} | {"mass": np.ones(6)[::2]}
+        sim = Simulation(scene, particles={"dust": dust})
+        sim.step()
+        ends.append(sim.dust.pos)
+    np.testing.assert_array_equal(*ends)

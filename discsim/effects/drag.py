@@ -73,6 +73,8 @@ class Effect(base.Effect):
         else:
             share(add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt)
             share(add_scaled, dust.count, dust.vel, dust.acc, dt)
+            self.uncoupled = 1.0 if dust.count > 0 else 0.0
+            self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
             kick_gas(gas, dt)
             return

@@ -59,7 +59,7 @@ def _common(scene: Scene, name: str, given: dict[str, Any], first_id: int) -> di
         raise ValueError(f"{name} mass has shape {mass.shape}; expected (n,) with n >= 1")
     arrays = {"mass": mass}
     for key in ("pos", "vel"):
-        arrays[key] = np.array(given[key], float)
+        arrays[key] = np.array(given[key], float, order="C")  # as kernels take them
         if arrays[key].shape != (len(mass), dim):
             raise ValueError(f"{name} {key} has shape {arrays[key].shape}; expected ({len(mass)}, {dim})")
     if not all(np.isfinite(array).all() for array in arrays.values()) or mass.min() <= 0.0:

@@ -307,6 +307,20 @@ def loss(p, first, last, o, s, sources, dt):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def loss_of_frame(order, first, last, at, vel, acc, p, sources, dt):
+    """The same of what packed velocities leave out, Kepler's and half a kick of what gas and dust share: from one orbit
+    to another the same momentum is not the same energy.
+    """
+    lost = 0.0
+    for k in range(first, last):
+        i, j = order[k], k - first + at
+        for c in range(vel.shape[1]):
+            shared = acc[i, c] - p[BX + c, j] if sources else acc[i, c]
+            lost -= p[MASS, j] * p[X + c, j] * (vel[i, c] - p[VX + c, j] + 0.5 * dt * shared)
+    return lost
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def kick(order, first, last, at, p, dt, vel, acc):
     """Free kick, and the changes."""
     if vel.shape[1] == 1:
@@ -416,6 +430,9 @@ def relax_blocks(
             make_changes(p, bound[s], bound[s + 1], o, s, sources, f, g)
             if heated:
                 lost += loss(p, bound[s], bound[s + 1], o, s, sources, dt)
+        if heated:
+            lost += loss_of_frame(gorder, g0, g1, 0, gvel, gacc, p, len(gown) > 0, dt)
+            lost += loss_of_frame(dorder, d0, d1, ng, dvel, dacc, p, len(down) > 0, dt)
         if two_way:
             kick(gorder, g0, g1, 0, p, dt, gvel, gacc)
         kick(dorder, d0, d1, ng, p, dt, dvel, dacc)

@@ -540,13 +540,16 @@ def apply_nodes(
     the decay of what is left beside the line.
 
     Writes stopping times of dust into `time` and adds the energy lost to that of a block's own node in `heat`, where
-    they have entries; packed velocities are overwritten.
+    they have entries; packed velocities are overwritten. `frame` is what these leave out of a velocity, Kepler's and
+    half a kick of what gas and dust share: from one orbit to another the same momentum is not the same energy.
     """
     dim = vel.shape[1]
     flat = dim == 1
     inertia, moment, even = np.empty((2, 2)), np.empty((2, 2)), np.zeros((2, 2))
     slope, slope_source, bend = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((3, 2))
     table, turns = np.zeros((9, 3)), np.zeros((9, 6))
+    base = start[block_from * species]
+    frame = np.zeros((start[block_to * species] - base if len(heat) > 0 else 0, 2))
     velocity, source = np.int64(3), np.int64(5)  # each literal would compile anew
     for block in range(block_from, block_to):
         near = about[home[block]]
@@ -583,7 +586,10 @@ def apply_nodes(
                     omega = blend(turns, 0, u0, u1, u2, t0, t1, t2)
                     spin_x = blend(turns, 2, u0, u1, u2, t0, t1, t2) - omega * packed[p, 2]
                     spin_y = omega * packed[p, 1] - blend(turns, 1, u0, u1, u2, t0, t1, t2)
-                    if len(heat) > 0:
+                if len(heat) > 0:
+                    for c in range(dim):
+                        frame[p - base, c] = vel[i, c] - packed[p, 3 + c] + 0.5 * dt * (acc[i, c] - packed[p, 5 + c])
+                    if len(spin) > 0:
                         # `node_heat` has the work of eq. (3) alone. A rotation does none on the mean velocity.
                         work = spin_x * (packed[p, 3] + 0.5 * dt * packed[p, 5])
                         work += spin_y * (packed[p, 4] + 0.5 * dt * packed[p, 6])
@@ -591,14 +597,18 @@ def apply_nodes(
                         work -= packed[p, 1] * blend(turns, 4, u0, u1, u2, t0, t1, t2)
                         work -= blend(turns, 5, u0, u1, u2, t0, t1, t2)
                         lost -= packed[p, 0] * work
-                    d += spin_x
+                d += spin_x
                 packed[p, 3] += d
                 lost -= 0.5 * packed[p, 0] * d * d
+                if len(heat) > 0:
+                    lost -= packed[p, 0] * d * frame[p - base, 0]
                 vel[i, 0] += dt * acc[i, 0] + d
                 if not flat:
                     d = scale * blend(table, 2, u0, u1, u2, t0, t1, t2) + spin_y
                     packed[p, 4] += d
                     lost -= 0.5 * packed[p, 0] * d * d
+                    if len(heat) > 0:
+                        lost -= packed[p, 0] * d * frame[p - base, 1]
                     vel[i, 1] += dt * acc[i, 1] + d
                 met += local / (hi - lo)
                 if len(time) > 0:
@@ -630,10 +640,11 @@ def apply_nodes(
                     if len(heat) > 0:
                         # The changes have no mean: what is common to the cell does no work.
                         bx, by = bent(bend, packed[p, 1], packed[p, 2])
-                        lost -= packed[p, 0] * more * (packed[p, 3] - sv + bx + 0.5 * (dt * packed[p, 5] + more))
+                        along = frame[p - base, 0] + 0.5 * (dt * packed[p, 5] + more)
+                        lost -= packed[p, 0] * more * (packed[p, 3] - sv + bx + along)
                         if not flat:
-                            half = 0.5 * (dt * packed[p, 6] + more_y)
-                            lost -= packed[p, 0] * more_y * (packed[p, 4] - sw + by + half)
+                            along = frame[p - base, 1] + 0.5 * (dt * packed[p, 6] + more_y)
+                            lost -= packed[p, 0] * more_y * (packed[p, 4] - sw + by + along)
             if len(heat) > 0:
                 heat[home[block]] += lost
 

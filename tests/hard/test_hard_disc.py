@@ -207,13 +207,13 @@ def test_a_clump_falls_into_the_star(scheme):
 
 
 def test_a_disc_that_is_swallowed_whole():
-    """The last particle of gas and of dust goes: the run goes on with none."""
+    """The last particle of gas and of dust goes: the run goes on with none, past steps that sort what there is."""
     given = {
         "gas": {"pos": np.array([[0.3, 0.0], [0.31, 0.0]]), "vel": np.zeros((2, 2)), "mass": np.full(2, 1e-3)},
         "dust": {"pos": np.array([[0.305, 0.0]]), "vel": np.zeros((1, 2)), "mass": np.full(1, 1e-3)},
     }
     tables = {
-        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 4.0, "cells": 16},
+        "units": {"system": "code"}, "run": {"until": 1.0, "timestep": 0.01}, "space": {"size": 4.0, "cells": 16},
         "gas": {"particles": 2, "viscosity": {}, "eos": {"kind": "isothermal", "sound_speed": 0.05}},
         "dust": {"particles": 1, "ratio": 0.5}, "star": {"mass": 1.0, "accretion_radius": 0.1},
         "drag": {"law": "stopping-time", "t_stop": 0.01}, "self_gravity": {"softening": 0.1},
@@ -222,6 +222,30 @@ def test_a_disc_that_is_swallowed_whole():
     sim.run()
     assert sim.time == 1.0 and sim.gas.count == sim.dust.count == 0
     assert sim.state.ledger.accreted_gas + sim.state.ledger.accreted_dust == pytest.approx(3e-3, rel=1e-14)
+
+
+def test_dust_that_outlives_its_gas():
+    """All the gas falls into the star: from then on the grain keeps its circle, and is said to have no gas.
+
+    Until then it feels next to none of it: 1e4 times its own period is what it would take to stop.
+    """
+    given = {
+        "gas": {"pos": np.array([[0.3, 0.0], [0.31, 0.0]]), "vel": np.zeros((2, 2)), "mass": np.full(2, 1e-3)},
+        "dust": {"pos": np.array([[0.0, 0.5]]), "vel": np.array([[-(2.0**0.5), 0.0]]), "mass": np.full(1, 1e-3)},
+    }
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 6.0, "timestep": 0.01}, "space": {"size": 4.0, "cells": 16},
+        "gas": {"particles": 2, "eos": {"kind": "isothermal", "sound_speed": 0.05}, "smoothing_length": 0.1},
+        "dust": {"particles": 1, "ratio": 0.5}, "star": {"mass": 1.0, "accretion_radius": 0.1},
+        "drag": {"law": "stopping-time", "t_stop": 1e4},
+    }  # fmt: skip
+    sim = Simulation(tables, particles=given)
+    sim.run(0.5)
+    assert sim.gas.count == 0
+    sim.run()
+    assert sim.effects["drag"].uncoupled == 1.0 and np.isinf(sim.effects["drag"].stopping_times).all()
+    # Leapfrog: (Omega dt)^2 / 8 of eccentricity.
+    assert polar(sim.dust)[0] == pytest.approx(0.5, abs=1e-3)
 
 
 def edge(scheme):
@@ -269,29 +293,57 @@ def test_near_vacuum_outside_a_sharp_edge(scheme):
     assert sim.gas.h.max() <= 1.0 + 1e-12  # an eighth of the side
 
 
+# Heat of drag
+
+
+@pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "idic"])
+def test_a_kick_of_a_warm_disc_loses_no_energy(scheme):
+    """What drag takes from motion is the gas's heat, to rounding: motion and heat gain the work of gravity alone.
+
+    Angular momentum that goes from one orbit to another is energy as well, though their speeds relative to Kepler's
+    are the same.
+    """
+    tables = disc(0.1, {"law": "stokes-number", "stokes": 0.1, "scheme": scheme}, self_gravity={"softening": 0.2})
+    tables["gas"]["eos"] = {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1}
+    sim = Simulation(tables)
+    for _ in range(3):
+        sim.step()
+    before = [(p.vel.copy(), p.acc.copy()) for p in (sim.gas, sim.dust)]
+    heat, pressure = -sim.gas.mass @ sim.gas.u, sim.gas.pressure_acc.copy()
+    sim._kick(0.1)
+    heat += sim.gas.mass @ sim.gas.u
+    gained, worked, size = heat, 0.0, 0.0
+    before[0] = before[0][0], before[0][1] - pressure  # pressure and viscosity work at the expense of the heat
+    for p, (vel, acc) in zip((sim.gas, sim.dust), before, strict=True):
+        gained += 0.5 * (p.mass[:, None] * (p.vel**2 - vel**2)).sum()
+        worked += 0.1 * (p.mass[:, None] * acc * 0.5 * (p.vel + vel)).sum()
+        size += 0.5 * (p.mass[:, None] * p.vel**2).sum()
+    assert abs(gained - worked) < 1e-13 * size
+
+
 # Many steps
 
 
 @pytest.mark.parametrize("steps", [200, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_a_steady_two_way_disc_keeps_its_totals(steps):
-    """About a softened star that takes nothing: M to rounding, L but for nodes with next to no gas.
+    """In a soft well that takes nothing, where it turns nearly as one and rubs little: M, L and E after 500 turns.
 
-    That is 1e-7 a step of so few particles. The orbits' energy only falls, by what viscosity and drag dissipate: at
-    4.5 nu / r^2 of itself, .01 for a nu of h^2 Omega / 4 at an h of .24.
+    M to rounding. L but for nodes with next to no gas: only dust at the outer edge has such, until it has drifted in.
+    E because what drag and viscosity take is heat of the gas, which is adiabatic: what is left is leapfrog's, of second
+    order in steps of .3 of a sound crossing, and does not add up in a disc that is at rest. Seen after 200, 3e4 and 1e5
+    steps: L 2e-8, 4e-8 and 4e-8, E 2e-6, 2e-5 and 2e-5.
     """
-    tables = disc(0.05, {"law": "stokes-number", "stokes": 0.1}, run={"until": 1e9})
-    tables["gas"]["particles"] = tables["dust"]["particles"] = 500
-    tables["star"] = {"mass": 1.0, "softening": 0.5}
+    eos = {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.02}
+    few, law = {"particles": 200}, {"law": "stokes-number", "stokes": 0.1}
+    tables = disc(0.02, law, gas=few | {"eos": eos}, dust=few, run={"until": 1e9}, star={"mass": 1.0, "softening": 6.0})
+    tables["space"]["cells"] = 32
     sim = Simulation(tables)
     before = totals(sim)
     for _ in range(steps):
         sim.step()
-    after = totals(sim)
-    lost = drifts(before, after)
+    lost = drifts(before, totals(sim))
     assert finite(sim)
-    assert lost["mass"] < 1e-12 and lost["angular_momentum"] < 1e-7 * steps
-    assert -0.01 * sim.time < (after["energy"] - before["energy"]) / abs(before["energy"]) < 1e-4
-    assert after["energy"] > -before["mass"] / 0.5  # all at rest in the star
+    assert lost["mass"] < 1e-13 and lost["angular_momentum"] < 1e-7 and lost["energy"] < 1e-4
 
 
 # Rotated discs
