@@ -30,7 +30,7 @@ class Effect(base.Effect):
             return
         vel, u = self.predicted(state)
         self.sph.density(gas, vel)
-        gas.pressure, gas.sound_speed = pressure_and_sound_speed(self.scene, gas.pos, gas.density, u)
+        gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(gas, u)
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = gas.acc.copy()
@@ -43,6 +43,14 @@ class Effect(base.Effect):
             if gas.heating_rate is not None:
                 gas.heating_rate[gas.immobile] = 0.0
         self._limit = self._step_limit(gas, before, divergence)
+
+    def _pressure_and_sound_speed(self, gas: Gas, u: np.ndarray | None) -> list[np.ndarray]:
+        def part(first, last):
+            within = slice(first, last)
+            energy = None if u is None else u[within]
+            return pressure_and_sound_speed(self.scene, gas.pos[within], gas.density[within], energy)
+
+        return [np.concatenate(pieces) for pieces in zip(*share(part, gas.count), strict=True)]
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Velocity and energy at the time of the positions, which viscosity and pressure need.
