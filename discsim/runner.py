@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import time
 import tomllib
 from collections.abc import Callable, Iterator
@@ -14,10 +15,11 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+from numba import config
 from numba.core import event
 from pydantic import BaseModel
 
-from discsim import __version__
+from discsim import __version__, ahead
 from discsim.cautions import warnings
 from discsim.checkpoint import CheckpointError, read_checkpoint
 from discsim.costs import clock
@@ -35,6 +37,7 @@ from discsim.units import Units
 Array = np.ndarray
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
+CORES: int = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
 SMALL = 20_000  # particles: below it history has a row for every step
 LONG_RUN = 100  # steps, after which it is known what one takes
 ROW_EVERY = 16  # steps between rows of a larger run
@@ -52,7 +55,7 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
     """
     run = _Run(scene, Path(directory), quiet)
     fail = run.progress.fail
-    with run.interrupts, event.install_listener("numba:compile", Compilation(run.progress.say)):
+    with run.interrupts, event.install_listener("numba:compile", run.compilation):
         try:
             return run.go(resume)
         except (SceneError, CheckpointError) as fault:
@@ -134,18 +137,30 @@ class Interrupts:
 
 
 class Compilation(event.Listener):
-    """Tells, once, that kernels compile: when the first does that numba's cache does not hold."""
+    """Tells, once, that kernels compile, when the first does that numba's cache does not hold; has help with them."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self.say, self.told = say, False
+    def __init__(self, scene: Scene, say: Callable[[str], None]) -> None:
+        self.scene, self.say, self.told = scene, say, False
+        self.helper: subprocess.Popen | None = None
 
     def on_start(self, event: event.Event) -> None:
         if not self.told:
             self.told = True
-            self.say("compiling those that numba's cache does not hold: once, about a minute for a scene with drag")
+            self.say("compiling those that numba's cache does not hold: once, up to a minute for a scene with drag")
+            self.helper = ahead.begin(self.scene) if CORES > 1 else None
 
     def on_end(self, event: event.Event) -> None:
         pass
+
+    def wait(self, interrupts: Interrupts) -> None:
+        """Until what the helper compiles is there to be loaded."""
+        while self.helper is not None and self.helper.poll() is None and not interrupts.number:
+            time.sleep(0.05)
+
+    def close(self) -> None:
+        if self.helper is not None:
+            self.helper.kill()
+            self.helper.wait()
 
 
 class _Run:
@@ -157,6 +172,7 @@ class _Run:
     def __init__(self, scene: Scene, directory: Path, quiet: bool) -> None:
         self.scene, self.directory = scene, directory
         self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
+        self.compilation = Compilation(scene, self.progress.say)
         self.checkpoint = directory / "checkpoint.h5"
         self.begun = self.saved = time.monotonic()
         self.saved_time: float | None = None
@@ -173,6 +189,7 @@ class _Run:
         self._announce()
         self.sim = Simulation(self.scene)
         self._open(resume)
+        self.compilation.wait(self.interrupts)
         if not resume:
             self._output()
             self._save()
@@ -199,6 +216,7 @@ class _Run:
         return f"{self.checkpoint} is of t = {self._show(self.saved_time)}; go on from it with: {command}"
 
     def close(self) -> None:
+        self.compilation.close()
         self.progress.close()
         if hasattr(self, "history"):
             self.history.close()

@@ -1,0 +1,68 @@
+"""A cold start on two cores: kernels of the drag compile in a second process beside those of all else.
+
+numba compiles one function at a time in a process, on however many threads, and finds in its cache what another process
+has compiled. The second one drags some particles of the scene once, enough to say for what types of arguments, and
+ends. Whatever it fails at, the first compiles itself.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from typing import Any
+
+import numpy as np
+
+from discsim.scene import Scene, load_scene
+
+COUNT = 64  # particles of a kind
+
+
+def begin(scene: Scene) -> subprocess.Popen | None:
+    """Start the second process, where there is drag between particles; None elsewhere."""
+    if scene.drag is None or scene.background is not None or scene.on_cells:
+        return None
+    command = [sys.executable, "-m", "discsim.ahead"]
+    # A session of its own: Ctrl-C is for the run, which ends it.
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    assert process.stdin is not None
+    process.stdin.write(scene.text.encode())
+    process.stdin.close()
+    return process
+
+
+def drag_once(scene: Scene) -> None:
+    """One kick of a few particles about a point of the scene, whose other forces are left out."""
+    from discsim.simulation import Simulation
+
+    sim = Simulation(scene, particles=some_particles(scene))
+    gas = sim.gas
+    assert gas is not None
+    gas.density[:], gas.sound_speed[:], gas.h[:] = gas.mass / gas.h**scene.space.dimensions, 1.0, gas.h.max()
+    for name in ("gas", "self_gravity"):
+        if name in sim.effects:
+            sim.effects[name].accelerate = lambda state: None  # type: ignore[method-assign]
+    sim._forces()
+    sim.effects["drag"].kick(sim.state, 1e-3)
+
+
+def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
+    """Gas and dust about a point within the scene's space, at distances that their smoothing length is in step with."""
+    dim, stream = scene.space.dimensions, np.random.default_rng(1)
+    size = np.ravel(scene.space.size)
+    middle = 0.5 * size if scene.space.boundary == "periodic" else 0.25 * size
+    out: dict[str, dict[str, Any]] = {}
+    for name in ("gas", "dust"):
+        pos = middle + 0.1 * size.min() * (stream.random((COUNT, dim)) - 0.5)
+        density = COUNT / (0.1 * size.min()) ** dim
+        out[name] = {"pos": pos, "vel": np.zeros((COUNT, dim)), "mass": np.ones(COUNT), "density": density}
+    assert scene.dust is not None
+    out["dust"]["species"] = np.arange(COUNT) % len(scene.dust)
+    return out
+
+
+if __name__ == "__main__":
+    drag_once(load_scene(tomllib.loads(sys.stdin.read())))
