@@ -15,14 +15,14 @@ from typing import NamedTuple
 from discsim.derived import SUPPORT_OF, gas_step, grid_bytes, local
 from discsim.scene import Scene
 
-GAS, NEIGHBOUR = 400.0, 50.0  # a gas particle, and each of its neighbours
-DUST, STAR = 2.5, 8.5  # moving a particle of dust, the star's pull on any
-CELL, MOVED = 78.0, 28.0  # a cell of self-gravity, and a particle that it deposits and pulls
-DRAG = {"tsc": 850.0, "idic-linear": 100.0, "idic": 90.0}  # of a particle of either kind
-PAIRS = 4500.0  # the same in schemes between pairs
-BACKGROUND = 200.0  # a particle in a given disc
+GAS, NEIGHBOUR = 300.0, 27.0  # a gas particle, and each of its neighbours
+DUST, STAR = 2.0, 6.0  # moving a particle of dust, the star's pull on any
+CELL, MOVED = 58.0, 21.0  # a cell of self-gravity, and a particle that it deposits and pulls
+DRAG = {"tsc": 500.0, "idic-linear": 100.0, "idic": 90.0}  # of a particle of either kind
+PAIRS = 3000.0  # the same in schemes between pairs
+BACKGROUND = 150.0  # a particle in a given disc
 SHRINK = 0.85  # of the smooth start's shortest step is what noise and spreading edges leave
-BYTES = {"gas": 700, "dust": 180}  # a particle, with what a step needs
+BYTES = {"gas": 600, "dust": 180}  # a particle, with what a step needs
 BASE = 250e6  # the interpreter with its libraries
 
 

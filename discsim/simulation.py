@@ -27,7 +27,7 @@ from discsim.effects import load_effects
 from discsim.initial import make_state, setup
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.state import Dust, Gas, Ledger, State
-from discsim.threads import use_threads
+from discsim.threads import share, use_threads
 from discsim.units import Units
 
 
@@ -289,7 +289,7 @@ class Simulation:
 
     def _check_finite(self, name: str, vectors: np.ndarray, when: str) -> None:
         # A sum is finite unless an entry is not (or they overflow, which is as bad), and costs a tenth.
-        if np.isfinite(vectors.sum()):
+        if np.isfinite(share(lambda first, last: vectors[first:last].sum(), len(vectors))).all():
             return
         particles = self.state.species[name]
         i = int(np.argmin(np.isfinite(vectors).all(axis=1)))
