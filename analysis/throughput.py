@@ -19,9 +19,10 @@ apart) in a process of its own for every line:
               there and back
     bytes     the most memory that the process held, less what it held before the scene, over the particles
 
-`growth` takes gas from 1e4 to 1e6 and dust to 1e7 and draws the cost of each against its number; `effects` adds effect
-by effect to one disc, and sets what the whole step became dearer by beside what the ledger (`costs.csv`) says; `steps`
-says where the shipped discs have their shortest steps, and what steps of each particle's own would save.
+`growth` takes gas from 1e4 to 1e6, dust to 1e7 and cells to 2048^2 and draws the cost of each against its number;
+`effects` adds effect by effect to one disc, and sets what the whole step became dearer by beside what the ledger
+(`costs.csv`) says; `steps` says where the shipped discs have their shortest steps, and what steps of each particle's
+own would save.
 """
 
 from __future__ import annotations
@@ -244,7 +245,12 @@ def show_effects(gas: int, console: Console) -> list[dict[str, Any]]:
 def growth(threads: int, largest: int) -> list[dict[str, Any]]:
     sizes = [("gas", n) for n in (10_000, 100_000, 1_000_000) if n <= largest]
     sizes += [("dust two-way", n) for n in (100_000, 1_000_000, 10_000_000) if n <= 10 * largest]
-    return [line_of(name, size, threads) for name, size in sizes]
+    rows = [line_of(name, size, threads) for name, size in sizes]
+    for cells in (128, 256, 512, 1024, 2048):
+        tables = scene(10_000, 0, ADDED["self_gravity"], threads)
+        tables["space"]["cells"] = cells
+        rows.append({"case": "cells", **apart(tables)})
+    return rows
 
 
 def show_steps(console: Console) -> list[dict[str, Any]]:
@@ -280,21 +286,33 @@ def show_steps(console: Console) -> list[dict[str, Any]]:
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Cost and memory a particle against the number of particles."""
-    figure = Figure(figsize=(9, 4), layout="constrained")
+    """Cost and memory a particle against the number of particles, cost of a cell against the number of cells."""
+    figure = Figure(figsize=(12, 4), layout="constrained")
     FigureCanvasAgg(figure)
-    cost, memory = figure.subplots(1, 2)
-    for name, kind, colour in (("gas", "gas", "C0"), ("dust two-way", "dust", "C1")):
+    cost, memory, field = figure.subplots(1, 3)
+    labels = {"gas": "gas, 25 neighbours", "dust two-way": "1 of gas, 10 of dust, drag and gravity"}
+    for name, label in labels.items():
         found = [row for row in rows if row["case"] == name]
-        count = [row[kind] for row in found]
-        taken = [row.get("cpu_of_dust", row["cpu"]) for row in found]
-        label = "gas, 25 neighbours" if kind == "gas" else "dust, two-way drag and gravity"
-        cost.plot(count, [1e9 * t / n for t, n in zip(taken, count, strict=True)], "o-", color=colour, label=label)
-        memory.plot(count, [row["bytes"] for row in found], "o-", color=colour, label=label)
-    for axes, text in ((cost, "CPU time a particle and step [ns]"), (memory, "memory a particle [bytes]")):
-        axes.set(xscale="log", yscale="log", xlabel="particles", ylabel=text)
+        count = [row["gas"] + row["dust"] for row in found]
+        cost.plot(count, [1e9 * row["cpu"] / n for row, n in zip(found, count, strict=True)], "o-", label=label)
+        memory.plot(count, [row["bytes"] for row in found], "o-", label=label)
+    grids = [row for row in rows if row["case"] == "cells"]
+    count = [row["cells"] for row in grids]
+    taken = {"self-gravity of 10,000 particles": [row["effects"]["self_gravity"] for row in grids]}
+    taken["a bare zero-padded FFTW pair"] = [row["fft"] for row in grids]
+    for label, seconds in taken.items():
+        field.plot(count, [1e9 * t / n for t, n in zip(seconds, count, strict=True)], "o-", label=label)
+    for axes, number, text in (
+        (cost, "particles", "CPU time a particle and step [ns]"),
+        (memory, "particles", "memory a particle [bytes]"),
+        (field, "cells", "CPU time a cell and step [ns]"),
+    ):
+        axes.set(xscale="log", yscale="log", xlabel=number, ylabel=text)
         axes.grid(alpha=0.3, which="both")
-    cost.legend(frameon=False)
+    cost.set_ylim(100, 3000)
+    field.set_ylim(10, 300)
+    field.legend(frameon=False, fontsize="small")
+    cost.legend(frameon=False, fontsize="small")
     figure.savefig(path, dpi=150)
 
 
@@ -329,7 +347,7 @@ def main() -> None:
         show_cases(found["cases"], console)
     if "growth" in options.parts:
         found["growth"] = growth(1, max(sizes))
-        show_cases(found["growth"], console)
+        show_cases([row for row in found["growth"] if row["case"] != "cells"], console)
         draw(found["growth"], options.output / "throughput.png")
     if "effects" in options.parts:
         found["effects"] = show_effects(min(sizes), console)
