@@ -285,7 +285,15 @@ class Simulation:
     def _check_limits(self, limits: dict[str, float]) -> None:
         for name, limit in limits.items():
             if math.isnan(limit) or limit <= 0.0:
-                raise PhysicsError(f"the step that {name} allows is {limit}")
+                raise PhysicsError(f"the step that {name} allows is {limit}{self._without_heat()}")
+
+    def _without_heat(self) -> str:
+        """The coldest gas, where it has lost more heat within a step than it had."""
+        gas = self.state.gas
+        if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
+            return ""
+        coldest = gas.ids[gas.pressure.argmin()]
+        return f"; gas particle {coldest} has lost more heat in a step than it had: try a smaller run.courant"
 
     def _check_finite(self, name: str, vectors: np.ndarray, when: str) -> None:
         # A sum is finite unless an entry is not (or they overflow, which is as bad), and costs a tenth.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
+from discsim.simulation import PhysicsError
 
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
 
@@ -205,3 +206,15 @@ def test_own_particles_may_lie_in_memory_as_they_like():
         sim.step()
         ends.append(sim.dust.pos)
     np.testing.assert_array_equal(*ends)
+
+
+def test_gas_that_loses_more_heat_in_a_step_than_it_had_is_named():
+    """Cold gas that flies apart: (gamma - 1) div v dt is above 1 in the first step, as nothing else limits it."""
+    scene = {
+        "units": {"system": "code"}, "run": {"until": 10.0}, "space": {"size": 100.0},
+        "gas": {"particles": 64, "eos": {"kind": "adiabatic", "gamma": 1.4}},
+    }  # fmt: skip
+    pos = np.stack(np.meshgrid(*[np.arange(8.0)] * 2), axis=-1).reshape(-1, 2) - 3.5
+    own = {"pos": pos, "vel": 5.0 * pos, "mass": np.ones(64), "u": np.full(64, 1e-6)}
+    with pytest.raises(PhysicsError, match=r"gas particle \d+ has lost more heat in a step than it had"):
+        Simulation(scene, particles={"gas": own}).run()
