@@ -254,8 +254,11 @@ class Simulation:
         self._check_limits(limits)
 
     def _accelerate(self, name: str) -> None:
-        with self.costs(name):
-            self.effects[name].accelerate(self.state)
+        try:
+            with self.costs(name):
+                self.effects[name].accelerate(self.state)
+        except FloatingPointError as fault:
+            raise PhysicsError(str(fault)) from fault
         for p in self.state.species.values():
             if p.immobile is not None:
                 p.acc[p.immobile] = 0.0
@@ -306,7 +309,10 @@ class Simulation:
 
     def _culprit(self, species: str, i: int) -> str:
         for name in self.effects:
-            found = dict(zip(("gas", "dust"), self.acceleration(name), strict=True))[species]
+            try:
+                found = dict(zip(("gas", "dust"), self.acceleration(name), strict=True))[species]
+            except FloatingPointError as fault:
+                return f"; {fault}"
             if found is not None and not np.isfinite(found[i]).all():
                 return f"; the first effect to give it an acceleration that is not finite is {name}"
         return ""

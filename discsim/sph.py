@@ -75,9 +75,14 @@ class Sph:
         return self.cells_of(gas).order
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
-        """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`."""
+        """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`.
+
+        Raises FloatingPointError where a smoothing length is none: the search for neighbours would never end.
+        """
         for _ in range(PASSES):
             h_least = self.least(gas)
+            if not h_least < np.inf:
+                raise FloatingPointError("a smoothing length of the gas is not finite")
             self.settle(gas, vel, h_least)
             # Where h is at its limit, that has to be one of the h found, not of the first guess.
             if self.fixed or gas.h.min() > h_least or self.least(gas) > 0.9 * h_least:

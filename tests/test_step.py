@@ -218,3 +218,12 @@ def test_gas_that_loses_more_heat_in_a_step_than_it_had_is_named():
     own = {"pos": pos, "vel": 5.0 * pos, "mass": np.ones(64), "u": np.full(64, 1e-6)}
     with pytest.raises(PhysicsError, match=r"gas particle \d+ has lost more heat in a step than it had"):
         Simulation(scene, particles={"gas": own}).run()
+
+
+def test_a_smoothing_length_that_is_none_ends_the_run():
+    """Rather than a search for neighbours that never ends."""
+    sim = Simulation(orbit() | {"gas": orbit()["gas"] | {"smoothing_length": None}})
+    sim.step()
+    sim.gas.h[7] = np.nan
+    with pytest.raises(PhysicsError, match="smoothing length of the gas is not finite"):
+        sim.step()
