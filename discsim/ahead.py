@@ -20,18 +20,20 @@ COUNT = 64  # particles of a kind
 
 
 def begin(scene: Scene) -> subprocess.Popen | None:
-    """Start the second process, where there is drag between particles; None elsewhere."""
+    """Start the second process, where there is drag between particles; None elsewhere, and where none can start."""
     if scene.drag is None or scene.background is not None or scene.on_cells:
         return None
-    command = [sys.executable, "-m", "discsim.ahead"]
-    # A session of its own: Ctrl-C is for the run, which ends it.
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
-    assert process.stdin is not None
-    process.stdin.write(scene.text.encode())
-    process.stdin.close()
-    return process
+    nowhere = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", "discsim.ahead", scene.text],
+            stdin=nowhere,
+            stdout=nowhere,
+            stderr=nowhere,
+            start_new_session=True,  # Ctrl-C is for the run, which ends it
+        )
+    except OSError:  # the run needs none
+        return None
 
 
 def drag_once(scene: Scene) -> None:
@@ -50,7 +52,7 @@ def drag_once(scene: Scene) -> None:
 
 
 def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
-    """Gas and dust about a point within the scene's space, at distances that their smoothing length is in step with."""
+    """Gas and dust about a point within the scene's space, as dense as its smoothing length asks for."""
     dim, stream = scene.space.dimensions, np.random.default_rng(1)
     size = np.ravel(scene.space.size)
     middle = 0.5 * size if scene.space.boundary == "periodic" else 0.25 * size
@@ -65,4 +67,4 @@ def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    drag_once(load_scene(tomllib.loads(sys.stdin.read())))
+    drag_once(load_scene(tomllib.loads(sys.argv[1])))

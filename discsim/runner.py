@@ -137,30 +137,30 @@ class Interrupts:
 
 
 class Compilation(event.Listener):
-    """Tells, once, that kernels compile, when the first does that numba's cache does not hold; has help with them."""
+    """Tells, once, that kernels compile which numba's cache does not hold; a second process takes its part."""
 
     def __init__(self, scene: Scene, say: Callable[[str], None]) -> None:
         self.scene, self.say, self.told = scene, say, False
-        self.helper: subprocess.Popen | None = None
+        self.second: subprocess.Popen | None = None
 
     def on_start(self, event: event.Event) -> None:
         if not self.told:
             self.told = True
             self.say("compiling those that numba's cache does not hold: once, up to a minute for a scene with drag")
-            self.helper = ahead.begin(self.scene) if CORES > 1 else None
+            self.second = ahead.begin(self.scene) if CORES > 1 else None
 
     def on_end(self, event: event.Event) -> None:
         pass
 
     def wait(self, interrupts: Interrupts) -> None:
-        """Until what the helper compiles is there to be loaded."""
-        while self.helper is not None and self.helper.poll() is None and not interrupts.number:
+        """Until what the second process compiles is there to be loaded."""
+        while self.second is not None and self.second.poll() is None and not interrupts.number:
             time.sleep(0.05)
 
     def close(self) -> None:
-        if self.helper is not None:
-            self.helper.kill()
-            self.helper.wait()
+        if self.second is not None:
+            self.second.kill()
+            self.second.wait()
 
 
 class _Run:

@@ -44,8 +44,13 @@ def test_what_is_compiled_ahead_is_what_a_run_asks_for(text, changes, tmp_path):
 
 
 def test_the_second_process_drags_and_ends(tmp_path):
-    helper = ahead.begin(scene_of(WAVE, [], tmp_path))
-    assert helper.wait(300) == 0
+    second = ahead.begin(scene_of(WAVE, [], tmp_path))
+    assert second.wait(300) == 0
+
+
+def test_a_second_process_that_cannot_start_is_no_fault(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "no python"))
+    assert ahead.begin(scene_of(WAVE, [], tmp_path)) is None
 
 
 @pytest.mark.parametrize(
