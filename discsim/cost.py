@@ -138,10 +138,9 @@ class Study:
             Point({key: part for settings in together for key, part in settings.items()})
             for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))
         ]
-        self.scenes = [self._scene(point.settings) for point in self.points]
         from discsim.errors import measure_of
 
-        self.measures = [measure_of(scene) for scene in self.scenes]
+        self.measures = [measure_of(self._scene(point.settings)) for point in self.points]
         self.reference: Point | None = None
 
     def _scene(self, settings: Settings) -> Scene:
@@ -200,13 +199,16 @@ class Study:
         base = load_scene(self.path, self.settings, self.without)
         head = {"scene": tomllib.loads(base.text), "varied": [each.name for each in self.varied]}
         path = self.directory / RUNS
-        if not path.exists():
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]  # a crash leaves a line without its end
+        if not whole:
             self.directory.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(head) + "\n", encoding="utf-8")
-            return
-        lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
-        if not lines or lines[0] != head:
+            whole = json.dumps(head) + "\n"
+        lines = [json.loads(line) for line in whole.splitlines()]
+        if lines[0] != head:
             raise StudyError(f"{self.directory}: holds a study of another scene, or of other keys; expected another -o")
+        if whole != text:
+            path.write_text(whole, encoding="utf-8")
         for run in lines[1:]:
             settings = run.pop("settings")
             for point in self.points:
