@@ -1,6 +1,7 @@
 """What a step costs: nanoseconds a particle of whole integrated steps, and what each effect adds.
 
     python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--parts cases,growth,effects,steps]
+                                  [--cases gas,gravity,...]
 
 A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, and the first steps, which compile,
 apart) in a process of its own for every line:
@@ -48,6 +49,7 @@ STEPS = 16  # between two sorts of the particles: one is among them
 ETA = 1.41  # 25 neighbours
 ORDER = ("gas", "star", "self_gravity", "dust", "drag")
 CASES = ("gas", "gravity", "dust one-way", "dust two-way", "mix")
+PARTS = ("cases", "growth", "effects", "steps")
 ADDED = {
     "gas": {},
     "self_gravity": {"self_gravity": {"softening": 0.1}},
@@ -242,12 +244,12 @@ def show_effects(gas: int, console: Console) -> list[dict[str, Any]]:
     return rows
 
 
-def growth(threads: int, largest: int) -> list[dict[str, Any]]:
+def growth(largest: int) -> list[dict[str, Any]]:
     sizes = [("gas", n) for n in (10_000, 100_000, 1_000_000) if n <= largest]
     sizes += [("dust two-way", n) for n in (100_000, 1_000_000, 10_000_000) if n <= 10 * largest]
-    rows = [line_of(name, size, threads) for name, size in sizes]
+    rows = [line_of(name, size, 1) for name, size in sizes]
     for cells in (128, 256, 512, 1024, 2048):
-        tables = scene(10_000, 0, ADDED["self_gravity"], threads)
+        tables = scene(10_000, 0, ADDED["self_gravity"])
         tables["space"]["cells"] = cells
         rows.append({"case": "cells", **apart(tables)})
     return rows
@@ -256,6 +258,7 @@ def growth(threads: int, largest: int) -> list[dict[str, Any]]:
 def show_steps(console: Console) -> list[dict[str, Any]]:
     """What sets the steps of the shipped discs, and what steps of each particle's own, in powers of two, would save."""
     from discsim import Simulation, load_scene
+    from discsim.derived import gas_step
 
     rows = []
     table = Table("disc", "set by", "at r", "r of the edges", "gas updates saved", "at most, of a step", box=SIMPLE)
@@ -268,8 +271,7 @@ def show_steps(console: Console) -> list[dict[str, Any]]:
             return left[0] == 0
 
         sim.evolve(np.inf, enough)
-        gas, sound = sim.gas, sim.scene.gas.viscosity.alpha if sim.scene.gas.viscosity else 0.0
-        own = gas.h / (gas.sound_speed * (1.0 + 1.2 * sound))
+        gas, own = sim.gas, gas_step(sim.scene, sim.gas)
         first = int(own.argmin())
         halvings = np.floor(np.log2(own / own[first]))
         saved = 1.0 / np.mean(0.5**halvings)
@@ -322,7 +324,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print the figures as JSON and nothing else")
     parser.add_argument("--sizes", default="1e5,1e6", help="particles: gas of gas, gravity and mix, dust of the others")
     parser.add_argument("--threads", default="1,2", help="numbers of threads")
-    parser.add_argument("--parts", default="cases,growth,effects,steps")
+    parser.add_argument("--parts", default=",".join(PARTS))
     parser.add_argument("--cases", default=",".join(CASES))
     parser.add_argument("--one", help=argparse.SUPPRESS)  # a scene as JSON: what `apart` calls
     options = parser.parse_args()
@@ -331,13 +333,14 @@ def main() -> None:
         return
     sizes = [int(float(text)) for text in options.sizes.split(",")]
     threads = [int(text) for text in options.threads.split(",")]
-    names = options.cases.split(",")
-    for wrong in [name for name in names if name not in CASES]:
-        parser.error(f"no case {wrong!r}; there are {', '.join(CASES)}")
+    names, parts = options.cases.split(","), options.parts.split(",")
+    for kind, given, known in (("case", names, CASES), ("part", parts, PARTS)):
+        for wrong in [name for name in given if name not in known]:
+            parser.error(f"no {kind} {wrong!r}; there are {', '.join(known)}")
     console = Console(stderr=options.json)
     options.output.mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {}
-    if "cases" in options.parts:
+    if "cases" in parts:
         found["cases"] = []
         for name in names:
             for size in sizes:
@@ -345,13 +348,13 @@ def main() -> None:
                     console.print(f"{name}, {size:,} particles, {number} threads ...")
                     found["cases"].append(line_of(name, size, number))
         show_cases(found["cases"], console)
-    if "growth" in options.parts:
-        found["growth"] = growth(1, max(sizes))
+    if "growth" in parts:
+        found["growth"] = growth(max(sizes))
         show_cases([row for row in found["growth"] if row["case"] != "cells"], console)
         draw(found["growth"], options.output / "throughput.png")
-    if "effects" in options.parts:
+    if "effects" in parts:
         found["effects"] = show_effects(min(sizes), console)
-    if "steps" in options.parts:
+    if "steps" in parts:
         found["steps"] = show_steps(console)
     text = json.dumps(found, indent=1)
     (options.output / "throughput.json").write_text(text + "\n")

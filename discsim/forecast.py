@@ -1,7 +1,8 @@
 """What a run will take: number of steps, CPU time and memory, from stored figures and the last long run here.
 
-The figures below are CPU nanoseconds of a particle, cell or neighbour in a step, from `python analysis/throughput.py`;
-another machine differs by a factor, which a run that has ended leaves for the next forecast (`learn`).
+The figures below are CPU nanoseconds of a particle, cell or neighbour in a step, from `python analysis/throughput.py`
+(those of pairs and of a given disc from `costs.csv` of runs with such a scheme and with [background]); another machine
+differs by a factor, which a run that has ended leaves for the next forecast (`learn`).
 """
 
 from __future__ import annotations

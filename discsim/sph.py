@@ -77,7 +77,7 @@ class Sph:
     def density(self, gas: Points, vel: np.ndarray) -> None:
         """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`.
 
-        Raises FloatingPointError where a smoothing length is none: the search for neighbours would never end.
+        Raises FloatingPointError where a smoothing length is no number: the cells of neighbours would have no size.
         """
         for _ in range(PASSES):
             h_least = self.least(gas)

@@ -48,7 +48,8 @@ def wave(tmp_path):
 
 # Errors
 
-# Setup, changes that make it small, the error that it may have; a bound is twice what is seen.
+# Setup, changes that make it small, the error that it may have; but for the box, whose error is rounding,
+# a bound is some times what is seen.
 SMALL = {
     "dusty_wave": (["gas.particles=100", "dust.particles=100", "gas.smoothing_length=0.03"], 2e-3),
     "oblique_wave": (["gas.particles=900", "dust.particles=900", "gas.smoothing_length=0.06", "run.until=0.1"], 0.04),
@@ -223,7 +224,6 @@ def test_without_an_exact_solution_the_finest_run_is_the_measure(wave, tmp_path)
     study.make("wave", 1)
     first, finest = rows_of(tmp_path / "s")
     assert finest["status"] == "reference" and finest["error"] == "" and 0.0 < float(first["error"]) < 0.5
-    assert "mass elsewhere than in the run with particles" not in (tmp_path / "s" / "cost.log").read_text()
     assert "gas.particles = 60, dust.particles = 60 (no exact one)" in (tmp_path / "s" / "cost.log").read_text()
 
 

@@ -134,7 +134,7 @@ def test_density_and_force_equal_direct_sums(kernel, dim, boundary):
     # The last step is below 4e-3 h; what it leaves is some times its cube.
     np.testing.assert_allclose(gas.density, rho, rtol=5e-6)
     np.testing.assert_allclose((gas.h / (eta * (gas.mass / rho) ** (1 / dim)))[solved], 1.0, rtol=5e-6)
-    # Omega is taken before the last step, and moves some times more than h.
+    # Omega is taken along by its series, which is one order less than that of h.
     np.testing.assert_allclose(gas.gradh[solved], omega[solved], rtol=1e-2)
     acc = direct_force(gas, kernel, boundary == "periodic")
     np.testing.assert_allclose(gas.acc, acc, atol=1e-12 * np.abs(acc).max())

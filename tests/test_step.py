@@ -227,3 +227,14 @@ def test_a_smoothing_length_that_is_none_ends_the_run():
     sim.gas.h[7] = np.nan
     with pytest.raises(PhysicsError, match="smoothing length of the gas is not finite"):
         sim.step()
+
+
+def test_a_place_that_is_none_ends_the_run():
+    """Its smoothing length stays: grown to the largest it would make neighbours of all, in a search of hours."""
+    sim = Simulation(orbit() | {"gas": orbit()["gas"] | {"smoothing_length": None}})
+    sim.step()
+    sim.gas.pos[7] = np.nan
+    before = sim.gas.h[7]
+    with pytest.raises(PhysicsError, match="finite"):
+        sim.step()
+    assert sim.gas.h[7] == before

@@ -6,6 +6,7 @@ import json
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -268,20 +269,21 @@ def test_eight_grains_err_no_more_than_twice_what_a_full_load_does(coefficient):
 @pytest.mark.parametrize("coefficient", [1e-6, 1.0, 1e12])
 @pytest.mark.parametrize("ratio", [1e-6, 1e6])
 def test_no_wave_is_out_of_reach_of_the_default_scheme(coefficient, ratio):
-    """The corners of the map: at 120 particles the velocities are right to .1%, from free to one body."""
+    """The corners of the map: at 120 particles the velocities are right to .5%, from free to one body."""
     module = script("stability_map")
     found = module.run("tsc", coefficient, ratio, 120)
     assert found["error"] < 0.005
+    # 34 steps, as sound sets them.
     assert found["stiffness"] == pytest.approx(module.END / 34 * coefficient * (1 + 1 / ratio), rel=0.2)
 
 
 def test_a_blow_up_is_seen(monkeypatch):
     module = script("stability_map")
 
-    def blow(sim, until=None):
+    def blow():
         raise module.PhysicsError("gas particle 3 is not finite")
 
-    monkeypatch.setattr(module, "run_of", lambda *a, **k: type("Sim", (), {"run": lambda self: blow(self)})())
+    monkeypatch.setattr(module, "run_of", lambda *a, **k: SimpleNamespace(run=blow))
     assert module.run("tsc", 1.0, 1.0, 60)["error"] == np.inf
 
 
@@ -301,7 +303,7 @@ def test_throughput_measures_what_it_names(name):
     # Near the sharp edges kernels are wider than the 25 neighbours inside.
     assert found["neighbours"] == pytest.approx(25, rel=0.1)
     assert 0.0 < sum(found["effects"].values()) <= found["cpu"]
-    assert ("dust" in module.without_dust(tables)) is False
+    assert "dust" not in module.without_dust(tables)
 
 
 def test_a_study_of_cost_is_made_once(tmp_path):

@@ -86,7 +86,7 @@ def cloud(x, flat):
 def deposit(
     block_from, block_to, home, about, start, species, first, flat, sources, packed, nodes, norm, cells, clouds,
 ):  # fmt: skip
-    """What each block gives to the nodes about it, clouds (blocks, all species, 9, FIELDS), and its own moments,
+    """What each block gives to the nodes about it, clouds (blocks, all species, 9, SQUARE + 1), and its own moments,
     cells (blocks, all species, MOMENTS).
 
     `norm`, where it has entries, receives one over a particle's weights on nodes that have gas; 0 where none has.
@@ -150,7 +150,7 @@ def deposit(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def collect(node_from, node_to, blocks, first, last, clouds, out):
-    """Eq. (1): sums over species `first` to `last` at each node, places from it, into out (nodes, species, FIELDS)."""
+    """Eq. (1): sums over species `first` to `last` at each node, places from it: out (nodes, species, SQUARE + 1)."""
     for n in range(node_from, node_to):
         for k in range(9):
             block = blocks[n, k]

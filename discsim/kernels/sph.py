@@ -121,6 +121,8 @@ def improve(dim, m, h, eta, h_least, h_most, low, high, rho, slope, curve):
         return True, 0.0, h, rho, 1.0, low, high
     rise = 1.0 + t * slope / dim
     step = (t - 1.0) / rise
+    if step != step:  # no number: h stays rather than grow to its limit, and the step's limit will see it
+        return True, 0.0, h, rho, 1.0, low, high
     if abs(step) <= TOLERANCE and h + h * step > h_least:
         step *= 1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise
         step = min(step, h_most * inv_h - 1.0)
