@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.kernels import grid as kernels
+from discsim.sorting import counting_sort
 from discsim.threads import share
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class Grid:
         key = np.empty(len(pos), np.uint8)
         share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key)
         runs, strips = kernels.runs_of(key)
-        order, start = kernels.counting_sort(strips, kernels.STRIPS + 1)
+        order, start = counting_sort(strips, kernels.STRIPS + 1)
         beyond = np.zeros((kernels.STRIPS, self.shape[1]))
         share(
             kernels.deposit_strips, kernels.STRIPS, pos, mass, inverse ** pos.shape[1], runs, order, start, self.origin,
@@ -107,7 +108,7 @@ class Grid:
         """Order (n,) of the particles by cell, for memory locality."""
         key = np.empty(len(pos), np.uint32)
         share(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
-        return kernels.counting_sort(key, int(key.max(initial=0)) + 1)[0]
+        return counting_sort(key, int(key.max(initial=0)) + 1)[0]
 
     def outside(self, pos: Array) -> Array:
         """Indices of the particles off the grid: never deposited, and not to be gathered for."""

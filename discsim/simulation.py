@@ -27,7 +27,7 @@ from discsim.effects import load_effects
 from discsim.initial import make_state, setup
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.state import Dust, Gas, Ledger, State
-from discsim.threads import share, use_threads
+from discsim.threads import copied, fill, share, use_threads
 from discsim.units import Units
 
 
@@ -233,14 +233,14 @@ class Simulation:
         """Accelerations of all effects at the present positions, and the step that they allow."""
         state = self.state
         for p in state.species.values():
-            p.acc[:] = 0.0
+            fill(p.acc, lambda piece: 0.0)
         own = [name for name, effect in self.effects.items() if not effect.shared]
         for name in own:
             self._accelerate(name)
         if "drag" in self.effects:
             with self.costs("drag"):
                 state.own_acc = {
-                    name: p.acc.copy() if name == "gas" or "external" in self.effects else p.acc[:0]
+                    name: copied(p.acc) if name == "gas" or "external" in self.effects else p.acc[:0]
                     for name, p in state.species.items()
                 }
         for name in self.effects:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from discsim.kernels.neighbours import Cells, box_about, list_candidates, sort_into_cells, widen
+from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
+from discsim.neighbours import LEAST, box_about, candidates, sort_into_cells
 from discsim.threads import share
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from discsim.state import Gas
 
 NONE = np.empty(0)
-CELLS = 64  # the fewest that a thread takes at once
 # Over the density of an even gas of the mean h, where h stops. Of particles at one place, or as near as nothing, m W(0)
 # h^d is more than m eta^d at any h: without a limit h and the step would fall to nothing. Codes with gravity have it at
 # a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
@@ -68,7 +68,7 @@ class Sph:
     def cells_of(self, points: Points) -> Cells:
         """Cells of all points, with some room for h to grow."""
         room = 1.0 if self.fixed else ROOM
-        return sort_into_cells(points.pos, room * self.support * points.h, *self.box_of(points), self.periodic)
+        return sort_into_cells(points.pos, points.h, room * self.support, *self.box_of(points), self.periodic)
 
     def order(self, gas: Gas) -> np.ndarray:
         """Order of the particles by neighbour cell, for memory locality (n,)."""
@@ -103,7 +103,7 @@ class Sph:
             outgrown = np.zeros(len(left), np.bool_)
             share(
                 driver, len(left), left, gas.pos, vel, gas.mass, gas.h, gas.density, gas.gradh, *self.shear, self.eta,
-                h_least, self.h_most, self.fixed, cells, outgrown, least=CELLS, each=lists,
+                h_least, self.h_most, self.fixed, cells, outgrown, least=LEAST, each=lists,
             )  # fmt: skip
             left = left[outgrown]
             widen(left, 1.2 * self.support, gas.h, cells)
@@ -129,11 +129,6 @@ class Sph:
             share(
                 force_driver(self.kernel, self.dim, *terms), len(cells.filled), gas.pos, self.columns, gas.acc,
                 NONE if u is None else gas.heating_rate, divergence, beta,
-                self.conductivity.alpha if self.conductivity else 0.0, cells, self.met, again, least=CELLS, each=lists,
+                self.conductivity.alpha if self.conductivity else 0.0, cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
         return divergence
-
-
-def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -> list:
-    """Of each cell of `points`, particles of `among` within `extent` times its reach; by the pieces of `share`."""
-    return share(list_candidates, len(points.filled), points.filled, points.bounds, extent, mutual, among, least=CELLS)

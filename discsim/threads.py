@@ -11,6 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
+import numpy as np
 
 PIECES = 8  # a thread, so that a fast one can take more
 
@@ -38,3 +39,19 @@ def share(kernel: Callable, count: int, *arguments, least: int = 4096, each: lis
         _pools[threads] = ThreadPoolExecutor(threads)
     tasks = [_pools[threads].submit(kernel, *part, *arguments) for part in parts]
     return [task.result() for task in tasks]
+
+
+def copied(array: np.ndarray) -> np.ndarray:
+    """A copy, made in pieces."""
+    out = np.empty_like(array)
+    fill(out, lambda piece: array[piece])
+    return out
+
+
+def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None:
+    """out[:] = values in pieces, each the values of a slice of the first axis."""
+
+    def part(first, last):
+        out[first:last] = values(slice(first, last))
+
+    share(part, len(out))

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from discsim.drag.cells import merge
 from discsim.drag.heat import share_losses
 from discsim.exact import dustybox
-from discsim.kernels.blocks import IGNORE, INSIDE, NEAR, merge
+from discsim.kernels.blocks import IGNORE, INSIDE, NEAR
 from discsim.kernels.relax import relax_many, relax_pair, response
 
 DT = 0.7
@@ -133,7 +134,9 @@ def test_pair_is_dustybox_in_every_frame(ratio, stiff, v, u, a, c, boost):
 
 
 def merged(gas, dust, size=2.0, length=0.0, least=(8, 8), soft=2.0, hard=4.0, dust_wanted=INSIDE, h=1.0, nx=32, ny=32):
-    return merge(gas.ravel(), dust.ravel(), h * gas.ravel(), nx, ny, 1.0, size, length, *least, soft, hard, dust_wanted)
+    wanted = size, length, *least, soft, hard, dust_wanted
+    number, *blocks = merge(gas.ravel(), dust.ravel(), h * gas.ravel(), (nx, ny), 1.0, *wanted)
+    return number[:-1], *blocks
 
 
 def sides(number, ny=32):

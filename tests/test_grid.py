@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discsim.grid import Grid
-from discsim.kernels.grid import cell_of, counting_sort, largest_norm
+from discsim.kernels.grid import cell_of, largest_norm
 
 OPEN = Grid((-1.0, -0.5), 1 / 16, (32, 16), periodic=False)
 PERIODIC = Grid((0.0, 0.0), 1 / 16, (32, 16), periodic=True)
@@ -180,13 +180,6 @@ def test_cells_follow_the_number_of_particles():
 def test_sides_that_do_not_fit_a_periodic_box():
     with pytest.raises(ValueError, match=r"space\.size: 10 square cells .* 5\.5 along another"):
         Grid.from_scene(scene((1.0, 0.55), 10, "periodic", "box"), 0)
-
-
-def test_counting_sort_is_stable():
-    key = np.random.default_rng(4).integers(0, 40, 3000)
-    order, start = counting_sort(key, 50)
-    np.testing.assert_array_equal(order, np.argsort(key, kind="stable"))
-    np.testing.assert_array_equal(np.diff(start), np.bincount(key, minlength=50))
 
 
 def test_cell_of():

@@ -40,7 +40,7 @@ DRAG = {
 }
 OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}
-GAS = {"discsim.effects.gas", "discsim.sph", "discsim.kernels.sph", "discsim.kernels.neighbours"}
+GAS = {"discsim.effects.gas", "discsim.sph", "discsim.kernels.sph", "discsim.neighbours", "discsim.kernels.neighbours"}
 GRID = {
     "discsim.ppm",
     "discsim.kernels.ppm",

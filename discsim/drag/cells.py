@@ -10,6 +10,7 @@ from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.kernels import blocks as kernels
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import relax_blocks
+from discsim.sorting import counting_sort, counts
 from discsim.threads import share
 
 Array = np.ndarray
@@ -87,20 +88,47 @@ def sort_into_blocks(drag, state, leaves: Lattice, least, size: float, dust_want
             kernels.leaf_keys, len(key), particles.pos, leaves.origin, shift, 1.0 / leaves.side, nx, ny,
             leaves.periodic, key,
         )  # fmt: skip
-    n_gas, h_sum = kernels.leaf_counts(gas_key, gas.h, nx * ny)
-    n_dust, _ = kernels.leaf_counts(dust_key, NONE, nx * ny)
+    n_gas, n_dust = (counts(key, nx * ny + 1) for key in (gas_key, dust_key))
+    h_sum = np.bincount(gas_key, gas.h, nx * ny + 1)
     # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
     length = leaves.side if drag.drag.cell_length else 0.0
-    number, first_leaf, level, enlarged = kernels.merge(
-        n_gas, n_dust, h_sum, nx, ny, leaves.side, size, length, least[0], least[1], drag.soft, drag.hard, dust_wanted
+    number, first_leaf, level, enlarged = merge(
+        n_gas, n_dust, h_sum, leaves.shape, leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
     )
     # What lies outside the lattice meets nobody: a block of its own for each species.
     count, population = len(level), drag.law.populations
-    of_gas, of_dust = (np.append(number, np.int32(outside)) for outside in (count, count + 1))
-    gas_order, gas_start = kernels.sort_members(gas_key, n_gas, of_gas, NOBODY, 1, count + 2)
-    dust_order, dust_start = kernels.sort_members(dust_key, n_dust, of_dust, dust.species, population, count + 2)
+    number[-1] = count
+    share(kernels.block_keys, gas.count, gas_key, number, NOBODY, 1)
+    number[-1] = count + 1
+    share(kernels.block_keys, dust.count, dust_key, number, dust.species, population)
+    gas_order, gas_start = counting_sort(gas_key, count + 2)
+    dust_order, dust_start = counting_sort(dust_key, (count + 2) * population)
     moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
     return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
+
+
+def merge(gas, dust, h_sum, shape, *wanted) -> tuple[Array, Array, Array, Array]:
+    """Block of each leaf, with one entry more, and of each block its first leaf (ix, iy), level and whether want of
+    particles enlarged it.
+
+    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h; `wanted` as the kernel has it.
+    """
+    width, height = ((side - 1 >> np.arange(LEVELS + 1)) + 1 for side in shape)
+    begin = np.append(0, np.cumsum(width * height))
+    final, enlarged = np.zeros((2, begin[-1]), bool)
+    held = np.zeros(width[-1] * height[-1], np.int64)
+    share(
+        kernels.merge, len(held), gas, dust, h_sum, *wanted, begin, width, height, final, enlarged, held, least=1
+    )  # fmt: skip
+    start = np.append(0, np.cumsum(held))
+    count = start[-1]
+    number = np.full(begin[1] + 1, -1, np.int32)
+    first_leaf, level, flag = np.empty((count, 2), np.int32), np.empty(count, np.int64), np.empty(count, bool)
+    share(
+        kernels.number_blocks, len(held), start, begin, width, height, final, enlarged, number, first_leaf, level, flag,
+        least=1,
+    )  # fmt: skip
+    return number, first_leaf, level, flag
 
 
 def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:

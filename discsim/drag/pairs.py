@@ -16,10 +16,11 @@ import numpy as np
 
 from discsim.drag.cloud import Cloud, cloud_of, guess_h, settle_density
 from discsim.kernels import pairs as kernels
-from discsim.kernels.grid import counting_sort
 from discsim.kernels.move import add_scaled
-from discsim.kernels.neighbours import CELL_OVER_REACH, sort_into_cells
-from discsim.sph import CELLS, Sph, candidates
+from discsim.kernels.neighbours import CELL_OVER_REACH
+from discsim.neighbours import LEAST, candidates, sort_into_cells
+from discsim.sorting import counting_sort
+from discsim.sph import Sph
 from discsim.threads import share
 
 Array = np.ndarray
@@ -83,20 +84,21 @@ def _list(cloud: Cloud, gas, cells) -> tuple[Array, Array, Array]:
     low, width = cloud.sph.box_of(cloud)
     area = np.prod(width[width > 1e-300])
     side = (IN_A_CELL * area / cloud.count) ** (1.0 / max(1, (width > 1e-300).sum()))
-    reach = np.full(cloud.count, side / CELL_OVER_REACH)
-    dust_cells = sort_into_cells(cloud.pos, reach, low, width, cloud.sph.periodic)
+    dust_cells = sort_into_cells(
+        cloud.pos, np.full(cloud.count, side), 1.0 / CELL_OVER_REACH, low, width, cloud.sph.periodic
+    )
     lists = candidates(dust_cells, cells, mutual=True, extent=0.0)
     radius = cloud.sph.support * gas.h
     start = np.zeros(cloud.count + 1, np.int64)
-    index, offset = np.empty(0, np.int64), np.empty((0, cloud.sph.dim))
+    index, offset = np.empty(0, np.uint32), np.empty((0, cloud.sph.dim))
     for _ in range(2):  # their number, then themselves
         share(
             kernels.list_pairs, len(dust_cells.filled), dust_cells, cells, cloud.pos, gas.pos, radius, start, index,
-            offset, least=CELLS, each=lists,
+            offset, least=LEAST, each=lists,
         )  # fmt: skip
         if len(index) == 0:
             np.cumsum(start, out=start)
-            index, offset = np.empty(start[-1], np.int64), np.empty((start[-1], cloud.sph.dim))
+            index, offset = np.empty(start[-1], np.uint32), np.empty((start[-1], cloud.sph.dim))
         if len(index) == 0:
             break
     return start, index, offset

@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.drag.lab14 import relax_each_pair
 from discsim.kernels.slopes import slope_driver
-from discsim.sph import CELLS, candidates
+from discsim.neighbours import LEAST, candidates
 from discsim.threads import share
 
 
@@ -26,6 +26,6 @@ def slopes_of(sph, points, vel):
     slope = np.empty((points.count, sph.dim, sph.dim))
     share(
         slope_driver(sph.kernel, sph.dim), len(cells.filled), points.pos, vel, points.mass, points.h, slope, cells,
-        least=CELLS, each=candidates(cells, cells, mutual=False),
+        least=LEAST, each=candidates(cells, cells, mutual=False),
     )  # fmt: skip
     return slope

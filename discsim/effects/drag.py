@@ -17,7 +17,7 @@ from discsim.effects import base
 from discsim.effects.gas import kick_gas
 from discsim.kernels.move import add_scaled
 from discsim.state import Dust, State
-from discsim.threads import share
+from discsim.threads import copied, fill, share
 
 
 class Effect(base.Effect):
@@ -65,7 +65,7 @@ class Effect(base.Effect):
 
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way
-        before = gas.vel.copy()
+        before = copied(gas.vel)
         heat = np.zeros(gas.count if self.drag.heating else 0)
         if gas.count > 0 and dust.count > 0:
             # One-way: the gas is kicked below as it is without dust, to the last bit.
@@ -79,7 +79,7 @@ class Effect(base.Effect):
             kick_gas(gas, dt)
             return
         if gas.kick_acc is not None:
-            gas.kick_acc[:] = (gas.vel - before) / dt
+            fill(gas.kick_acc, lambda piece: (gas.vel[piece] - before[piece]) / dt)
         if gas.u is not None:
             gas.kick_rate[:] = gas.heating_rate
             if len(heat) > 0:

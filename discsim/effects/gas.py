@@ -12,7 +12,7 @@ from discsim.kernels.move import add_scaled
 from discsim.kernels.sph import step_limit
 from discsim.sph import Sph
 from discsim.state import Gas, State
-from discsim.threads import share
+from discsim.threads import copied, fill, share
 
 
 class Effect(base.Effect):
@@ -33,7 +33,7 @@ class Effect(base.Effect):
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(gas, u)
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
-        before = gas.acc.copy()
+        before = copied(gas.acc)
         divergence = self.sph.forces(gas, vel, u, gas.pressure)
         if gas.pressure_acc is not None:
             gas.pressure_acc[:] = gas.acc - before
@@ -44,13 +44,16 @@ class Effect(base.Effect):
                 gas.heating_rate[gas.immobile] = 0.0
         self._limit = self._step_limit(gas, before, divergence)
 
-    def _pressure_and_sound_speed(self, gas: Gas, u: np.ndarray | None) -> list[np.ndarray]:
+    def _pressure_and_sound_speed(self, gas: Gas, u: np.ndarray | None) -> np.ndarray:
+        out = np.empty((2, gas.count))
+
         def part(first, last):
             within = slice(first, last)
             energy = None if u is None else u[within]
-            return pressure_and_sound_speed(self.scene, gas.pos[within], gas.density[within], energy)
+            out[:, within] = pressure_and_sound_speed(self.scene, gas.pos[within], gas.density[within], energy)
 
-        return [np.concatenate(pieces) for pieces in zip(*share(part, gas.count), strict=True)]
+        share(part, gas.count)
+        return out
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Velocity and energy at the time of the positions, which viscosity and pressure need.
@@ -59,7 +62,9 @@ class Effect(base.Effect):
         its heat included, which keeps the step second order.
         """
         gas = state.gas
-        vel = gas.vel if gas.kick_acc is None else gas.vel + state.lag * gas.kick_acc
+        vel = gas.vel if gas.kick_acc is None else copied(gas.vel)
+        if gas.kick_acc is not None:
+            share(add_scaled, gas.count, vel, gas.kick_acc, state.lag)
         return vel, None if gas.u is None else gas.u + state.lag * gas.kick_rate
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
@@ -94,7 +99,7 @@ def kick_gas(gas: Gas, dt: float) -> None:
     """Velocities and energies over dt at constant rates."""
     share(add_scaled, gas.count, gas.vel, gas.acc, dt)
     if gas.kick_acc is not None:
-        gas.kick_acc[:] = gas.acc
+        fill(gas.kick_acc, lambda piece: gas.acc[piece])
     if gas.u is not None:
         gas.kick_rate[:] = gas.heating_rate
         gas.u += dt * gas.kick_rate

@@ -27,7 +27,7 @@ class Effect(base.Effect):
     def limit(self, state: State) -> float:
         limiting = {id(particles) for particles in state.limiting}
         distance2 = min(
-            self._nearest.pop(name, None) or nearest(particles.pos)
+            self._nearest.pop(name, None) or min(share(nearest, particles.count, particles.pos))
             for name, particles in state.species.items()
             if id(particles) in limiting
         )
@@ -41,7 +41,7 @@ class Effect(base.Effect):
     def _accrete(self, state: State, name: str, particles: Particles) -> None:
         squared = self.star.accretion_radius**2
         inside = np.empty(particles.count, bool)
-        self._nearest[name] = divide(particles.pos, squared, inside)
+        self._nearest[name] = min(share(divide, particles.count, particles.pos, squared, inside))
         gone = np.flatnonzero(inside)
         if len(gone) == 0:
             return

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 ONE, TWO = np.uint64(1), np.uint64(2)
+NOUGHT = np.int64(0)  # a literal 0 given to a function would make a version of it
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 DONE, LONELY, SMALL, FEW, LACKING = range(5)
 IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
@@ -46,43 +47,14 @@ def leaf_keys(first, last, pos, origin, shift, inverse, nx, ny, periodic, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def leaf_counts(key, weight, count):
-    """Particles in each leaf and outside, and the sum of `weight`, if it has entries, over them."""
-    number, total = np.zeros(count + 1, np.uint32), np.zeros(count + 1 if len(weight) > 0 else 0)
-    if len(weight) == 0:
-        for i in range(len(key)):
-            number[key[i]] += np.uint32(1)
-    else:
-        for i in range(len(key)):
-            number[key[i]] += np.uint32(1)
-            total[key[i]] += weight[i]
-    return number, total
+def block_keys(first, last, key, number, species, populations):
+    """Turn the leaf of each particle into its block and population as one number, those of a block together.
 
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def sort_members(key, counts, number, species, populations, count):
-    """Order of the particles by the block of their leaf and, within it, by population, and where each of them begins.
-
-    `counts` are those of `leaf_counts`; `number` is each leaf's block out of `count`.
+    `number` is each leaf's block; `species` is read where there are several populations.
     """
-    start = np.zeros(count * populations + 1, np.int64)
-    if populations == 1:
-        for leaf in range(len(counts)):
-            if counts[leaf] > 0:
-                start[number[leaf] + 1] += counts[leaf]
-    else:
-        for i in range(len(key)):
-            start[number[key[i]] * populations + species[i] + 1] += 1
-    for k in range(len(start) - 1):
-        start[k + 1] += start[k]
-    order, next_one = np.empty(len(key), np.uint32), start[:-1].astype(np.uint32)
-    for i in range(len(key)):
-        k = number[key[i]]
-        if populations > 1:
-            k = k * populations + species[i]
-        order[next_one[k]] = i
-        next_one[k] += np.uint32(1)
-    return order, start
+    for i in range(first, last):
+        block = number[key[i]]
+        key[i] = block * populations + species[i] if populations > 1 else block
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -123,86 +95,106 @@ def _status(gas, dust, h_sum, side, size, length, least_gas, least_dust, dust_wa
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def merge(gas, dust, h_sum, nx, ny, leaf, size, length, least_gas, least_dust, soft, hard, dust_wanted):
-    """Block of each leaf, and of each block its first leaf (ix, iy), its level and whether want of particles
-    enlarged it. `gas`, `dust`, `h_sum` (nx ny,): particles in each leaf and the sum of the gas's h.
+def merge(
+    first, last, gas, dust, h_sum, leaf, size, length, least_gas, least_dust, soft, hard, dust_wanted,
+    begin, width, height, final, enlarged, count,
+):  # fmt: skip
+    """Blocks within the largest possible ones, and how many there are in each of these: count (largest,).
+
+    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h. The blocks of a level, width by
+    height, start at begin[level] of `final` and `enlarged`: whether it is one, unless it lies in a larger one, and
+    whether want of particles enlarged it. Both come as False.
     """
-    width, height = np.empty(LEVELS + 1, np.int64), np.empty(LEVELS + 1, np.int64)
-    first = np.zeros(LEVELS + 2, np.int64)
-    for level in range(LEVELS + 1):
-        width[level], height[level] = (nx - 1 >> level) + 1, (ny - 1 >> level) + 1
-        first[level + 1] = first[level] + width[level] * height[level]
-    status = np.zeros(first[LEVELS + 1], np.int8)
-    final = np.zeros(first[LEVELS + 1], np.bool_)
-    enlarged = np.zeros(first[LEVELS + 1], np.bool_)
-    g, d, s = np.zeros(len(status), np.uint32), np.zeros(len(status), np.uint32), np.zeros(len(status))
-    for b in range(nx * ny):
-        if gas[b] + dust[b] > 0:
-            g[b], d[b], s[b] = gas[b], dust[b], h_sum[b]
-            status[b] = _status(g[b], d[b], s[b], leaf, size, length, least_gas, least_dust, dust_wanted)
-            final[b] = status[b] == DONE
-    for level in range(1, LEVELS + 1):
-        side = leaf * 2.0**level
-        for bx in range(width[level]):
-            for by in range(height[level]):
-                b = first[level] + bx * height[level] + by
-                worst = DONE
-                for cx in range(2 * bx, min(2 * bx + 2, width[level - 1])):
-                    low = first[level - 1] + cx * height[level - 1] + 2 * by
-                    for c in range(low, low + min(2, height[level - 1] - 2 * by)):
-                        g[b] += g[c]
-                        d[b] += d[c]
-                        s[b] += s[c]
-                        worst = max(worst, status[c])
-                        enlarged[b] |= enlarged[c]
-                if worst == DONE:
-                    continue
-                if g[b] > 0 and worst != SMALL:
-                    wanted = size * s[b] / g[b] if length == 0.0 else length
-                    limit = (soft if worst == FEW else hard) * wanted
-                    if side > limit or (worst == LONELY and d[b] > 0):
-                        for cx in range(2 * bx, min(2 * bx + 2, width[level - 1])):
-                            low = first[level - 1] + cx * height[level - 1] + 2 * by
-                            for c in range(low, low + min(2, height[level - 1] - 2 * by)):
-                                final[c] |= status[c] != DONE
-                        continue
-                enlarged[b] |= worst != SMALL
-                status[b] = _status(g[b], d[b], s[b], side, size, length, least_gas, least_dust, dust_wanted)
-                if g[b] + d[b] > 0 and (status[b] == DONE or level == LEVELS):
-                    final[b] = True
-    return _number(final, enlarged, width, height, first)
+    most = 1 << LEVELS
+    # Of the blocks of one level within a largest one, in place of what was there of the level below.
+    g, d, s = np.empty((most, most), np.int64), np.empty((most, most), np.int64), np.empty((most, most))
+    status = np.empty((most, most), np.int8)
+    for top in range(first, last):
+        tx, ty = top // height[LEVELS] << LEVELS, top % height[LEVELS] << LEVELS
+        held = 0
+        for ix in range(tx, min(tx + most, width[0])):
+            for iy in range(ty, min(ty + most, height[0])):
+                b, x, y = ix * height[0] + iy, ix - tx, iy - ty
+                g[x, y], d[x, y], s[x, y] = gas[b], dust[b], h_sum[b]
+                held += g[x, y] + d[x, y]
+                status[x, y] = _status(
+                    g[x, y], d[x, y], s[x, y], leaf, size, length, least_gas, least_dust, dust_wanted
+                )  # fmt: skip
+                final[b] = g[x, y] + d[x, y] > 0 and status[x, y] == DONE
+        if held == 0:
+            continue
+        for level in range(1, LEVELS + 1):
+            side = leaf * 2.0**level
+            for bx in range(tx >> level, min(tx + most >> level, width[level])):
+                for by in range(ty >> level, min(ty + most >> level, height[level])):
+                    b, x, y = begin[level] + bx * height[level] + by, bx - (tx >> level), by - (ty >> level)
+                    below = begin[level - 1] + 2 * (bx * height[level - 1] + by)
+                    along_x = 2 if 2 * bx + 1 < width[level - 1] else 1
+                    along_y = 2 if 2 * by + 1 < height[level - 1] else 1
+                    gas_held, dust_held, h_held, worst = NOUGHT, NOUGHT, 0.0, DONE
+                    for cx in range(along_x):
+                        for cy in range(along_y):
+                            gas_held += g[2 * x + cx, 2 * y + cy]
+                            dust_held += d[2 * x + cx, 2 * y + cy]
+                            h_held += s[2 * x + cx, 2 * y + cy]
+                            worst = max(worst, status[2 * x + cx, 2 * y + cy])
+                            enlarged[b] |= enlarged[below + cx * height[level - 1] + cy]
+                    waits, too_large = worst != DONE, False
+                    if waits and gas_held > 0 and worst != SMALL:
+                        wanted = size * h_held / gas_held if length == 0.0 else length
+                        limit = (soft if worst == FEW else hard) * wanted
+                        too_large = side > limit or (worst == LONELY and dust_held > 0)
+                    if too_large:
+                        for cx in range(along_x):
+                            for cy in range(along_y):
+                                final[below + cx * height[level - 1] + cy] |= status[2 * x + cx, 2 * y + cy] != DONE
+                    g[x, y], d[x, y], s[x, y], status[x, y] = gas_held, dust_held, h_held, DONE
+                    if waits and not too_large:
+                        enlarged[b] |= worst != SMALL
+                        status[x, y] = _status(
+                            gas_held, dust_held, h_held, side, size, length, least_gas, least_dust, dust_wanted
+                        )  # fmt: skip
+                        final[b] = gas_held + dust_held > 0 and (status[x, y] == DONE or level == LEVELS)
+        z = NOUGHT
+        while z < 1 << 2 * LEVELS:
+            _, _, level, found = _block_at(z, tx, ty, begin, width, height, final)
+            count[top] += found
+            z += 1 << 2 * level
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _number(final, enlarged, width, height, first):
-    """Number the blocks, the largest final ones about each leaf, along a Z-curve in each of the largest possible, so
-    that those in one place follow each other at whatever level.
+def _block_at(z, tx, ty, begin, width, height, final):
+    """First leaf and level of the largest block that starts at place z of the Z-curve in the largest possible one that
+    starts at leaf (tx, ty), and whether there is one; else as far as there is none for certain.
     """
-    nx, ny = width[0], height[0]
-    number = np.full(nx * ny, -1, np.int32)
-    corner = np.empty((nx * ny, 2), np.int32)
-    flag, level_of = np.empty(nx * ny, np.bool_), np.empty(nx * ny, np.int64)
-    count = 0
-    for top in range(width[LEVELS] * height[LEVELS]):
+    ix, iy, level = tx, ty, LEVELS
+    for k in range(LEVELS):
+        ix += (z >> 2 * k + 1 & 1) << k
+        iy += (z >> 2 * k & 1) << k
+    while z & (1 << 2 * level) - 1 != 0:
+        level -= 1
+    if ix >= width[0] or iy >= height[0]:
+        return ix, iy, level, False
+    while level > 0 and not final[begin[level] + (ix >> level) * height[level] + (iy >> level)]:
+        level -= 1
+    return ix, iy, level, final[begin[level] + (ix >> level) * height[level] + (iy >> level)]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def number_blocks(first, last, start, begin, width, height, final, enlarged, number, corner, level_of, flag):
+    """Number the blocks of each largest possible one, from `start` on, along a Z-curve: those in one place follow each
+    other at whatever level. Writes the number of each leaf, and first leaf, level and `enlarged` of each block.
+    """
+    for top in range(first, last):
         tx, ty = top // height[LEVELS] << LEVELS, top % height[LEVELS] << LEVELS
-        z = 0
-        while z < 1 << 2 * LEVELS:
-            ix, iy, level = tx, ty, LEVELS
-            for k in range(LEVELS):
-                ix += (z >> 2 * k + 1 & 1) << k
-                iy += (z >> 2 * k & 1) << k
-            while z & (1 << 2 * level) - 1 != 0:
-                level -= 1
-            if ix < nx and iy < ny:
-                while level > 0 and not final[first[level] + (ix >> level) * height[level] + (iy >> level)]:
-                    level -= 1
-                if final[first[level] + (ix >> level) * height[level] + (iy >> level)]:
-                    for jx in range(ix, min(ix + (1 << level), nx)):
-                        for jy in range(iy, min(iy + (1 << level), ny)):
-                            number[jx * ny + jy] = count
-                    corner[count, 0], corner[count, 1] = ix, iy
-                    flag[count] = enlarged[first[level] + (ix >> level) * height[level] + (iy >> level)]
-                    level_of[count] = level
-                    count += 1
+        z, n = NOUGHT, start[top]
+        while n < start[top + 1]:
+            ix, iy, level, found = _block_at(z, tx, ty, begin, width, height, final)
+            if found:
+                for jx in range(ix, min(ix + (1 << level), width[0])):
+                    for jy in range(iy, min(iy + (1 << level), height[0])):
+                        number[jx * height[0] + jy] = n
+                corner[n, 0], corner[n, 1], level_of[n] = ix, iy, level
+                flag[n] = enlarged[begin[level] + (ix >> level) * height[level] + (iy >> level)]
+                n += 1
             z += 1 << 2 * level
-    return number, corner[:count], level_of[:count], flag[:count]

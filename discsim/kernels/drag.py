@@ -25,7 +25,9 @@ from discsim.kernels.laws import stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
 
-FAST = {"reassoc", "contract", "nsz"}  # sums within a block take any order, so that they are vectorised
+# Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
+# callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
+FAST = {"reassoc", "contract", "nsz"}
 # Blocks are many and small. Their arrays are made once for all of them, and are few: to make one, to take a part of it
 # or to hand it on costs as much as what is done with ten particles. Loops over particles count with unsigned numbers,
 # which are no indices from the end: otherwise nothing is vectorised.
@@ -93,7 +95,7 @@ def pack(order, first, last, at, pos, vel, own, mass, corners, block, size, peri
             p[BX, j], p[BY, j] = own[i, 0], 0.0 if line else own[i, 1]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def leave_orbits(p, count, x0, y0, star, softening):
     """Velocities relative to Kepler's."""
     for k in range(np.uint64(count)):
@@ -103,7 +105,7 @@ def leave_orbits(p, count, x0, y0, star, softening):
         p[VY, k] -= omega * x
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def mean_square(p, first, last, x0, y0):
     """Mean squared distance from the origin."""
     total = 0.0
@@ -113,7 +115,7 @@ def mean_square(p, first, last, x0, y0):
     return total / (last - first)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def means(p, first, last, f, o, s):
     """Mass, and means of the rows f and f + 1."""
     mass, u, v = 0.0, 0.0, 0.0
@@ -126,7 +128,7 @@ def means(p, first, last, f, o, s):
     o[s, f], o[s, f + 1] = (u / mass, v / mass) if mass > 0.0 else (0.0, 0.0)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def second_moments(p, first, last, o, s):
     x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
     xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -144,7 +146,7 @@ def second_moments(p, first, last, o, s):
     o[s, MOMENT], o[s, MOMENT + 1], o[s, MOMENT + 2], o[s, MOMENT + 3] = xu, xv, yu, yv
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def moments_of_source(p, first, last, o, s):
     x0, y0, a0, b0 = o[s, X], o[s, Y], o[s, BX], o[s, BY]
     xa, xb, ya, yb = 0.0, 0.0, 0.0, 0.0
@@ -269,7 +271,7 @@ def exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, ch
                 o[s, SLOPE_CHANGE + a + c] = change[s, c]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def make_changes(p, first, last, o, s, sources, f, g):
     """What the drag changes, the line of the species and what is left of each particle, eq. (2), in place of places."""
     x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
@@ -290,7 +292,7 @@ def make_changes(p, first, last, o, s, sources, f, g):
             p[Y, k] += g * (p[BY, k] - b0)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def loss(p, first, last, o, s, sources, dt):
     """What is lost of the energy of motion beside the work of the sources, both at the velocities half-way, relative to
     the gas's means.

@@ -26,23 +26,6 @@ _STENCILS = np.array(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def counting_sort(key, count):
-    """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,)."""
-    order = np.empty(key.size, np.int64)
-    start = np.zeros(count + 1, np.int64)
-    for i in range(key.size):
-        start[key[i] + 1] += 1
-    for k in range(count):
-        start[k + 1] += start[k]
-    cursor = start[:-1].copy()
-    for i in range(key.size):
-        k = key[i]
-        order[cursor[k]] = i
-        cursor[k] += 1
-    return order, start
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def cell_of(x, origin, inverse, count, periodic):
     """Index of the cell that holds x; outside an open axis, or where x is not finite, -1."""
     s = (x - origin) * inverse
@@ -133,7 +116,7 @@ def runs_of(key):
     count = min(1, len(key))
     for p in range(ONE, np.uint64(len(key))):
         count += key[p] != key[p - ONE]
-    begin, strip = np.empty(count + 1, np.int64), np.empty(count, np.int64)
+    begin, strip = np.empty(count + 1, np.int64), np.empty(count, np.uint32)
     run = 0
     for p in range(len(key)):
         if p == 0 or key[p] != key[p - 1]:
@@ -216,7 +199,7 @@ def gather(begin, end, field, pos, origin, inverse, periodic, out):
                 out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, fastmath={"contract"}, forceinline=True)
 def _between(flat, low, along_x, along_y, wx, wy):
     high = low + along_x
     first = flat[low] + wy * (flat[low + along_y] - flat[low])

@@ -12,9 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.grid import counting_sort
-from discsim.threads import share
-
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
 MAX_CLASSES = 24
@@ -42,63 +39,34 @@ class Cells(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def box_about(pos):
-    """Lower corner and widths (2,) of the box about positions (n, d), in one dimension flat."""
-    low, width = np.zeros(2), np.zeros(2)
-    for axis in range(pos.shape[1]):
+def extremes(first, last, values):
+    """Least and largest (2, columns) of each column of values (n, columns), of those that are numbers."""
+    out = np.empty((2, values.shape[1]))
+    for column in range(values.shape[1]):
         least, most = np.inf, -np.inf
-        for i in range(len(pos)):
-            least, most = min(least, pos[i, axis]), max(most, pos[i, axis])
-        low[axis], width[axis] = least, most - least
-    width[0] = max(width[0], 1e-300)
-    return low, width
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def size_classes(radius):
-    """Class of each support radius, in factors of two above the smallest."""
-    smallest, largest = np.inf, 0.0
-    for r in radius:
-        smallest, largest = min(smallest, r), max(largest, r)
-    s0 = max(smallest, largest * 2.0 ** (1 - MAX_CLASSES))
-    edges = s0 * (1.0 + 1e-12) * 2.0 ** np.arange(MAX_CLASSES)
-    out = np.empty(len(radius), np.int64)
-    for i in range(len(radius)):
-        k = 0
-        while radius[i] > edges[k] and k < MAX_CLASSES - 1:
-            k += 1
-        out[i] = k
+        for i in range(first, last):
+            value = values[i, column]
+            least, most = value if value < least else least, value if value > most else most
+        out[0, column], out[1, column] = least, most
     return out
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def lay_grids(radius, classes, low, width, periodic):
-    """The table of grids over the box [low, low + width], with at most some cells a particle."""
-    count = 1
-    for k in classes:
-        count = max(count, k + 1)
-    grids = np.zeros((count, 6))
-    members = np.zeros(count, np.int64)
-    for i in range(len(radius)):
-        k = classes[i]
-        members[k] += 1
-        grids[k, REACH] = max(grids[k, REACH], radius[i])
-    first = 0
-    for k in range(count):
-        # A class may be empty where h jumps: then one cell that holds nobody.
-        side = CELL_OVER_REACH * grids[k, REACH] if members[k] > 0 else max(width[0], width[1])
-        most = 16.0 * members[k] + 64.0
-        # Few particles far apart: coarser cells rather than an array of empty ones.
-        if (width[0] / side + 1.0) * (width[1] / side + 1.0) > most:
-            area = max(width[0], side) * max(width[1], side)
-            side = max(side, math.sqrt(area / most), width[0] / most, width[1] / most)
-        grids[k, FIRST] = first
-        for axis in range(2):
-            n = max(1.0, math.floor(width[axis] / side))
-            grids[k, NX + axis] = n
-            grids[k, SIDE_X + axis] = max(width[axis] / n, 1e-300) if periodic or n > 1.0 else max(width[axis], side)
-        first += int(grids[k, NX] * grids[k, NY])
-    return grids, first
+def size_classes(first, last, h, extent, smallest, out):
+    """Class of each support radius, `extent` times h, in factors of two above `smallest`: out (n,).
+
+    Returns (2, MAX_CLASSES): how many are in each class, and its largest radius.
+    """
+    found = np.zeros((2, MAX_CLASSES))
+    edges = smallest * 2.0 ** np.arange(MAX_CLASSES)
+    for i in range(first, last):
+        radius, k = extent * h[i], 0
+        while radius > edges[k] and k < MAX_CLASSES - 1:
+            k += 1
+        out[i] = k
+        found[0, k] += 1.0
+        found[1, k] = max(found[1, k], radius)
+    return found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -115,33 +83,19 @@ def cell_keys(first, last, pos, classes, grids, low, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def lay_out(first, last, pos, radius, order, start, x, y, sorted_radius, bounds):
+def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
     """Positions and support radii in the order of the cells, and the bounds of each cell."""
     dim = pos.shape[1]
     for c in range(first, last):
         x0, x1, y0, y1, reach = np.inf, -np.inf, np.inf, -np.inf, 0.0
         for k in range(start[c], start[c + 1]):
             i = order[k]
-            x[k], y[k], sorted_radius[k] = pos[i, 0], pos[i, 1] if dim == 2 else 0.0, radius[i]
+            x[k], y[k], radius[k] = pos[i, 0], pos[i, 1] if dim == 2 else 0.0, extent * h[i]
             x0, x1 = min(x0, x[k]), max(x1, x[k])
             y0, y1 = min(y0, y[k]), max(y1, y[k])
-            reach = max(reach, radius[i])
+            reach = max(reach, radius[k])
         bounds[c, 0], bounds[c, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         bounds[c, 2], bounds[c, 3], bounds[c, 4] = 0.5 * (x1 - x0), 0.5 * (y1 - y0), reach
-
-
-def sort_into_cells(pos, radius, low, width, periodic):
-    """Cells of all particles, with support radii (n,). `low` and `width` (2,) are the box; in 1D width[1] is 0."""
-    classes = size_classes(radius)
-    grids, count = lay_grids(radius, classes, low, width, periodic)
-    key = np.empty(len(pos), np.int64)
-    share(cell_keys, len(pos), pos, classes, grids, low, key)
-    order, start = counting_sort(key, count)
-    x, y, sorted_radius = np.empty((3, len(pos)))
-    bounds = np.empty((count, 5))
-    share(lay_out, count, pos, radius, order, start, x, y, sorted_radius, bounds)
-    filled = np.flatnonzero(np.diff(start))
-    return Cells(filled, key, grids, order, start, x, y, sorted_radius, bounds, low, width, periodic)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -20,25 +20,25 @@ def attract(begin, end, pos, acc, mass, softening):
         out[TWO * i + ONE] -= f * y
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
-def nearest(pos):
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def nearest(begin, end, pos):
     """Least squared distance of positions (n, 2) from the origin, inf where there are none; they must be numbers."""
     least = np.inf
     flat = pos.reshape(-1)
-    for i in range(np.uint64(len(pos))):
+    for i in range(np.uint64(begin), np.uint64(end)):
         x, y = flat[TWO * i], flat[TWO * i + ONE]
         least = min(least, x * x + y * y)
     return least
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
-def divide(pos, squared, inside):
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def divide(begin, end, pos, squared, inside):
     """Note which positions (n, 2) are nearer to the origin than a distance that is given squared; returns the least
     squared distance of the others.
     """
     least = np.inf
     flat = pos.reshape(-1)
-    for i in range(np.uint64(len(pos))):
+    for i in range(np.uint64(begin), np.uint64(end)):
         x, y = flat[TWO * i], flat[TWO * i + ONE]
         d2 = x * x + y * y
         inside[i] = d2 < squared
