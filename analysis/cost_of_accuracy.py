@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import drift_cost
+from common import some_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
@@ -276,11 +277,9 @@ def draw_sheet(study: Study, path: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("cost"))
-    parser.add_argument("--studies", default=",".join(STUDIES))
+    parser.add_argument("--studies", type=some_of(STUDIES, "study"), default=",".join(STUDIES))
     options = parser.parse_args(arguments)
-    out, wanted = options.output, options.studies.split(",")
-    if unknown := [name for name in wanted if name not in STUDIES]:
-        parser.error(f"no study {unknown[0]!r}; there are {', '.join(STUDIES)}")
+    out, wanted = options.output, options.studies
     console = Console()
     prices: dict[str, list[Study]] = {}
     if "wave" in wanted:

@@ -25,12 +25,12 @@ over NSH. The step is .03/Omega for all of them.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 from pathlib import Path
 
 import numpy as np
+from common import some_of, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -38,6 +38,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from discsim import Simulation
+from discsim.drag import SCHEMES
 from discsim.exact import nsh
 
 ASPECT, SIGMA, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 1e-4, 0.5, 1.55, 0.2, 0.12, 10
@@ -226,7 +227,7 @@ def study(given, cases: list[tuple[float, float]]) -> list[dict]:
         for seed in range(1, given.seeds + 1):
             for ratio, stokes in cases:
                 control = run(ratio, stokes, "control", seed)  # one for all Stokes numbers
-                for scheme in given.schemes.split(","):
+                for scheme in given.schemes:
                     row = {"eps": ratio, "stokes": stokes, "scheme": scheme, "seed": seed}
                     rows.append(row | summary(run(ratio, stokes, scheme, seed), control, ratio, stokes))
     return rows
@@ -279,19 +280,12 @@ def draw(rows: list[dict], file: Path) -> None:
     figure.savefig(file, dpi=120)
 
 
-def write_csv(rows: list[dict], columns: tuple[str, ...], file: Path) -> None:
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, columns, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, default=Path("drift"))
     parser.add_argument("--gas", choices=("sph", "background"), default="sph")
     parser.add_argument("--cases", default=CASES, help="eps:St, separated by commas")
-    parser.add_argument("--schemes", default="tsc,idic-linear,idic")
+    parser.add_argument("--schemes", type=some_of(SCHEMES, "scheme"), default="tsc,idic-linear,idic")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--particles", type=int, default=100_000)
     parser.add_argument("--dust", type=int, default=100_000)

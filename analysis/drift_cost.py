@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import drift
 import numpy as np
+from common import warm_up, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.box import SIMPLE
@@ -114,9 +115,7 @@ def given_ring(stokes: float, scheme: str, particles: int, cell: float) -> Simul
 
 def measured(case: Case) -> dict[str, Any]:
     """What `drift.measure` sees, and the CPU seconds of the steps; kernels are compiled by two steps apart."""
-    first = case.ring()
-    for _ in range(2):
-        first.step()
+    warm_up(case.ring())
     sim = case.ring()
     found = drift.measure(sim, case.orbits, lambda share: None)
     return found | {"cpu": sim.costs.total}
@@ -193,6 +192,6 @@ def make(out: Path, console: Console, wanted: Sequence[Case] | None = None) -> l
     for row in rows:
         table.add_row(*(f"{v:.3g}" if isinstance(v := row[key], float) else str(v) for key in COLUMNS))
     console.print(table)
-    drift.write_csv(rows, COLUMNS, out / "drift_cost.csv")
+    write_csv(rows, COLUMNS, out / "drift_cost.csv")
     draw(rows, out.parent / "cost_drift.png")
     return rows

@@ -18,7 +18,6 @@ Writes forces.csv and forces.png.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 from collections.abc import Callable, Iterator
 from functools import cache, partial
@@ -26,6 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from common import whole_numbers, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -180,30 +180,22 @@ def figure_of(found: list[dict]) -> Figure:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cells", default="64,128,256,512,1024", help="numbers of cells along a side")
+    default = "64,128,256,512,1024"
+    parser.add_argument("--cells", type=whole_numbers(32), default=default, help="numbers of cells along a side")
     parser.add_argument("-o", "--output", metavar="OUT", type=Path, default=Path("forces"), help="where to write")
     options = parser.parse_args(arguments)
-    try:
-        cells = [int(count) for count in options.cells.split(",")]
-    except ValueError:
-        cells = []
-    if not cells or min(cells) < 32:
-        parser.error("--cells: expected whole numbers from 32, like 64,128,256")
     try:
         options.output.mkdir(parents=True, exist_ok=True)
         print(f"{'disc':<14} {'kernel':<10} {'length':<8} {'cells':>5} {'error':>9} {'order':>6} {'razor-thin':>11}")
         found = []
-        for row in rows(cells):
+        for row in rows(options.cells):
             found.append(row)
             print(
                 f"{row['disc']:<14} {row['kernel']:<10} {row['length']:<8} {row['cells']:>5} {row['error']:>9.2e} "
                 f"{row['order']:>6.2f} {row['razor_thin_error']:>11.2e}",
                 flush=True,
             )
-        with (options.output / "forces.csv").open("w", newline="") as file:
-            table = csv.DictWriter(file, COLUMNS)
-            table.writeheader()
-            table.writerows(found)
+        write_csv(found, COLUMNS, options.output / "forces.csv")
         figure = figure_of(found)
         FigureCanvasAgg(figure)
         figure.savefig(options.output / "forces.png", dpi=130)

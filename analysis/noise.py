@@ -21,13 +21,13 @@ writes (noise.csv, noise.png, and one file a choice, so that a stopped study goe
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
+from common import some_of, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -236,19 +236,15 @@ def draw(results: dict, file: Path) -> None:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, default=Path("noise"))
-    parser.add_argument("--choices", default=";".join(CHOICES), help="names separated by semicolons")
+    choices = some_of(CHOICES, "choice", ";")
+    parser.add_argument("--choices", type=choices, default=";".join(CHOICES), help="names separated by semicolons")
     parser.add_argument("--orbits", type=float, default=20.0)
     parser.add_argument("--resolution", type=float, default=0.25, help="h/H at the middle")
     given = parser.parse_args(arguments)
-    names = given.choices.split(";")
-    if unknown := [name for name in names if name not in CHOICES]:
-        parser.error(f"no choice {unknown[0]!r}; there are {'; '.join(CHOICES)}")
-    results = study(given.out, names, given.resolution, given.orbits)
+    results = study(given.out, given.choices, given.resolution, given.orbits)
     show_table(results)
-    with (given.out / "noise.csv").open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, ["choice", *next(iter(results.values()))])
-        writer.writeheader()
-        writer.writerows({"choice": name} | found for name, found in results.items())
+    rows = [{"choice": name} | found for name, found in results.items()]
+    write_csv(rows, tuple(rows[0]), given.out / "noise.csv")
     draw(results, given.out / "noise.png")
     return 0
 

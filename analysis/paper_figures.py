@@ -19,6 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from common import some_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from measures import exact_velocity, run_of
@@ -246,13 +247,10 @@ FIGURES: dict[str, Callable[[], Figure]] = {
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, default=Path("paper_figures"))
-    parser.add_argument("--figures", default=",".join(FIGURES))
+    parser.add_argument("--figures", type=some_of(FIGURES, "figure"), default=",".join(FIGURES))
     given = parser.parse_args(arguments)
-    names = given.figures.split(",")
-    if wrong := [name for name in names if name not in FIGURES]:
-        parser.error(f"--figures: no figure {wrong[0]!r}; expected some of {', '.join(FIGURES)}")
     given.out.mkdir(parents=True, exist_ok=True)
-    for name in track(names, console=Console(stderr=True)):
+    for name in track(given.figures, console=Console(stderr=True)):
         FIGURES[name]().savefig(given.out / f"{name}.png", dpi=110)
     return 0
 

@@ -17,11 +17,11 @@ is not, and why, is said.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from common import some_of, write_csv
 from measures import run_of, smoothed_error
 from rich.console import Console
 from rich.progress import track
@@ -125,13 +125,12 @@ def verdict(entry: Entry, found: float) -> str:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, default=Path("paper_tables"))
-    parser.add_argument("--tables", default="1,2,3", help="numbers of the tables, separated by commas")
-    given = parser.parse_args(arguments)
     makers = {"1": table_1, "2": table_2, "3": table_3}
-    if wrong := [name for name in given.tables.split(",") if name not in makers]:
-        parser.error(f"--tables: no table {wrong[0]!r}; expected 1, 2 or 3")
+    numbers = some_of(makers, "table")
+    parser.add_argument("--tables", type=numbers, default="1,2,3", help="numbers of the tables, separated by commas")
+    given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
-    entries = [entry for name in given.tables.split(",") for entry in makers[name]()]
+    entries = [entry for name in given.tables for entry in makers[name]()]
     rows = []
     for entry in track(entries, console=Console(stderr=True)):
         found = error_of(entry)
@@ -145,10 +144,7 @@ def main(arguments: list[str] | None = None) -> int:
     console = Console(width=150)
     console.print(table)
     console.print(NOTES)
-    with (given.out / "paper_tables.csv").open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, columns, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(rows, columns, given.out / "paper_tables.csv")
     return 0
 
 

@@ -22,12 +22,12 @@ more than 20,000 steps is not made, and its seconds are those of 100 of its step
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
+from common import some_of, warm_up, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -40,6 +40,7 @@ from discsim import Simulation
 from discsim.exact import sedov
 
 SCHEMES = ("mk", "esph", "isph", "lab14", "reconstructed", "idic", "idic-linear", "tsc", "sios-ppm", "emsi-ppm")
+PARTS = ("wave", "shock", "blast")
 COEFFICIENTS = (0.005, 0.5, 500.0, 5000.0, 1e6)
 H, MOST_STEPS = 0.01, 20_000
 STOPPING_TIMES = (1.0, 0.1, 0.01, 0.001)  # of the blast, in its own time
@@ -53,13 +54,6 @@ def totals(sim: Simulation) -> tuple[float, float]:
     momentum = sum(float((p.mass * p.vel[:, 0]).sum()) for p in both)
     energy = sum(float((p.mass * (p.vel**2).sum(axis=1)).sum()) / 2 for p in both)
     return momentum, energy + (float((sim.gas.mass * sim.gas.u).sum()) if sim.gas.u is not None else 0.0)
-
-
-def warm_up(make) -> None:
-    """Compile what a run needs."""
-    sim = make()
-    for _ in range(2):
-        sim.step()
 
 
 def wave(scheme: str, coefficient: float, boost: float) -> dict:
@@ -129,7 +123,7 @@ def blasts(schemes: list[str]) -> list[dict]:
     for stopping_time in track(STOPPING_TIMES, "blast", console=Console(stderr=True)):
         row: dict = {"t_stop": stopping_time}
         for scheme in ("mk", *implicit):
-            warm_up(lambda scheme=scheme, stopping_time=stopping_time: blast(scheme, stopping_time))
+            warm_up(blast(scheme, stopping_time))
             sim, clock = blast(scheme, stopping_time), time.process_time()
             sim.run()
             seconds = time.process_time() - clock
@@ -148,13 +142,6 @@ def show(rows: list[dict], columns: tuple[str, ...], title: str) -> None:
             cells.append("~" + text if key in ("steps", "seconds") and row.get("estimated") else text)
         table.add_row(*cells)
     Console(width=140).print(table)
-
-
-def write(rows: list[dict], columns: tuple[str, ...], file: Path) -> None:
-    with file.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, columns, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def draw(rows: list[dict], file: Path) -> None:
@@ -182,36 +169,32 @@ def draw(rows: list[dict], file: Path) -> None:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, default=Path("schemes"))
-    parser.add_argument("--schemes", default=",".join(SCHEMES))
-    parser.add_argument("--parts", default="wave,shock,blast")
+    parser.add_argument("--schemes", type=some_of(SCHEMES, "scheme"), default=",".join(SCHEMES))
+    parser.add_argument("--parts", type=some_of(PARTS, "part"), default=",".join(PARTS))
     given = parser.parse_args(arguments)
-    schemes, parts = given.schemes.split(","), given.parts.split(",")
-    if wrong := [name for name in schemes if name not in SCHEMES]:
-        parser.error(f"--schemes: no scheme {wrong[0]!r}; expected some of {', '.join(SCHEMES)}")
-    if wrong := [name for name in parts if name not in ("wave", "shock", "blast")]:
-        parser.error(f"--parts: no part {wrong[0]!r}; expected some of wave, shock, blast")
+    schemes, parts = given.schemes, given.parts
     given.out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
     if "wave" in parts:
         rows = []
         for scheme in track(schemes, "waves", console=console):
-            warm_up(lambda scheme=scheme: run_of(scheme, "wave", 1.0, H, (600, 600)))
+            warm_up(run_of(scheme, "wave", 1.0, H, (600, 600)))
             rows += [wave(scheme, k, boost) for k in COEFFICIENTS for boost in (0.0, 1.0)]
         show(rows, WAVE, "DustyWave, eps = 1, h = .01")
-        write(rows, WAVE, given.out / "schemes_wave.csv")
+        write_csv(rows, WAVE, given.out / "schemes_wave.csv")
         draw(rows, given.out / "schemes.png")
     if "shock" in parts:
         rows = []
         for scheme in track(schemes, "shocks", console=console):
-            warm_up(lambda scheme=scheme: run_of(scheme, "shock", 1.0, H, (990, 990)))
+            warm_up(run_of(scheme, "shock", 1.0, H, (990, 990)))
             rows.append(shock(scheme))
         show(rows, SHOCK, "DustyShock, K = 500, eps = 1, h = .01")
-        write(rows, SHOCK, given.out / "schemes_shock.csv")
+        write_csv(rows, SHOCK, given.out / "schemes_shock.csv")
     if "blast" in parts:
         rows = blasts(schemes)
         columns = tuple(rows[0])
         show(rows, columns, "CPU seconds of mk over those of each; mk: its own seconds")
-        write(rows, columns, given.out / "schemes_blast.csv")
+        write_csv(rows, columns, given.out / "schemes_blast.csv")
     return 0
 
 

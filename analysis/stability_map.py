@@ -18,6 +18,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from common import some_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -26,6 +27,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from discsim.drag import SCHEMES
 from discsim.exact import dustywave
 from discsim.simulation import PhysicsError
 
@@ -91,17 +93,16 @@ def draw(rows: list[dict], schemes: list[str], path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("stability"))
-    parser.add_argument("--schemes", default="tsc,idic-linear,idic")
+    parser.add_argument("--schemes", type=some_of(SCHEMES, "scheme"), default="tsc,idic-linear,idic")
     parser.add_argument("--particles", type=int, default=600)
     options = parser.parse_args()
-    schemes = options.schemes.split(",")
     options.output.mkdir(parents=True, exist_ok=True)
-    cases = [(scheme, k, ratio) for scheme in schemes for k in COEFFICIENTS for ratio in RATIOS]
+    cases = [(scheme, k, ratio) for scheme in options.schemes for k in COEFFICIENTS for ratio in RATIOS]
     rows = [run(*case, options.particles) for case in track(cases, "waves", console=Console(stderr=True))]
     (options.output / "stability.json").write_text(json.dumps(rows, indent=1) + "\n")
-    draw(rows, schemes, options.output / "stability.png")
+    draw(rows, options.schemes, options.output / "stability.png")
     table = Table("scheme", "blow-ups", "largest error", "at K", "at eps", "above 1%", "slip off by a tenth")
-    for scheme in schemes:
+    for scheme in options.schemes:
         mine = [row for row in rows if row["scheme"] == scheme]
         worst = max(mine, key=lambda row: row["error"])
         table.add_row(

@@ -39,6 +39,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import some_of, whole_numbers
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.box import SIMPLE
@@ -322,29 +323,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("throughput"), help="folder for JSON and figure")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON and nothing else")
-    parser.add_argument("--sizes", default="1e5,1e6", help="particles: gas of gas, gravity and mix, dust of the others")
-    parser.add_argument("--threads", default="1,2", help="numbers of threads")
-    parser.add_argument("--parts", default=",".join(PARTS))
-    parser.add_argument("--cases", default=",".join(CASES))
+    sizes = "particles: gas of gas, gravity and mix, dust of the others"
+    parser.add_argument("--sizes", type=whole_numbers(1000), default="1e5,1e6", help=sizes)
+    parser.add_argument("--threads", type=whole_numbers(1), default="1,2", help="numbers of threads")
+    parser.add_argument("--parts", type=some_of(PARTS, "part"), default=",".join(PARTS))
+    parser.add_argument("--cases", type=some_of(CASES, "case"), default=",".join(CASES))
     parser.add_argument("--one", help=argparse.SUPPRESS)  # a scene as JSON: what `apart` calls
     options = parser.parse_args()
     if options.one:
         print(json.dumps(measure(json.loads(options.one))))
         return
-    sizes = [int(float(text)) for text in options.sizes.split(",")]
-    threads = [int(text) for text in options.threads.split(",")]
-    names, parts = options.cases.split(","), options.parts.split(",")
-    for kind, given, known in (("case", names, CASES), ("part", parts, PARTS)):
-        for wrong in [name for name in given if name not in known]:
-            parser.error(f"no {kind} {wrong!r}; there are {', '.join(known)}")
+    sizes, parts = options.sizes, options.parts
     console = Console(stderr=options.json)
     options.output.mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {}
     if "cases" in parts:
         found["cases"] = []
-        for name in names:
+        for name in options.cases:
             for size in sizes:
-                for number in threads:
+                for number in options.threads:
                     console.print(f"{name}, {size:,} particles, {number} threads ...")
                     found["cases"].append(line_of(name, size, number))
         show_cases(found["cases"], console)

@@ -7,6 +7,7 @@ ends. Whatever it fails at, the first compiles itself.
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 import tomllib
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from discsim.cli import RARELY
 from discsim.scene import Scene, load_scene
 
 COUNT = 64  # particles of a kind
@@ -67,4 +69,5 @@ def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 if __name__ == "__main__":
+    gc.set_threshold(*RARELY)
     drag_once(load_scene(tomllib.loads(sys.argv[1])))

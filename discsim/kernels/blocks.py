@@ -13,11 +13,13 @@ If any of its children waits, all particles of a parent make one block; where th
 its limit, the children stay as they are, and dust without gas stays uncoupled (and is reported).
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
 ONE, TWO = np.uint64(1), np.uint64(2)
-NOUGHT = np.int64(0)  # a literal 0 given to a function would make a version of it
+NOUGHT: Any = np.int64(0)  # a literal 0 given to a function would make a version of it
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 DONE, LONELY, SMALL, FEW, LACKING = range(5)
 IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust

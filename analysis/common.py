@@ -1,0 +1,53 @@
+"""What the scripts beside this file share: options that list several things, compiling before timing, tables as CSV."""
+
+from __future__ import annotations
+
+import csv
+from argparse import ArgumentTypeError
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from discsim import Simulation
+
+
+def some_of(known: Collection[str], what: str, separator: str = ",") -> Callable[[str], list[str]]:
+    """An argparse type: some of the names known."""
+
+    def names(text: str) -> list[str]:
+        given = text.split(separator)
+        for name in given:
+            if name not in known:
+                raise ArgumentTypeError(f"no {what} {name!r}; expected some of {f'{separator} '.join(known)}")
+        return given
+
+    return names
+
+
+def whole_numbers(least: int) -> Callable[[str], list[int]]:
+    """An argparse type: whole numbers, like 64,128 or 1e5,1e6."""
+
+    def numbers(text: str) -> list[int]:
+        try:
+            given = [float(part) for part in text.split(",")]
+        except ValueError:
+            given = []
+        if not given or not all(number >= least and number.is_integer() for number in given):
+            raise ArgumentTypeError(f"{text!r}; expected whole numbers from {least}, separated by commas")
+        return [int(number) for number in given]
+
+    return numbers
+
+
+def warm_up(sim: Simulation) -> None:
+    """Compile what a run needs, by two steps of one like it."""
+    for _ in range(2):
+        sim.step()
+
+
+def write_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], file: Path) -> None:
+    """These columns of the rows, which may have others."""
+    with file.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, columns, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
