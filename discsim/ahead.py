@@ -8,6 +8,7 @@ ends. Whatever it fails at, the first compiles itself.
 from __future__ import annotations
 
 import gc
+import math
 import subprocess
 import sys
 import tomllib
@@ -46,9 +47,9 @@ def drag_once(scene: Scene) -> None:
     gas = sim.gas
     assert gas is not None
     gas.density[:], gas.sound_speed[:], gas.h[:] = gas.mass / gas.h**scene.space.dimensions, 1.0, gas.h.max()
-    for name in ("gas", "self_gravity"):
-        if name in sim.effects:
-            sim.effects[name].accelerate = lambda state: None  # type: ignore[method-assign]
+    for name in set(sim.effects) - {"drag"}:
+        sim.effects[name].accelerate = lambda state: None  # type: ignore[method-assign]
+        sim.effects[name].limit = lambda state: math.inf  # type: ignore[method-assign]
     sim._forces()
     sim.effects["drag"].kick(sim.state, 1e-3)
 

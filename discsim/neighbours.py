@@ -30,9 +30,9 @@ def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Arra
     `low` and `width` (2,) are the box; in 1D width[1] is 0.
     """
     least, most = (extent * float(h_extreme[0]) for h_extreme in _extremes(h[:, None]))
-    smallest = (1.0 + 1e-12) * max(least, most * 2.0 ** (1 - MAX_CLASSES))
+    edges = (1.0 + 1e-12) * max(least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
-    found = np.array(share(kernels.size_classes, len(pos), h, extent, smallest, classes))
+    found = np.array(share(kernels.size_classes, len(pos), h, extent, edges, classes))
     grids, count = _lay_grids(found[:, 0].sum(axis=0), found[:, 1].max(axis=0), low, width, periodic)
     key = np.empty(len(pos), np.uint32)
     share(kernels.cell_keys, len(pos), pos, classes, grids, low, key)

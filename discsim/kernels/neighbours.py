@@ -52,13 +52,12 @@ def extremes(first, last, values):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def size_classes(first, last, h, extent, smallest, out):
-    """Class of each support radius, `extent` times h, in factors of two above `smallest`: out (n,).
+def size_classes(first, last, h, extent, edges, out):
+    """Class of each support radius, `extent` times h: out (n,). `edges` (MAX_CLASSES,) are the largest of each.
 
     Returns (2, MAX_CLASSES): how many are in each class, and its largest radius.
     """
     found = np.zeros((2, MAX_CLASSES))
-    edges = smallest * 2.0 ** np.arange(MAX_CLASSES)
     for i in range(first, last):
         radius, k = extent * h[i], 0
         while radius > edges[k] and k < MAX_CLASSES - 1:

@@ -43,6 +43,8 @@ LEAST_INERTIA = 0.01  # over mass times side^2: the least for gas about a node t
 ROUNDING = 1e-9  # the same of particles at one place, but for rounding
 # Of a species in a cell: m, m x (2), m xx, m xy, m yy, then m v (2), m x v (2), m y v (2), and the same of the sources.
 VELOCITIES, SOURCES, MOMENTS = 6, 12, 18
+# Columns as they are given to functions: each literal would compile anew.
+C0, C1, C2, C3, C4, C5 = (np.int64(column) for column in range(6))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -73,7 +75,7 @@ def pack(
                 out[k, 7] = density[i] * (sound[i] if law == EPSTEIN and star == 0.0 else 1.0)
 
 
-@njit(inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def cloud(x, flat):
     """Weights on the nodes -1, 0 and 1 from its own of a particle at x in [-1/2, 1/2]; `flat`: all on its own."""
     low, high = 0.5 - x, 0.5 + x
@@ -486,7 +488,7 @@ def spread_heat(block_from, block_to, home, about, order, start, flat, packed, n
         for p in range(start[block], start[block + 1]):
             u0, u1, u2 = cloud(packed[p, 1], False)
             t0, t1, t2 = cloud(packed[p, 2], flat)
-            heat[order[p]] = blend(table, 0, u0, u1, u2, t0, t1, t2)
+            heat[order[p]] = blend(table, C0, u0, u1, u2, t0, t1, t2)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -550,7 +552,6 @@ def apply_nodes(
     table, turns = np.zeros((9, 3)), np.zeros((9, 6))
     base = start[block_from * species]
     frame = np.zeros((start[block_to * species] - base if len(heat) > 0 else 0, 2))
-    velocity, source = np.int64(3), np.int64(5)  # each literal would compile anew
     for block in range(block_from, block_to):
         near = about[home[block]]
         if len(spin) > 0:
@@ -579,13 +580,13 @@ def apply_nodes(
                 u0, u1, u2 = cloud(packed[p, 1], False)
                 t0, t1, t2 = cloud(packed[p, 2], flat)
                 scale = norm[p] if len(norm) > 0 else 1.0
-                local = scale * blend(table, 0, u0, u1, u2, t0, t1, t2)
-                d = scale * blend(table, 1, u0, u1, u2, t0, t1, t2)
+                local = scale * blend(table, C0, u0, u1, u2, t0, t1, t2)
+                d = scale * blend(table, C1, u0, u1, u2, t0, t1, t2)
                 spin_x, spin_y = 0.0, 0.0
                 if len(spin) > 0:
-                    omega = blend(turns, 0, u0, u1, u2, t0, t1, t2)
-                    spin_x = blend(turns, 2, u0, u1, u2, t0, t1, t2) - omega * packed[p, 2]
-                    spin_y = omega * packed[p, 1] - blend(turns, 1, u0, u1, u2, t0, t1, t2)
+                    omega = blend(turns, C0, u0, u1, u2, t0, t1, t2)
+                    spin_x = blend(turns, C2, u0, u1, u2, t0, t1, t2) - omega * packed[p, 2]
+                    spin_y = omega * packed[p, 1] - blend(turns, C1, u0, u1, u2, t0, t1, t2)
                 if len(heat) > 0:
                     for c in range(dim):
                         frame[p - base, c] = vel[i, c] - packed[p, 3 + c] + 0.5 * dt * (acc[i, c] - packed[p, 5 + c])
@@ -593,9 +594,9 @@ def apply_nodes(
                         # `node_heat` has the work of eq. (3) alone. A rotation does none on the mean velocity.
                         work = spin_x * (packed[p, 3] + 0.5 * dt * packed[p, 5])
                         work += spin_y * (packed[p, 4] + 0.5 * dt * packed[p, 6])
-                        work += packed[p, 2] * blend(turns, 3, u0, u1, u2, t0, t1, t2)
-                        work -= packed[p, 1] * blend(turns, 4, u0, u1, u2, t0, t1, t2)
-                        work -= blend(turns, 5, u0, u1, u2, t0, t1, t2)
+                        work += packed[p, 2] * blend(turns, C3, u0, u1, u2, t0, t1, t2)
+                        work -= packed[p, 1] * blend(turns, C4, u0, u1, u2, t0, t1, t2)
+                        work -= blend(turns, C5, u0, u1, u2, t0, t1, t2)
                         lost -= packed[p, 0] * work
                 d += spin_x
                 packed[p, 3] += d
@@ -604,7 +605,7 @@ def apply_nodes(
                     lost -= packed[p, 0] * d * frame[p - base, 0]
                 vel[i, 0] += dt * acc[i, 0] + d
                 if not flat:
-                    d = scale * blend(table, 2, u0, u1, u2, t0, t1, t2) + spin_y
+                    d = scale * blend(table, C2, u0, u1, u2, t0, t1, t2) + spin_y
                     packed[p, 4] += d
                     lost -= 0.5 * packed[p, 0] * d * d
                     if len(heat) > 0:
@@ -620,10 +621,10 @@ def apply_nodes(
                     bx, by = bent(bend, packed[p, 1], packed[p, 2])
                     packed[p, 3] -= bx
                     packed[p, 4] -= by
-                sx, sy, sv, sw = own_line(lo, hi, packed, velocity, slopes[home[block]], dim, inertia, moment, slope)
+                sx, sy, sv, sw = own_line(lo, hi, packed, C3, slopes[home[block]], dim, inertia, moment, slope)
                 tx, ty, tv, tw = 0.0, 0.0, 0.0, 0.0
                 if sources:
-                    tx, ty, tv, tw = own_line(lo, hi, packed, source, even, dim, inertia, moment, slope_source)
+                    tx, ty, tv, tw = own_line(lo, hi, packed, C5, even, dim, inertia, moment, slope_source)
                 for p in range(lo, hi):
                     i = order[p]
                     x, y = packed[p, 1] - sx, packed[p, 2] - sy
@@ -649,14 +650,14 @@ def apply_nodes(
                 heat[home[block]] += lost
 
 
-@njit(inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def bent(bend, x, y):
     """The quadratic part of a velocity at (x, y) from its second derivatives."""
     xx, xy, yy = 0.5 * x * x, x * y, 0.5 * y * y
     return bend[0, 0] * xx + bend[1, 0] * xy + bend[2, 0] * yy, bend[0, 1] * xx + bend[1, 1] * xy + bend[2, 1] * yy
 
 
-@njit(inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def blend(table, c, u0, u1, u2, t0, t1, t2):
     """Sum of column c over the nine nodes with the products of the weights."""
     low = t0 * table[0, c] + t1 * table[1, c] + t2 * table[2, c]
