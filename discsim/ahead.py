@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from discsim.cli import RARELY
+from discsim import RARELY
 from discsim.scene import Scene, load_scene
 
 COUNT = 64  # particles of a kind

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from discsim import RARELY
+
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 WRONG_INPUT = 2
-# Imports and compiling make many objects that stay; to look through them for garbage over and over took a tenth of a
-# warm start and a twelfth of a cold one. What a step makes is freed without that.
-RARELY = (100_000, 20, 100)
 LEFT_BY_A_RUN = ("scene.toml", "checkpoint.h5", "snapshots")
 
 app = typer.Typer(

@@ -61,19 +61,21 @@ def _lay_grids(members: Array, reach: Array, low: Array, width: Array, periodic:
     count = int(np.flatnonzero(members)[-1]) + 1
     grids = np.zeros((count, 6))
     grids[:, REACH] = reach[:count]
+    sides = width.tolist()  # Python's numbers overflow in silence
     first = 0
-    for k in range(count):
+    for k, (held, widest) in enumerate(zip(members[:count].tolist(), reach[:count].tolist(), strict=True)):
         # A class may be empty where h jumps: then one cell that holds nobody.
-        side = CELL_OVER_REACH * reach[k] if members[k] > 0 else max(width)
-        most = 16.0 * members[k] + 64.0
+        side = CELL_OVER_REACH * widest if held > 0 else max(sides)
+        most = 16.0 * held + 64.0
         # Few particles far apart: coarser cells rather than an array of empty ones.
-        if (width[0] / side + 1.0) * (width[1] / side + 1.0) > most:
-            area = max(width[0], side) * max(width[1], side)
-            side = max(side, math.sqrt(area / most), width[0] / most, width[1] / most)
+        if (sides[0] / side + 1.0) * (sides[1] / side + 1.0) > most:
+            area = max(sides[0], side) * max(sides[1], side)
+            side = max(side, math.sqrt(area / most), sides[0] / most, sides[1] / most)
         grids[k, FIRST] = first
         for axis in range(2):
-            n = max(1.0, math.floor(width[axis] / side))
+            along = sides[axis] / side
+            n = math.floor(along) if along >= 1.0 else 1  # also of places that are no numbers: a kick will say so
             grids[k, NX + axis] = n
-            grids[k, SIDE_X + axis] = max(width[axis] / n, 1e-300) if periodic or n > 1.0 else max(width[axis], side)
+            grids[k, SIDE_X + axis] = max(sides[axis] / n, 1e-300) if periodic or n > 1 else max(sides[axis], side)
         first += int(grids[k, NX] * grids[k, NX + 1])
     return grids, first

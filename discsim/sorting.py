@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 def counting_sort(key: Array, count: int) -> tuple[Array, Array]:
-    """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,)."""
+    """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,); n is below 2^32."""
     place, parts = _count(key, count)
     np.cumsum(place, out=place)
     start = place[::parts].astype(np.int64)

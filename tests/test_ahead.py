@@ -10,7 +10,7 @@ from discsim import Simulation, ahead
 from discsim.drag import SCHEMES
 from discsim.scene import load_scene
 
-DRAG = ("drag", "relax", "nodes", "levels", "nonlinear", "laws", "pairs", "interpolation", "slopes")
+DRAG = ("blocks", "drag", "relax", "nodes", "levels", "nonlinear", "laws", "pairs", "interpolation", "slopes")
 
 
 def compiled():

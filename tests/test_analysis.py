@@ -1,19 +1,16 @@
 """The figures and the analysis of a run's snapshots, from synthetic discs whose surface density is known."""
 
 import csv
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
+import surface_density
 
 from discsim.exact import dustywave, riemann
 from discsim.figure import last_state_figure
 from discsim.scene import load_scene
 from discsim.snapshot import SnapshotError, range_of_mass, read_snapshot, write_snapshot
 from discsim.state import Dust, Gas
-
-SCRIPT = Path(__file__).parents[1] / "analysis" / "surface_density.py"
 
 DISC = {
     "title": "Dusty disc",
@@ -94,14 +91,6 @@ def make_run(directory, kinds=("gas", "dust"), count=3):
     for index in range(count):
         write_disc(directory / "snapshots" / f"{index:04}.h5", time=30.0 * index, kinds=kinds)
     return directory
-
-
-@pytest.fixture(scope="module")
-def script():
-    spec = importlib.util.spec_from_file_location("surface_density", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def is_png(path):
@@ -211,9 +200,9 @@ def test_figure_of_a_damaged_snapshot(tmp_path):
 
 
 @pytest.mark.parametrize("kinds", [("gas", "dust"), ("gas",), ("dust",)])
-def test_surface_density(tmp_path, script, capsys, kinds):
+def test_surface_density(tmp_path, capsys, kinds):
     run, out = make_run(tmp_path / "run", kinds), tmp_path / "out"
-    assert script.main([str(run), "-o", str(out), "--rings", "20"]) == 0
+    assert surface_density.main([str(run), "-o", str(out), "--rings", "20"]) == 0
     assert "3 snapshots" in capsys.readouterr().out
     for name in ("profiles", "map", "radius-time"):
         assert is_png(out / f"run-{name}.png")
@@ -231,14 +220,14 @@ def test_surface_density(tmp_path, script, capsys, kinds):
     assert max(float(row["time_yr"]) for row in rows) == pytest.approx(60 / (2 * np.pi), rel=1e-4)
 
 
-def test_surface_density_of_one_snapshot(tmp_path, script):
+def test_surface_density_of_one_snapshot(tmp_path):
     run = make_run(tmp_path / "run", count=1)
-    assert script.main([str(run)]) == 0
+    assert surface_density.main([str(run)]) == 0
     assert is_png(run / "run-radius-time.png")
 
 
 @pytest.mark.parametrize("fault", ["absent", "empty", "damaged", "one dimension"])
-def test_surface_density_refuses(tmp_path, script, capsys, fault):
+def test_surface_density_refuses(tmp_path, capsys, fault):
     run = tmp_path / "run"
     if fault != "absent":
         (run / "snapshots").mkdir(parents=True)
@@ -247,7 +236,7 @@ def test_surface_density_refuses(tmp_path, script, capsys, fault):
     if fault == "one dimension":
         dust = as_dust(np.array([[0.5]]), 1.0, np.random.default_rng(1))
         write_snapshot(run / "snapshots" / "0000.h5", load_scene(WAVE), 0.0, None, dust)
-    assert script.main([str(run), "-o", str(tmp_path / "out")]) == 2
+    assert surface_density.main([str(run), "-o", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert str(run) in message

@@ -1,8 +1,6 @@
 """Dust in a given gas disc: drift at any stopping time, and scenes that may name [background]."""
 
-import importlib.util
-from pathlib import Path
-
+import drift as study
 import numpy as np
 import pytest
 
@@ -23,12 +21,6 @@ def scene(stokes=0.1, aspect=0.005, particles=8, **tables):
         "drag": {"law": "stokes-number", "stokes": stokes, "direction": "one-way"},
     }
     return base | tables
-
-
-SCRIPT = Path(__file__).parents[1] / "analysis" / "drift.py"
-spec = importlib.util.spec_from_file_location("drift", SCRIPT)
-study = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(study)
 
 
 @pytest.mark.parametrize("stokes", [1e-8, 1e-4, 0.01, 0.1, 1.0, 10.0, 1e3, 1e5])

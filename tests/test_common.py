@@ -2,10 +2,8 @@
 
 from argparse import ArgumentParser
 
+import common
 import pytest
-from test_studies import script
-
-common = script("common")
 
 
 def test_names_are_some_of_those_known():

@@ -2,6 +2,7 @@
 
 import math
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -168,6 +169,24 @@ def test_blocks_are_nested_squares_of_the_wanted_side():
         # Enough of both, or as large as want of particles may make it: 2 wanted sides, 4 where a species lacks.
         assert width >= 4 or min(here) >= 8
         assert width >= 8 or min(here) > 0
+
+
+@pytest.mark.parametrize("shape", [(70, 45), (33, 1), (5, 3)])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_blocks_of_a_lattice_of_any_shape(shape, threads, monkeypatch):
+    """Squares cut by the lattice's end, each of leaves of its own that hold particles; a corner of 32 x 32 is empty."""
+    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+    rng = np.random.default_rng(8)
+    gas, dust = rng.poisson(3.0, shape), rng.poisson(1.0, shape)
+    gas[:32, :32] = dust[:32, :32] = 0 if shape[0] > 32 else 1
+    number, first, level, _ = merged(gas, dust, nx=shape[0], ny=shape[1])
+    number = number.reshape(shape)
+    assert ((gas + dust > 0) <= (number >= 0)).all() and number.max() + 1 == len(level) > 0
+    for block, ((ix, iy), width) in enumerate(zip(first, 2**level, strict=True)):
+        assert ix % width == 0 and iy % width == 0
+        own = np.zeros(shape, bool)
+        own[ix : ix + width, iy : iy + width] = True
+        assert ((number == block) == own).all() and (gas + dust)[own].any()
 
 
 def test_blocks_stay_small_where_particles_are_many():

@@ -1,13 +1,12 @@
 """Self-gravity against exact discs, the kernels against quadrature, and the exact discs against their rings."""
 
 import csv
-import importlib.util
 import math
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 
+import forces
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,11 +20,6 @@ from discsim.exact import exponential, kuzmin, maclaurin, mestel, ring, stratifi
 from discsim.grid import Grid
 from discsim.poisson import Plummer, Poisson, ThinDisc
 from discsim.state import State
-
-SCRIPT = Path(__file__).parents[1] / "analysis" / "forces.py"
-spec = importlib.util.spec_from_file_location("forces", SCRIPT)
-forces = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(forces)
 
 KERNELS = ("plummer", "thin-disc")
 
@@ -305,4 +299,4 @@ def test_the_study_of_forces_refuses_what_are_no_cells(capsys):
     with pytest.raises(SystemExit) as end:
         forces.main(["--cells", "64,many"])
     assert end.value.code == 2
-    assert "--cells: expected whole numbers" in capsys.readouterr().err
+    assert "--cells: '64,many'; expected whole numbers from 32" in capsys.readouterr().err

@@ -1,9 +1,10 @@
 """Physics at full size, minutes to an hour each: `pytest -m slow`."""
 
+from importlib import import_module as script
+
 import numpy as np
 import pytest
 from test_problems import blast, fall, vortex
-from test_studies import script
 
 from discsim import Simulation, load_scene
 

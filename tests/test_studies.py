@@ -1,10 +1,9 @@
 """The studies in analysis/: the comparison of two runs, clumps, drift and noise, on known or tiny discs."""
 
 import csv
-import importlib.util
 import json
-import sys
 import tomllib
+from importlib import import_module as script
 from pathlib import Path
 from types import SimpleNamespace
 from typing import get_args
@@ -28,14 +27,6 @@ SCENE = {
     "dust": {"particles": 700, "ratio": 0.01},
     "star": {"mass": 1.0},
 }
-
-
-def script(name):
-    sys.path.insert(0, str(ROOT / "analysis"))  # for what scripts share
-    spec = importlib.util.spec_from_file_location(name, ROOT / "analysis" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def even(count, inner, outer):
@@ -222,11 +213,11 @@ def test_tables_of_the_paper(tmp_path, capsys):
         module.main(["--tables", "4"])
 
 
-def test_schemes_side_by_side(tmp_path, capsys):
+def test_schemes_side_by_side(tmp_path, capsys, monkeypatch):
     module = script("schemes")
-    module.COEFFICIENTS = (500.0, 1e6)
+    monkeypatch.setattr(module, "COEFFICIENTS", (500.0, 1e6))
     arguments = ["-o", str(tmp_path), "--schemes", "tsc,mk", "--parts", "wave"]
-    module.MOST_STEPS = 200  # mk is then estimated at both
+    monkeypatch.setattr(module, "MOST_STEPS", 200)  # mk is then estimated at both
     assert module.main(arguments) == 0
     rows = list(csv.DictReader((tmp_path / "schemes_wave.csv").read_text().splitlines()))
     assert [row["scheme"] for row in rows] == ["tsc"] * 4 + ["mk"] * 4
@@ -288,9 +279,10 @@ def test_a_blow_up_is_seen(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["gas", "gravity", "dust one-way", "dust two-way", "mix"])
-def test_throughput_measures_what_it_names(name):
+def test_throughput_measures_what_it_names(name, monkeypatch):
     module = script("throughput")
-    module.triad, module.fft_pair = lambda: 1e-9, lambda cells: 1e-3  # seconds of their own
+    monkeypatch.setattr(module, "triad", lambda: 1e-9)  # these take seconds of their own
+    monkeypatch.setattr(module, "fft_pair", lambda cells: 1e-3)
     tables = module.case(name, 1500 if "dust" in name else 500, 1)
     found = module.measure(tables)
     assert set(found["effects"]) == {"gas", "star"} | (

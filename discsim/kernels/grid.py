@@ -1,4 +1,4 @@
-"""Particles on a uniform grid: sorting, cloud-in-cell weights (Hockney & Eastwood 1988, ch. 5), gradient.
+"""Particles on a uniform grid: places to sort by, cloud-in-cell weights (Hockney & Eastwood 1988, ch. 5), gradient.
 
 Every sum has an order that does not depend on the number of threads. `origin` is the grid's lower corner,
 `inverse` one over the cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
