@@ -179,7 +179,13 @@ def test_blocks_of_a_lattice_of_any_shape(shape, threads, monkeypatch):
     rng = np.random.default_rng(8)
     gas, dust = rng.poisson(3.0, shape), rng.poisson(1.0, shape)
     gas[:32, :32] = dust[:32, :32] = 0 if shape[0] > 32 else 1
-    number, first, level, _ = merged(gas, dust, nx=shape[0], ny=shape[1])
+    number, first, level, enlarged = merged(gas, dust, nx=shape[0], ny=shape[1])
+    # What is beyond the end is as what is empty.
+    more = [(0, -side % 32) for side in shape]
+    nx, ny = (side + pad for side, (_, pad) in zip(shape, more, strict=True))
+    padded = merged(np.pad(gas, more), np.pad(dust, more), nx=nx, ny=ny)[1:]
+    for found, expected in zip((first, level, enlarged), padded, strict=True):
+        np.testing.assert_array_equal(found, expected)
     number = number.reshape(shape)
     assert ((gas + dust > 0) <= (number >= 0)).all() and number.max() + 1 == len(level) > 0
     for block, ((ix, iy), width) in enumerate(zip(first, 2**level, strict=True)):
