@@ -18,8 +18,9 @@ and seed it keeps one file in OUT, so that a stopped study goes on, and prints a
     alpha        Sigma <v_r dv_phi> of both over 1.5 Sigma_g c_s^2
     dL/L         change of the total angular momentum
 
-background: the gas is given ([background]), drag is one-way, St from 1e-8 to 1e5; drift of guiding centres, L^2,
-over NSH. The step is .03/Omega for all of them.
+background: the gas is given ([background]), H/r = .05 at its inner edge, drag is one-way, at default steps (.3/Omega of
+the innermost grain); drift at the inner edge, the middle and the outer edge over NSH, for St from 1e-6 to 1e6, and for
+grains of 1 um to 1 km with law "epstein-stokes", whose stopping time depends on the slip.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ from discsim.exact import nsh
 
 ASPECT, SIGMA, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 1e-4, 0.5, 1.55, 0.2, 0.12, 10
 CASES = "0.01:0.1,0.01:0.01,1:0.1,1:0.01,0.01:0.001,0.01:1,1:0.001,1:1"
-STOKES = (1e-8, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e5)
+STOKES = (1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4, 1e6)
+SIZES = ("1 um", "1 mm", "10 cm", "1 m", "3 m", "10 m", "100 m", "1 km")
+PLACES = ("inner", "middle", "outer")
 COLUMNS = (
     "eps",
     "stokes",
@@ -233,31 +236,53 @@ def study(given, cases: list[tuple[float, float]]) -> list[dict]:
     return rows
 
 
-def background_error(stokes: float, orbits: float = 4.0, aspect: float = 0.005, courant: float = 0.03) -> float:
-    """Drift of the guiding centres of dust in a given gas, over NSH's, less one; the first orbit left out."""
-    eos = {"kind": "locally-isothermal", "aspect_ratio": aspect, "temperature_index": 1.0}
+def background_errors(drag: dict, grains: dict, courant: float = 0.3, count: int = 60) -> tuple[float, list[float]]:
+    """Stokes number in the middle, and drift in a given gas from 1 to 4 au over NSH's, less one, at its inner edge,
+    middle and outer edge, over orbits 1 to 4 of the inner edge; stopping times are those at the slip that there is."""
+    disc = {"surface_density": "1000 g/cm2", "reference_radius": "1 au"}
+    eos = {"kind": "locally-isothermal", "aspect_ratio": ASPECT, "temperature_index": 0.5}
     sim = Simulation(
         {
-            "units": {"system": "code"},
-            "run": {"until": 2 * np.pi * orbits, "courant": courant},
-            "space": {"size": 4.0},
-            "background": {"surface_density": 1e-4, "eos": eos},
-            "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 0.95, "outer": 1.05},
-            "dust": {"particles": 100, "ratio": 0.01},
-            "star": {"mass": 1.0},
-            "drag": {"law": "stokes-number", "stokes": stokes, "direction": "one-way"},
+            "run": {"until": "4 yr", "courant": courant},
+            "space": {"size": "20 au"},
+            "background": disc | {"eos": eos},
+            "initial": disc | {"kind": "disc", "inner": "1 au", "outer": "4 au"},
+            "dust": {"particles": count, "ratio": 0.01} | grains,
+            "star": {"mass": "1 Msun"},
+            "drag": {"direction": "one-way"} | drag,
         }
     )
 
-    def guide():
-        pos, vel = sim.dust.pos, sim.dust.vel
-        return (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) ** 2
+    def now() -> tuple[np.ndarray, np.ndarray]:
+        """Radii and Stokes numbers in the order of ids."""
+        order = np.argsort(sim.dust.ids)
+        r = np.sqrt((sim.dust.pos**2).sum(axis=1))
+        return r[order], (sim.effects["drag"].current_stopping_times(sim.state) * r**-1.5)[order]
 
     sim.run(until=2 * np.pi)
-    before, start = guide(), sim.time
-    sim.run()
-    rate = (guide() ** 1.5 - before**1.5) / (1.5 * (sim.time - start))
-    return float((rate / float(nsh.velocities(stokes, 0.0, aspect**2).dust_radial)).mean() - 1)
+    (start, _), expected = now(), np.zeros(count)
+    while sim.time < sim.scene.run.until:
+        before = now()
+        dt = sim.step(sim.scene.run.until - sim.time)
+        for r, stokes in (before, now()):
+            headwind = 0.75 * ASPECT**2 * r**0.5 * r**-0.5  # (p + q)/2 (H/r)^2 v_K
+            expected += 0.5 * dt * nsh.velocities(stokes, 0.0, headwind).dust_radial
+    end, stokes = now()
+    error = (end - start) / expected - 1
+    order = np.argsort(start)
+    few = max(1, count // 20)
+    parts = order[:few], order[(count - few) // 2 : (count + few) // 2 + 1], order[-few:]
+    return float(stokes[parts[1]].mean()), [float(error[part].mean()) for part in parts]
+
+
+def background_rows() -> list[dict]:
+    cases = [({"law": "stokes-number", "stokes": stokes}, {}) for stokes in STOKES]
+    cases += [({"law": "epstein-stokes"}, {"grain_size": size, "grain_density": "3 g/cm3"}) for size in SIZES]
+    rows = []
+    for drag, grains in cases:
+        stokes, errors = background_errors(drag, grains)
+        rows.append({"law": drag["law"], "stokes": stokes} | dict(zip(PLACES, errors, strict=True)))
+    return rows
 
 
 def draw(rows: list[dict], file: Path) -> None:
@@ -295,11 +320,11 @@ def main(arguments: list[str] | None = None) -> int:
     console = Console(width=190)
     given.out.mkdir(parents=True, exist_ok=True)
     if given.gas == "background":
-        table = Table("Stokes number", "drift over NSH, less 1")
-        rows = [{"stokes": stokes, "error": background_error(stokes)} for stokes in STOKES]
+        table = Table("law", "Stokes number", *(f"drift over NSH, less 1: {place}" for place in PLACES))
+        rows = background_rows()
         for row in rows:
-            table.add_row(f"{row['stokes']:g}", f"{row['error']:+.5f}")
-        write_csv(rows, ("stokes", "error"), given.out / "drift-background.csv")
+            table.add_row(row["law"], f"{row['stokes']:.3g}", *(f"{row[place]:+.5f}" for place in PLACES))
+        write_csv(rows, ("law", "stokes", *PLACES), given.out / "drift-background.csv")
     else:
         try:
             cases = [(float(a), float(b)) for a, b in (case.split(":") for case in given.cases.split(","))]

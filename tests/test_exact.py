@@ -215,6 +215,26 @@ def test_nsh_is_steady(stokes, ratio):
     assert -wx / 2 - drag_y == pytest.approx(0, **near)
 
 
+@pytest.mark.parametrize("count", [3, 8])
+def test_populations_drift_as_the_momentum_equations_ask(count):
+    """The same equations with several populations, solved as a linear system."""
+    stream = np.random.default_rng(count)
+    stokes, ratios = 10 ** stream.uniform(-3, 2, count), 10 ** stream.uniform(-3, 0.5, count)
+    # Unknowns: radial and azimuthal velocity of the gas, then of each population; the headwind is 1.
+    matrix, right = np.zeros((2 + 2 * count, 2 + 2 * count)), np.zeros(2 + 2 * count)
+    matrix[0, 1], matrix[1, 0], right[0] = 2.0, -0.5, -2.0
+    for k in range(count):
+        a = 2 + 2 * k
+        matrix[a, a + 1], matrix[a + 1, a] = 2.0, -0.5
+        for c in (0, 1):
+            matrix[c, [a + c, c]] += np.array([1, -1]) * ratios[k] / stokes[k]
+            matrix[a + c, [a + c, c]] += np.array([-1, 1]) / stokes[k]
+    expected = np.linalg.solve(matrix, right).reshape(count + 1, 2)
+    found = nsh.of_populations(stokes, ratios, 1.0)
+    gas, dust = [found.gas_radial, found.gas_azimuthal], np.stack([found.dust_radial, found.dust_azimuthal], axis=1)
+    np.testing.assert_allclose(np.vstack([gas, dust]), expected, rtol=1e-8, atol=1e-11)
+
+
 def test_nsh_limits():
     drift = nsh.velocities(1.0, 0.0, 0.01)
     assert (drift.dust_radial, drift.gas_azimuthal, drift.gas_radial) == pytest.approx((-0.01, -0.01, 0.0))

@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 from discsim import Simulation
 from discsim.derived import derived
 from discsim.exact import dustybox
-from discsim.kernels.background import slip_by_speed
+from discsim.kernels.background import path_at
+from discsim.kernels.background import relax_by_speed as relax_in_disc
 from discsim.kernels.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, hastening, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.scene import load_scene
@@ -136,19 +137,29 @@ def test_relaxation_by_speed_is_sane(kind, ratio, time, slip, source, boost):
     assert abs(slip + alone[1, 0] - alone[0, 0]) <= abs(slip) * (1 + 1e-12)
 
 
-def test_slip_in_turning_gas_is_that_of_an_ode_solver():
-    """dw/dt = S exp(i Omega t) - w / t_stop(|w|) over a kick of 2 that ends 1.3 after the time of the place."""
-    omega, slow, w, source = 0.8, 2.0, 9.0 - 4.0j, 1.5 + 2.0j
+def test_slip_in_a_given_disc_is_that_of_an_ode_solver():
+    """Radial velocity and angular momentum at a fixed place, whose stopping time depends on their slip, over a kick."""
+    a_r, a_phi, dt = 0.3, -0.2, 0.7
     for law, grain in GRAINS.values():
-        found, _ = slip_by_speed(w, source, slow, law, grain, 1.0, 1.0, 0.0, omega, 2.0, 0.7)
+        path = path_at(0.8, 0.6, law, grain, True, 0.01, 1.0, 0.0, np.array([1.0, 1.0, 0.1, 0.5, 1.5]))
+        spin = path.r * (path.orbit + path.azimuthal)
 
-        def slope(t, y, law=law, grain=grain):
-            z = y[0] + 1j * y[1]
-            rate = source * np.exp(1j * omega * t) - z / slow * hastening(law, grain, 1.0, 1.0, 0.0, abs(z))
-            return [rate.real, rate.imag]
+        def slope(_, y, law=law, grain=grain, path=path, spin=spin):
+            w = np.hypot(path.radial + y[0], path.azimuthal + y[1] / path.r)
+            time = path.slow / hastening(law, grain, path.density, path.sound, path.kepler, w)
+            more = 1 / path.time - 1 / time
+            radial = -y[0] / time + path.radial * more + a_r + ((spin + y[1]) ** 2 - spin**2) / path.r**3
+            return [radial, -y[1] / time + path.r * (path.azimuthal * more + a_phi)]
 
-        end = solve_ivp(slope, (-0.7, 1.3), [w.real, w.imag], rtol=1e-11, atol=1e-12).y[:, -1]
-        assert abs(found - (end[0] + 1j * end[1])) < 1e-6 * abs(w)
+        start = [9.0, -4.0]
+        found = relax_in_disc(*start, path, law, grain, a_r, a_phi, spin, dt)[:2]
+        end = solve_ivp(slope, (0.0, dt), start, rtol=1e-11, atol=1e-12).y[:, -1]
+        np.testing.assert_allclose(found, end, rtol=0, atol=1e-6 * 9.0)
+        # The path is where the drag is that of its own slip.
+        slip = np.hypot(path.radial, path.azimuthal)
+        fast = hastening(law, grain, path.density, path.sound, path.kepler, slip)
+        assert path.time == pytest.approx(path.slow / fast, rel=1e-6)
+        assert fast > 1.0
 
 
 # Whole scenes

@@ -12,7 +12,8 @@ EFFECTS = {
     "drag": "discsim.effects.drag",
 }
 
-IN_BACKGROUND = {"drag": "discsim.effects.background"}  # where the gas is given
+# Where the gas is given.
+IN_BACKGROUND = {"dust": "discsim.effects.background_dust", "drag": "discsim.effects.background"}
 ON_CELLS = {name: f"discsim.effects.grid_{name}" for name in ("gas", "dust", "drag")}  # where both are fluids
 
 

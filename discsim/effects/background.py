@@ -1,7 +1,7 @@
 """One-way drag in a given gas disc (`[background]`): no SPH, no cells, no grid.
 
 Sigma ~ r^-p, c_s^2 ~ r^-q, turning in balance, Omega_g^2 r = GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick
-relaxes each particle exactly in the frame of the gas (`kernels/background.py`). It limits no step.
+relaxes each particle exactly to its steady drift there (`kernels/background.py`). It limits no step.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from discsim.background import GivenDisc
 from discsim.drag.laws import Law
 from discsim.effects import base
-from discsim.kernels.background import relax_background
+from discsim.kernels.background import kick_dust, path_velocities
 from discsim.state import State
 from discsim.threads import share
 
@@ -23,9 +23,6 @@ class Effect(base.Effect):
         self.star = scene.star
         self.disc = GivenDisc(scene)
 
-    def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
-        return self.law.stopping_time(population, density, sound, omega, ratio)
-
     def kick(self, state: State, dt: float) -> None:
         self._relax(state, state.dust.vel, dt)
 
@@ -33,11 +30,20 @@ class Effect(base.Effect):
         """Stopping times of the dust where it is now (n,); changes no velocity."""
         return self._relax(state, state.dust.vel.copy(), 0.0)
 
+    def drift(self, state: State) -> np.ndarray:
+        """Radial and azimuthal velocity (n, 2) of the dust's steady drift, the latter beyond Kepler's."""
+        dust, out = state.dust, np.empty_like(state.dust.vel)
+        share(path_velocities, dust.count, dust.pos, dust.species, *self._disc, out)
+        return out
+
+    @property
+    def _disc(self) -> tuple:
+        """What kernels take of the law, the star and the gas."""
+        law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios
+        return *law, self.star.mass, self.star.softening, self.disc.laws
+
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         dust = state.dust
         times = np.empty(dust.count)
-        share(
-            relax_background, dust.count, dust.pos, vel, dust.acc, dust.species, self.law.code, self.law.grains,
-            self.law.nonlinear, self.ratios, self.star.mass, self.star.softening, self.disc.laws, state.lag, dt, times,
-        )  # fmt: skip
+        share(kick_dust, dust.count, dust.pos, vel, dust.acc, dust.species, *self._disc, state.lag, dt, times)
         return times

@@ -1,15 +1,16 @@
-"""Steady drift of gas and dust in a Keplerian disc (Nakagawa, Sekiya & Hayashi 1986).
+"""Steady drift of gas and dust in a Keplerian disc (Nakagawa, Sekiya & Hayashi 1986), with any number of populations.
 
-As Youdin & Johansen (2007), eqs. (7a)-(7d), with St = Omega t_stop, eps = rho_d/rho_g and
-D = (1 + eps)^2 + St^2, relative to the Keplerian velocity:
+Velocities relative to the Keplerian one in units of the headwind eta v_K, with St_j = Omega t_j and eps_j = rho_j/rho_g
+of each population, and A = sum_j eps_j / (1 + St_j^2), B = sum_j eps_j St_j / (1 + St_j^2), N = (1 + A)^2 + B^2:
 
-    gas    radial   2 eps St / D                            eta v_K   (1)
-    gas    azimuth  -(1 + eps + St^2) / D                   eta v_K   (2)
-    dust   radial   -2 St / D                               eta v_K   (3)
-    dust   azimuth  -(1 + eps) / D                          eta v_K   (4)
+    gas    radial    2 B / N                                      (1)
+    gas    azimuth   -(1 + A) / N                                 (2)
+    dust   radial    2 (B - (1 + A) St_j) / (N (1 + St_j^2))      (3)
+    dust   azimuth   -(1 + A + B St_j) / (N (1 + St_j^2))         (4)
 
-which is where the pressure, the drag, and the Coriolis and shear terms balance. (2) and (4) are the
-published forms with their differences carried out, so that they keep their digits at any St and eps.
+which is where the pressure, the drag, and the Coriolis and shear terms balance (Tanaka, Himeno & Ida 2005, sec. 2.2;
+Benitez-Llambay, Krapp & Pessah 2019, arXiv:1811.07925, sec. 3.5.1). For one population these are Youdin & Johansen
+(2007), eqs. (7a)-(7d). (3) is evaluated with its differences carried out, so that it keeps its digits at any St.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike
 
 
 class Drift(NamedTuple):
-    """Velocities relative to Keplerian rotation, in the headwind's unit and the inputs' joint shape."""
+    """Velocities relative to Keplerian rotation, in the headwind's unit."""
 
     gas_radial: np.ndarray
     gas_azimuthal: np.ndarray
@@ -30,16 +31,29 @@ class Drift(NamedTuple):
 
 
 def velocities(stokes: ArrayLike, dust_ratio: ArrayLike, headwind: ArrayLike) -> Drift:
-    """Drift of both species at Stokes number `stokes` = Omega t_stop and dust/gas ratio `dust_ratio`.
+    """Drift of gas and one population at Stokes number `stokes` = Omega t_stop and dust/gas ratio `dust_ratio`.
 
-    `headwind` is eta v_K: by how much gas alone lags the Keplerian velocity (2D: eta = (p + q) h^2/2).
-    Source: Youdin & Johansen (2007), eq. (7).
+    `headwind` is eta v_K: by how much gas alone lags the Keplerian velocity (2D: eta = (p + q) h^2/2). Arrays of the
+    inputs' joint shape.
     """
-    stokes, ratio, headwind = (np.asarray(x, dtype=float) for x in (stokes, dust_ratio, headwind))
-    scale = headwind / ((1 + ratio) ** 2 + stokes**2)
+    stokes, dust_ratio = (np.asarray(x, dtype=float)[None] for x in (stokes, dust_ratio))
+    found = of_populations(stokes, dust_ratio, headwind)
+    return Drift(found.gas_radial, found.gas_azimuthal, found.dust_radial[0], found.dust_azimuthal[0])
+
+
+def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike) -> Drift:
+    """The same with populations of `stokes` and `ratios` (populations, ...) and a headwind (...), that of one-way dust
+    with ratios of 0; the gas's velocities have shape (...), the dust's (populations, ...).
+    """
+    stokes, ratios, headwind = (np.asarray(x, dtype=float) for x in (stokes, ratios, headwind))
+    share = ratios / (1 + stokes**2)
+    a, b = share.sum(axis=0), (share * stokes).sum(axis=0)
+    scale = headwind / ((1 + a) ** 2 + b**2)
+    # B - (1 + A) St_j is the sum of shares times differences of Stokes numbers, which vanish for one population.
+    differences = np.array([(share * (stokes - own)).sum(axis=0) for own in stokes])
     return Drift(
-        gas_radial=2 * ratio * stokes * scale,  # eq. (1)
-        gas_azimuthal=-(1 + ratio + stokes**2) * scale,  # eq. (2)
-        dust_radial=-2 * stokes * scale,  # eq. (3)
-        dust_azimuthal=-(1 + ratio) * scale,  # eq. (4)
+        gas_radial=2 * b * scale,  # eq. (1)
+        gas_azimuthal=-(1 + a) * scale,  # eq. (2)
+        dust_radial=2 * (differences - stokes) * scale / (1 + stokes**2),  # eq. (3)
+        dust_azimuthal=-(1 + a + b * stokes) * scale / (1 + stokes**2),  # eq. (4)
     )

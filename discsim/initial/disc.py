@@ -1,8 +1,8 @@
 """A disc with power laws and tapers: particles of equal mass on rings, turning in balance.
 
 Gas: v_phi^2 / r = GM/r^2 (softened) + g_self + (1/Sigma) dP/dr; with two-way drag gas and dust start at the
-velocities of Nakagawa, Sekiya & Hayashi (1986) for the local Stokes number and dust-to-gas ratio; one-way dust
-at those for a ratio of zero.
+velocities of Nakagawa, Sekiya & Hayashi (1986) for the local Stokes numbers and dust-to-gas ratios of all populations;
+one-way dust at those for a ratio of zero.
 """
 
 from __future__ import annotations
@@ -103,46 +103,37 @@ def settle(state: State, effects: dict) -> None:
         r = np.sqrt((particles.pos**2).sum(axis=1))
         # Where gravity points outwards nothing can turn in balance; a start at rest is as good as any.
         keplerian = np.sqrt(np.maximum(gravity(r) * r, 1e-300))
-        omega = keplerian / r
-        headwind = np.zeros(len(r))
-        if scene.background is not None:
-            headwind = 0.5 * effects["drag"].disc.pressure_acceleration(r) / omega
-        elif scene.gas is not None:
-            headwind = 0.5 * profile.pressure_acceleration(scene, r) / omega  # eta v_K
-            headwind[keplerian <= 1e-100] = 0.0
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
-        if "drag" in effects and (name == "dust" or scene.drag.direction == "two-way"):
-            radial, lag = _drift(state, effects["drag"], name, particles, r, omega, headwind)
-        elif name == "gas":
-            # Alone its balance is exact, not to first order in the headwind.
-            lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
+        if scene.background is not None:
+            radial, lag = effects["drag"].drift(state).T
+        elif scene.gas is not None:
+            headwind = 0.5 * profile.pressure_acceleration(scene, r) * r / keplerian  # eta v_K
+            headwind[keplerian <= 1e-100] = 0.0
+            if "drag" in effects and (name == "dust" or scene.drag.direction == "two-way"):
+                radial, lag = _drift(scene, effects["drag"], name, particles, r, keplerian / r, headwind)
+            elif name == "gas":
+                # Alone its balance is exact, not to first order in the headwind.
+                lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
         direction = particles.pos / r[:, None]
         across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
         particles.vel[:] = radial[:, None] * direction + (keplerian + lag)[:, None] * across
 
 
-def _drift(state, drag, name, particles: Any, r, omega, headwind) -> tuple[Array, Array]:
-    """Radial and azimuthal velocity relative to Keplerian of one species."""
-    scene = state.scene
-    if scene.background is not None:
-        density, sound = drag.disc.surface_density(r), drag.disc.sound_speed(r)
-    else:
-        density = profile.surface_density(scene, r)
-        sound = profile.sound_speed(scene, r, density)
-    loads = [p.ratio if scene.drag.direction == "two-way" else 0.0 for p in scene.dust]
-    times = [drag.stopping_time(k, density, sound, omega, population.ratio) for k, population in enumerate(scene.dust)]
-    if name == "dust":
-        stokes = np.choose(particles.species, times) * omega
-        found = nsh.velocities(stokes, sum(loads), headwind)
-        return found.dust_radial, found.dust_azimuthal
-    # Several populations share the back-reaction in proportion to their mass.
-    total = sum(loads)
-    radial, lag = np.zeros(len(r)), -headwind
-    for load, time in zip(loads, times, strict=True):
-        found = nsh.velocities(time * omega, total, headwind)
-        radial = radial + load / total * found.gas_radial
-        lag = lag + load / total * (found.gas_azimuthal + headwind)
-    return radial, lag
+def _drift(scene: Scene, drag, name: str, particles: Any, r: Array, omega: Array, headwind: Array):
+    """Radial and azimuthal velocity (n,) relative to Keplerian of one species, with the populations that there are."""
+    density = profile.surface_density(scene, r)
+    sound = profile.sound_speed(scene, r, density)
+    stokes, loads = np.empty((2, len(scene.dust), len(r)))
+    for k, population in enumerate(scene.dust):
+        # Beyond an edge there is no gas: a limit keeps what is infinite from meeting what is 0.
+        stokes[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
+        there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
+        loads[k] = np.where(there & (scene.drag.direction == "two-way"), population.ratio, 0.0)
+    found = nsh.of_populations(stokes, loads, headwind)
+    if name == "gas":
+        return found.gas_radial, found.gas_azimuthal
+    own = particles.species, np.arange(len(r))
+    return found.dust_radial[own], found.dust_azimuthal[own]
 
 
 def _mean_gravity(state: State, effects: dict):
