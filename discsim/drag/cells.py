@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.drag.cloud import densities_of_sparse_dust
+from discsim.drag.frame import clockwise, frame
 from discsim.kernels import blocks as kernels
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import relax_blocks
@@ -72,16 +73,25 @@ def lattice(drag, state, wanted: float) -> Lattice:
         side = max(wanted, extent[0] / (4.0 * state.gas.count))
         nx, ny = int(np.ceil(extent[0] / side)), 1
     if not grid.periodic:
-        nx, ny = nx + 2**LEVELS, (ny + 2**LEVELS if dim == 2 else 1)
+        # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
+        nx, ny = ((-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in (nx, ny))
+        ny = ny if dim == 2 else 1
     return Lattice(np.array(grid.origin), side, (nx, ny), grid.periodic)
 
 
-def sort_into_blocks(drag, state, leaves: Lattice, least, size: float, dust_wanted: int, shifted: bool) -> Blocks:
-    """Sort gas and dust into blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them."""
+def sort_into_blocks(
+    drag, state, leaves: Lattice, least, size: float, dust_wanted: int, shifted: bool, mirrored: bool = False
+) -> Blocks:
+    """Sort gas and dust into blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them.
+
+    The lattice moves with every step where it is `shifted`; `mirrored`, to where y -> -y takes the other's cells.
+    """
     gas, dust, (nx, ny) = state.gas, state.dust, leaves.shape
     shift = np.zeros(2)
     if shifted:
         shift[: drag.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
+    if mirrored:
+        shift[1] = ny + 2.0 * leaves.origin[1] / leaves.side - shift[1]
     gas_key, dust_key = np.empty(gas.count, np.uint32), np.empty(dust.count, np.uint32)
     for particles, key in ((gas, gas_key), (dust, dust_key)):
         share(
@@ -142,9 +152,10 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
         # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
         fewest = least[0] ** (1.0 / drag.dim) / state.scene.gas.eta
         wanted = float(gas.h.min()) * (max(drag.drag.cell, fewest) if drag.dim == 2 else drag.drag.cell)
+    about_star = frame(drag, state)
     blocks = sort_into_blocks(
         drag, state, lattice(drag, state, wanted), least, drag.drag.cell or 0.0,
-        INSIDE if drag.two_way else IGNORE, shifted=linear,
+        INSIDE if drag.two_way else IGNORE, linear, linear and clockwise(about_star),
     )  # fmt: skip
     times = np.empty((len(blocks.level) + 2, drag.law.populations))
     corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
@@ -153,7 +164,7 @@ def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear:
         gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
         dust.mass, densities_of_sparse_dust(drag, state), blocks.dust_order, blocks.dust_start, times,
         linear, drag.two_way, drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential,
-        drag.law.several, *drag.star, corners, drag.size, state.grid.periodic, heat, least=64,
+        drag.law.several, about_star, corners, drag.size, state.grid.periodic, heat, least=64,
     )  # fmt: skip
     start = blocks.dust_start[:: drag.law.populations]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)

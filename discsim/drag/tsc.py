@@ -3,9 +3,9 @@
 The slip at a node, from velocities of nine cells and slopes within each species, relaxes exactly with the
 accelerations inside; its change is scattered with the weights that gathered it, so that momentum and, but for nodes
 with next to no gas, angular momentum are exact; what is left of a particle decays towards its own species' line
-(equations in `kernels/nodes.py`). About a star velocities are taken relative to Kepler's. Cells are those of
-`drag/cells.py` at the power of two nearest to the wanted side, each side a lattice of its own, whose origin moves
-with every step.
+(equations in `kernels/nodes.py`). About a star velocities are taken relative to circular orbits (`drag/frame.py`).
+Cells are those of `drag/cells.py` at the power of two nearest to the wanted side, each side a lattice of its own, whose
+origin moves with every step.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from discsim.drag.cells import lattice, sort_into_blocks
 from discsim.drag.cloud import densities_of_sparse_dust
+from discsim.drag.frame import clockwise, frame
 from discsim.kernels import levels
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, mass_in
@@ -33,7 +34,9 @@ def relax(drag, state, dt, gas_vel, heat):
     size = NEAREST * (drag.drag.cell or 0.0)
     # A node has the dust of nine cells.
     dust_wanted = NEAR if drag.two_way else IGNORE
-    blocks = sort_into_blocks(drag, state, lattice(drag, state, wanted), (1, 0), size, dust_wanted, shifted=True)
+    about_star = frame(drag, state)
+    leaves = lattice(drag, state, wanted)
+    blocks = sort_into_blocks(drag, state, leaves, (1, 0), size, dust_wanted, True, clockwise(about_star))
     gas, dust, dim, count = state.gas, state.dust, drag.dim, len(blocks.level)
     population = drag.law.populations
     species = population + 1
@@ -62,7 +65,7 @@ def relax(drag, state, dt, gas_vel, heat):
         packed[name] = np.zeros((p.count, kernels.FIELDS))
         share(
             kernels.pack, count, order, start, number, p.pos, vel, own, p.mass, density, sound,
-            drag.law.code, blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, *drag.star, packed[name],
+            drag.law.code, blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, about_star, packed[name],
             least=64,
         )  # fmt: skip
         share(

@@ -21,9 +21,11 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.frame import sense_at
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
+from discsim.kernels.star import kepler
 
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
 # callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
@@ -65,13 +67,6 @@ def solve_slope(inertia, moment, dim, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def kepler(r2, star, softening):
-    """Omega about a softened star at squared radius r2."""
-    d2 = r2 + softening * softening
-    return math.sqrt(star / (d2 * math.sqrt(d2)))
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def pack(order, first, last, at, pos, vel, own, mass, corners, block, size, periodic, p):
     """Copy a block's members into columns from `at` on; 0 along an axis that there is not."""
     x0, y0 = corners[block, 0], corners[block, 1]
@@ -96,11 +91,11 @@ def pack(order, first, last, at, pos, vel, own, mass, corners, block, size, peri
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def leave_orbits(p, count, x0, y0, star, softening):
-    """Velocities relative to Kepler's."""
+def leave_orbits(p, count, x0, y0, star, softening, sense):
+    """Velocities relative to Kepler's, taken in the sense in which gas and dust turn."""
     for k in range(np.uint64(count)):
         x, y = p[X, k] + x0, p[Y, k] + y0
-        omega = kepler(x * x + y * y, star, softening)
+        omega = sense * kepler(x * x + y * y, star, softening)
         p[VX, k] += omega * y
         p[VY, k] -= omega * x
 
@@ -355,7 +350,7 @@ def mean_of(values, order, first, last):
 def relax_blocks(
     block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
     dpos, dvel, dacc, down, dmass, drho, dorder, dstart, times,
-    linear, two_way, law, grains, nonlinear, dt, exponential, several, star, softening, corners, size, periodic, heat,
+    linear, two_way, law, grains, nonlinear, dt, exponential, several, frame, corners, size, periodic, heat,
 ):  # fmt: skip
     """The kick of all blocks: accelerations and drag together, velocities in place; that of dust alone if one-way.
 
@@ -363,7 +358,7 @@ def relax_blocks(
     sources (accelerations not shared; no entries where there are none). Writes the stopping times of the populations in
     each block, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
     """
-    n, dim, heated = len(grains) + 1, gpos.shape[1], len(heat) > 0
+    n, dim, heated, star, softening = len(grains) + 1, gpos.shape[1], len(heat) > 0, frame.star, frame.softening
     most = 0
     for block in range(block_from, block_to):
         most = max(most, gstart[block + 1] - gstart[block] + dstart[(block + 1) * (n - 1)] - dstart[block * (n - 1)])
@@ -383,9 +378,12 @@ def relax_blocks(
         pack(gorder, g0, g1, 0, gpos, gvel, gown, gmass, corners, block, size, periodic, p)
         pack(dorder, d0, d1, ng, dpos, dvel, down, dmass, corners, block, size, periodic, p)
         rho, sound = mean_of(grho, gorder, g0, g1), mean_of(gsound, gorder, g0, g1)
-        omega = kepler(mean_square(p, ng, ng + nd, x0, y0), star, softening) if star > 0.0 else 0.0
-        if linear and star > 0.0:
-            leave_orbits(p, ng + nd, x0, y0, star, softening)
+        omega = 0.0
+        if star > 0.0:
+            r2 = mean_square(p, ng, ng + nd, x0, y0)
+            omega = kepler(r2, star, softening)
+            if linear:
+                leave_orbits(p, ng + nd, x0, y0, star, softening, sense_at(r2, frame))
         bound[0] = 0
         for s in range(n):
             bound[s + 1] = dstart[block * (n - 1) + s] - d0 + ng

@@ -30,10 +30,12 @@ of a particle beside the line of its own species in its cell decays at the speci
 import numpy as np
 from numba import njit
 
-from discsim.kernels.drag import kepler, solve_slope
+from discsim.kernels.drag import solve_slope
+from discsim.kernels.frame import sense_at
 from discsim.kernels.laws import EPSTEIN, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
+from discsim.kernels.star import kepler
 
 # A packed particle: mass, place from the middle of its cell in sides (2), velocity (2), source (2), and what the law
 # of the drag needs of the gas; unused axes are 0. A species at a node: sums of w m times 1, each of these, and x^2.
@@ -50,10 +52,10 @@ C0, C1, C2, C3, C4, C5 = (np.int64(column) for column in range(6))
 @njit(nogil=True, cache=True, error_model="numpy")
 def pack(
     block_from, block_to, order, start, stride, pos, vel, own, mass, density, sound, law,
-    corners, sides, size, periodic, star, softening, out,
+    corners, sides, size, periodic, frame, out,
 ):  # fmt: skip
     """Copy the members of the blocks in their order into out (n, FIELDS)."""
-    dim = pos.shape[1]
+    dim, star = pos.shape[1], frame.star
     for block in range(block_from, block_to):
         inverse = 1.0 / sides[block]
         for k in range(start[block * stride], start[(block + 1) * stride]):
@@ -68,7 +70,8 @@ def pack(
                 if len(own) > 0:
                     out[k, 5 + a] = own[i, a]
             if star > 0.0:
-                omega = kepler(pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1], star, softening)
+                r2 = pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1]
+                omega = sense_at(r2, frame) * kepler(r2, star, frame.softening)
                 out[k, 3] += omega * pos[i, 1]
                 out[k, 4] -= omega * pos[i, 0]
             if len(density) > 0:

@@ -1,0 +1,47 @@
+"""The common motion that drag cells leave out of velocities: circles about the star, in the sense of gas and dust.
+
+    w(x) = sigma(r) Omega_K(r) (-y, x),   sigma = 2 <v_phi> / v_K within -1 and 1                          (1)
+
+with the mass-weighted mean of both species in each of some rings of even width in ln r, interpolated between their
+middles: 1 or -1 in a disc, whichever way it turns, between the two where one part turns the other way, 0 of what does
+not turn. A field of the place alone, so that momentum stays what it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discsim.kernels.frame import Frame
+
+RINGS = 16
+SAMPLE = 4096  # particles of a species, of whom a few tell the sense; always the same for the same state
+
+
+def frame(drag, state) -> Frame:
+    """The frame of a state; without a star, one that has no motion."""
+    mass, softening = drag.star
+    if mass == 0.0:
+        return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
+    few = [slice(None, None, -(-p.count // SAMPLE)) for p in state.species.values()]
+    weight, pos, vel = (
+        np.concatenate([getattr(p, name)[part] for p, part in zip(state.species.values(), few, strict=True)])
+        for name in ("mass", "pos", "vel")
+    )
+    log = np.log(np.maximum((pos**2).sum(axis=1), 1e-300))
+    low, high = log.min(), log.max()
+    if not np.isfinite(low + high):  # the check of what the kick makes of such a place names the particle
+        return Frame(mass, softening, 0.0, 0.0, np.ones(1))
+    per_ring = RINGS / max(high - low, 1e-9)
+    ring = np.minimum(((log - low) * per_ring).astype(np.int64), RINGS - 1)
+    # v_phi / v_K = L / (r^2 Omega_K), of equal softening.
+    kepler = np.sqrt(mass) * (np.exp(log) + softening**2) ** -0.75
+    turns = (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) / (np.exp(log) * kepler)
+    total, moving = np.bincount(ring, weight, RINGS), np.bincount(ring, weight * turns, RINGS)
+    there = np.flatnonzero(total > 0.0)
+    sense = np.interp(np.arange(RINGS), there, np.clip(2.0 * moving[there] / total[there], -1.0, 1.0))
+    return Frame(mass, softening, low, per_ring, sense[:1] if np.ptp(sense) == 0.0 else sense)
+
+
+def clockwise(about_star: Frame) -> bool:
+    """Whether more of it turns clockwise: then cells lie where those of the mirror image would."""
+    return bool(about_star.sense.sum() < 0.0)

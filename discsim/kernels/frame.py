@@ -1,0 +1,28 @@
+"""The sense of the circles that velocities in drag cells are relative to: eq. (1) of `drag/frame.py`."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+
+class Frame(NamedTuple):
+    """`sense` has one entry where all turn alike, else one a ring, of which `per_ring` lie in a unit of ln r^2."""
+
+    star: float
+    softening: float
+    low: float
+    per_ring: float
+    sense: np.ndarray
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sense_at(r2, frame):
+    """sigma at squared radius r2, between the middles of rings."""
+    sense = frame.sense
+    if len(sense) == 1:
+        return sense[0]
+    at = min(max((math.log(r2) - frame.low) * frame.per_ring - 0.5, 0.0), len(sense) - 1.0)
+    ring = min(int(at), len(sense) - 2)
+    return sense[ring] + (at - ring) * (sense[ring + 1] - sense[ring])
