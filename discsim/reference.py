@@ -15,11 +15,13 @@ from typing import Any, NamedTuple, get_origin
 import discsim
 from discsim import tables
 from discsim.drag import GRID_SCHEMES, SCHEMES
-from discsim.effects import EFFECTS
+from discsim.effects import EFFECTS, IN_BACKGROUND
 from discsim.rules import NOT_CONSERVING
 from discsim.tables import TABLES, Default, Table, measure_of, models_in
 
 SETUP_TABLES = ("units", "run", "space", "initial")
+# Table of an effect -> module that says what it does, in the order of a step.
+MODULES = {name: (EFFECTS | {"background": IN_BACKGROUND["drag"]})[name] for name in tables.EFFECTS if "." not in name}
 COLUMNS = ("key", "value", "default", "meaning")
 WIDTHS = (22, 20, 18, 46)
 BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
@@ -38,7 +40,7 @@ class Part(NamedTuple):
 def effects_text() -> str:
     """Every effect with its equation and keys, then the tables that set up a run."""
     lines: list[str] = []
-    for name, module in EFFECTS.items():
+    for name, module in MODULES.items():
         lines += ["", f"[{name}]", *_indented(docstring(module)), "", *_text_of(name)]
         if name == "drag":
             lines += _schemes()
@@ -51,7 +53,7 @@ def effects_text() -> str:
 def scene_markdown() -> str:
     """The tables of a scene and their keys, for the README."""
     lines: list[str] = []
-    for name in (*SETUP_TABLES, *EFFECTS):
+    for name in (*SETUP_TABLES, *MODULES):
         for part in _parts(name, TABLES[name]):
             heading = f"`[{part.table}]`" + (f" with `kind = {part.kind}`" if part.kind else "")
             lines += ["", f"{heading}: {part.about}" if part.about else heading, ""]

@@ -234,14 +234,14 @@ class Simulation:
         state = self.state
         for p in state.species.values():
             fill(p.acc, lambda piece: 0.0)
-        own = [name for name, effect in self.effects.items() if not effect.shared]
+        own = {name: effect.acts_on for name, effect in self.effects.items() if not effect.shared}
         for name in own:
             self._accelerate(name)
         if "drag" in self.effects:
+            alone = {name for acts_on in own.values() for name in acts_on}
             with self.costs("drag"):
                 state.own_acc = {
-                    name: copied(p.acc) if name == "gas" or "external" in self.effects else p.acc[:0]
-                    for name, p in state.species.items()
+                    name: copied(p.acc) if name in alone else p.acc[:0] for name, p in state.species.items()
                 }
         for name in self.effects:
             if name not in own:

@@ -13,8 +13,9 @@ from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.exact import __path__ as exact_path
 from discsim.history import COLUMNS
-from discsim.reference import with_reference
+from discsim.reference import effects_text, with_reference
 from discsim.rules import NOT_CONSERVING
+from discsim.tables import TABLES, models_in
 from discsim.units import Units
 
 HOME = Path(__file__).parents[1]
@@ -28,6 +29,18 @@ def blocks(language):
 
 def test_keys_are_those_of_the_code():
     assert with_reference(TEXT) == TEXT, "run: python -m discsim.reference"
+
+
+def test_every_table_has_its_keys_on_the_page_and_in_the_command():
+    """Told from the tables themselves, not from the list that the generator goes through."""
+    told = "\n" + effects_text()
+    for name, annotation in TABLES.items():
+        part = TEXT.split(f"`[{name}]`", 1)[1]
+        assert f"\n[{name}]\n" in told
+        for model in models_in(annotation):
+            for key, field in model.model_fields.items():
+                if key != "kind" and not models_in(field.annotation):
+                    assert f"| `{key}` |" in part and f"    {key} " in told.split(f"\n[{name}]\n", 1)[1], (name, key)
 
 
 def test_every_setup_is_named_and_exists():

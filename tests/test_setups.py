@@ -151,6 +151,20 @@ def start():
     return {name: {key: getattr(p, key).copy() for key in ("pos", "vel", "mass")} for name, p in species.items()}
 
 
+def test_effects_act_on_whom_they_say():
+    """And give gas and dust at one place the same where they say that they do."""
+    sim = Simulation(EVERYTHING)
+    sim.dust.pos[:] = sim.gas.pos[: sim.dust.count]
+    sim.step()
+    sim.dust.pos[:] = sim.gas.pos[: sim.dust.count]
+    for name, effect in sim.effects.items():
+        given = dict(zip(("gas", "dust"), sim.acceleration(name), strict=True))
+        felt = {species for species, acc in given.items() if np.any(acc)}
+        assert felt == set(effect.acts_on), name
+        alike = bool(felt) and np.allclose(given["gas"][: sim.dust.count], given["dust"], rtol=1e-9)
+        assert alike == effect.shared, name
+
+
 def two_steps(start, without=()):
     """The scene without some effects after two steps from one and the same start."""
     whole = load_scene(EVERYTHING, ["run.timestep=0.01"], without)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
+from discsim.costs import Costs
+from discsim.effects import base
 from discsim.simulation import PhysicsError
 
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
@@ -239,3 +241,32 @@ def test_a_place_that_is_none_ends_the_run(place):
     with np.errstate(invalid="ignore"), pytest.raises(PhysicsError, match="finite"):
         sim.step()
     assert sim.gas.h[7] == before
+
+
+class Push(base.Effect):
+    """A constant acceleration of the dust, as an effect of somebody's own."""
+
+    name, acts_on = "push", ("dust",)
+
+    def accelerate(self, state):
+        state.dust.acc[:, 0] += 0.3
+
+
+@pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "lab14"])
+def test_the_relaxation_knows_any_force_on_one_species(scheme):
+    """At steps of 100 stopping times dust slips at its terminal velocity, as under the same [external] force."""
+    scene = {
+        "units": {"system": "code"}, "run": {"until": 0.2, "timestep": 0.02},
+        "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic"}, "initial": {"kind": "box"},
+        "gas": {"particles": 64, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
+        "dust": {"particles": 64, "ratio": 1.0, "offset": 0.5},
+        "drag": {"law": "stopping-time", "t_stop": 2e-4, "scheme": scheme},
+    }  # fmt: skip
+    sim, external = Simulation(scene), Simulation(scene | {"external": {"dust": 0.3}})
+    sim.effects = {"push": Push()} | sim.effects
+    sim.costs = Costs(sim.effects)
+    sim.run()
+    external.run()
+    slip = sim.dust.vel.mean() - sim.gas.vel.mean()
+    assert slip == pytest.approx(0.3 * 2e-4 / 2, rel=1e-6)  # a t_stop / (1 + eps)
+    np.testing.assert_allclose(sim.dust.vel, external.dust.vel, rtol=1e-12)

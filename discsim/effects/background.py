@@ -16,6 +16,7 @@ from discsim.threads import share
 
 class Effect(base.Effect):
     name = "drag"
+    acts_on = ()  # it is the kick
 
     def __init__(self, scene, state):
         self.law = Law(scene)

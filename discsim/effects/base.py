@@ -19,6 +19,8 @@ class Effect:
     """Base of the effects: does nothing and limits nothing."""
 
     name: str
+    # Whom it accelerates: the relaxation of drag has to know what acts on one species alone.
+    acts_on: tuple[str, ...] = ("gas", "dust")
     # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone.
     shared = False
 

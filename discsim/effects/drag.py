@@ -22,6 +22,7 @@ from discsim.threads import copied, fill, share
 
 class Effect(base.Effect):
     name = "drag"
+    acts_on = ()  # it is the kick
 
     def __init__(self, scene, state):
         self.scene, self.drag = scene, scene.drag

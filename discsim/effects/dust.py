@@ -8,6 +8,7 @@ from discsim.threads import share
 
 class Effect(base.Effect):
     name = "dust"
+    acts_on = ()
 
     def __init__(self, scene, state):
         self.scene = scene

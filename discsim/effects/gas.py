@@ -17,6 +17,7 @@ from discsim.threads import copied, fill, share
 
 class Effect(base.Effect):
     name = "gas"
+    acts_on = ("gas",)
 
     def __init__(self, scene, state):
         self.scene = scene

@@ -18,6 +18,7 @@ from discsim.state import State
 
 class Effect(base.Effect):
     name = "drag"
+    acts_on = ()  # it is the kick
 
     def __init__(self, scene, state):
         self.scheme = import_module(GRID_SCHEMES[scene.drag.scheme])

@@ -8,6 +8,7 @@ from discsim.state import State
 
 class Effect(base.Effect):
     name = "dust"
+    acts_on = ()
 
     def __init__(self, scene, state):
         self.dx = scene.space.size[0] / state.dust.count

@@ -9,6 +9,7 @@ from discsim.state import State
 
 class Effect(base.Effect):
     name = "gas"
+    acts_on = ()
 
     def __init__(self, scene, state):
         self.scene = scene
