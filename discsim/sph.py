@@ -111,8 +111,10 @@ class Sph:
             for begin, index, _ in lists:
                 self.met[cells.key[index[: begin[-1]]]] = True
 
-    def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> np.ndarray:
-        """Add to `acc` (and `heating_rate`); return the velocity divergence (n,), for the step's limit."""
+    def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> tuple[np.ndarray, float]:
+        """Add to `acc` (and `heating_rate`); return what limits the step: the velocity divergence (n,) and the largest
+        rate of conduction.
+        """
         terms = self.pairs, u is not None, self.conductivity is not None
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
@@ -122,13 +124,13 @@ class Sph:
             force_columns, gas.count, NORM[self.dim - 1][self.kernel], vel, gas.mass, gas.h, gas.density, gas.gradh,
             pressure, gas.sound_speed, *self.shear, NONE if u is None else u, *terms, alpha, self.columns,
         )  # fmt: skip
-        divergence = np.zeros(gas.count)
+        divergence, conduction = np.zeros(gas.count), np.zeros(gas.count if self.conductivity else 0)
         met = self.cells._replace(filled=np.flatnonzero(self.met))
         for cells, again in ((self.cells, False), (met, True)):
             lists = candidates(cells, cells, mutual=True) if again else self.lists
             share(
                 force_driver(self.kernel, self.dim, *terms), len(cells.filled), gas.pos, self.columns, gas.acc,
-                NONE if u is None else gas.heating_rate, divergence, beta,
+                NONE if u is None else gas.heating_rate, divergence, conduction, beta,
                 self.conductivity.alpha if self.conductivity else 0.0, cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
-        return divergence
+        return divergence, float(conduction.max(initial=0.0))

@@ -35,7 +35,7 @@ class Effect(base.Effect):
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = copied(gas.acc)
-        divergence = self.sph.forces(gas, vel, u, gas.pressure)
+        divergence, conduction = self.sph.forces(gas, vel, u, gas.pressure)
         if gas.pressure_acc is not None:
             gas.pressure_acc[:] = gas.acc - before
             gas.pressure_vel[:] = vel
@@ -43,7 +43,9 @@ class Effect(base.Effect):
             gas.acc[gas.immobile] = 0.0
             if gas.heating_rate is not None:
                 gas.heating_rate[gas.immobile] = 0.0
-        self._limit = self._step_limit(gas, before, divergence)
+        # In a step of 1 / conduction a particle would take the mean energy of those that it meets; in a longer one,
+        # beside heavier ones, more than there is.
+        self._limit = min(self._step_limit(gas, before, divergence), 1.0 / conduction if conduction > 0.0 else np.inf)
 
     def _pressure_and_sound_speed(self, gas: Gas, u: np.ndarray | None) -> np.ndarray:
         out = np.empty((2, gas.count))

@@ -246,12 +246,14 @@ def force_columns(
 def force_sums(
     kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, pack
 ):  # fmt: skip
-    """Sums of particle i over n candidates, in units of `unit`: acceleration, du/dt and divergence."""
+    """Sums of particle i over n candidates, in units of `unit`: acceleration, du/dt, divergence and the rate at which
+    conduction takes u towards that of its neighbours.
+    """
     norm, inv_h = columns[i, NORM_H] / columns[i, MASS], columns[i, INV_H] * unit
     press, inv_rho_i, c_i = columns[i, PRESS] * norm, columns[i, INV_RHO], columns[i, SOUND]
     vx, vy, f_i, u_i, p_i = columns[i, VX], columns[i, VY], columns[i, SWITCH], columns[i, ENERGY], columns[i, P]
     conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
-    ax, ay, rate, div = 0.0, 0.0, 0.0, 0.0
+    ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
@@ -284,26 +286,28 @@ def force_sums(
                 heat += 0.5 * pi * felt
             if conductive:
                 signal = math.sqrt(abs(p_i - pack[P * STRIDE + k]) * inv_rho)
-                heat += conducted * signal * (u_i - pack[ENERGY * STRIDE + k]) * inv_rho * both
+                passed = conducted * signal * inv_rho * both
+                conduction -= passed
+                heat += passed * (u_i - pack[ENERGY * STRIDE + k])
             if energetic:
                 rate += heat
         force *= inv_r
         ax -= force * dx
         ay -= force * dy
-    return ax, ay, rate, -div * norm * inv_rho_i
+    return ax, ay, rate, -div * norm * inv_rho_i, conduction
 
 
 @functools.cache
 def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool):
     """Compile eqs. (3-5), leaving out what the scene does not name.
 
-    Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence. Takes the cells
-    whose `met` is `now` alone.
+    Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence, and the rate of
+    conduction where there is any. Takes the cells whose `met` is `now` alone.
     """
     moving, rubbing = viscous != NO_VISCOSITY or energetic, viscous != NO_VISCOSITY
 
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def forces(first, last, lists, pos, columns, acc, rate, div, beta, alpha_u, cells, met, now):
+    def forces(first, last, lists, pos, columns, acc, rate, div, conduction, beta, alpha_u, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         begin, index, turned = lists
         pack = np.zeros(ROWS * STRIDE)
@@ -339,7 +343,7 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                     x, y = (pos[i, 0] - ox) * per_unit, 0.0
                     if dim == 2:
                         y = (pos[i, 1] - oy) * per_unit
-                    ax, ay, r, d = force_sums(
+                    ax, ay, r, d, passed = force_sums(
                         kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, pack
                     )
                     acc[i, 0] += ax
@@ -349,6 +353,8 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                         rate[i] += r
                     if viscous != NO_VISCOSITY or energetic:
                         div[i] += d
+                    if conductive:
+                        conduction[i] += passed
 
     return forces
 
