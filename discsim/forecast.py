@@ -13,7 +13,8 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from discsim.derived import SUPPORT_OF, gas_step, grid_bytes, local
+from discsim.derived import SUPPORT_OF, gas_step, grid, grid_bytes, local, particle_count
+from discsim.initial import profile
 from discsim.scene import Scene
 
 GAS, NEIGHBOUR = 300.0, 27.0  # a gas particle, and each of its neighbours
@@ -46,14 +47,14 @@ def forecast(scene: Scene) -> Forecast | None:
     steps = _steps(scene)
     if steps is None:
         return None
-    gas = scene.gas.particles if scene.gas else 0
-    dust = sum(population.particles for population in scene.dust or ())
+    gas = particle_count(scene, scene.gas) if scene.gas else 0
+    dust = sum(particle_count(scene, population) for population in scene.dust or ())
     memory = BASE + BYTES["gas"] * gas + BYTES["dust"] * dust
     cells = 0
-    if scene.self_gravity:
-        side = scene.space.cells or round(math.sqrt(gas or dust))
-        cells = side * side
-        memory += grid_bytes(scene, [side, side])
+    found = grid(scene)
+    if scene.self_gravity and found is not None:
+        cells = math.prod(found[1])
+        memory += grid_bytes(scene, found[1])
     return Forecast(steps, 1e-9 * _step_nanoseconds(scene, gas, dust, cells) * slowness(), memory)
 
 
@@ -64,8 +65,7 @@ def _steps(scene: Scene) -> float | None:
     if scene.gas and at.h is not None and at.sound_speed is not None:
         return run.until / (run.courant * SHRINK * float(gas_step(scene, at).min()))
     if scene.star and scene.initial is not None and scene.initial.kind == "disc":
-        inner = scene.initial.inner**2 + scene.star.softening**2
-        return run.until / (run.courant * math.sqrt(inner**1.5 / scene.star.mass))
+        return run.until / run.courant * float(profile.kepler_omega(scene, scene.initial.inner))
     return None
 
 
