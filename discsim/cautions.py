@@ -28,6 +28,9 @@ from discsim.scene import Scene
 # Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell. A node of tsc has those
 # of nine cells: with two of each in a cell the drift is right to .4% at eps = 1 (analysis/drift_cost.py).
 FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (2, 2)}
+# In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
+# One grain in a cell cures that.
+LONELY = (0, 0.25)
 # h over H: sound, and viscosity in shear, want half of one. Of a disc's edge, where h/H is largest and what is near it
 # spreads and falls in whatever h is, a tenth of the gas may do with less, but none with an h above H.
 FINE, COARSE, EDGE = 0.5, 1.0, 0.1
@@ -198,17 +201,16 @@ def _drag_warnings(scene: Scene, at: Local) -> Iterator[str]:
 def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
     side = drag_cell_sides(scene, at)
     strong = sum(dust.ratio for dust in scene.dust or ()) > LOADED
-    if side is None or not scene.drag or not strong:
+    if side is None or not scene.drag or not strong or scene.drag.direction == "one-way":
         return
-    if scene.drag.direction == "one-way" or scene.space.dimensions == 1:
-        return
-    counts = drag_cell_counts(scene, at, side)
-    for name, count, few in zip(("gas", "dust"), counts, FEW[scene.drag.scheme], strict=True):
+    counts, dim = drag_cell_counts(scene, at, side), scene.space.dimensions
+    wanted = FEW[scene.drag.scheme] if dim == 2 else LONELY
+    for name, count, few in zip(("gas", "dust"), counts, wanted, strict=True):
         least = count[count > 0].min(initial=few)  # where a population is absent nothing is to be counted
         if least < few:
             where = at.where(int(np.flatnonzero(count == least)[0]))
-            factor = few / least
+            more, wider = few / least, (max(few, 1) / least) ** (1 / dim)
             yield (
                 f"{least:.3g} {name} particles in a drag cell {where}, below {few}: "
-                f"raise {name}.particles {factor:.3g} times, or drag.cell {math.sqrt(factor):.3g} times"
+                f"raise {name}.particles {more:.3g} times, or drag.cell {wider:.3g} times"
             )
