@@ -11,6 +11,7 @@ import pytest
 from discsim import Simulation, load_scene
 from discsim.check import report
 from discsim.forecast import forecast, known_runs, learn, slowness
+from discsim.runner import run_scene
 
 SMALL = ["gas.particles=20000", "dust.particles=20000", "space.cells=128"]
 SMALLEST = ["gas.particles=2000", "dust.particles=2000", "space.cells=64"]
@@ -81,6 +82,19 @@ def test_runs_that_say_nothing_of_the_machine_are_not_learnt_from(store):
     assert slowness() == 1.0 and not store.exists()
     run_here(scene, 1.2, cpu=100.0, wall=120.0)
     assert slowness() == pytest.approx(1.2)
+
+
+def test_a_run_that_has_ended_is_learnt_from(store, tmp_path, monkeypatch):
+    """Here where any run is long enough: its own CPU seconds a step, over those of the stored figures."""
+    for name in ("LONG", "QUIET", "HEAVY_STEP"):
+        monkeypatch.setattr(f"discsim.forecast.{name}", 0.0)
+    scene = load_scene("setups/star_dust.toml", ["dust.particles=2000", "run.snapshots=1", "run.courant=0.1"])
+    start = time.process_time()
+    assert run_scene(scene, tmp_path / "out", quiet=True) == 0
+    (kept,) = json.loads(store.read_text())["runs"]
+    # All that the run took, its start and its figure included, is more than its two hundred steps.
+    most = (time.process_time() - start) / 200 / forecast(scene).step_seconds * slowness()
+    assert kept["machine"] == platform.node() and 0.0 < kept["slowness"] < most
 
 
 def test_one_odd_run_does_not_change_the_forecast(store):
