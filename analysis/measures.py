@@ -63,17 +63,19 @@ def particle_error(sim: Simulation, kind: str) -> float:
     return measure.errors(sim)[kind]
 
 
-def smoothed_error(sim: Simulation, kind: str, h: float, kernel: str) -> float:
+def smoothed_error(sim: Simulation, kind: str, h: float, kernel: str, of_exact: bool = False) -> float:
     """L2 of the plain SPH interpolant of the velocity at 600 nodes of a wave or 1000 of a shock, over max |exact|.
 
     Stoyanovskaya et al. 2018 (arXiv:1811.06506), eq. (38); interpolants are not divided by the sum of their weights.
+    of_exact: of the exact velocities at the particles' places, so that the error is the interpolant's own.
     """
     shock = sim.scene.initial.kind == "shock"
     count = 1000 if shock else 600
     x = (np.arange(count) + 0.5) / count - (0.5 if shock else 0.0)
     p, code = getattr(sim, kind), KERNELS[kernel]
     order = np.argsort(p.pos[:, 0])
-    place, mass, vel = p.pos[order, 0], p.mass[order], p.vel[order, 0]
+    place, mass = p.pos[order, 0], p.mass[order]
+    vel = exact_velocity(sim, kind, place) if of_exact else p.vel[order, 0]
     if not shock:  # one period more on both sides
         place = np.concatenate([place - 1, place, place + 1])
         mass, vel = np.tile(mass, 3), np.tile(vel, 3)

@@ -11,19 +11,30 @@ from discsim.derived import (
     SUPPORT_OF,
     Local,
     drag_cell_counts,
+    drag_cell_sides,
     gas_mass,
     gas_step,
+    grid,
     local,
+    particle_count,
     resolution,
+    resolution_by_mass,
     stopping_times,
 )
+from discsim.layout import LOADED
 from discsim.rules import KERNEL_KEYS
 from discsim.scene import Scene
 
-# Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell; the clouds of tsc
-# are as good as (1/.55)^2 = 3.3 cells.
-FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (3, 9)}
-WEAK_DUST = 0.1
+# Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell. A node of tsc has those
+# of nine cells: with two of each in a cell the drift is right to .4% at eps = 1 (analysis/drift_cost.py).
+FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (2, 2)}
+# In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
+# One grain in a cell cures that.
+LONELY = (0, 0.25)
+# h over H: sound, and viscosity in shear, want half of one. Of a disc's edge, where h/H is largest and what is near it
+# spreads and falls in whatever h is, a tenth of the gas may do with less, but none with an h above H.
+FINE, COARSE, EDGE = 0.5, 1.0, 0.1
+HEAVY = 3.0  # Toomre's Q, above which nothing is amplified (Toomre 1981), and a softening cannot change that
 EXPLICIT = ("mk", "esph")
 OVERDAMPING = ("mk", "esph", "isph", "lab14")  # Laibe & Price (2012), sec. 4; the cure of Price & Laibe (2020) apart
 ROOM = 1.15  # half of space over the outer radius of a disc
@@ -45,10 +56,18 @@ def _gas_warnings(scene: Scene, at: Local) -> Iterator[str]:
         return
     ratio = resolution(scene, at.h) / at.scale_height
     worst = int(np.argmax(ratio))
-    if ratio[worst] > 0.5:
-        needed = scene.gas.particles * (ratio[worst] / 0.5) ** 2
-        where = at.places[worst]
-        yield f"h/H = {ratio[worst]:.2g} at {where}, above 0.5: raise gas.particles to about {needed:.2g}"
+    where = f"h/H = {ratio[worst]:.2g} {at.where(worst)}"
+    by_mass, below = resolution_by_mass(scene)
+    coarse = 1.0 - float(np.interp(FINE, by_mass, below))
+    most = float(np.interp(1.0 - EDGE, below, by_mass))  # of all gas but the coarsest
+    needed = scene.gas.particles * max(ratio[worst] / COARSE, most / FINE) ** 2
+    if ratio[worst] > COARSE:
+        yield f"{where}, above {COARSE:g}: raise gas.particles to about {needed:.2g}"
+    elif coarse > EDGE:
+        yield (
+            f"{where}, and above {FINE} for {coarse:.0%} of the gas, more than {EDGE:.0%}: "
+            f"raise gas.particles to about {needed:.2g}"
+        )
 
 
 def _gravity_warnings(scene: Scene, at: Local) -> Iterator[str]:
@@ -61,23 +80,30 @@ def _gravity_warnings(scene: Scene, at: Local) -> Iterator[str]:
     for other in set(KERNEL_KEYS.values()) - {name}:
         if getattr(scene.self_gravity, other) is not None:
             yield f'self_gravity.{other} is not used by kernel "{kernel}": leave it out'
-    if scene.space.cells:
-        cell = max(scene.space.size) / scene.space.cells
-        if length < cell:
-            needed = math.ceil(max(scene.space.size) / length)
-            yield (
-                f"self_gravity.{name} = {shown} is {length / cell:.2g} of a grid cell: "
-                f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
-            )
-    if at.scale_height is not None:
-        # A softening is to be below H everywhere; a thickness is to be H somewhere.
-        worst = int(at.scale_height.argmin() if kernel == "plummer" else at.scale_height.argmax())
+    cell = _grid_cell(scene)
+    if length < cell:
+        needed = math.ceil(max(scene.space.size) / length)
+        yield (
+            f"self_gravity.{name} = {shown} is {length / cell:.2g} of a grid cell: "
+            f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
+        )
+    if at.scale_height is not None and at.toomre_q is not None:
+        # A softening is to be below H wherever self-gravity counts; a thickness is to be H somewhere.
+        counts = at.toomre_q <= max(HEAVY, at.toomre_q.min())
+        softest = np.where(counts, at.scale_height, np.inf).argmin()
+        worst = int(softest if kernel == "plummer" else at.scale_height.argmax())
         height = at.scale_height[worst]
         if length > height:
             yield (
-                f"self_gravity.{name} = {shown} is {length / height:.2g} H at {at.places[worst]}, above 1: "
+                f"self_gravity.{name} = {shown} is {length / height:.2g} H {at.where(worst)}, above 1: "
                 f"lower it to {scene.units.show(height, 'length')}"
             )
+
+
+def _grid_cell(scene: Scene) -> float:
+    found = grid(scene)
+    assert found is not None
+    return found[0]
 
 
 def _step_warnings(scene: Scene, at: Local) -> Iterator[str]:
@@ -90,7 +116,7 @@ def _step_warnings(scene: Scene, at: Local) -> Iterator[str]:
     if dt > most[worst]:
         given, best = (scene.units.show(time, "time") for time in (dt, most[worst]))
         yield (
-            f"run.timestep = {given} is {dt / most[worst]:.2g} times what sound allows at {at.places[worst]}: "
+            f"run.timestep = {given} is {dt / most[worst]:.2g} times what sound allows {at.where(worst)}: "
             f"lower it to {best}, or leave it out"
         )
 
@@ -117,18 +143,18 @@ def _collapse_warnings(scene: Scene, at: Local) -> Iterator[str]:
     if not heavy.any():
         return
     worst = int(np.argmin(np.where(heavy, mass, np.inf)))
-    where = at.places[worst]
+    where = at.where(worst)
     reach = math.pi * (SUPPORT_OF[scene.gas.kernel] * scene.gas.eta) ** 2
-    held = mass[worst] / (reach * gas_mass(scene) / scene.gas.particles)
+    held = mass[worst] / (reach * gas_mass(scene) / particle_count(scene, scene.gas))
     if held < CLUMP:
         yield (
-            f"a mass that collapses at {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
+            f"a mass that collapses {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
             f"raise gas.particles {CLUMP / held:.2g} times"
         )
-    cell = max(scene.space.size) / (scene.space.cells or scene.gas.particles**0.5)
+    cell = _grid_cell(scene)
     if length[worst] < CELLS * cell:
         yield (
-            f"what collapses at {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
+            f"what collapses {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
             f"raise space.cells {CELLS * cell / length[worst]:.2g} times"
         )
 
@@ -145,7 +171,7 @@ def _scheme_warnings(scene: Scene, at: Local) -> Iterator[str]:
             worst = int(np.argmax(short))
             if short[worst] > 1:
                 yield (
-                    f'drag.scheme "{drag.scheme}" is explicit: at {at.places[worst]} its steps are {short[worst]:.2g} '
+                    f'drag.scheme "{drag.scheme}" is explicit: {at.where(worst)} its steps are {short[worst]:.2g} '
                     'times shorter than the gas\'s: take "tsc"'
                 )
         if drag.scheme in OVERDAMPING:
@@ -154,7 +180,7 @@ def _scheme_warnings(scene: Scene, at: Local) -> Iterator[str]:
             if ratio[worst] > 1:
                 more = ratio[worst] ** scene.space.dimensions
                 yield (
-                    f"h is {ratio[worst]:.2g} times c_s t_stop at {at.places[worst]}, above 1, where "
+                    f"h is {ratio[worst]:.2g} times c_s t_stop {at.where(worst)}, above 1, where "
                     f'drag.scheme "{drag.scheme}" damps too much: take "tsc", or gas.particles {more:.2g} times as many'
                 )
 
@@ -163,27 +189,28 @@ def _drag_warnings(scene: Scene, at: Local) -> Iterator[str]:
     for i, time in enumerate(stopping_times(scene, at)):
         if at.omega is not None and (time * at.omega).max() > 10:
             stokes = time * at.omega
-            where = at.places[int(np.argmax(stokes))]
+            where = at.where(int(np.argmax(stokes)))
             which = f"dust.{i}" if len(scene.dust or ()) > 1 else "dust"
             yield (
-                f"{which}: St = {stokes.max():.3g} at {where}, above 10, where gas hardly drags: "
+                f"{which}: St = {stokes.max():.3g} {where}, above 10, where gas hardly drags: "
                 f"lower the stopping time {stokes.max() / 10:.2g} times, or leave out [drag]"
             )
     yield from _count_warnings(scene, at)
 
 
 def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
-    counts = drag_cell_counts(scene, at)
-    strong = sum(dust.ratio for dust in scene.dust or ()) > WEAK_DUST
-    if counts is None or not scene.drag or not strong:
+    side = drag_cell_sides(scene, at)
+    strong = sum(dust.ratio for dust in scene.dust or ()) > LOADED
+    if side is None or not scene.drag or not strong or scene.drag.direction == "one-way":
         return
-    if scene.drag.direction == "one-way" or scene.space.dimensions == 1:
-        return
-    for name, count, few in zip(("gas", "dust"), counts, FEW[scene.drag.scheme], strict=True):
-        if count.min() < few:
-            where = at.places[int(np.argmin(count))]
-            factor = few / count.min()
+    counts, dim = drag_cell_counts(scene, at, side), scene.space.dimensions
+    wanted = FEW[scene.drag.scheme] if dim == 2 else LONELY
+    for name, count, few in zip(("gas", "dust"), counts, wanted, strict=True):
+        least = count[count > 0].min(initial=few)  # where a population is absent nothing is to be counted
+        if least < few:
+            where = at.where(int(np.flatnonzero(count == least)[0]))
+            more, wider = few / least, (max(few, 1) / least) ** (1 / dim)
             yield (
-                f"{count.min():.2g} {name} particles in a drag cell at {where}, below {few}: "
-                f"raise {name}.particles {factor:.2g} times, or drag.cell {math.sqrt(factor):.2g} times"
+                f"{least:.3g} {name} particles in a drag cell {where}, below {few}: "
+                f"raise {name}.particles {more:.3g} times, or drag.cell {wider:.3g} times"
             )

@@ -8,7 +8,7 @@ from typing import Any
 from discsim.cautions import warnings
 from discsim.costs import clock
 from discsim.derived import derived
-from discsim.forecast import forecast
+from discsim.forecast import forecast, known_runs
 from discsim.rules import OF_CELLS, OF_SPH, unused_keys
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
@@ -36,6 +36,9 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "steps, about", f"{float(f'{expected.steps:.2g}'):.0f}"
     yield "CPU time of a step, about", f"{expected.step_seconds:.2g} s"
     yield "CPU time of the run, about", clock(expected.seconds)
+    known = len(known_runs())
+    runs = f"the last {known} long runs" if known > 1 else "the last long run"
+    yield "CPU times rest on", f"{runs} on this machine" if known else "stored figures: no long run here yet"
     yield "memory, about", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
 
 

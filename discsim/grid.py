@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.kernels import grid as kernels
+from discsim.layout import grid_cells
 from discsim.sorting import counting_sort
 from discsim.threads import share
 
@@ -39,15 +40,13 @@ class Grid:
 
         Raises ValueError for a periodic box whose sides are not whole numbers of square cells.
         """
-        size = scene.space.size
-        cells = scene.space.cells or _cells_for(particles, scene.space.dimensions)
-        cell = max(size) / cells
-        counts = [round(side / cell) for side in size]
+        cell, shape = grid_cells(scene, particles)
+        counts = [*shape]
         periodic = scene.space.boundary == "periodic"
-        for side, count in zip(size, counts, strict=True):
+        for side, count in zip(scene.space.size, counts, strict=True):
             if periodic and not np.isclose(count * cell, side, rtol=1e-9, atol=0):
                 raise ValueError(
-                    f"space.size: {cells} square cells along the longest side leave {side / cell:g} along "
+                    f"space.size: {max(counts)} square cells along the longest side leave {side / cell:g} along "
                     "another; a periodic box needs whole cells on each side"
                 )
         origin = [-count * cell / 2 if scene.centred else 0.0 for count in counts]
@@ -127,9 +126,3 @@ class Grid:
         out = np.empty((*self.shape, 2))
         share(kernels.gradient, self.shape[0], field, self.cell, self.periodic, out, least=16)
         return out
-
-
-def _cells_for(particles: int, dimensions: int) -> int:
-    # About one particle a cell: the grid resolves what they resolve. A power of two, for the FFT.
-    along_a_side = max(particles, 1) ** (1.0 / dimensions)
-    return max(8, 2 ** round(np.log2(along_a_side)))

@@ -350,7 +350,8 @@ class _Run:
         say(f"figure  {figure}")
         say(f"cost    {cost}")
         if self.steps >= LONG_RUN:
-            learn(self.scene, (time.process_time() - self.cpu_after_first) / (self.steps - 1))
+            cpu, wall = time.process_time() - self.cpu_after_first, time.monotonic() - self.begun
+            learn(self.scene, self.steps - 1, cpu, wall)
         return DONE
 
     def _cost(self) -> str:

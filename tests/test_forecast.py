@@ -2,6 +2,7 @@
 
 import json
 import os
+import platform
 import time
 
 import numpy as np
@@ -9,9 +10,11 @@ import pytest
 
 from discsim import Simulation, load_scene
 from discsim.check import report
-from discsim.forecast import forecast, learn, slowness
+from discsim.forecast import forecast, known_runs, learn, slowness
+from discsim.runner import run_scene
 
 SMALL = ["gas.particles=20000", "dust.particles=20000", "space.cells=128"]
+SMALLEST = ["gas.particles=2000", "dust.particles=2000", "space.cells=64"]
 
 
 @pytest.fixture
@@ -49,24 +52,77 @@ def test_every_effect_costs(store):
     assert forecast(load_scene("setups/dusty_wave.toml")) is None
 
 
+def run_here(scene, slow, cpu=100.0, wall=None):
+    """As if a run had taken `slow` times the stored figures, and so many CPU seconds."""
+    step = slow * forecast(scene).step_seconds / slowness()
+    learn(scene, cpu / step, cpu, cpu if wall is None else wall)
+
+
 def test_the_next_forecast_knows_this_machine(store):
     scene = load_scene("setups/stable_disc.toml")
     first = forecast(scene)
+    assert slowness() == 1.0 and known_runs() == []
+    for taken, median in ((3.0, 3.0), (0.5, 1.75), (0.6, 0.6)):  # each of the stored figures, never of the last
+        run_here(scene, taken)
+        assert slowness() == pytest.approx(median)
+        assert forecast(scene).seconds == pytest.approx(median * first.seconds)
+    for broken in ("{", "[]", '{"slowness": 6.0}', '{"runs": [{"machine": 1}]}', '{"runs": 3}'):
+        store.write_text(broken)
+        assert slowness() == 1.0
+    store.write_text(json.dumps({"runs": [{"machine": platform.node(), "slowness": float("nan")}]}))
     assert slowness() == 1.0
-    for taken in (3.0, 0.5):  # what was learnt before is replaced, not compounded
-        learn(scene, taken * first.step_seconds)
-        assert slowness() == pytest.approx(taken)
-        assert forecast(scene).seconds == pytest.approx(taken * first.seconds)
-    store.write_text("{")
-    assert slowness() == 1.0
-    store.write_text(json.dumps({"slowness": float("nan")}))
-    assert slowness() == 1.0
+
+
+def test_runs_that_say_nothing_of_the_machine_are_not_learnt_from(store):
+    """Short ones, ones that waited for others, and ones whose steps are mostly Python's own."""
+    scene, small = load_scene("setups/stable_disc.toml"), load_scene("setups/stable_disc.toml", SMALLEST)
+    run_here(scene, 6.0, cpu=3.0)
+    run_here(scene, 6.0, cpu=100.0, wall=300.0)
+    run_here(small, 6.0)
+    assert slowness() == 1.0 and not store.exists()
+    run_here(scene, 1.2, cpu=100.0, wall=120.0)
+    assert slowness() == pytest.approx(1.2)
+
+
+def test_a_run_that_has_ended_is_learnt_from(store, tmp_path, monkeypatch):
+    """Here where any run is long enough: its own CPU seconds a step, over those of the stored figures."""
+    for name in ("LONG", "QUIET", "HEAVY_STEP"):
+        monkeypatch.setattr(f"discsim.forecast.{name}", 0.0)
+    scene = load_scene("setups/star_dust.toml", ["dust.particles=2000", "run.snapshots=1", "run.courant=0.1"])
+    start = time.process_time()
+    assert run_scene(scene, tmp_path / "out", quiet=True) == 0
+    (kept,) = json.loads(store.read_text())["runs"]
+    # All that the run took, its start and its figure included, is more than its two hundred steps.
+    most = (time.process_time() - start) / 200 / forecast(scene).step_seconds * slowness()
+    assert kept["machine"] == platform.node() and 0.0 < kept["slowness"] < most
+
+
+def test_one_odd_run_does_not_change_the_forecast(store):
+    scene = load_scene("setups/stable_disc.toml")
+    for taken in (1.0, 1.1, 9.0, 1.2):
+        run_here(scene, taken)
+    assert slowness() == pytest.approx(1.15)
+    for _ in range(7):  # a machine that has become another is known after some runs
+        run_here(scene, 2.0)
+    assert known_runs() == pytest.approx([2.0] * 7)
+
+
+def test_each_machine_of_a_shared_home_has_its_own_runs(store, monkeypatch):
+    scene = load_scene("setups/stable_disc.toml")
+    run_here(scene, 3.0)
+    monkeypatch.setattr("platform.node", lambda: "another")
+    assert known_runs() == []
+    run_here(scene, 0.5)
+    assert known_runs() == pytest.approx([0.5])
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(store.parent.parent))
+    assert known_runs() == pytest.approx([3.0])
 
 
 def test_what_cannot_be_kept_is_not(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    learn(load_scene("setups/stable_disc.toml"), 1.0)
+    run_here(load_scene("setups/stable_disc.toml"), 3.0)
     assert slowness() == 1.0 and os.listdir(tmp_path) == ["file"]
 
 
@@ -74,6 +130,12 @@ def test_check_tells_the_forecast(store):
     text = report(load_scene("setups/dusty_disc.toml"))
     for words in ("steps, about", "CPU time of the run, about", "memory, about"):
         assert words in text
+    assert "stored figures: no long run here yet" in text
+    for number, words in enumerate(("the last long run on", "the last 2 long runs on")):
+        run_here(load_scene("setups/dusty_disc.toml"), 1.0 + number)
+        assert words in report(load_scene("setups/dusty_disc.toml"))
+    # The heat of a blast sets the step: not what the cold gas about it would allow.
+    assert "its step is not known" in report(load_scene("setups/sedov.toml"))
     assert "in one dimension runs take seconds" in report(load_scene("setups/dusty_wave.toml"))
 
 
@@ -96,6 +158,6 @@ def test_time_is_foreseen(setup, store):
         start, left[0] = time.process_time(), 20
         sim.evolve(np.inf, enough)
         taken[name] = (time.process_time() - start) / 20
-    learn(load_scene("setups/fragmenting_disc.toml"), taken["fragmenting_disc"])
+    learn(load_scene("setups/fragmenting_disc.toml"), 1000, 1000 * taken["fragmenting_disc"], 0.0)
     expected = forecast(load_scene(f"setups/{setup}.toml")).step_seconds
     assert 1 / 1.5 < expected / taken[setup] < 1.5

@@ -108,9 +108,16 @@ def test_gresho_at_100_squared():
 
 
 def test_published_tables():
-    """`analysis/paper_tables.py`: shocks within 15% at h = .025 (MK at .01 too), waves within 6%, IDIC within 30%."""
+    """`analysis/paper_tables.py`: shocks within 15% at h = .025 (MK at .01 too), waves within 6%, IDIC within 30%.
+
+    But for shocks in cells of two particles, and for waves at K = .005 and h = .01, of which print has more.
+    """
     module = script("paper_tables")
-    for row in module.table_2() + module.table_3():
-        found = module.error_of(row)
-        if (row.table, row.scheme, row.h) != (2, "idic", 0.01):  # cells of two particles
-            assert module.verdict(row, found) == "yes", (row, found)
+    for row in module.table_1() + module.table_2() + module.table_3():
+        found, _ = module.errors_of(row)
+        if (row.table, row.scheme, row.h) == (2, "idic", 0.01):
+            continue
+        if (row.table, row.coefficient, row.h) == (1, 0.005, 0.01):
+            assert 0.4 < found / row.printed < 0.8
+        else:
+            assert module.verdict(row, found).startswith("yes"), (row, found)

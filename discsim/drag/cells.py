@@ -11,6 +11,7 @@ from discsim.drag.frame import clockwise, frame
 from discsim.kernels import blocks as kernels
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import relax_blocks
+from discsim.layout import leaf_of_cells, least_in_cells, leaves
 from discsim.sorting import counting_sort, counts
 from discsim.threads import share
 
@@ -59,24 +60,11 @@ class Blocks(NamedTuple):
 def lattice(drag, state, wanted: float) -> Lattice:
     """Leaves at least as large as `wanted`, of a lattice that has room to move where it is not periodic."""
     grid, dim = state.grid, drag.dim
-    extent = np.array(grid.shape) * grid.cell
-    if dim == 2:
-        whole = max(1, int(np.ceil(wanted / grid.cell - 1e-9)))
-        while grid.periodic and whole < max(grid.shape) and any(n % whole for n in grid.shape):
-            whole += 1
-        side = whole * grid.cell
-        nx, ny = (-(-n // whole) for n in grid.shape)
-    elif grid.periodic:
-        nx, ny = max(1, int(extent[0] / wanted + 1e-9)), 1
-        side = extent[0] / nx
-    else:
-        side = max(wanted, extent[0] / (4.0 * state.gas.count))
-        nx, ny = int(np.ceil(extent[0] / side)), 1
+    side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, state.gas.count)
     if not grid.periodic:
         # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
-        nx, ny = ((-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in (nx, ny))
-        ny = ny if dim == 2 else 1
-    return Lattice(np.array(grid.origin), side, (nx, ny), grid.periodic)
+        numbers = [(-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in numbers]
+    return Lattice(np.array(grid.origin), side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
 
 
 def sort_into_blocks(
@@ -144,14 +132,8 @@ def merge(gas, dust, h_sum, shape, *wanted) -> tuple[Array, Array, Array, Array]
 def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
     """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
     gas, dust = state.gas, state.dust
-    loaded = sum(population.ratio for population in state.scene.dust) > 0.1
-    # Fewer than these and a cell grows: shot noise in the loading matters at dust-to-gas ratios near one.
-    least = (4, 4) if drag.dim == 1 else (8, 30 if loaded and drag.two_way else 8)
-    wanted = drag.drag.cell_length
-    if wanted is None:
-        # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
-        fewest = least[0] ** (1.0 / drag.dim) / state.scene.gas.eta
-        wanted = float(gas.h.min()) * (max(drag.drag.cell, fewest) if drag.dim == 2 else drag.drag.cell)
+    least = least_in_cells(state.scene)
+    wanted = drag.drag.cell_length or leaf_of_cells(state.scene, float(gas.h.min()))
     about_star = frame(drag, state)
     blocks = sort_into_blocks(
         drag, state, lattice(drag, state, wanted), least, drag.drag.cell or 0.0,

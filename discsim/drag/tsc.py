@@ -19,18 +19,16 @@ from discsim.kernels import levels
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, mass_in
 from discsim.kernels.drag import free_kick
+from discsim.layout import NEAREST, leaf_of_nodes
 from discsim.threads import share
 
 NONE = np.empty(0)
-NEAREST = 0.5**0.5  # the power of two nearest to the wanted side is at least this share of it
 
 
 def relax(drag, state, dt, gas_vel, heat):
     wanted = drag.drag.cell_length
     if wanted is None:
-        # Levels of leaves such that the side nearest to the wanted one of the mean h is one of them.
-        wanted = drag.drag.cell * float(np.exp(np.log(state.gas.h).mean()))
-        wanted *= 0.5 ** max(0.0, np.ceil(np.log2(wanted / drag.drag.cell / state.gas.h.min()) - 0.5))
+        wanted = leaf_of_nodes(drag.drag.cell, float(np.exp(np.log(state.gas.h).mean())), state.gas.h.min())
     size = NEAREST * (drag.drag.cell or 0.0)
     # A node has the dust of nine cells.
     dust_wanted = NEAR if drag.two_way else IGNORE

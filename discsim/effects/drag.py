@@ -16,6 +16,7 @@ from discsim.drag.laws import Law
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
 from discsim.kernels.move import add_scaled
+from discsim.layout import SOFT
 from discsim.state import Dust, State
 from discsim.threads import copied, fill, share
 
@@ -32,7 +33,7 @@ class Effect(base.Effect):
         self.exponential = self.drag.integration == "exponential"
         self.law = Law(scene)
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
-        self.soft, self.hard = (2.0, 8.0) if self.dim == 1 else (2.0, 4.0)
+        self.soft, self.hard = SOFT, 8.0 if self.dim == 1 else 4.0
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size

@@ -1,8 +1,8 @@
 """The disc that a scene asks for, as functions of radius: Sigma, c_s and the pressure's pull. Numpy only.
 
 Sigma = Sigma_ref (r / r_ref)^-p T(r) between the edges, T rising as sin^2 over the inner taper and falling as
-cos^2 over the outer one; Sigma_ref from the mass, from the least Toomre Q = c_s Omega_K / (pi G Sigma), or
-given.
+cos^2 over the outer one; Sigma_ref from the mass, from the least Toomre Q = c_s Omega_K / (pi G Sigma), c_s the speed
+of sound waves (of adiabatic gas the adiabatic one), or given.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def scale(scene: Scene) -> float:
     if start.mass is not None:
         return start.mass / float(cumulative(start, r)[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
-        q = sound_speed(scene, r, shape(start, r)) * np.sqrt(scene.star.mass / r**3) / (np.pi * shape(start, r))
+        q = wave_speed(scene, r, shape(start, r)) * kepler_omega(scene, r) / (np.pi * shape(start, r))
     eos: Any = scene.gas.eos
     power = 0.5 * (3.0 - eos.gamma) if eos.kind == "polytropic" else 1.0  # Q ~ Sigma_ref^-power
     return (float(np.nanmin(q)) / start.toomre_q) ** (1.0 / power)
@@ -66,6 +66,18 @@ def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
     if eos.kind == "polytropic":
         return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1.0))
     return thermal_speed(scene, r)
+
+
+def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
+    """Speed of sound waves, as the gas of a run has it: of adiabatic gas the adiabatic one."""
+    speed, eos = sound_speed(scene, r, density), scene.gas.eos  # type: ignore[union-attr]
+    return speed * np.sqrt(eos.gamma) if eos.kind == "adiabatic" else speed
+
+
+def kepler_omega(scene: Scene, r: Array | float) -> Array:
+    """Frequency of circles of radius `r` about the star alone, softened as it is."""
+    star: Any = scene.star
+    return np.sqrt(star.mass / (r**3 * (1.0 + (star.softening / r) ** 2) ** 1.5))
 
 
 def surface_density(scene: Scene, r: Array) -> Array:

@@ -1,0 +1,85 @@
+"""How large the cells of a run are: those of its grid, and those that drag acts in. Numpy only.
+
+The run and `discsim check` call the same functions. Drag cells are blocks of 2^n by 2^n leaves, and leaves are whole
+cells of the grid in two dimensions (`kernels/blocks.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as kernels/blocks.py has it
+NEAREST = 0.5**0.5  # of tsc: the power of two nearest to the wanted side is at least this share of it
+SOFT = 2.0  # of the wanted side, up to which cells grow for want of particles
+LOADED = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
+
+
+def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
+    """Side of the square cells of `scene.space`, and their number along each side of it.
+
+    Without `cells` there are about as many as `particles`.
+    """
+    size, cells = scene.space.size, scene.space.cells
+    if not cells:
+        # About one particle a cell: the grid resolves what they resolve. A power of two, for the FFT.
+        along_a_side = max(particles, 1) ** (1.0 / scene.space.dimensions)
+        cells = max(8, 2 ** round(np.log2(along_a_side)))
+    cell = max(size) / cells
+    return cell, tuple(round(side / cell) for side in size)
+
+
+def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, gas: int) -> tuple[float, list[int]]:
+    """Side of leaves at least `wanted` wide on a grid of `shape` cells of side `cell`, and their numbers along it.
+
+    In one dimension, a `shape` of one number, they need not be whole cells. gas: number of particles.
+    """
+    if len(shape) == 2:
+        whole = max(1, int(np.ceil(wanted / cell - 1e-9)))
+        while periodic and whole < max(shape) and any(n % whole for n in shape):
+            whole += 1
+        return whole * cell, [-(-n // whole) for n in shape]
+    extent = shape[0] * cell
+    if periodic:
+        number = max(1, int(extent / wanted + 1e-9))
+        return extent / number, [number]
+    side = max(wanted, extent / (4.0 * gas))
+    return side, [int(np.ceil(extent / side))]
+
+
+def leaf_of_nodes(cell: float, h_mean: float, h_least: float) -> float:
+    """Wanted side of the leaves of `tsc`: such that the side nearest to `cell` mean h (their geometric mean) is a power
+    of two of them, and one in the densest gas is as well.
+    """
+    wanted = cell * h_mean
+    return wanted * 0.5 ** max(0.0, np.ceil(np.log2(wanted / cell / h_least) - 0.5))
+
+
+def leaf_of_cells(scene: Scene, h_least: float) -> float:
+    """Wanted side of the leaves of `idic` and `idic-linear`, for the least h."""
+    assert scene.drag is not None and scene.gas is not None
+    # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
+    fewest = least_in_cells(scene)[0] ** (1.0 / scene.space.dimensions) / scene.gas.eta
+    return h_least * (max(scene.drag.cell, fewest) if scene.space.dimensions == 2 else scene.drag.cell)
+
+
+def least_in_cells(scene: Scene) -> tuple[int, int]:
+    """Gas and dust particles below which a cell of `idic` and `idic-linear` grows."""
+    assert scene.drag is not None and scene.dust is not None
+    if scene.space.dimensions == 1:
+        return 4, 4
+    # Shot noise in the loading matters at dust-to-gas ratios near one.
+    loaded = sum(population.ratio for population in scene.dust) > LOADED
+    return 8, 30 if loaded and scene.drag.direction == "two-way" else 8
+
+
+def side_of_blocks(leaf: float, wanted: Array) -> Array:
+    """Sides of the blocks of leaves that are at least as wide as is wanted of them."""
+    level = np.ceil(np.log2(np.maximum(wanted * (1.0 - 1e-9) / leaf, 1.0)))
+    return leaf * 2.0 ** np.minimum(level, LEVELS)
