@@ -41,17 +41,19 @@ def is_file_operation(function):
 
 
 def left_by_kills(act, directory, copies):
-    """Every different content that a kill of `act` could leave in `directory`, as folders in `copies`.
+    """What a kill of `act` could leave in `directory`, as folders in `copies`, but for logs and parts of files.
 
     A kill loses what a file has not been given yet, and nothing else.
     """
-    seen = set()
+    names = {}
 
     def keep(number):
-        content = [(path, path.is_file() and path.read_bytes()) for path in sorted(directory.rglob("*"))]
-        if directory.exists() and str(content) not in seen:
-            seen.add(str(content))
-            shutil.copytree(directory, copies / str(number))
+        files = [path for path in directory.rglob("*") if path.suffix not in (".part", ".log", "")]
+        content = str([(path, path.read_bytes()) for path in sorted(files)])
+        if directory.exists():
+            out = copies / str(names.setdefault(content, number))
+            shutil.rmtree(out, ignore_errors=True)
+            shutil.copytree(directory, out)  # the last of them: with the most on its way
 
     watched(act, keep)
     return sorted(copies.iterdir(), key=lambda path: int(path.name))
