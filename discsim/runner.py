@@ -19,7 +19,7 @@ import numpy as np
 from numba import config
 from numba.core import caching, event
 
-from discsim import __version__, ahead
+from discsim import __version__, ahead, cache
 from discsim.cautions import warnings
 from discsim.checkpoint import CheckpointError, read_checkpoint
 from discsim.costs import clock
@@ -67,10 +67,13 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
         except OSError as fault:
             reason = (fault.strerror or str(fault)).partition("\n")[0]
             if of_numba_cache(fault):
-                cure = "free it, or set NUMBA_CACHE_DIR to a directory with room"
-                fail(f"numba's cache of compiled kernels cannot be written: {reason}: {cure}. {run.way_back()}")
+                cure = "Make room there, or set NUMBA_CACHE_DIR to another directory"
+                fail(f"{cache.place}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
             else:
                 fail(f"{fault.filename or directory}: cannot be written: {reason}. {run.way_back()}")
+            return NOT_WRITTEN
+        except cache.CacheError as fault:
+            fail(str(fault))
             return NOT_WRITTEN
         except KeyboardInterrupt:
             fail(f"left at once. {run.way_back()}")
@@ -188,6 +191,9 @@ class _Run:
             return DONE
         self._announce(locked)
         self.sim = Simulation(self.scene)
+        if cache.temporary:
+            why = "numba's own places cannot be written; NUMBA_CACHE_DIR names another"
+            self.progress.say(f"compiled kernels are kept in {cache.place}: {why}")
         self._open(resume)
         self.compilation.wait(self.interrupts)
         if not resume:
