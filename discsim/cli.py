@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from discsim import RARELY
-from discsim.directory import directory_fault
+from discsim.directory import DirectoryError, directory_fault, held
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -115,8 +115,9 @@ def cost(
         fault = directory_fault(output, resume=False)
         if fault:
             _refuse(fault)
-        study.make(loaded.title or str(scene), parallel)
-    except (SceneError, StudyError) as error:
+        with held(output):
+            study.make(loaded.title or str(scene), parallel)
+    except (SceneError, StudyError, DirectoryError) as error:
         _refuse(str(error))
 
 

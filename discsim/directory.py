@@ -19,6 +19,18 @@ LEFT_BY_A_RUN = ("scene.toml", "checkpoint.h5", "snapshots")
 # What flock answers where a file system has no locks.
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 
+_locks: set[int] = set()  # descriptors that this process holds
+
+
+def _let_go() -> None:
+    """A child that lives on after its killed parent must not keep the lock."""
+    while _locks:
+        os.close(_locks.pop())
+
+
+if fcntl is not None:
+    os.register_at_fork(after_in_child=_let_go)
+
 
 class DirectoryError(Exception):
     """A run cannot use its directory as it is; the message says why."""
@@ -67,8 +79,9 @@ def held(directory: Path) -> Iterator[bool]:
     try:
         yield file is not None
     finally:
-        if file is not None:
+        if file in _locks:
             path.unlink(missing_ok=True)
+            _locks.remove(file)
             os.close(file)
         with suppress(OSError):  # only those that are empty still: a run that wrote nothing leaves nothing
             for folder in absent:
@@ -84,6 +97,7 @@ def _locked(path: Path) -> int | None:
             if _is_at(file, path):
                 os.ftruncate(file, 0)
                 os.write(file, f"process {os.getpid()} on {socket.gethostname()} since {time.ctime()}".encode())
+                _locks.add(file)
                 return file
             os.close(file)  # its holder ended and removed it after we had opened it
         except OSError as fault:

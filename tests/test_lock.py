@@ -11,7 +11,9 @@ import time
 import pytest
 from deaths import forked, status_of
 from test_runner import WAVE, assert_same_run, contents, scene_of
+from typer.testing import CliRunner
 
+from discsim.cli import app
 from discsim.directory import DirectoryError, held, sweep
 from discsim.runner import run_scene
 
@@ -122,3 +124,32 @@ def test_half_written_files_are_swept_up(tmp_path):
     assert run_scene(scene_of(tmp_path, WAVE), out, resume=True, quiet=True) == 0
     assert not parts[0].exists()
     sweep(tmp_path / "nowhere")
+
+
+def test_a_child_does_not_keep_the_lock_of_its_killed_parent(tmp_path):
+    # As the processes of a pool may, which wait for work that nobody gives them.
+    def hold_and_have_a_child():
+        with held(tmp_path / "out"):
+            child = forked(lambda: time.sleep(100) or 0)
+            (tmp_path / "child").write_text(str(child))
+            time.sleep(100)
+        return 0
+
+    parent = forked(hold_and_have_a_child)
+    while not (tmp_path / "child").exists() or not (tmp_path / "child").read_text():
+        time.sleep(0.01)
+    os.kill(parent, signal.SIGKILL)
+    status_of(parent)
+    try:
+        with held(tmp_path / "out") as locked:
+            assert locked
+    finally:
+        os.kill(int((tmp_path / "child").read_text()), signal.SIGKILL)
+
+
+def test_a_second_study_is_refused_while_one_goes_on(tmp_path):
+    scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
+    with held(out):
+        done = CliRunner().invoke(app, ["cost", str(scene.path), "--vary", "gas.particles=50,60", "-o", str(out)])
+        assert done.exit_code == 2 and done.stderr.startswith(f"{out}: a run is going on there (process {os.getpid()} ")
+        assert os.listdir(out) == [".lock"]
