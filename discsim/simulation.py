@@ -149,6 +149,7 @@ class Simulation:
         """What one effect gives now to (gas, dust), each (n, dimensions) or None where there is no such species."""
         if effect not in self.effects:
             raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
+        use_threads(self.scene.run.threads)
         state = self.state
         gas, dust = state.gas, state.dust
         try:
@@ -212,6 +213,7 @@ class Simulation:
 
         A second one ends it at once, as an exception does. The state is then of no time, and nothing goes on from it.
         """
+        use_threads(self.scene.run.threads)
         noted: list[int] = []
 
         def note(number: int, frame: FrameType | None) -> None:
@@ -234,6 +236,7 @@ class Simulation:
             raise KeyboardInterrupt
 
     def _prepare(self) -> None:
+        use_threads(self.scene.run.threads)
         if self._in_midst:
             raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
         if not self._fresh:
