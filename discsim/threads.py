@@ -22,7 +22,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def use_threads(number: int | None) -> None:
-    """Let loops of this Python thread take `number` threads, at most one a core (NUMBA_NUM_THREADS); None: that many."""
+    """Let loops of this Python thread take `number` threads, at most as many (None: as many) as NUMBA_NUM_THREADS."""
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     numba.set_num_threads(most if number is None else min(number, most))
 

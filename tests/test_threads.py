@@ -31,7 +31,7 @@ def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
         return out.sum()
 
     def child():
-        signal.alarm(20)  # ends a child that waits
+        signal.alarm(5)  # ends a child that waits
         return 0 if in_threads() == 20_000 else 1
 
     assert in_threads() == 20_000
