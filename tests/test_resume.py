@@ -60,10 +60,11 @@ def test_killed_before_any_file_operation(tmp_path):
 @pytest.mark.parametrize("rows_every", [1, 16])
 def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch, rows_every):
     # Killed after the checkpoint of the step that lands on an output, before the output.
-    scene = scene_of(tmp_path, WAVE, "run.snapshots=4", ALWAYS)
+    scene = scene_of(tmp_path, WAVE, "run.until=0.02", "run.timestep=0.005", ALWAYS)
     monkeypatch.setattr("discsim.runner.SMALL", 20_000 if rows_every == 1 else 100)
     assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
-    landing = [int(row["step"]) for row in rows(tmp_path / "straight") if float(row["time"]) in (0.05, 0.1)]
+    landing = [int(row["step"]) for row in rows(tmp_path / "straight") if float(row["time"]) in (0.01, 0.02)]
+    assert len(landing) == 2
     for step in landing:
         out = tmp_path / str(step)
 
