@@ -123,5 +123,5 @@ def _is_at(file: int, path: Path) -> bool:
 def sweep(directory: Path) -> None:
     """Remove what killed runs left half-written; only for who holds the directory."""
     for folder in (directory, directory / "snapshots"):
-        for part in folder.glob(".*.part"):
+        for part in (*folder.glob(".*.part"), *folder.glob(".*.part.png")):
             part.unlink()

@@ -383,9 +383,12 @@ class _Run:
         return DONE
 
     def _draw(self) -> None:
+        """The figure of the last snapshot, which appears whole."""
         from discsim.figure import last_state_figure  # slow to import, and needed only here
 
-        last_state_figure(self._snapshot(self.snapshots - 1), self.figure)
+        temporary = self.directory / ".last_state.part.png"
+        last_state_figure(self._snapshot(self.snapshots - 1), temporary)
+        os.replace(temporary, self.figure)
 
     def _cost(self) -> str:
         """Shares of the effects in their CPU time, and of the time outside of them since the first step."""

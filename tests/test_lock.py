@@ -21,7 +21,7 @@ from discsim.runner import run_scene
 @pytest.fixture(autouse=True)
 def no_figure(monkeypatch):
     """Drawing takes longer than these runs."""
-    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: None)
+    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
 @pytest.fixture
@@ -116,7 +116,9 @@ def test_two_commands_at_once(tmp_path):
 def test_half_written_files_are_swept_up(tmp_path):
     scene, out = scene_of(tmp_path, WAVE, "run.walltime=1e-6 s"), tmp_path / "out"
     assert run_scene(scene, out, quiet=True) == 0
-    parts = [out / ".checkpoint.h5.123.part", out / ".history.csv.part", out / "snapshots" / ".0001.h5.123.part"]
+    names = (".checkpoint.h5.123.part", ".history.csv.part", "snapshots/.0001.h5.123.part", ".last_state.part.png")
+    names = (".checkpoint.h5.123.part", ".history.csv.part", "snapshots/.0001.h5.123.part", ".last_state.part.png")
+    parts = [out / name for name in names]
     for part in parts:
         part.write_text("half")
     assert run_scene(scene_of(tmp_path, WAVE), out, resume=True, quiet=True) == 0

@@ -19,7 +19,7 @@ from discsim.runner import run_scene
 @pytest.fixture(autouse=True)
 def no_figure(monkeypatch):
     """Drawing takes longer than these runs."""
-    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: None)
+    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
 def test_a_disk_that_is_full_at_the_first_line_of_the_log(tmp_path, capsys):
