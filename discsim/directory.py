@@ -79,12 +79,12 @@ def held(directory: Path) -> Iterator[bool]:
     try:
         yield file is not None
     finally:
-        if file in _locks:
-            path.unlink(missing_ok=True)
-            _locks.remove(file)
-            os.close(file)
-        with suppress(OSError):  # only those that are empty still: a run that wrote nothing leaves nothing
-            for folder in absent:
+        with suppress(OSError):  # as of a disk that is gone: the process that ends lets go anyway
+            if file in _locks:
+                _locks.remove(file)
+                path.unlink(missing_ok=True)
+                os.close(file)
+            for folder in absent:  # only those that are empty still: a run that wrote nothing leaves nothing
                 folder.rmdir()
 
 

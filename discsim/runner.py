@@ -185,8 +185,8 @@ class _Run:
         times = due_times(self.scene.run, reached, self.put_out)
         if not times:
             sweep(self.directory)
-            if not self.figure.exists():
-                self._draw()  # killed before that
+            if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
+                self._draw()  # the run was killed before that
             self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
             return DONE
         self._announce(locked)
