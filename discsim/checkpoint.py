@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -14,6 +15,17 @@ Scalar = str | int | float | bool
 
 class CheckpointError(Exception):
     """The file is absent, damaged, or no checkpoint; the message says which."""
+
+
+class _Held(dict):
+    """What a checkpoint holds by name; what it lacks is a CheckpointError."""
+
+    def __init__(self, path: str | os.PathLike[str], entries: dict[str, Any]) -> None:
+        super().__init__(entries)
+        self.path = path
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise CheckpointError(f"{self.path}: a checkpoint without {name!r}: damaged, or of another version of discsim")
 
 
 def write_checkpoint(
@@ -36,13 +48,17 @@ def write_checkpoint(
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, Array]], dict[str, Scalar]]:
-    """What `write_checkpoint` was given, every array with its bits. Raises CheckpointError."""
+    """What `write_checkpoint` was given, every array with its bits. Raises CheckpointError.
+
+    So does looking up a group, an array or a value that the file lacks.
+    """
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
         groups = {
-            group: {name: dataset[()] for name, dataset in members.items()} for group, members in file["arrays"].items()
+            group: _Held(path, {name: dataset[()] for name, dataset in members.items()})
+            for group, members in file["arrays"].items()
         }
         attrs = {name: _scalar(value) for name, value in file["values"].attrs.items()}
-    return groups, attrs
+    return _Held(path, groups), _Held(path, attrs)
 
 
 def _scalar(value: np.generic) -> Scalar:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from discsim import RARELY
+from discsim.directory import DirectoryError, directory_fault, held
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 WRONG_INPUT = 2
-LEFT_BY_A_RUN = ("scene.toml", "checkpoint.h5", "snapshots")
 
 app = typer.Typer(
     add_completion=False,
@@ -116,8 +115,9 @@ def cost(
         fault = directory_fault(output, resume=False)
         if fault:
             _refuse(fault)
-        study.make(loaded.title or str(scene), parallel)
-    except (SceneError, StudyError) as error:
+        with held(output):
+            study.make(loaded.title or str(scene), parallel)
+    except (SceneError, StudyError, DirectoryError) as error:
         _refuse(str(error))
 
 
@@ -127,24 +127,6 @@ def effects() -> None:
     from discsim.reference import effects_text
 
     typer.echo(effects_text())
-
-
-def directory_fault(directory: Path, resume: bool) -> str | None:
-    """Why a run cannot write to `directory`; None where it can."""
-    try:
-        nearest = next(parent for parent in (directory, *directory.absolute().parents) if parent.exists())
-        if not nearest.is_dir():
-            return f"{directory}: {nearest} is a file; expected a directory"
-        if not os.access(nearest, os.W_OK | os.X_OK):
-            return f"{directory}: {nearest} is not writable; expected a directory to write to"
-        left = [name for name in LEFT_BY_A_RUN if (directory / name).exists()]
-    except OSError as error:
-        return f"{directory}: {error.strerror}; expected a directory to write to"
-    if resume and "checkpoint.h5" not in left:
-        return f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
-    if left and not resume:
-        return f"{directory}: holds a run already ({', '.join(left)}); expected another directory, or --resume"
-    return None
 
 
 def _load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene:

@@ -7,6 +7,7 @@ kinetic energy sum m v^2 / 2, with velocities at the time of the positions. Code
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -29,16 +30,20 @@ COLUMNS = (
 )  # fmt: skip
 
 
-class History:
-    """The open file. It starts anew, or goes on after the row of step `after`, later rows dropped."""
+class HistoryError(Exception):
+    """A history.csv that a run cannot go on with; the message says where it is wrong."""
 
-    def __init__(self, path: Path, after: int | None = None) -> None:
-        rows = [] if after is None else _rows_until(path, after)
+
+class History:
+    """The open file. It starts with `rows`, which earlier ones up to a checkpoint are."""
+
+    def __init__(self, path: Path, rows: Sequence[Sequence[str]] = ()) -> None:
         temporary = path.with_name(f".{path.name}.part")
-        with temporary.open("w", newline="") as file:
+        with temporary.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([COLUMNS, *rows])
         os.replace(temporary, path)
-        self._file = path.open("a", newline="")
+        self._file = path.open("a", newline="", encoding="utf-8")
+        self.count = len(rows)
         self._last = int(rows[-1][0]) if rows else -1
 
     def add(self, row: Sequence[object]) -> None:
@@ -47,18 +52,41 @@ class History:
             csv.writer(self._file).writerow(row)
             self._file.flush()
             self._last = int(str(row[0]))
+            self.count += 1
+
+    def sync(self) -> None:
+        """Have the rows on the disk: a checkpoint says how many there are."""
+        os.fsync(self._file.fileno())
 
     def close(self) -> None:
         self._file.close()
 
 
-def _rows_until(path: Path, step: int) -> list[list[str]]:
-    """The whole rows up to `step`; a row that a crash cut short is not one."""
+def rows_until(path: Path, step: int, count: int) -> list[list[str]]:
+    """The rows up to `step`, `count` of them or fewer where some are lost. Raises HistoryError.
+
+    A crash may cut the last line short, later than those rows: what is no row among them is damage.
+    """
     if not path.exists():
         return []
-    with path.open(newline="") as file:
-        rows = [row for row in csv.reader(file) if len(row) == len(COLUMNS) and row[0].isdecimal()]
-    return [row for row in rows if int(row[0]) <= step]
+    head, *table = [line.split(",") for line in path.read_text(encoding="utf-8", errors="replace").splitlines()] or [[]]
+    whole = list(itertools.takewhile(_is_row, table)) if head == [*COLUMNS] else []
+    rows = [row for row in whole if int(row[0]) <= step]
+    if len(rows) < count and len(whole) < len(table):
+        line = len(whole) + 2 if head == [*COLUMNS] else 1
+        wrong = f"no row of a history; expected {len(COLUMNS)} entries" if line > 1 else "not the header of a history"
+        raise HistoryError(f"{path}:{line}: {wrong}. Mend it, or move the file away to go on without its rows")
+    return rows
+
+
+def _is_row(entries: list[str]) -> bool:
+    try:
+        for name, entry in zip(COLUMNS, entries, strict=True):
+            if name != "dt_set_by":
+                float(entry)
+    except ValueError:
+        return False
+    return entries[0].isdecimal() and ",".join(entries).isascii()
 
 
 def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str) -> list[object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -53,7 +54,8 @@ class Progress:
         self.close_live()
         print(text, file=sys.stderr)
         if self._log is not None:
-            self._note(text)
+            with suppress(OSError):  # perhaps the log itself is what failed
+                self._note(text)
 
     def step(self, state: State, dt: float, set_by: str) -> None:
         """After each step: a frame or a line, when one is due."""
@@ -85,7 +87,8 @@ class Progress:
     def close(self) -> None:
         self.close_live()
         if self._log is not None:
-            self._log.close()
+            with suppress(OSError):  # of lines that found no room: told already
+                self._log.close()
             self._log = None
 
     def _note(self, text: str) -> None:

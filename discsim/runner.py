@@ -6,8 +6,9 @@ import os
 import signal
 import subprocess
 import time
-import tomllib
-from collections.abc import Callable, Iterator
+import traceback
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -16,23 +17,23 @@ from typing import Any
 
 import numpy as np
 from numba import config
-from numba.core import event
-from pydantic import BaseModel
+from numba.core import caching, event
 
-from discsim import __version__, ahead
+from discsim import __version__, ahead, cache
 from discsim.cautions import warnings
 from discsim.checkpoint import CheckpointError, read_checkpoint
 from discsim.costs import clock
+from discsim.differences import refuse_another
+from discsim.directory import DirectoryError, directory_fault, held, only_begun, sweep
 from discsim.eos import pressure_and_sound_speed
 from discsim.forecast import learn
-from discsim.history import History, history_row
+from discsim.history import History, HistoryError, history_row, rows_until
 from discsim.progress import Progress
-from discsim.scene import Scene, SceneError, load_scene
+from discsim.scene import Scene, SceneError
 from discsim.simulation import PhysicsError, Simulation
 from discsim.snapshot import write_snapshot
 from discsim.state import Gas, State
 from discsim.tables import Run as RunTable
-from discsim.units import Units
 
 Array = np.ndarray
 
@@ -41,10 +42,6 @@ CORES: int = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
 SMALL = 20_000  # particles: below it history has a row for every step
 LONG_RUN = 100  # steps, after which it is known what one takes
 ROW_EVERY = 16  # steps between rows of a larger run
-# What a run that goes on may do otherwise than before.
-FREE_TO_CHANGE = (
-    "title", "run.until", "run.snapshots", "run.every", "run.threads", "run.checkpoint_every", "run.walltime",
-)  # fmt: skip
 
 
 def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool = False) -> int:
@@ -58,7 +55,7 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
     with run.interrupts, event.install_listener("numba:compile", run.compilation):
         try:
             return run.go(resume)
-        except (SceneError, CheckpointError) as fault:
+        except (SceneError, CheckpointError, DirectoryError, HistoryError) as fault:
             fail(str(fault))
             return WRONG_INPUT
         except PhysicsError as fault:
@@ -69,7 +66,14 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
             return PHYSICS
         except OSError as fault:
             reason = (fault.strerror or str(fault)).partition("\n")[0]
-            fail(f"{fault.filename or directory}: cannot be written: {reason}. {run.way_back()}")
+            if of_numba_cache(fault):
+                cure = "Make room there, or set NUMBA_CACHE_DIR to another directory"
+                fail(f"{cache.place}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
+            else:
+                fail(f"{fault.filename or directory}: cannot be written: {reason}. {run.way_back()}")
+            return NOT_WRITTEN
+        except cache.CacheError as fault:
+            fail(str(fault))
             return NOT_WRITTEN
         except KeyboardInterrupt:
             fail(f"left at once. {run.way_back()}")
@@ -93,26 +97,14 @@ def output_times(run: RunTable) -> list[float]:
     return times if times and np.isclose(times[-1], run.until, rtol=1e-9, atol=0.0) else [*times, run.until]
 
 
-def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
-    """The keys in which two scenes differ, by name; a table that only one of them has is one key."""
-    parts, others = _parts(before), _parts(now)
-    if parts is None or others is None or type(before) is not type(now):
-        if before != now:
-            yield name
-        return
-    for key in parts | others:
-        yield from differences(parts.get(key), others.get(key), f"{name}.{key}" if name else key)
+def due_times(run: RunTable, reached: float, put_out: float) -> list[float]:
+    """Times of the snapshots still to come at time `reached`, where that of `put_out` was the last.
 
-
-def _parts(value: Any) -> dict[str, Any] | None:
-    """The named parts of a scene, a table, units, or a list of tables; None of a plain value."""
-    if isinstance(value, BaseModel):
-        return {name: entry for name, entry in value if name not in ("text", "path")}
-    if isinstance(value, Units):
-        return {"system": value.system, "length": value.length_text, "mass": value.mass_text}
-    if isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
-        return {str(number): entry for number, entry in enumerate(value)}
-    return None
+    A checkpoint may be of the very step that landed on one, before its snapshot: that is due at once.
+    """
+    near = 1e-9 * reached
+    later = [t for t in output_times(run) if t >= reached - near and t > put_out * (1.0 + 1e-9)]
+    return [reached if abs(t - reached) <= near else t for t in later]
 
 
 class Interrupts:
@@ -173,21 +165,35 @@ class _Run:
         self.scene, self.directory = scene, directory
         self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
         self.compilation = Compilation(scene, self.progress.say)
-        self.checkpoint = directory / "checkpoint.h5"
+        self.checkpoint, self.figure = directory / "checkpoint.h5", directory / "last_state.png"
         self.begun = self.saved = time.monotonic()
         self.saved_time: float | None = None
         self.snapshots = self.steps = 0  # written; made by this process
+        self.put_out = 0.0  # time of the last snapshot
+        self.dt, self.set_by = 0.0, ""  # of the last step
+        self.held = ExitStack()
         count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
         self.rows_every = 1 if count < SMALL else ROW_EVERY
 
     def go(self, resume: bool) -> int:
-        reached = self._time_to_resume() if resume else -1.0
-        times = [t for t in output_times(self.scene.run) if t > reached * (1.0 + 1e-9)]
+        locked = self.held.enter_context(held(self.directory))
+        fault = directory_fault(self.directory, resume)
+        if fault:
+            raise DirectoryError(fault)
+        resume = resume and self._can_go_on()
+        reached = self._time_to_resume() if resume else 0.0
+        times = due_times(self.scene.run, reached, self.put_out)
         if not times:
+            sweep(self.directory)
+            if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
+                self._draw()  # the run was killed before that
             self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
             return DONE
-        self._announce()
+        self._announce(locked)
         self.sim = Simulation(self.scene)
+        if cache.temporary:
+            why = "numba's own places cannot be written; NUMBA_CACHE_DIR names another"
+            self.progress.say(f"compiled kernels are kept in {cache.place}: {why}")
         self._open(resume)
         self.compilation.wait(self.interrupts)
         if not resume:
@@ -200,7 +206,7 @@ class _Run:
             if self.sim.time >= t:
                 self._output()
         self._save()  # the closing kick is still open: a longer run goes on as if it had not stopped here
-        return self._finish() if self.sim.time >= times[-1] else self._stopped()
+        return self._finish() if self.put_out >= times[-1] else self._stopped()
 
     def where(self) -> str:
         """The time and step, for messages."""
@@ -219,53 +225,70 @@ class _Run:
         self.compilation.close()
         self.progress.close()
         if hasattr(self, "history"):
-            self.history.close()
+            with suppress(OSError):  # of a row that found no room: told already
+                self.history.close()
+        self.held.close()
 
     def _show(self, t: float) -> str:
         return self.scene.units.show_time(t)
 
     # Starting
 
+    def _can_go_on(self) -> bool:
+        """Whether there is a checkpoint; without one the scene must be that of the run, which begins anew."""
+        if not only_begun(self.directory):
+            return True
+        path = self.directory / "scene.toml"
+        refuse_another(path, path.read_bytes(), self.scene)
+        return False
+
     def _time_to_resume(self) -> float:
-        """Time of the checkpoint. Raises SceneError where it is of another scene."""
+        """Time of the checkpoint, and when it was put out last. Raises SceneError where it is of another scene."""
         groups, values = read_checkpoint(self.checkpoint)
-        before = load_scene(tomllib.loads(groups["scene"]["text"].tobytes().decode()))
-        changed = [key for key in differences(before, self.scene) if key not in FREE_TO_CHANGE]
-        if changed:
-            wrong = f"the scene differs from that of the checkpoint in {', '.join(changed)}"
-            right = f"expected the same but for {', '.join(FREE_TO_CHANGE)}"
-            raise SceneError([f"{self.checkpoint}: {wrong}; {right}"])
+        refuse_another(self.checkpoint, groups["scene"]["text"].tobytes(), self.scene)
+        self.snapshots, self.put_out = int(values["snapshots"]), float(values["put_out"])
         return float(values["time"])
 
-    def _announce(self) -> None:
+    def _announce(self, locked: bool) -> None:
         say = self.progress.say
         say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
         say(f"effects: {', '.join(self.scene.effects)}")
         for line in warnings(self.scene):
             say(f"warning: {line}")
+        if not locked:
+            say(f"warning: {self.directory} cannot be locked: files of a second run there would mix with these")
         say("loading kernels")
 
     def _open(self, resume: bool) -> None:
         """Open the directory's files, and take up the state where the run goes on."""
         sim, folder = self.sim, self.directory / "snapshots"
-        folder.mkdir(parents=True, exist_ok=True)
-        if resume:
-            self.snapshots = int(sim.restore(self.checkpoint)["snapshots"])
-            self.saved_time = sim.time
-            for path in folder.glob("*.h5"):
-                if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
-                    path.unlink()
+        rows = self._take_up() if resume else []
+        sweep(self.directory)
         temporary = self.directory / ".scene.toml.part"
         temporary.write_text(self.scene.text, encoding="utf-8")
         os.replace(temporary, self.directory / "scene.toml")
+        folder.mkdir(exist_ok=True)
+        for path in folder.glob("*.h5"):
+            if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
+                path.unlink()
         self.progress.open_log(self.directory / "run.log", resume)
-        if resume:
-            self.progress.say(f"resumed {self.where()}")
-        self.history = History(self.directory / "history.csv", sim.state.step if resume else None)
+        self.history = History(self.directory / "history.csv", rows)
         self.costs_before = self.costs_after_first = sim.costs.copy()
         with sim.synchronised():  # makes the first forces, which say what sets the first step
-            self.time, self.dt, self.set_by = sim.time, 0.0, self._limiter()
-            self.next_set_by = self.set_by
+            self.time, self.next_set_by = sim.time, self._limiter()
+        self.set_by = self.set_by or self.next_set_by
+        if resume:
+            self.progress.say(f"resumed {self.where()}")
+            if len(rows) != self.rows:
+                wrong = f"has {len(rows)} rows up to step {sim.state.step}, where the run had written {self.rows}"
+                self.progress.say(f"warning: {self.directory / 'history.csv'} {wrong}")
+
+    def _take_up(self) -> list[list[str]]:
+        """Take up the state of the checkpoint; the rows of the history until there. Nothing is written."""
+        values = self.sim.restore(self.checkpoint)
+        self.saved_time, self.rows = self.sim.time, int(values["rows"])
+        self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
+        return rows_until(self.directory / "history.csv", self.sim.state.step, self.rows)
 
     # Stepping
 
@@ -312,6 +335,7 @@ class _Run:
             write_snapshot(self._snapshot(self.snapshots), self.scene, state.time, gas, state.dust, extra)
             self._add_row()
         sim.costs.write(self.directory / "costs.csv")
+        self.put_out = sim.time
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
         self.snapshots += 1
 
@@ -322,8 +346,16 @@ class _Run:
         self.history.add(history_row(self.sim.state, self.sim.effects, self.dt, self.set_by))
 
     def _save(self) -> None:
-        self.sim.save(self.checkpoint, {"snapshots": self.snapshots})
-        self.saved, self.saved_time = time.monotonic(), self.sim.time
+        self.history.sync()
+        notes = {"snapshots": self.snapshots, "put_out": self.put_out, "rows": self.history.count}
+        sim, costs = self.sim, self.sim.costs
+        if self.steps < 2:  # what follows forgets the first step, in which kernels compiled
+            sim.costs = self.costs_before
+        try:
+            sim.save(self.checkpoint, {**notes, "dt": self.dt, "set_by": self.set_by})
+        finally:
+            sim.costs = costs
+        self.saved, self.saved_time = time.monotonic(), sim.time
 
     # Ending
 
@@ -340,19 +372,24 @@ class _Run:
     def _finish(self) -> int:
         self.progress.close_live()
         cost = self._cost()
-        from discsim.figure import last_state_figure  # slow to import, and needed only here
-
-        figure = self.directory / "last_state.png"
-        last_state_figure(self._snapshot(self.snapshots - 1), figure)
+        self._draw()
         say = self.progress.say
         say(f"done {self.where()}, after {clock(time.monotonic() - self.begun)}")
         say(f"output  {self.directory}: {self.snapshots} snapshots, history.csv, costs.csv, run.log")
-        say(f"figure  {figure}")
+        say(f"figure  {self.figure}")
         say(f"cost    {cost}")
         if self.steps >= LONG_RUN:
             cpu, wall = time.process_time() - self.cpu_after_first, time.monotonic() - self.begun
             learn(self.scene, self.steps - 1, cpu, wall)
         return DONE
+
+    def _draw(self) -> None:
+        """The figure of the last snapshot, which appears whole."""
+        from discsim.figure import last_state_figure  # slow to import, and needed only here
+
+        temporary = self.directory / ".last_state.part.png"
+        last_state_figure(self._snapshot(self.snapshots - 1), temporary)
+        os.replace(temporary, self.figure)
 
     def _cost(self) -> str:
         """Shares of the effects in their CPU time, and of the time outside of them since the first step."""
@@ -362,6 +399,12 @@ class _Run:
             return shares
         outside = 1.0 - (costs.total - self.costs_before.total) / (time.process_time() - self.cpu_after_first)
         return f"{shares}; outside the effects {outside:.0%} of all CPU time"
+
+
+def of_numba_cache(fault: BaseException) -> bool:
+    """Whether an exception came out of the writing of numba's cache."""
+    frames = traceback.walk_tb(fault.__traceback__)
+    return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)
 
 
 def _stopping(state: State, drag: Any) -> dict[str, Array]:

@@ -13,16 +13,20 @@ scheme.
 from __future__ import annotations
 
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 
 from discsim.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
 from discsim.costs import Costs
+from discsim.differences import refuse_another
 from discsim.effects import load_effects
 from discsim.initial import make_state, setup
 from discsim.scene import Scene, SceneError, load_scene
@@ -64,7 +68,7 @@ class Simulation:
             raise SceneError([str(error)]) from error
         self.costs = Costs(self.effects)
         self.limit, self.limited_by = math.inf, ""
-        self._fresh = False
+        self._fresh = self._in_midst = False
 
     @property
     def time(self) -> float:
@@ -83,23 +87,38 @@ class Simulation:
         return self.state.dust
 
     def step(self, most: float = math.inf) -> float:
-        """One whole step, velocities and positions at the same time after it; returns its length."""
+        """One whole step, of `most` at most, velocities and positions at the same time after it; returns its length.
+
+        Ctrl-C waits for its end. Raises ValueError where nothing limits it.
+        """
+        if not most > 0.0:
+            raise ValueError(f"most = {most} is no length of a step; expected a positive time in code units")
         self._prepare()
         dt = min(self._next_step(math.inf), most)
-        self._advance(dt)
-        self._close()
+        if dt == math.inf:
+            raise ValueError("nothing limits a step past run.until; expected its length, step(most=...), in code units")
+        with self._whole():
+            self._advance(dt)
+            self._close()
         return dt
 
     def run(self, until: float | None = None) -> None:
-        """Step to time `until` (code units; default that of the scene) and land on it."""
+        """Step to time `until` (code units; default that of the scene) and land on it.
+
+        Ctrl-C ends it after a step; to run on gives the same bits as never to have stopped. Velocities then await the
+        closing kick of that step: `synchronised` shows them with it.
+        """
         self.evolve(self.scene.run.until if until is None else until)
-        self._close()
+        with self._whole():
+            self._close()
 
     def evolve(self, until: float, after_step: Callable[[], bool] | None = None) -> bool:
         """Step to `until`, leaving the closing kick open; ends early (False) where `after_step` returns True."""
         self._prepare()
         while self.state.time < until:
-            self._advance(self._next_step(until), until)
+            dt = self._next_step(until)
+            with self._whole():
+                self._advance(dt, until)
             if after_step is not None and after_step():
                 return False
         return True
@@ -116,8 +135,8 @@ class Simulation:
         lag = state.lag
         kept_costs = self.costs
         self.costs = Costs(self.effects)
-        self._close()
         try:
+            self._close()
             yield state
         finally:
             self.costs = kept_costs
@@ -130,6 +149,7 @@ class Simulation:
         """What one effect gives now to (gas, dust), each (n, dimensions) or None where there is no such species."""
         if effect not in self.effects:
             raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
+        use_threads(self.scene.run.threads)
         state = self.state
         gas, dust = state.gas, state.dust
         try:
@@ -158,31 +178,71 @@ class Simulation:
         write_checkpoint(path, groups, {**values, **(notes or {})})
 
     def restore(self, path: str | Path) -> dict[str, Scalar]:
-        """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError."""
+        """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError, SceneError.
+
+        The scene may differ from that of the checkpoint as with --resume. What raises leaves all as it was.
+        """
         groups, values = read_checkpoint(path)
-        state = self.state
+        refuse_another(path, groups["scene"]["text"].tobytes(), self.scene)
+        state, costs = self.state, self.costs.copy()
         for name, particles in state.species.items():
-            if groups.get(name, {}).keys() != particles.arrays().keys():
+            held, own = groups[name], particles.arrays()
+            lengths = {len(array) for array in held.values()}
+            if held.keys() != own.keys() or len(lengths) > 1 or any(held[k].shape[1:] != own[k].shape[1:] for k in own):
                 raise CheckpointError(f"{path}: does not hold the {name} of this scene")
+        ledger = Ledger(**{f.name: _entry(groups["ledger"][f.name]) for f in fields(Ledger)})
+        for table, numbers in ((costs.calls, "calls"), (costs.seconds, "seconds")):
+            table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
+        time, step, lag = float(values["time"]), int(values["step"]), float(values["lag"])
+        limit, limited_by = float(values["limit"]), str(values["limited_by"])
+        own_acc = dict(groups["own_acc"])
+        for name, particles in state.species.items():
             for array_name, array in groups[name].items():
                 setattr(particles, array_name, array)
-        state.own_acc = groups["own_acc"]
-        entries = groups["ledger"]
-        momentum = entries.pop("accreted_momentum")
-        state.ledger = Ledger(accreted_momentum=momentum, **{name: float(entry[0]) for name, entry in entries.items()})
-        for table, numbers in ((self.costs.calls, "calls"), (self.costs.seconds, "seconds")):
-            table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
-        state.time, state.step, state.lag = float(values["time"]), int(values["step"]), float(values["lag"])
-        self.limit, self.limited_by = float(values["limit"]), str(values["limited_by"])
-        self._fresh = True  # forces are among the arrays
+        state.own_acc, state.ledger, self.costs = own_acc, ledger, costs
+        state.time, state.step, state.lag = time, step, lag
+        self.limit, self.limited_by = limit, limited_by
+        self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values
 
     # The step
 
+    @contextmanager
+    def _whole(self) -> Iterator[None]:
+        """What must not be left half-made: the first Ctrl-C waits for its end, unless somebody handles it otherwise.
+
+        A second one ends it at once, as an exception does. The state is then of no time, and nothing goes on from it.
+        """
+        use_threads(self.scene.run.threads)
+        noted: list[int] = []
+
+        def note(number: int, frame: FrameType | None) -> None:
+            noted.append(number)
+            if len(noted) > 1:
+                raise KeyboardInterrupt("in the midst of a step")
+
+        main = threading.current_thread() is threading.main_thread()
+        ours = main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        if ours:
+            signal.signal(signal.SIGINT, note)
+        try:
+            self._in_midst = True
+            yield
+            self._in_midst = False
+        finally:
+            if ours:
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+        if noted:
+            raise KeyboardInterrupt
+
     def _prepare(self) -> None:
+        use_threads(self.scene.run.threads)
+        if self._in_midst:
+            raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
         if not self._fresh:
-            self._forces()
-            self._fresh = True
+            with self._whole():
+                self._forces()
+                self._fresh = True
 
     def _advance(self, dt: float, until: float = math.inf) -> None:
         """From an open closing kick to the next: kick, drift, events, forces."""
@@ -274,6 +334,8 @@ class Simulation:
             )
         dt = run.timestep if run.timestep is not None else run.courant * self.limit
         if not math.isfinite(dt):
+            if left == math.inf and self.state.time >= run.until:
+                return math.inf
             dt = run.until - self.state.time if left == math.inf else left
         if abs(dt - left) <= 1e-9 * dt:
             return dt  # not cut: a landing must not change a fixed step by a rounding
@@ -316,6 +378,11 @@ class Simulation:
             if found is not None and not np.isfinite(found[i]).all():
                 return f"; the first effect to give it an acceleration that is not finite is {name}"
         return ""
+
+
+def _entry(array: np.ndarray) -> Any:
+    """An entry of the ledger as it was saved: a number, or several."""
+    return array if len(array) > 1 else float(array[0])
 
 
 # A leapfrog of a frequency of 1 over the limit grows above 2; limits are estimates. In a uniform box nothing can grow,

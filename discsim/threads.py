@@ -7,6 +7,7 @@ Pieces only divide independent work, so results are bitwise the same for any num
 kernel, without numba's own parallel lowering, also compiles in a fraction of the time.
 """
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -16,10 +17,12 @@ import numpy as np
 PIECES = 8  # a thread, so that a fast one can take more
 
 _pools: dict[int, ThreadPoolExecutor] = {}
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pools.clear)  # a fork has none of the threads: work given to them would wait
 
 
 def use_threads(number: int | None) -> None:
-    """Let loops take `number` threads, at most one a core (or NUMBA_NUM_THREADS); None: that many."""
+    """Let loops of this Python thread take `number` threads, at most as many (None: as many) as NUMBA_NUM_THREADS."""
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     numba.set_num_threads(most if number is None else min(number, most))
 

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 import discsim
 from discsim import Simulation
 from discsim.cautions import warnings
-from discsim.cli import app, directory_fault
+from discsim.cli import app
 from discsim.derived import SUPPORT_OF, derived, grid_bytes
+from discsim.directory import directory_fault
 from discsim.effects import EFFECTS
 from discsim.kernels.smoothing import KERNELS, SUPPORT
 from discsim.scene import load_scene
@@ -138,13 +139,21 @@ def test_wrong_command_line(tmp_path, calls, arguments, words):
     assert words in refused(calls, *[path if part == "SCENE" else part for part in arguments])
 
 
-@pytest.mark.parametrize("left", ["scene.toml", "checkpoint.h5", "snapshots"])
-def test_directory_that_holds_a_run(tmp_path, calls, left):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / left).touch()
-    message = refused(calls, "run", write(tmp_path, DISC), "-o", tmp_path / "out")
-    assert f"holds a run already ({left})" in message and "--resume" in message
-    assert os.listdir(tmp_path / "out") == [left]
+@pytest.mark.parametrize(
+    "left, way_on",
+    [
+        ("scene.toml", ", without a checkpoint yet; expected another directory, or --resume, which begins it anew"),
+        ("checkpoint.h5", "; expected another directory, or --resume"),
+        ("snapshots", "; expected another directory"),  # --resume would find nothing there
+    ],
+)
+def test_directory_that_holds_a_run(tmp_path, calls, left, way_on):
+    path, out = write(tmp_path, DISC), tmp_path / "out"
+    out.mkdir()
+    (out / left).touch()
+    assert refused(calls, "run", path, "-o", out) == f"{out}: holds a run already ({left}){way_on}"
+    assert os.listdir(out) == [left]
+    assert (directory_fault(out, resume=True) is None) == ("--resume" in way_on)
 
 
 def test_directory_that_is_there_but_empty_is_taken(tmp_path, calls):

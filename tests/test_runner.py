@@ -17,8 +17,9 @@ from rich.console import Console
 from discsim import Simulation, read_snapshot
 from discsim.checkpoint import read_checkpoint
 from discsim.costs import clock
+from discsim.differences import differences
 from discsim.progress import Progress
-from discsim.runner import differences, output_times, run_scene
+from discsim.runner import output_times, run_scene
 from discsim.scene import SceneError, load_scene
 
 DISC = """\
@@ -145,7 +146,7 @@ def at_step(monkeypatch, step, act):
 def no_figure(request, monkeypatch):
     """Drawing takes longer than these runs; one test looks at the figure."""
     if request.node.originalname != "test_files_of_a_run":
-        monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: None)
+        monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
 # Files
@@ -478,7 +479,7 @@ def test_another_scene_is_refused(finished, tmp_path, overrides, without, keys, 
     said = capsys.readouterr()
     assert said.out == "" and len(said.err.splitlines()) == 1
     assert f"{finished}/checkpoint.h5: " in said.err
-    assert f"differs from that of the checkpoint in {keys}; expected" in said.err
+    assert f"differs from the one there in {keys}; expected" in said.err
     assert contents(finished) == before
 
 

@@ -9,6 +9,10 @@ that of the process, before anything is compiled; NUMBA_CPU_FEATURES in the envi
 from numba import config
 from numba.core.codegen import get_host_cpu_features
 
+from discsim import cache
+
 features = get_host_cpu_features()
 if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
     config.CPU_FEATURES = features + ",-prefer-256-bit"  # type: ignore[attr-defined]
+
+cache.ensure(lambda: None)  # of this directory, as the kernels are

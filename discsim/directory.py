@@ -1,0 +1,127 @@
+"""The directory of a run: what it holds already, and the one process that writes there."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # a system without flock
+    fcntl = None  # type: ignore[assignment]
+
+LEFT_BY_A_RUN = ("scene.toml", "checkpoint.h5", "snapshots")
+# What flock answers where a file system has no locks.
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
+
+_locks: set[int] = set()  # descriptors that this process holds
+
+
+def _let_go() -> None:
+    """A child that lives on after its killed parent must not keep the lock."""
+    while _locks:
+        os.close(_locks.pop())
+
+
+if fcntl is not None:
+    os.register_at_fork(after_in_child=_let_go)
+
+
+class DirectoryError(Exception):
+    """A run cannot use its directory as it is; the message says why."""
+
+
+def directory_fault(directory: Path, resume: bool) -> str | None:
+    """Why a run cannot write to `directory`; None where it can."""
+    try:
+        nearest = next(parent for parent in (directory, *directory.absolute().parents) if parent.exists())
+        if not nearest.is_dir():
+            return f"{directory}: {nearest} is a file; expected a directory"
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            return f"{directory}: {nearest} is not writable; expected a directory to write to"
+        left = [name for name in LEFT_BY_A_RUN if (directory / name).exists()]
+    except OSError as error:
+        return f"{directory}: {error.strerror}; expected a directory to write to"
+    begun = only_begun(directory)
+    if resume and "checkpoint.h5" not in left and not begun:
+        return f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
+    if left and not resume:
+        holds = f"{directory}: holds a run already ({', '.join(left)})"
+        if begun:
+            return f"{holds}, without a checkpoint yet; expected another directory, or --resume, which begins it anew"
+        way_on = ", or --resume" if "checkpoint.h5" in left else ""
+        return f"{holds}; expected another directory{way_on}"
+    return None
+
+
+def only_begun(directory: Path) -> bool:
+    """Whether the run there ended before its first checkpoint: it has the start at most, which is made again."""
+    if (directory / "checkpoint.h5").exists() or not (directory / "scene.toml").exists():
+        return False
+    return {path.name for path in directory.glob("snapshots/*.h5")} <= {"0000.h5"}
+
+
+@contextmanager
+def held(directory: Path) -> Iterator[bool]:
+    """Keep other processes from `directory`, which is made where it is absent; False where it cannot be locked.
+
+    The lock ends with its process, however that ends. Raises DirectoryError where another process holds it, OSError.
+    """
+    absent = [folder for folder in (directory, *directory.parents) if not folder.exists()]
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / ".lock"
+    file = _locked(path)
+    try:
+        yield file is not None
+    finally:
+        with suppress(OSError):  # as of a disk that is gone: the process that ends lets go anyway
+            if file in _locks:
+                _locks.remove(file)
+                path.unlink(missing_ok=True)
+                os.close(file)
+            for folder in absent:  # only those that are empty still: a run that wrote nothing leaves nothing
+                folder.rmdir()
+
+
+def _locked(path: Path) -> int | None:
+    """The descriptor of the locked file at `path`, with this process's name in it; None where nothing can be locked."""
+    while fcntl is not None:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_at(file, path):
+                os.ftruncate(file, 0)
+                os.write(file, f"process {os.getpid()} on {socket.gethostname()} since {time.ctime()}".encode())
+                _locks.add(file)
+                return file
+            os.close(file)  # its holder ended and removed it after we had opened it
+        except OSError as fault:
+            holder = os.read(file, 200).decode(errors="replace") or "another process"
+            os.close(file)
+            if isinstance(fault, BlockingIOError):
+                wanted = "expected another directory, or that one to end first"
+                raise DirectoryError(f"{path.parent}: a run is going on there ({holder}); {wanted}") from None
+            if fault.errno not in NO_LOCKS:
+                raise
+            path.unlink(missing_ok=True)
+            break
+    return None
+
+
+def _is_at(file: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def sweep(directory: Path) -> None:
+    """Remove what killed runs left half-written; only for who holds the directory."""
+    for folder in (directory, directory / "snapshots"):
+        for part in (*folder.glob(".*.part"), *folder.glob(".*.part.png")):
+            part.unlink()

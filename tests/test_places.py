@@ -1,0 +1,121 @@
+"""Disks that are full or read-only: one message each, which names what cannot be written."""
+
+import errno
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+import pytest
+from numba import config, njit
+from numba.core import caching
+from test_runner import WAVE, at_step, scene_of
+
+from discsim import cache
+from discsim.history import History
+from discsim.runner import run_scene
+
+
+@pytest.fixture(autouse=True)
+def no_figure(monkeypatch):
+    """Drawing takes longer than these runs."""
+    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
+
+
+def test_a_disk_that_is_full_at_the_first_line_of_the_log(tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "run.log").symlink_to("/dev/full")
+    assert run_scene(scene_of(tmp_path, WAVE), out, quiet=True) == 1
+    message = capsys.readouterr().err
+    assert message == f"{out}: cannot be written: No space left on device. There is no checkpoint yet.\n"
+
+
+def test_a_disk_that_fills_within_the_history(tmp_path, monkeypatch, capsys):
+    def fill(sim):
+        full = os.open("/dev/full", os.O_WRONLY)
+        os.dup2(full, histories[0]._file.fileno())
+        os.close(full)
+
+    histories = []
+    real = History.__init__
+    monkeypatch.setattr(History, "__init__", lambda *given: real(*given) or histories.append(given[0]))
+    at_step(monkeypatch, 2, fill)
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
+    message = capsys.readouterr().err
+    assert len(message.splitlines()) == 1 and "No space left on device" in message and "--resume" in message
+
+
+# Compiled kernels
+
+
+def one_more(x):
+    return x + 1
+
+
+def test_a_full_disk_of_the_cache_is_not_the_directory_of_the_run(tmp_path, monkeypatch, capsys):
+    def full(file, path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, "_open_for_write", full)
+    at_step(monkeypatch, 2, lambda sim: njit(cache=True)(one_more)(1))
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
+    message = capsys.readouterr().err
+    assert message.startswith(f"{cache.place}: compiled kernels cannot be written: No space left on device. Make room ")
+    assert Path(cache.place).is_dir() and "NUMBA_CACHE_DIR" in message and len(message.splitlines()) == 1
+
+
+@pytest.fixture
+def read_only(tmp_path, monkeypatch):
+    """A file system on which nothing but the temporary directory can be written, as numba sees it."""
+    real = caching._CacheLocator.ensure_cache_path
+
+    def ensure(locator):
+        if not Path(locator.get_cache_path()).is_relative_to(tmp_path):
+            raise OSError(errno.EROFS, "Read-only file system")
+        real(locator)
+
+    for name in ("_CacheLocator", "UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator"):
+        monkeypatch.setattr(getattr(caching, name), "ensure_cache_path", ensure)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    for name in ("place", "temporary"):
+        monkeypatch.setattr(cache, name, getattr(cache, name))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+
+
+def test_where_numba_finds_no_place_a_temporary_one_is_taken(tmp_path, read_only, capsys):
+    with pytest.raises(RuntimeError, match="no locator available"):
+        caching.CompileResultCacheImpl(one_more)
+    cache.ensure(one_more)
+    place = tmp_path / f"discsim-kernels-{os.getuid()}"
+    assert cache.temporary and cache.place == str(place) == config.CACHE_DIR == os.environ["NUMBA_CACHE_DIR"]
+    assert stat.S_IMODE(place.stat().st_mode) == 0o700
+    cache.ensure(one_more)
+    assert Path(cache.place).parent == place  # as numba names it
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if "compiled kernels are kept" in line]
+    assert len(said) == 1 and str(place) in said[0] and "NUMBA_CACHE_DIR" in said[0]
+
+
+def test_a_place_that_others_may_write_is_not_taken(tmp_path, read_only):
+    place = tmp_path / f"discsim-kernels-{os.getuid()}"
+    place.mkdir()
+    place.chmod(0o777)
+    cache.ensure(one_more)
+    assert cache.place != str(place) and stat.S_IMODE(os.stat(cache.place).st_mode) == 0o700
+
+
+def test_no_place_at_all_is_one_message(tmp_path, read_only, monkeypatch, capsys):
+    def nowhere():
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "gettempdir", nowhere)
+
+    def simulation(scene):
+        cache.ensure(one_more)
+
+    monkeypatch.setattr("discsim.runner.Simulation", simulation)
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
+    wanted = "there is no place for compiled kernels: set NUMBA_CACHE_DIR to a directory that can be written\n"
+    assert capsys.readouterr().err == wanted and not (tmp_path / "out").exists()

@@ -1,0 +1,263 @@
+"""Runs that are killed at any moment go on to the files of one that never stopped."""
+
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from deaths import forked, killed_before, left_by_kills, status_of, watched
+from test_runner import SHOCK, WAVE, assert_same_run, at_step, contents, rows, scene_of
+
+from discsim import Simulation, read_snapshot
+from discsim.checkpoint import read_checkpoint
+from discsim.runner import _Run, output_times, run_scene
+from discsim.scene import load_scene
+
+ALWAYS = "run.checkpoint_every=1e-9 s"
+
+
+@pytest.fixture(autouse=True)
+def no_figure(monkeypatch):
+    """Drawing takes longer than these runs."""
+    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
+
+
+def assert_same_files(one, other):
+    """Snapshots, rows, and the state that the runs could go on from; seconds of CPU differ."""
+    assert_same_run(one, other)
+    groups, values = read_checkpoint(one / "checkpoint.h5")
+    found, found_values = read_checkpoint(other / "checkpoint.h5")
+    assert values == found_values
+    for group in set(groups) - {"costs"}:
+        assert {name: a.tobytes() for name, a in groups[group].items()} == {
+            name: a.tobytes() for name, a in found[group].items()
+        }
+    assert sorted(os.listdir(one)) == sorted(os.listdir(other))
+
+
+def finish(scene, out):
+    """Go on with a run as a person would: --resume where that is told, else from the start."""
+    resume = (out / "scene.toml").exists()
+    assert run_scene(scene, out, resume=resume, quiet=True) == 0
+
+
+def test_killed_before_any_file_operation(tmp_path):
+    # Two steps, the second of which lands on the output, and a checkpoint at both.
+    given = ("gas.particles=50", "run.until=0.004", "run.timestep=0.002", "run.snapshots=1", ALWAYS)
+    scene = scene_of(tmp_path, WAVE, *given, without=("dust", "drag"))
+    straight, whole = tmp_path / "straight", tmp_path / "whole"
+    assert run_scene(scene, straight, quiet=True) == 0
+    left = left_by_kills(lambda: run_scene(scene, whole, quiet=True), whole, tmp_path / "left")
+    assert len(left) > 12 and [row["step"] for row in rows(straight)] == list("012")
+    for out in left:
+        finish(scene, out)
+        assert_same_files(straight, out)
+
+
+@pytest.mark.parametrize("rows_every", [1, 16])
+def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch, rows_every):
+    # Killed after the checkpoint of the step that lands on an output, before the output.
+    scene = scene_of(tmp_path, WAVE, "run.until=0.02", "run.timestep=0.005", ALWAYS)
+    monkeypatch.setattr("discsim.runner.SMALL", 20_000 if rows_every == 1 else 100)
+    assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
+    landing = [int(row["step"]) for row in rows(tmp_path / "straight") if float(row["time"]) in (0.01, 0.02)]
+    assert len(landing) == 2
+    for step in landing:
+        out = tmp_path / str(step)
+
+        def die(sim):
+            monkeypatch.setattr("discsim.runner._Run._output", lambda run: os._exit(9))
+
+        def run():
+            at_step(monkeypatch, step, die)  # noqa: B023
+            return run_scene(scene, out, quiet=True)  # noqa: B023
+
+        assert status_of(forked(run)) == 9
+        assert read_checkpoint(out / "checkpoint.h5")[1]["step"] == step
+        assert run_scene(scene, out, resume=True, quiet=True) == 0
+        assert_same_files(tmp_path / "straight", out)
+
+
+def test_a_due_snapshot_with_another_schedule(tmp_path, monkeypatch):
+    # Killed with the snapshot of t = .05 due: it keeps its number, and the new times follow.
+    scene = scene_of(tmp_path, WAVE, ALWAYS)
+    out = tmp_path / "out"
+
+    def die(run):
+        if run.sim.time == 0.05:
+            os._exit(9)
+        real(run)
+
+    real = _Run._output
+    with monkeypatch.context() as patch:
+        patch.setattr(_Run, "_output", die)
+        assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
+    for until, every, expected in (
+        (0.1, 0.05, [0, 0.05, 0.1]),
+        (0.14, 0.02, [0, 0.06, 0.08, 0.1, 0.12, 0.14]),  # .02 and .04 were never due, .05 is no longer
+        (0.05, 0.05, [0, 0.05]),
+    ):
+        copy = tmp_path / f"until {until}"
+        shutil.copytree(out, copy)
+        again = scene_of(tmp_path, WAVE.replace("snapshots = 2", f"every = {every}"), f"run.until={until}")
+        assert run_scene(again, copy, resume=True, quiet=True) == 0
+        found = [read_snapshot(path).time for path in sorted((copy / "snapshots").iterdir())]
+        assert found == expected
+
+
+def test_the_figure_of_a_run_that_was_killed_before_it(tmp_path, monkeypatch):
+    scene, out = scene_of(tmp_path, SHOCK, "run.until=0.01"), tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch() or os._exit(9))
+        assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
+    assert not (out / "last_state.png").exists()
+    assert run_scene(scene, out, resume=True, quiet=True) == 0
+    assert (out / "last_state.png").exists() and not (out / ".last_state.part.png").exists()
+    for path in (out / "last_state.png", *(out / "snapshots").iterdir()):
+        path.unlink()  # by somebody who needs the room
+    assert run_scene(scene, out, resume=True, quiet=True) == 0
+
+
+@pytest.fixture
+def stopped(tmp_path, monkeypatch):
+    """A scene, and the directory of its run stopped after three steps."""
+    scene = scene_of(tmp_path, SHOCK)
+    with monkeypatch.context() as patch:
+        at_step(patch, 3, lambda sim: signal.raise_signal(signal.SIGINT))
+        assert run_scene(scene, tmp_path / "out", quiet=True) == 130
+    return scene, tmp_path / "out"
+
+
+def refused(scene, out, capsys):
+    """The one message of a run that cannot be resumed and changes nothing."""
+    capsys.readouterr()
+    before = contents(out)
+    assert run_scene(scene, out, resume=True, quiet=True) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1 and contents(out) == before
+    return said.err.strip()
+
+
+@pytest.mark.parametrize(
+    "name", ["arrays/gas", "arrays/gas/pos", "arrays/ledger/accreted_gas", "arrays/costs/calls", "arrays/scene/text"]
+    + [f"values@{value}" for value in ("time", "step", "lag", "limited_by", "snapshots", "put_out", "rows", "dt")],
+)  # fmt: skip
+def test_a_checkpoint_that_lacks_something_is_one_message(stopped, name, capsys):
+    scene, out = stopped
+    with h5py.File(out / "checkpoint.h5", "a") as file:
+        group, _, value = name.partition("@")
+        if value:
+            del file[group].attrs[value]
+        else:
+            del file[name]
+    message = refused(scene, out, capsys)
+    last = name.replace("@", "/").split("/")[-1]
+    lacks = f"a checkpoint without '{last}': damaged, or of another version of discsim"
+    assert message in (f"{out}/checkpoint.h5: {lacks}", f"{out}/checkpoint.h5: does not hold the gas of this scene")
+
+
+@pytest.mark.parametrize(
+    "damage, words",
+    [
+        (lambda text: text.replace(b"\n1,", b"\n\xff,"), "history.csv:3: no row of a history"),
+        (lambda text: text.replace(b"step,time", b"time,step"), "history.csv:1: not the header of a history"),
+        (lambda text: text.decode().encode("utf-16"), "history.csv:1: not the header of a history"),
+        (lambda text: text.replace(b"\n2,", b"\n2,,"), "history.csv:4: no row of a history"),
+    ],
+)
+def test_a_damaged_history_is_one_message(stopped, damage, words, capsys):
+    scene, out = stopped
+    (out / "history.csv").write_bytes(damage((out / "history.csv").read_bytes()))
+    assert words in refused(scene, out, capsys)
+
+
+@pytest.mark.parametrize("lost", [1, 2, 4, 5])
+def test_lost_rows_are_told(stopped, lost, capsys):
+    scene, out = stopped
+    lines = (out / "history.csv").read_bytes().splitlines(keepends=True)
+    (out / "history.csv").write_bytes(b"".join(lines[:-lost]))
+    assert len(lines) == 5  # the header, the start, and three steps
+    assert run_scene(scene, out, resume=True) == 0
+    warning = f"warning: {out}/history.csv has {max(4 - lost, 0)} rows up to step 3, where the run had written 4"
+    assert warning in capsys.readouterr().out.splitlines()
+    assert run_scene(scene_of(scene.path.parent, SHOCK, "run.until=0.11"), out, resume=True) == 0
+    assert "warning: " + str(out) not in capsys.readouterr().out  # once is enough
+
+
+def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
+    # Without a checkpoint as with one.
+    _, out = stopped
+    (out / "checkpoint.h5").unlink()
+    for snapshot in list((out / "snapshots").iterdir()):
+        if snapshot.name != "0000.h5":
+            snapshot.unlink()
+    message = refused(scene_of(tmp_path, SHOCK, "gas.particles=201"), out, capsys)
+    assert message.startswith(f"{out}/scene.toml: the scene differs from the one there in gas.particles; expected")
+
+
+def test_a_lost_checkpoint_is_not_begun_anew(stopped, capsys):
+    # Snapshots would be lost.
+    scene, out = stopped
+    (out / "checkpoint.h5").unlink()
+    (out / "snapshots" / "0001.h5").touch()
+    assert "there is no checkpoint.h5 to resume from" in refused(scene, out, capsys)
+
+
+def test_compiling_is_no_cost_of_a_run_that_was_killed(tmp_path, monkeypatch):
+    # A checkpoint after the first step has its calls no more than one that is made later.
+    scene, out = scene_of(tmp_path, SHOCK, ALWAYS), tmp_path / "out"
+    with monkeypatch.context() as patch:
+        at_step(patch, 2, lambda sim: os._exit(9))
+        assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
+    groups, values = read_checkpoint(out / "checkpoint.h5")
+    assert values["step"] == 1 and not groups["costs"]["calls"].any()
+
+
+# Real ones
+
+
+KILLS = {
+    "dusty_disc": ["gas.particles=500", "dust.particles=500", "space.cells=32", "run.until=30 yr", "run.snapshots=4"],
+    "gas_disc": ["gas.particles=500", "run.until=30 yr", "run.snapshots=4"],
+    "dusty_wave": ["gas.particles=60", "dust.particles=60", "gas.smoothing_length=0.1", "run.snapshots=4"],
+    "dusty_shock": ["gas.particles=99", "dust.particles=99", "gas.smoothing_length=0.1", "run.snapshots=4"],
+    "background_dust": ["dust.particles=500", "run.until=100 yr", "run.snapshots=4"],
+    "settling": ["gas.particles=60", "dust.particles=60", "run.until=0.6", "run.snapshots=4"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KILLS)
+def test_ten_kills_of_a_setup(tmp_path, name):
+    """SIGKILL before a file operation of a step, five times of one that lands on an output, and again when resumed."""
+    path = Path(__file__).parents[1] / "setups" / f"{name}.toml"
+    scene = load_scene(path, [*KILLS[name], ALWAYS, "run.threads=1"])
+    straight, stream = tmp_path / "straight", np.random.default_rng(15)
+    assert run_scene(scene, straight, quiet=True) == 0
+    outputs, on_landing, elsewhere = set(output_times(scene.run)), [], []
+
+    sims = []
+
+    def note(number):
+        if sims and sims[0].state.step > 0:
+            (on_landing if sims[0].time in outputs else elsewhere).append(number)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("discsim.runner.Simulation", lambda scene: sims.append(Simulation(scene)) or sims[0])
+        assert watched(lambda: run_scene(scene, tmp_path / "watched", quiet=True), note) == 0
+    chosen = [*stream.choice(on_landing, 5, replace=False), *stream.choice(elsewhere, 5, replace=False)]
+    for count, number in enumerate(chosen):
+        out = tmp_path / str(count)
+        assert killed_before(number, lambda: run_scene(scene, out, quiet=True)) == -signal.SIGKILL  # noqa: B023
+        # Once more soon after it goes on; what it has still to do is less than that where it is at its end.
+        again = int(stream.integers(1, 60))
+        killed_before(again, lambda: run_scene(scene, out, resume=True, quiet=True))  # noqa: B023
+        finish(scene, out)
+        assert_same_files(straight, out)
+        found = [read_snapshot(file).time for file in sorted((out / "snapshots").iterdir())]
+        assert found == [0.0, *output_times(scene.run)]
+        assert len({row["step"] for row in rows(out)}) == len(rows(out))
+    print(f"{name}: 5 kills among {len(on_landing)} operations of steps on outputs, 5 among {len(elsewhere)} others")
