@@ -26,8 +26,10 @@ from discsim.rules import KERNEL_KEYS
 from discsim.scene import Scene
 
 # Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell. A node of tsc has those
-# of nine cells: with two of each in a cell the drift is right to .4% at eps = 1 (analysis/drift_cost.py).
+# of nine cells: with two of each in a cell, placed evenly, the drift is right to .4% at eps = 1 (analysis/drift_cost.py).
+# Of dust placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
 FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (2, 2)}
+RANDOM = {"tsc": (3, 9)}
 # In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
 # One grain in a cell cures that.
 LONELY = (0, 0.25)
@@ -204,7 +206,8 @@ def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
     if side is None or not scene.drag or not strong or scene.drag.direction == "one-way":
         return
     counts, dim = drag_cell_counts(scene, at, side), scene.space.dimensions
-    wanted = FEW[scene.drag.scheme] if dim == 2 else LONELY
+    even = all(dust.placement == "even" for dust in scene.dust or ())
+    wanted = ((FEW if even else FEW | RANDOM)[scene.drag.scheme]) if dim == 2 else LONELY
     for name, count, few in zip(("gas", "dust"), counts, wanted, strict=True):
         least = count[count > 0].min(initial=few)  # where a population is absent nothing is to be counted
         if least < few:

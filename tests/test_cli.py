@@ -274,6 +274,12 @@ PAIRS = [
     (['drag.scheme="mk"'], 'drag.scheme "mk" is explicit: at 10 au its steps are', ["dust.grain_size=10 m"]),
     (['drag.scheme="mk"'], "h is 11 times c_s t_stop at 10 au, above 1", ["dust.grain_size=10 m"]),
     (['drag.scheme="lab14"'], "h is", ['drag.scheme="reconstructed"']),
+    # Dust placed evenly has no shot noise.
+    (
+        ["dust.ratio=1", "dust.particles=70000", "dust.placement=random"],
+        "2.32 dust particles in a drag cell at 55 au, below 9",
+        ["dust.ratio=1", "dust.particles=70000"],
+    ),
 ]
 
 
