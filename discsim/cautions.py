@@ -26,8 +26,8 @@ from discsim.rules import KERNEL_KEYS
 from discsim.scene import Scene
 
 # Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell. A node of tsc has those
-# of nine cells: with two of each in a cell, placed evenly, the drift is right to .4% at eps = 1 (analysis/drift_cost.py).
-# Of dust placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
+# of nine cells: with two of each in a cell, placed evenly, the drift is right to .4% (analysis/drift_cost.py). Of dust
+# placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
 FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (2, 2)}
 RANDOM = {"tsc": (3, 9)}
 # In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
