@@ -82,7 +82,8 @@ def load_scene(
 ) -> Scene:
     """Read and validate a scene file or dict, with `overrides` ("table.key=value") and `without` (tables).
 
-    Where the caller has `own_particles`, the scene needs no [initial]. Raises SceneError with every fault.
+    Where the caller has `own_particles`, the scene needs no [initial], and no numbers of particles (1 stands for them).
+    Raises SceneError with every fault.
     """
     if isinstance(source, dict):
         path, text, data = None, "", _plain(source)
@@ -92,7 +93,7 @@ def load_scene(
         data = _parsed(path, text)
     origins = _Origins(path, text)
     values, removed, problems = _changed(data, overrides, without, origins)
-    found, faults = _validated(data, [name for name in REQUIRED if not own_particles or name != "initial"])
+    found, faults = _validated(data, own_particles)
     problems += [_message(fault, origins) for fault in faults]
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
@@ -197,7 +198,7 @@ def _changed(
     for name in without:
         if name not in EFFECTS:
             problems.append(
-                f"--without {name}: unknown table; expected one of {', '.join(EFFECTS)}{_near(name, EFFECTS)}"
+                f"--without {name}: unknown table; expected one of {', '.join(EFFECTS)}{near(name, EFFECTS)}"
             )
             continue
         removed.append(name.split("."))
@@ -221,8 +222,8 @@ def _nearest(word: str, choices: Sequence[str]) -> str | None:
     return next(iter(leaves or near), None)
 
 
-def _near(word: str, choices: Sequence[str]) -> str:
-    """The hint of a message: the nearest right word."""
+def near(word: str, choices: Sequence[str]) -> str:
+    """The hint of a message: the nearest right word, or nothing."""
     best = _nearest(word, choices)
     return f'; did you mean "{best}"?' if best else ""
 
@@ -233,10 +234,10 @@ def _message(fault: Problem, origins: _Origins) -> str:
     return f"{origins.of(path)}: {name}: {wrong}" if name else f"{origins.of(path)}: {wrong}"
 
 
-def _validated(data: dict[str, Any], required: Sequence[str]) -> tuple[dict[str, Any], list[Problem]]:
+def _validated(data: dict[str, Any], own_particles: bool) -> tuple[dict[str, Any], list[Problem]]:
     """The parts of the Scene that could be read, and every fault."""
     faults: list[Problem] = [
-        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{_near(name, _table_names())}")
+        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}")
         for name in data
         if name not in TABLES and name != "title"
     ]
@@ -245,12 +246,13 @@ def _validated(data: dict[str, Any], required: Sequence[str]) -> tuple[dict[str,
         faults.append((("title",), f"{shown(title)} is not a text; expected one in quotes"))
     # A mistyped table is one fault: the one that was meant is neither missing nor absent.
     meant = {_nearest(name, _table_names()) or "": None for name in data if name not in TABLES}
+    required = [name for name in REQUIRED if not own_particles or name != "initial"]
     missing = [name for name in required if name not in data and name not in meant]
     faults += [((), f"missing table [{name}]; expected one") for name in missing]
     units, unit_faults = _units(data)
     faults += unit_faults
     found: dict[str, Any] = {}
-    filled = _filled(data)
+    filled = _filled(data, own_particles)
     for name in TABLES:
         if name in data and name != "units":
             found[name], table_faults = _table(name, filled[name], data[name], units)
@@ -287,8 +289,8 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
     return Units(table.system, dimensions, table.length, table.mass), faults
 
 
-def _filled(data: dict[str, Any]) -> dict[str, Any]:
-    """A copy with the defaults that depend on other tables."""
+def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
+    """A copy with the defaults that depend on other tables, or on the particles that the caller has."""
     filled = deepcopy(data)
     dimensions = 1 if _get(data, "space", "dimensions") == 1 else 2
     gas = filled.get("gas")
@@ -309,6 +311,11 @@ def _filled(data: dict[str, Any]) -> dict[str, Any]:
         drag.setdefault("heating", adiabatic and drag.get("direction") != "one-way")
     if isinstance(filled.get("dust"), dict):
         filled["dust"] = [filled["dust"]]
+    if own_particles:
+        dust = filled.get("dust")
+        for table in (gas, *(dust if isinstance(dust, list) else ())):
+            if isinstance(table, dict):
+                table.setdefault("particles", 1)
     return filled
 
 
@@ -398,7 +405,7 @@ def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, unit
         return path, f"missing{meaning}{words}"
     if kind == "extra_forbidden":
         keys = list(owner.model_fields)
-        hint = _near(str(path[-1]), keys) or _near_elsewhere(str(path[-1]))
+        hint = near(str(path[-1]), keys) or _near_elsewhere(str(path[-1]))
         return path, f"unknown key; expected one of {', '.join(keys)}{hint}"
     if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found"):
         return _worded_choice(kind, context, path, value)
@@ -430,7 +437,7 @@ def _worded_choice(kind: str, context: dict[str, Any], path: KeyPath, value: Any
             union = models_in(TABLES["initial"] if path[0] == "initial" else tables.Gas.model_fields["eos"].annotation)
             tags = [str(_tag(model)) for model in union]
             return path, "missing; expected one of " + ", ".join(f'"{tag}"' for tag in tags)
-    return path, f"{shown(value)} is unknown; expected one of {words}{_near(str(value), choices)}"
+    return path, f"{shown(value)} is unknown; expected one of {words}{near(str(value), choices)}"
 
 
 def _near_elsewhere(key: str) -> str:

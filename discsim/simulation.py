@@ -24,7 +24,7 @@ import numpy as np
 from discsim.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
 from discsim.costs import Costs
 from discsim.effects import load_effects
-from discsim.initial import make_state, setup
+from discsim.initial import make_state, own, setup
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.state import Dust, Gas, Ledger, State
 from discsim.threads import copied, fill, share, use_threads
@@ -39,16 +39,19 @@ class Simulation:
     """A scene in motion.
 
     scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
-    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]). Raises SceneError.
+    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]), Quantities or in code units. Raises SceneError.
     """
 
     def __init__(self, scene: Scene | str | Path | dict, particles: dict[str, dict[str, Any]] | None = None):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
+        given = None if particles is None else own.read(scene, particles)
+        if given is not None:
+            scene = own.counted(scene, given)
         self.scene = scene
         use_threads(scene.run.threads)
         try:
-            self.state = make_state(scene, particles if particles is not None else setup(scene).particles(scene))
+            self.state = make_state(scene, setup(scene).particles(scene) if given is None else given)
             of_drag = scene.drag is not None and scene.background is None and not scene.on_cells
             if scene.self_gravity is not None or of_drag:
                 from discsim.grid import Grid

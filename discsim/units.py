@@ -187,20 +187,29 @@ class Units:
         """An astropy Quantity as float or array in code units. Raises UnitError beyond mass, length, time."""
         return quantity.value * self._scale(quantity)[0]
 
+    def in_code(self, quantity: Any, name: str) -> Any:
+        """An astropy Quantity, which must have the dimension `name`, in code units; raises UnitError."""
+        if self.system == "code" and not any(self._scale(1 * quantity.unit)[1]):
+            return self.to_code(quantity)
+        return quantity.value * self._factor_to(1 * quantity.unit, f"{quantity.unit}", name)
+
     def parse(self, text: str, name: str, gamma: float = 1.0) -> float:
         """The float in code units of `text`, which must have the dimension `name`; raises UnitError."""
         quantity = parse_quantity(text)
-        wanted = self.exponents(name, gamma)
+        value = quantity.value * self._factor_to(quantity, text, name, gamma)
+        if not math.isfinite(value):
+            raise UnitError(f'"{text}" is not a finite number in code units')
+        return value
+
+    def _factor_to(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
+        """The factor from the quantity's unit to code units; raises UnitError where it is of no dimension `name`."""
         try:
             factor, found = self._scale(quantity)
         except UnitError as error:
             raise UnitError(f"{error}; expected {self.expected(name, gamma)}") from error
-        if any(abs(x - y) > 1e-9 for x, y in zip(found, wanted, strict=True)):
+        if any(abs(x - y) > 1e-9 for x, y in zip(found, self.exponents(name, gamma), strict=True)):
             raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name, gamma)}')
-        value = quantity.value * factor
-        if not math.isfinite(value):
-            raise UnitError(f'"{text}" is not a finite number in code units')
-        return value
+        return factor
 
     def expected(self, name: str, gamma: float = 1.0) -> str:
         """What a value of the dimension `name` looks like, for messages."""
