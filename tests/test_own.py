@@ -134,9 +134,9 @@ def test_quantities_are_converted():
     np.testing.assert_allclose(sim.gas.mass * units.cgs("mass"), u.Mearth.to(u.g) / N, rtol=1e-9)
     np.testing.assert_allclose(sim.gas.u * units.cgs("specific_energy"), 2e10, rtol=1e-9)
     given["gas"]["vel"] = given["gas"]["vel"] * u.s
-    with pytest.raises(SceneError, match='gas vel: "km" is a length; expected a velocity, like "1 km/s"'):
+    with pytest.raises(SceneError, match=r'gas vel: "km" is a length; expected a velocity, like "1 km/s"'):
         Simulation(physical, particles=given)
-    with pytest.raises(SceneError, match="gas mass: .*code units"):
+    with pytest.raises(SceneError, match=r"gas mass: .*code units"):
         Simulation(scene(), particles=particles(gas_mass=np.ones(N) * u.kg))
     Simulation(scene(), particles=particles(gas_mass=np.ones(N) * u.dimensionless_unscaled))
 
