@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +184,7 @@ class Simulation:
     # The step
 
     def _prepare(self) -> None:
+        self._check_inputs()
         if not self._fresh:
             self._forces()
             self._fresh = True
@@ -217,6 +219,8 @@ class Simulation:
             self.state.lag = 0.0
 
     def _kick(self, dt: float) -> None:
+        if self.state.gas is not None or self.state.grid is not None:  # else nobody feels another: it cannot spread
+            self._check_inputs()
         if "drag" in self.effects:
             with self.costs("drag"):
                 self.effects["drag"].kick(self.state, dt)
@@ -225,7 +229,9 @@ class Simulation:
                 with self.costs(name):
                     effect.kick(self.state, dt)
         for name, p in self.state.species.items():
-            self._check_finite(name, p.vel, "after a kick")
+            self._check_finite(name, p.vel, "in its vel after a kick")
+        if self.state.gas is not None and self.state.gas.u is not None:
+            self._check_finite("gas", self.state.gas.u, "in its u after a kick")
 
     def _move(self, dt: float) -> None:
         for name, effect in self.effects.items():
@@ -301,19 +307,34 @@ class Simulation:
         coldest = gas.ids[gas.pressure.argmin()]
         return f"; gas particle {coldest} has lost more heat in a step than it had: try a smaller run.courant"
 
-    def _check_finite(self, name: str, vectors: np.ndarray, when: str) -> None:
+    def _check_inputs(self) -> None:
+        """That what somebody may have changed is finite, before a kick or a search for neighbours spreads it."""
+        for name, p in self.state.species.items():
+            for key in INPUTS:
+                values = getattr(p, key, None)
+                if values is not None:
+                    self._check_finite(name, values, f"in its {key} before the step", made_here=False)
+
+    def _check_finite(self, name: str, values: np.ndarray, where: str, made_here: bool = True) -> None:
+        """That all `values` (n, ...) are finite; `made_here` says that it was an effect that made them."""
         # A sum is finite unless an entry is not (or they overflow, which is as bad), and costs a tenth.
-        if np.isfinite(share(lambda first, last: vectors[first:last].sum(), len(vectors))).all():
+        if np.isfinite(share(partial(_sum, values), len(values))).all():
             return
         particles = self.state.species[name]
-        i = int(np.argmin(np.isfinite(vectors).all(axis=1)))
-        what = f"{name} particle {particles.ids[i]} is not finite {when}"
-        raise PhysicsError(what + (self._culprit(name, i) if np.isfinite(particles.pos[i]).all() else ""))
+        rows = values.reshape(len(values), -1)
+        right = np.isfinite(rows).all(axis=1)
+        i = int(np.argmax(np.abs(rows).max(axis=1)) if right.all() else np.argmin(right))
+        if made_here and not np.isfinite(particles.pos[i]).all():
+            where, rows, made_here = "in its pos", particles.pos, False
+        value = ", ".join(f"{entry:g}" for entry in rows[i])
+        what = f"{name} particle {particles.ids[i]} is not finite {where} ({value}; step {self.state.step})"
+        raise PhysicsError(what + (self._culprit(name, i) if made_here else ""))
 
     def _culprit(self, species: str, i: int) -> str:
         for name in self.effects:
             try:
-                found = dict(zip(("gas", "dust"), self.acceleration(name), strict=True))[species]
+                with np.errstate(all="ignore"):
+                    found = dict(zip(("gas", "dust"), self.acceleration(name), strict=True))[species]
             except FloatingPointError as fault:
                 return f"; {fault}"
             if found is not None and not np.isfinite(found[i]).all():
@@ -325,3 +346,9 @@ class Simulation:
 # and its drag is exact at any step.
 MOST = 2.5
 MOVED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes
+INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
+
+
+def _sum(values: np.ndarray, first: int, last: int) -> float:
+    with np.errstate(all="ignore"):
+        return values[first:last].sum()
