@@ -6,6 +6,7 @@ effect runs.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Sequence
 from copy import deepcopy
@@ -18,12 +19,14 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from discsim import tables, tomltext
 from discsim.rules import Draft, Problem, broken_rules
 from discsim.tables import EFFECTS, ETA, ON_CELLS, REQUIRED, TABLES, models_in, shown
-from discsim.units import UnitError, Units
+from discsim.units import ECHOED, UnitError, Units, clipped
 
 # Of starts that want another kernel than the cubic: quieter for its cost (analysis/noise.py); one that feels every wave
 # of a stretched layer, so that it has a balance.
 KERNEL_OF = {"disc": "quintic", "settling": "wendland-c4"}
+DEEPEST = 8  # tables and lists within each other; a scene needs four
 KeyPath = tuple[str | int, ...]
+_NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 class SceneError(Exception):
@@ -86,11 +89,13 @@ def load_scene(
     Raises SceneError with every fault.
     """
     if isinstance(source, dict):
+        _refuse_deep(source, "scene")
         path, text, data = None, "", _plain(source)
     else:
         path = Path(source)
         text = _read(path)
         data = _parsed(path, text)
+        _refuse_deep(data, f"{path}:1")
     origins = _Origins(path, text)
     values, removed, problems = _changed(data, overrides, without, origins)
     found, faults = _validated(data, own_particles)
@@ -158,6 +163,17 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
     return data
 
 
+def _refuse_deep(data: dict[str, Any], where: str) -> None:
+    """Raise SceneError where tables and lists nest deeper than any scene's."""
+    left: list[tuple[Any, KeyPath]] = [(data, ())]
+    while left:
+        value, path = left.pop()
+        if len(path) > DEEPEST:
+            raise SceneError([f"{where}: {_name(path)}: nested too deeply; expected tables like [gas.eos]"])
+        entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        left += [(entry, (*path, key)) for key, entry in entries]
+
+
 def _plain(value: Any) -> Any:
     """A value of a dict scene as TOML could hold it: Quantities as texts, arrays and tuples as lists."""
     if isinstance(value, dict):
@@ -179,11 +195,15 @@ def _changed(
     """Apply the command line to `data` in place. Returns values set, tables removed, problems."""
     values: list[tuple[list[str], Any]] = []
     problems: list[str] = []
-    for text in overrides:
-        name, equals, written = text.partition("=")
+    for assignment in overrides:
+        name, equals, written = assignment.partition("=")
+        text = clipped(assignment)
         path = [part.strip() for part in name.split(".")]
         if not equals or not all(path):
             problems.append(f'--set {text}: not an assignment; expected table.key=value, like run.until="10 yr"')
+            continue
+        if len(path) > DEEPEST:
+            problems.append(f"--set {text}: nested too deeply; expected table.key=value")
             continue
         value = _override_value(written)
         try:
@@ -198,7 +218,7 @@ def _changed(
     for name in without:
         if name not in EFFECTS:
             problems.append(
-                f"--without {name}: unknown table; expected one of {', '.join(EFFECTS)}{near(name, EFFECTS)}"
+                f"--without {clipped(name)}: unknown table; expected one of {', '.join(EFFECTS)}{near(name, EFFECTS)}"
             )
             continue
         removed.append(name.split("."))
@@ -207,17 +227,19 @@ def _changed(
 
 
 def _override_value(text: str) -> Any:
-    """The value as TOML; as a bare text where it is none, so that quotes need not survive the shell."""
+    """The value as TOML, as a number that TOML has no word for (.09, 5.), or else as a bare text, so that quotes need
+    not survive the shell."""
     try:
         read = tomllib.loads("value = " + text)
     except (ValueError, RecursionError):
-        return text.strip()
+        bare = text.strip()
+        return float(bare) if _NUMBER.fullmatch(bare) else bare
     return read["value"] if len(read) == 1 else text.strip()
 
 
 def _nearest(word: str, choices: Sequence[str]) -> str | None:
     """The right word that was meant, perhaps by the last part of its name."""
-    near = get_close_matches(word.lower(), choices, n=1, cutoff=0.5)
+    near = get_close_matches(word[:ECHOED].lower(), choices, n=1, cutoff=0.5)
     leaves = [choice for choice in choices if choice.split(".")[-1] == word]
     return next(iter(leaves or near), None)
 
@@ -228,9 +250,13 @@ def near(word: str, choices: Sequence[str]) -> str:
     return f'; did you mean "{best}"?' if best else ""
 
 
+def _name(path: KeyPath) -> str:
+    return clipped(".".join(str(part) for part in path))
+
+
 def _message(fault: Problem, origins: _Origins) -> str:
     path, wrong = fault
-    name = ".".join(str(part) for part in path)
+    name = _name(path)
     return f"{origins.of(path)}: {name}: {wrong}" if name else f"{origins.of(path)}: {wrong}"
 
 
@@ -413,6 +439,7 @@ def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, unit
         "greater_than": ("gt", "more than"),
         "greater_than_equal": ("ge", "at least"),
         "less_than_equal": ("le", "at most"),
+        "less_than": ("lt", "less than"),
     }
     if kind in limits:
         key, words = limits[kind]

@@ -26,6 +26,7 @@ from discsim.checkpoint import CheckpointError, Scalar, read_checkpoint, write_c
 from discsim.costs import Costs
 from discsim.effects import load_effects
 from discsim.initial import make_state, own, setup
+from discsim.memory import too_much
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.state import Dust, Gas, Ledger, State
 from discsim.threads import copied, fill, share, use_threads
@@ -50,9 +51,11 @@ class Simulation:
         if given is not None:
             scene = own.counted(scene, given)
         self.scene = scene
+        if faults := list(too_much(scene)):
+            raise SceneError(faults)
         use_threads(scene.run.threads)
         try:
-            self.state = make_state(scene, setup(scene).particles(scene) if given is None else given)
+            self.state = make_state(scene, _made(scene) if given is None else given)
             of_drag = scene.drag is not None and scene.background is None and not scene.on_cells
             if scene.self_gravity is not None or of_drag:
                 from discsim.grid import Grid
@@ -63,9 +66,12 @@ class Simulation:
             self.effects = load_effects(scene, self.state)
             settle = None if particles is not None else getattr(setup(scene), "settle", None)
             if settle is not None:
-                settle(self.state, self.effects)
+                with np.errstate(**OVERFLOWS):
+                    settle(self.state, self.effects)
         except ValueError as error:
             raise SceneError([str(error)]) from error
+        except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
+            raise SceneError([f"the start's numbers are too extreme: {error}; expected others"]) from error
         self.costs = Costs(self.effects)
         self.limit, self.limited_by = math.inf, ""
         self._fresh = False
@@ -346,7 +352,13 @@ class Simulation:
 # and its drag is exact at any step.
 MOST = 2.5
 MOVED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes
+OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
 INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
+
+
+def _made(scene: Scene) -> dict[str, dict[str, Any]]:
+    with np.errstate(**OVERFLOWS):
+        return setup(scene).particles(scene)
 
 
 def _sum(values: np.ndarray, first: int, last: int) -> float:
