@@ -190,7 +190,8 @@ class Simulation:
     # The step
 
     def _prepare(self) -> None:
-        self._check_inputs()
+        if not self._fresh or not self._coupled:
+            self._check_inputs()
         if not self._fresh:
             self._forces()
             self._fresh = True
@@ -225,7 +226,7 @@ class Simulation:
             self.state.lag = 0.0
 
     def _kick(self, dt: float) -> None:
-        if self.state.gas is not None or self.state.grid is not None:  # else nobody feels another: it cannot spread
+        if self._coupled:
             self._check_inputs()
         if "drag" in self.effects:
             with self.costs("drag"):
@@ -313,18 +314,23 @@ class Simulation:
         coldest = gas.ids[gas.pressure.argmin()]
         return f"; gas particle {coldest} has lost more heat in a step than it had: try a smaller run.courant"
 
+    @property
+    def _coupled(self) -> bool:
+        """Whether particles feel each other, so that what is wrong with one spreads."""
+        return self.state.gas is not None or self.state.grid is not None
+
     def _check_inputs(self) -> None:
         """That what somebody may have changed is finite, before a kick or a search for neighbours spreads it."""
         for name, p in self.state.species.items():
-            for key in INPUTS:
-                values = getattr(p, key, None)
-                if values is not None:
+            arrays = {key: values for key in INPUTS if (values := getattr(p, key, None)) is not None}
+            if not math.isfinite(sum(share(partial(_sum, *arrays.values()), p.count))):
+                for key, values in arrays.items():
                     self._check_finite(name, values, f"in its {key} before the step", made_here=False)
 
     def _check_finite(self, name: str, values: np.ndarray, where: str, made_here: bool = True) -> None:
         """That all `values` (n, ...) are finite; `made_here` says that it was an effect that made them."""
         # A sum is finite unless an entry is not (or they overflow, which is as bad), and costs a tenth.
-        if np.isfinite(share(partial(_sum, values), len(values))).all():
+        if math.isfinite(sum(share(partial(_sum, values), len(values)))):
             return
         particles = self.state.species[name]
         rows = values.reshape(len(values), -1)
@@ -361,6 +367,8 @@ def _made(scene: Scene) -> dict[str, dict[str, Any]]:
         return setup(scene).particles(scene)
 
 
-def _sum(values: np.ndarray, first: int, last: int) -> float:
+def _sum(*arrays: Any) -> float:
+    """The sum of all entries of arrays (n, ...) between two numbers of particles, the last two arguments."""
+    *values, first, last = arrays
     with np.errstate(all="ignore"):
-        return values[first:last].sum()
+        return float(sum(np.add.reduce(array[first:last], axis=None) for array in values))
