@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from math import ceil, erf, exp, log10, pi, sqrt
 from typing import Any
 
-from discsim.tables import LARGEST, MOST_SNAPSHOTS, ON_CELLS
+from discsim.tables import ETA, LARGEST, LEAST_ETA, MOST_SNAPSHOTS, ON_CELLS
 
 Problem = tuple[tuple[str | int, ...], str]
 
@@ -291,6 +291,16 @@ def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
         yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
 
 
+def _neighbours(draft: Draft) -> Iterator[Problem]:
+    if not draft.gas or draft.gas.smoothing_length is not None:
+        return
+    least = LEAST_ETA[draft.dimensions][draft.gas.kernel]
+    if draft.gas.eta < least:
+        wrong = f'{draft.gas.eta:g} leaves a particle of kernel "{draft.gas.kernel}" without neighbours'
+        usual = ETA[draft.dimensions][draft.gas.kernel]
+        yield ("gas", "eta"), f"{wrong}; expected more than {least:g}, like {usual:g}"
+
+
 def _conductivity(draft: Draft) -> Iterator[Problem]:
     if draft.gas and draft.gas.conductivity and draft.eos_kind != "adiabatic":
         found = draft.eos_kind
@@ -514,6 +524,7 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _locally_isothermal,
     _adiabatic_start,
     _fixed_smoothing,
+    _neighbours,
     _conductivity,
     _dust_place,
     _drag_partners,

@@ -28,6 +28,11 @@ ETA = {
     1: {"cubic": 2.0, "quintic": 2.0, "quintic-h": 6.0, "wendland-c4": 2.0},
     2: {"cubic": 1.345, "quintic": 1.1, "quintic-h": 3.3, "wendland-c4": 1.7},
 }
+# W(0)^(1/d) in units of h: with less a particle is dense enough by itself at any h, which then falls to nothing.
+LEAST_ETA = {
+    1: {"cubic": 0.667, "quintic": 0.55, "quintic-h": 1.65, "wendland-c4": 0.75},
+    2: {"cubic": 0.675, "quintic": 0.555, "quintic-h": 1.665, "wendland-c4": 0.847},
+}
 
 
 def fault(message: str) -> PydanticCustomError:

@@ -9,7 +9,9 @@ from typer.testing import CliRunner
 from discsim import SceneError, Simulation, cli, memory
 from discsim.check import report
 from discsim.errors import totals
+from discsim.kernels.smoothing import KERNELS, NORM, shape
 from discsim.scene import load_scene
+from discsim.tables import LEAST_ETA
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 0.05}
 CODE = {"system": "code"}
@@ -74,6 +76,8 @@ REFUSED = {
         "initial.outer_taper: the tapers are 1.1 times as wide as the disc; expected 1 at most"),
     "wave": (wave(amplitude=1), "initial.amplitude: 1 is out of range; expected less than 1"),
     "trough": (wave(amplitude=-1.5), "initial.amplitude: -1.5 is out of range; expected more than -1"),
+    "lone particles": (
+        wave({"kernel": "quintic-h", "eta": 1.4}), 'gas.eta: 1.4 leaves a particle of kernel "quintic-h" without'),
     "layer": (layer(150, 4.0), "gas.particles: too few for a layer that reaches to 4 scale heights*expected 2989"),
     "thick layer": (layer(150, 40.0), "initial.vertical_extent: a layer 80 scale heights thick has no gas at its ends"),
 }  # fmt: skip
@@ -172,6 +176,14 @@ def test_a_steep_wave_is_laid_as_it_is_asked_for(amplitude):
     left = x + amplitude * (1.0 - np.cos(2.0 * np.pi * x)) / (2.0 * np.pi)
     spacing = np.diff(left)
     np.testing.assert_allclose(spacing, 0.01, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_the_least_eta_is_that_of_a_lone_particle(kernel, dim):
+    """rho = m W(0) / h^d and h = eta (m / rho)^(1/d) agree at any h."""
+    alone = (NORM[dim - 1][KERNELS[kernel]] * shape.py_func(KERNELS[kernel], dim, 0.0)[0]) ** (1 / dim)
+    assert LEAST_ETA[dim][kernel] == pytest.approx(alone, rel=2e-3) and LEAST_ETA[dim][kernel] > alone * (1 - 1e-9)
 
 
 @pytest.mark.parametrize("gamma", [0.5, 5 / 3, 3.0])
