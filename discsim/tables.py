@@ -18,6 +18,7 @@ from discsim.units import UnitError, Units, clipped, seconds
 
 MOST_PARTICLES = 10_000_000_000
 MOST_SNAPSHOTS = 1_000_000
+MOST_ETA = 30.0  # thousands of neighbours
 LARGEST = 1e60  # of any number in code units, and of one over it: their products stay within floats
 STEEPEST = 100.0  # of gamma, whose powers of densities stay within floats
 # h = eta (m/rho)^(1/d), such that sound on an even lattice has the right speed. In 1D whole numbers of spacings: only
@@ -398,7 +399,7 @@ class Gas(Table):
     eta: Annotated[
         Number,
         Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c4 1.7; in 1D 2, quintic-h 6"),
-    ] = Field(gt=0, description="h = eta (m/rho)^(1/d)")
+    ] = Field(gt=0, le=MOST_ETA, description="h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
     eos: Annotated[Isothermal | LocallyIsothermal | Adiabatic | Polytropic, Field(discriminator="kind")] = Field(
         description="equation of state"

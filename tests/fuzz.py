@@ -115,6 +115,8 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
     scene["space"] |= _filled(rng, tables.Space, 0.0, ("cells",) if chance(0.3) and not on_cells else (), only=True)
     _mend(scene)
     if chance(0.3):
+        _stretch(rng, scene)
+    if chance(0.2):
         _spoil(rng, scene)
     return scene
 
@@ -195,6 +197,23 @@ def _value(rng: Any, key: str, field: Any) -> Any:
         return int(rng.integers(low, high + 1))
     # Evenly in the logarithm where a range is wide.
     return float(low * (high / low) ** rng.random()) if low > 0 else float(rng.uniform(low, high))
+
+
+def _stretch(rng: Any, scene: dict) -> None:
+    """Make one or two of its numbers larger or smaller by many powers of ten."""
+    found = list(_numbers(scene))
+    for _ in range(rng.integers(1, 3)):
+        table, key = found[rng.integers(len(found))]
+        table[key] *= 10.0 ** float(rng.choice([-30, -9, -4, -2, 2, 4, 9, 30]))
+
+
+def _numbers(table: Any) -> Iterator[tuple[Any, Any]]:
+    """Every number with a fraction, with the table or list that holds it."""
+    for key, value in table.items() if isinstance(table, dict) else enumerate(table):
+        if isinstance(value, dict | list):
+            yield from _numbers(value)
+        elif isinstance(value, float):
+            yield table, key
 
 
 def _spoil(rng: Any, scene: dict) -> None:
