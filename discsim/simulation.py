@@ -229,8 +229,11 @@ class Simulation:
         if self._coupled:
             self._check_inputs()
         if "drag" in self.effects:
-            with self.costs("drag"):
-                self.effects["drag"].kick(self.state, dt)
+            try:
+                with self.costs("drag"):
+                    self.effects["drag"].kick(self.state, dt)
+            except FloatingPointError as fault:
+                raise PhysicsError(str(fault)) from fault
         else:
             for name, effect in self.effects.items():
                 with self.costs(name):

@@ -11,6 +11,7 @@ from discsim.check import report
 from discsim.errors import totals
 from discsim.kernels.smoothing import KERNELS, NORM, shape
 from discsim.scene import load_scene
+from discsim.simulation import PhysicsError
 from discsim.tables import LEAST_ETA
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 0.05}
@@ -202,3 +203,13 @@ def test_thermal_energy_of_a_polytrope_is_the_work_done_on_it(gamma):
         energies.append(totals(sim)["energy"])
     assert np.ptp(motions) > 1e-4
     assert np.ptp(energies) < 0.01 * np.ptp(motions)  # twice the heat would be as large as the motion itself
+
+
+@pytest.mark.parametrize("scheme", ["mk", "esph"])
+def test_explicit_drag_without_end_is_told(scheme):
+    tables = wave() | {
+        "dust": {"particles": 100, "ratio": 1.0},
+        "drag": {"law": "stopping-time", "t_stop": 1e-12, "scheme": scheme, "direction": "one-way"},
+    }
+    with pytest.raises(PhysicsError, match=rf'"{scheme}" would make [\de.+]+ explicit steps .* like "tsc"'):
+        Simulation(tables).step()
