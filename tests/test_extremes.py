@@ -213,3 +213,17 @@ def test_explicit_drag_without_end_is_told(scheme):
     }
     with pytest.raises(PhysicsError, match=rf'"{scheme}" would make [\de.+]+ explicit steps .* like "tsc"'):
         Simulation(tables).step()
+
+
+def test_drag_cells_far_below_the_spacing():
+    """There are four a particle at most, in a periodic line as in an open one: not an array of empty ones."""
+    ends = []
+    for length in (1e-3, 1e-12):
+        tables = wave() | {
+            "dust": {"particles": 100, "ratio": 1.0},
+            "drag": {"law": "stopping-time", "t_stop": 0.1, "scheme": "idic", "cell_length": length},
+        }
+        sim = Simulation(tables)
+        sim.step()
+        ends.append(sim.dust.vel)
+    np.testing.assert_array_equal(*ends)

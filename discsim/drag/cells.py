@@ -66,7 +66,7 @@ def lattice(drag, state, wanted: float) -> Lattice:
         side = whole * grid.cell
         nx, ny = (-(-n // whole) for n in grid.shape)
     elif grid.periodic:
-        nx, ny = max(1, int(extent[0] / wanted + 1e-9)), 1
+        nx, ny = max(1, min(int(extent[0] / wanted + 1e-9), 4 * state.gas.count)), 1
         side = extent[0] / nx
     else:
         side = max(wanted, extent[0] / (4.0 * state.gas.count))
