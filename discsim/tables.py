@@ -18,6 +18,7 @@ from discsim.units import UnitError, Units, clipped, seconds
 
 MOST_PARTICLES = 10_000_000_000
 MOST_SNAPSHOTS = 1_000_000
+MOST_COURANT = 100.0  # far above 2.5, where sound and orbits grow: of drag alone, which is exact at any step
 MOST_ETA = 30.0  # thousands of neighbours
 LARGEST = 1e60  # of any number in code units, and of one over it: their products stay within floats
 STEEPEST = 100.0  # of gamma, whose powers of densities stay within floats
@@ -216,7 +217,7 @@ class Run(Table):
     )
     every: Time | None = Field(None, gt=0, description="their interval, instead of their number")
     seed: Count = Field(1, ge=0, description="of one random stream a species")
-    courant: Number = Field(0.3, gt=0, description="share of each effect's limit on the step")
+    courant: Number = Field(0.3, gt=0, le=MOST_COURANT, description="share of each effect's limit on the step")
     timestep: Time | None = Field(None, gt=0, description="fixed step")
     integrator: Literal["kdk", "euler"] = Field(
         "kdk", description='kick-drift-kick, or "euler": forward Euler, positions with the old velocity'

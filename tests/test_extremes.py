@@ -77,6 +77,7 @@ REFUSED = {
         "initial.outer_taper: the tapers are 1.1 times as wide as the disc; expected 1 at most"),
     "wave": (wave(amplitude=1), "initial.amplitude: 1 is out of range; expected less than 1"),
     "trough": (wave(amplitude=-1.5), "initial.amplitude: -1.5 is out of range; expected more than -1"),
+    "steps beyond all": (wave(run={"courant": 1e9}), "run.courant: 1000000000.0 is out of range; expected at most 100"),
     "all are neighbours": (wave({"eta": 1e9}), "gas.eta: 1000000000.0 is out of range; expected at most 30"),
     "wider than space": (
         wave({"smoothing_length": 7.0}), "gas.smoothing_length: 7 times as long as space.size; expected less"),
