@@ -62,8 +62,8 @@ def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
     out: dict[str, dict[str, Any]] = {}
     for name in ("gas", "dust"):
         pos = middle + 0.1 * size.min() * (stream.random((COUNT, dim)) - 0.5)
-        density = COUNT / (0.1 * size.min()) ** dim
-        out[name] = {"pos": pos, "vel": np.zeros((COUNT, dim)), "mass": np.ones(COUNT), "density": density}
+        out[name] = {"pos": pos, "vel": np.zeros((COUNT, dim)), "mass": np.ones(COUNT)}
+    out["gas"]["density"] = COUNT / (0.1 * size.min()) ** dim
     assert scene.dust is not None
     out["dust"]["species"] = np.arange(COUNT) % len(scene.dust)
     return out

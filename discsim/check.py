@@ -9,6 +9,7 @@ from discsim.cautions import warnings
 from discsim.costs import clock
 from discsim.derived import derived
 from discsim.forecast import forecast, known_runs
+from discsim.memory import too_much
 from discsim.rules import OF_CELLS, OF_SPH, unused_keys
 from discsim.scene import Scene
 from discsim.tables import Table, measure_of
@@ -23,7 +24,7 @@ def report(scene: Scene) -> str:
         ["effects that will run", *(f"  {line}" for line in _effect_lines(scene))],
         ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
         ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
-        ["warnings", *(f"  {line}" for line in warnings(scene) or ["none"])],
+        ["warnings", *(f"  {line}" for line in [*too_much(scene), *warnings(scene)] or ["none"])],
     ]
     return "\n\n".join("\n".join(part) for part in parts)
 

@@ -47,7 +47,7 @@ def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, g
         return whole * cell, [-(-n // whole) for n in shape]
     extent = shape[0] * cell
     if periodic:
-        number = max(1, int(extent / wanted + 1e-9))
+        number = max(1, min(int(extent / wanted + 1e-9), 4 * gas))
         return extent / number, [number]
     side = max(wanted, extent / (4.0 * gas))
     return side, [int(np.ceil(extent / side))]

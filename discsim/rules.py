@@ -7,9 +7,10 @@ silent: that table has its own messages already.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from math import ceil, erf, exp, log10, pi, sqrt
 from typing import Any
 
-from discsim.tables import ON_CELLS
+from discsim.tables import ETA, LARGEST, LEAST_ETA, MOST_SNAPSHOTS, ON_CELLS
 
 Problem = tuple[tuple[str | int, ...], str]
 
@@ -93,6 +94,9 @@ def _someone_is_there(draft: Draft) -> Iterator[Problem]:
 def _output_times(draft: Draft) -> Iterator[Problem]:
     if draft.run and draft.run.every is not None and draft.gives("run", "snapshots"):
         yield ("run", "every"), "run.snapshots is there too; expected one of the two"
+    elif draft.run and draft.run.every is not None and draft.run.until > MOST_SNAPSHOTS * draft.run.every:
+        number = draft.run.until / draft.run.every
+        yield ("run", "every"), f"makes {number:.3g} snapshots until run.until; expected {MOST_SNAPSHOTS:g} at most"
 
 
 def _periodic_cells(draft: Draft) -> Iterator[Problem]:
@@ -156,6 +160,27 @@ def _disc_edges(draft: Draft) -> Iterator[Problem]:
             f"the grid is smaller than the disc: its half side is {share:.3g} of initial.outer; "
             "expected more than 1 (1.3 leaves room to spread)",
         )
+    elif disc.inner_taper + disc.outer_taper > disc.outer - disc.inner:
+        wide = (disc.inner_taper + disc.outer_taper) / (disc.outer - disc.inner)
+        key = "inner_taper" if disc.inner_taper > disc.outer_taper else "outer_taper"
+        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected 1 at most"
+
+
+def _power_laws(draft: Draft) -> Iterator[Problem]:
+    """Powers of the radius stay within floats all over a disc."""
+    if draft.kind != "disc":
+        return
+    gas = draft.gas or draft.background
+    laws = [("initial", draft.initial, "surface_density_index")]
+    if draft.has("background"):
+        laws.append(("background", draft.background, "surface_density_index"))
+    if gas and hasattr(gas.eos, "temperature_index"):
+        laws.append(("gas" if draft.gas else "background", gas.eos, "temperature_index"))
+    for table, law, key in laws:
+        index, where = getattr(law, key), law.reference_radius
+        if max(abs(index * log10(r / where)) for r in (draft.initial.inner, draft.initial.outer)) > log10(LARGEST):
+            path = (table, "eos", key) if key == "temperature_index" else (table, key)
+            yield path, f"{index:g} takes powers of the radius beyond {LARGEST:g} in the disc; expected a lesser slope"
 
 
 def _disc_mass(draft: Draft) -> Iterator[Problem]:
@@ -181,6 +206,9 @@ def _toomre_q(draft: Draft) -> Iterator[Problem]:
         for table in ("gas", "star"):
             if not draft.has(table):
                 yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
+        if draft.eos_kind == "polytropic" and draft.gas.eos.gamma == 3.0:
+            wrong = "Q does not depend on the mass of a polytropic disc with gamma = 3"
+            yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 
 def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
@@ -210,6 +238,24 @@ def _layer_needs_gravity(draft: Draft) -> Iterator[Problem]:
     if draft.kind == "settling" and not (draft.external and draft.external.vertical_frequency > 0):
         path = ("external", "vertical_frequency") if draft.has("external") else ("external",)
         yield path, "missing; the layer's weight is -Omega^2 z with Omega = external.vertical_frequency > 0"
+
+
+def _layer_reaches(draft: Draft) -> Iterator[Problem]:
+    """Particles of equal mass are far apart where the layer ends: at most ten lengths over which it falls by e."""
+    if draft.kind != "settling" or not (draft.gas and draft.space and draft.external):
+        return
+    if draft.eos_kind != "isothermal" or draft.external.vertical_frequency == 0.0:
+        return
+    height = draft.gas.eos.sound_speed / draft.external.vertical_frequency
+    top = (draft.initial.vertical_extent or 0.5 * draft.space.size[0]) / height
+    if top > 30.0:
+        wrong = f"a layer {2.0 * top:.3g} scale heights thick has no gas at its ends"
+        yield ("initial", "vertical_extent"), f"{wrong}; expected some scale heights c_s / Omega = {height:.3g}"
+        return
+    needed = ceil(0.1 * sqrt(2.0 * pi) * erf(top / sqrt(2.0)) * top * exp(0.5 * top * top))
+    if draft.gas.particles < needed:
+        wrong = f"too few for a layer that reaches to {top:.3g} scale heights, where next to none would be"
+        yield ("gas", "particles"), f"{wrong}; expected {needed} at least, or a smaller initial.vertical_extent"
 
 
 def _wave_direction(draft: Draft) -> Iterator[Problem]:
@@ -243,6 +289,19 @@ def _adiabatic_start(draft: Draft) -> Iterator[Problem]:
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
     if draft.gas and draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
         yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
+    elif draft.gas and draft.space and (draft.gas.smoothing_length or 0.0) > max(draft.space.size):
+        times = draft.gas.smoothing_length / max(draft.space.size)
+        yield ("gas", "smoothing_length"), f"{times:.3g} times as long as space.size; expected less than it"
+
+
+def _neighbours(draft: Draft) -> Iterator[Problem]:
+    if not draft.gas or draft.gas.smoothing_length is not None:
+        return
+    least = LEAST_ETA[draft.dimensions][draft.gas.kernel]
+    if draft.gas.eta < least:
+        wrong = f'{draft.gas.eta:g} leaves a particle of kernel "{draft.gas.kernel}" without neighbours'
+        usual = ETA[draft.dimensions][draft.gas.kernel]
+        yield ("gas", "eta"), f"{wrong}; expected more than {least:g}, like {usual:g}"
 
 
 def _conductivity(draft: Draft) -> Iterator[Problem]:
@@ -260,6 +319,10 @@ def _dust_place(draft: Draft) -> Iterator[Problem]:
                 yield ("dust", i, key), f"a {draft.kind} has no radius; expected a disc"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
+        elif draft.kind == "disc" and dust.inner is not None and dust.inner >= draft.initial.outer:
+            yield ("dust", i, "inner"), "beyond the disc, where there is no gas; expected less than initial.outer"
+        elif draft.kind == "disc" and dust.outer is not None and dust.outer <= draft.initial.inner:
+            yield ("dust", i, "outer"), "in the disc's hole, where there is no gas; expected more than initial.inner"
 
 
 def _drag_partners(draft: Draft) -> Iterator[Problem]:
@@ -451,17 +514,20 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _boundary_of_the_start,
     _dimensions_of_the_start,
     _disc_edges,
+    _power_laws,
     _disc_mass,
     _disc_needs_a_centre,
     _toomre_q,
     _gas_of_the_start,
     _room_for_the_start,
     _layer_needs_gravity,
+    _layer_reaches,
     _wave_direction,
     _star_space,
     _locally_isothermal,
     _adiabatic_start,
     _fixed_smoothing,
+    _neighbours,
     _conductivity,
     _dust_place,
     _drag_partners,

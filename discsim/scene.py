@@ -6,6 +6,7 @@ effect runs.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Sequence
 from copy import deepcopy
@@ -18,12 +19,14 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from discsim import tables, tomltext
 from discsim.rules import Draft, Problem, broken_rules
 from discsim.tables import EFFECTS, ETA, ON_CELLS, REQUIRED, TABLES, models_in, shown
-from discsim.units import UnitError, Units
+from discsim.units import ECHOED, UnitError, Units, clipped
 
 # Of starts that want another kernel than the cubic: quieter for its cost (analysis/noise.py); one that feels every wave
 # of a stretched layer, so that it has a balance.
 KERNEL_OF = {"disc": "quintic", "settling": "wendland-c4"}
+DEEPEST = 8  # tables and lists within each other; a scene needs four
 KeyPath = tuple[str | int, ...]
+_NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 class SceneError(Exception):
@@ -82,17 +85,20 @@ def load_scene(
 ) -> Scene:
     """Read and validate a scene file or dict, with `overrides` ("table.key=value") and `without` (tables).
 
-    Where the caller has `own_particles`, the scene needs no [initial]. Raises SceneError with every fault.
+    Where the caller has `own_particles`, the scene needs no [initial], and no numbers of particles (1 stands for them).
+    Raises SceneError with every fault.
     """
     if isinstance(source, dict):
+        _refuse_deep(source, "scene")
         path, text, data = None, "", _plain(source)
     else:
         path = Path(source)
         text = _read(path)
         data = _parsed(path, text)
+        _refuse_deep(data, f"{path}:1")
     origins = _Origins(path, text)
     values, removed, problems = _changed(data, overrides, without, origins)
-    found, faults = _validated(data, [name for name in REQUIRED if not own_particles or name != "initial"])
+    found, faults = _validated(data, own_particles)
     problems += [_message(fault, origins) for fault in faults]
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
@@ -157,6 +163,17 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
     return data
 
 
+def _refuse_deep(data: dict[str, Any], where: str) -> None:
+    """Raise SceneError where tables and lists nest deeper than any scene's."""
+    left: list[tuple[Any, KeyPath]] = [(data, ())]
+    while left:
+        value, path = left.pop()
+        if len(path) > DEEPEST:
+            raise SceneError([f"{where}: {_name(path)}: nested too deeply; expected tables like [gas.eos]"])
+        entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        left += [(entry, (*path, key)) for key, entry in entries]
+
+
 def _plain(value: Any) -> Any:
     """A value of a dict scene as TOML could hold it: Quantities as texts, arrays and tuples as lists."""
     if isinstance(value, dict):
@@ -178,11 +195,15 @@ def _changed(
     """Apply the command line to `data` in place. Returns values set, tables removed, problems."""
     values: list[tuple[list[str], Any]] = []
     problems: list[str] = []
-    for text in overrides:
-        name, equals, written = text.partition("=")
+    for assignment in overrides:
+        name, equals, written = assignment.partition("=")
+        text = clipped(assignment)
         path = [part.strip() for part in name.split(".")]
         if not equals or not all(path):
             problems.append(f'--set {text}: not an assignment; expected table.key=value, like run.until="10 yr"')
+            continue
+        if len(path) > DEEPEST:
+            problems.append(f"--set {text}: nested too deeply; expected table.key=value")
             continue
         value = _override_value(written)
         try:
@@ -197,7 +218,7 @@ def _changed(
     for name in without:
         if name not in EFFECTS:
             problems.append(
-                f"--without {name}: unknown table; expected one of {', '.join(EFFECTS)}{_near(name, EFFECTS)}"
+                f"--without {clipped(name)}: unknown table; expected one of {', '.join(EFFECTS)}{near(name, EFFECTS)}"
             )
             continue
         removed.append(name.split("."))
@@ -206,37 +227,43 @@ def _changed(
 
 
 def _override_value(text: str) -> Any:
-    """The value as TOML; as a bare text where it is none, so that quotes need not survive the shell."""
+    """The value as TOML, as a number that TOML has no word for (.09, 5.), or else as a bare text, so that quotes need
+    not survive the shell."""
     try:
         read = tomllib.loads("value = " + text)
     except (ValueError, RecursionError):
-        return text.strip()
+        bare = text.strip()
+        return float(bare) if _NUMBER.fullmatch(bare) else bare
     return read["value"] if len(read) == 1 else text.strip()
 
 
 def _nearest(word: str, choices: Sequence[str]) -> str | None:
     """The right word that was meant, perhaps by the last part of its name."""
-    near = get_close_matches(word.lower(), choices, n=1, cutoff=0.5)
+    near = get_close_matches(word[:ECHOED].lower(), choices, n=1, cutoff=0.5)
     leaves = [choice for choice in choices if choice.split(".")[-1] == word]
     return next(iter(leaves or near), None)
 
 
-def _near(word: str, choices: Sequence[str]) -> str:
-    """The hint of a message: the nearest right word."""
+def near(word: str, choices: Sequence[str]) -> str:
+    """The hint of a message: the nearest right word, or nothing."""
     best = _nearest(word, choices)
     return f'; did you mean "{best}"?' if best else ""
 
 
+def _name(path: KeyPath) -> str:
+    return clipped(".".join(str(part) for part in path))
+
+
 def _message(fault: Problem, origins: _Origins) -> str:
     path, wrong = fault
-    name = ".".join(str(part) for part in path)
+    name = _name(path)
     return f"{origins.of(path)}: {name}: {wrong}" if name else f"{origins.of(path)}: {wrong}"
 
 
-def _validated(data: dict[str, Any], required: Sequence[str]) -> tuple[dict[str, Any], list[Problem]]:
+def _validated(data: dict[str, Any], own_particles: bool) -> tuple[dict[str, Any], list[Problem]]:
     """The parts of the Scene that could be read, and every fault."""
     faults: list[Problem] = [
-        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{_near(name, _table_names())}")
+        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}")
         for name in data
         if name not in TABLES and name != "title"
     ]
@@ -245,12 +272,13 @@ def _validated(data: dict[str, Any], required: Sequence[str]) -> tuple[dict[str,
         faults.append((("title",), f"{shown(title)} is not a text; expected one in quotes"))
     # A mistyped table is one fault: the one that was meant is neither missing nor absent.
     meant = {_nearest(name, _table_names()) or "": None for name in data if name not in TABLES}
+    required = [name for name in REQUIRED if not own_particles or name != "initial"]
     missing = [name for name in required if name not in data and name not in meant]
     faults += [((), f"missing table [{name}]; expected one") for name in missing]
     units, unit_faults = _units(data)
     faults += unit_faults
     found: dict[str, Any] = {}
-    filled = _filled(data)
+    filled = _filled(data, own_particles)
     for name in TABLES:
         if name in data and name != "units":
             found[name], table_faults = _table(name, filled[name], data[name], units)
@@ -287,8 +315,8 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
     return Units(table.system, dimensions, table.length, table.mass), faults
 
 
-def _filled(data: dict[str, Any]) -> dict[str, Any]:
-    """A copy with the defaults that depend on other tables."""
+def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
+    """A copy with the defaults that depend on other tables, or on the particles that the caller has."""
     filled = deepcopy(data)
     dimensions = 1 if _get(data, "space", "dimensions") == 1 else 2
     gas = filled.get("gas")
@@ -309,6 +337,11 @@ def _filled(data: dict[str, Any]) -> dict[str, Any]:
         drag.setdefault("heating", adiabatic and drag.get("direction") != "one-way")
     if isinstance(filled.get("dust"), dict):
         filled["dust"] = [filled["dust"]]
+    if own_particles:
+        dust = filled.get("dust")
+        for table in (gas, *(dust if isinstance(dust, list) else ())):
+            if isinstance(table, dict):
+                table.setdefault("particles", 1)
     return filled
 
 
@@ -398,7 +431,7 @@ def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, unit
         return path, f"missing{meaning}{words}"
     if kind == "extra_forbidden":
         keys = list(owner.model_fields)
-        hint = _near(str(path[-1]), keys) or _near_elsewhere(str(path[-1]))
+        hint = near(str(path[-1]), keys) or _near_elsewhere(str(path[-1]))
         return path, f"unknown key; expected one of {', '.join(keys)}{hint}"
     if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found"):
         return _worded_choice(kind, context, path, value)
@@ -406,6 +439,7 @@ def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, unit
         "greater_than": ("gt", "more than"),
         "greater_than_equal": ("ge", "at least"),
         "less_than_equal": ("le", "at most"),
+        "less_than": ("lt", "less than"),
     }
     if kind in limits:
         key, words = limits[kind]
@@ -430,7 +464,7 @@ def _worded_choice(kind: str, context: dict[str, Any], path: KeyPath, value: Any
             union = models_in(TABLES["initial"] if path[0] == "initial" else tables.Gas.model_fields["eos"].annotation)
             tags = [str(_tag(model)) for model in union]
             return path, "missing; expected one of " + ", ".join(f'"{tag}"' for tag in tags)
-    return path, f"{shown(value)} is unknown; expected one of {words}{_near(str(value), choices)}"
+    return path, f"{shown(value)} is unknown; expected one of {words}{near(str(value), choices)}"
 
 
 def _near_elsewhere(key: str) -> str:

@@ -18,6 +18,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -28,7 +29,8 @@ from discsim.checkpoint import CheckpointError, Scalar, read_checkpoint, write_c
 from discsim.costs import Costs
 from discsim.differences import refuse_another
 from discsim.effects import load_effects
-from discsim.initial import make_state, setup
+from discsim.initial import make_state, own, setup
+from discsim.memory import too_much
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.state import Dust, Gas, Ledger, State
 from discsim.threads import copied, fill, share, use_threads
@@ -43,16 +45,21 @@ class Simulation:
     """A scene in motion.
 
     scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
-    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]). Raises SceneError.
+    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]), Quantities or in code units. Raises SceneError.
     """
 
     def __init__(self, scene: Scene | str | Path | dict, particles: dict[str, dict[str, Any]] | None = None):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
+        given = None if particles is None else own.read(scene, particles)
+        if given is not None:
+            scene = own.counted(scene, given)
         self.scene = scene
+        if faults := list(too_much(scene)):
+            raise SceneError(faults)
         use_threads(scene.run.threads)
         try:
-            self.state = make_state(scene, particles if particles is not None else setup(scene).particles(scene))
+            self.state = make_state(scene, _made(scene) if given is None else given)
             of_drag = scene.drag is not None and scene.background is None and not scene.on_cells
             if scene.self_gravity is not None or of_drag:
                 from discsim.grid import Grid
@@ -63,9 +70,12 @@ class Simulation:
             self.effects = load_effects(scene, self.state)
             settle = None if particles is not None else getattr(setup(scene), "settle", None)
             if settle is not None:
-                settle(self.state, self.effects)
+                with np.errstate(**OVERFLOWS):
+                    settle(self.state, self.effects)
         except ValueError as error:
             raise SceneError([str(error)]) from error
+        except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
+            raise SceneError([f"the start's numbers are too extreme: {error}; expected others"]) from error
         self.costs = Costs(self.effects)
         self.limit, self.limited_by = math.inf, ""
         self._fresh = self._in_midst = False
@@ -239,6 +249,8 @@ class Simulation:
         use_threads(self.scene.run.threads)
         if self._in_midst:
             raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
+        if not self._fresh or not self._coupled:
+            self._check_inputs()
         if not self._fresh:
             with self._whole():
                 self._forces()
@@ -274,15 +286,22 @@ class Simulation:
             self.state.lag = 0.0
 
     def _kick(self, dt: float) -> None:
+        if self._coupled:
+            self._check_inputs()
         if "drag" in self.effects:
-            with self.costs("drag"):
-                self.effects["drag"].kick(self.state, dt)
+            try:
+                with self.costs("drag"):
+                    self.effects["drag"].kick(self.state, dt)
+            except FloatingPointError as fault:
+                raise PhysicsError(str(fault)) from fault
         else:
             for name, effect in self.effects.items():
                 with self.costs(name):
                     effect.kick(self.state, dt)
         for name, p in self.state.species.items():
-            self._check_finite(name, p.vel, "after a kick")
+            self._check_finite(name, p.vel, "in its vel after a kick")
+        if self.state.gas is not None and self.state.gas.u is not None:
+            self._check_finite("gas", self.state.gas.u, "in its u after a kick")
 
     def _move(self, dt: float) -> None:
         for name, effect in self.effects.items():
@@ -360,19 +379,39 @@ class Simulation:
         coldest = gas.ids[gas.pressure.argmin()]
         return f"; gas particle {coldest} has lost more heat in a step than it had: try a smaller run.courant"
 
-    def _check_finite(self, name: str, vectors: np.ndarray, when: str) -> None:
+    @property
+    def _coupled(self) -> bool:
+        """Whether particles feel each other, so that what is wrong with one spreads."""
+        return self.state.gas is not None or self.state.grid is not None
+
+    def _check_inputs(self) -> None:
+        """That what somebody may have changed is finite, before a kick or a search for neighbours spreads it."""
+        for name, p in self.state.species.items():
+            arrays = {key: values for key in INPUTS if (values := getattr(p, key, None)) is not None}
+            if not math.isfinite(sum(share(partial(_sum, *arrays.values()), p.count))):
+                for key, values in arrays.items():
+                    self._check_finite(name, values, f"in its {key} before the step", made_here=False)
+
+    def _check_finite(self, name: str, values: np.ndarray, where: str, made_here: bool = True) -> None:
+        """That all `values` (n, ...) are finite; `made_here` says that it was an effect that made them."""
         # A sum is finite unless an entry is not (or they overflow, which is as bad), and costs a tenth.
-        if np.isfinite(share(lambda first, last: vectors[first:last].sum(), len(vectors))).all():
+        if math.isfinite(sum(share(partial(_sum, values), len(values)))):
             return
         particles = self.state.species[name]
-        i = int(np.argmin(np.isfinite(vectors).all(axis=1)))
-        what = f"{name} particle {particles.ids[i]} is not finite {when}"
-        raise PhysicsError(what + (self._culprit(name, i) if np.isfinite(particles.pos[i]).all() else ""))
+        rows = values.reshape(len(values), -1)
+        right = np.isfinite(rows).all(axis=1)
+        i = int(np.argmax(np.abs(rows).max(axis=1)) if right.all() else np.argmin(right))
+        if made_here and not np.isfinite(particles.pos[i]).all():
+            where, rows, made_here = "in its pos", particles.pos, False
+        value = ", ".join(f"{entry:g}" for entry in rows[i])
+        what = f"{name} particle {particles.ids[i]} is not finite {where} ({value}; step {self.state.step})"
+        raise PhysicsError(what + (self._culprit(name, i) if made_here else ""))
 
     def _culprit(self, species: str, i: int) -> str:
         for name in self.effects:
             try:
-                found = dict(zip(("gas", "dust"), self.acceleration(name), strict=True))[species]
+                with np.errstate(all="ignore"):
+                    found = dict(zip(("gas", "dust"), self.acceleration(name), strict=True))[species]
             except FloatingPointError as fault:
                 return f"; {fault}"
             if found is not None and not np.isfinite(found[i]).all():
@@ -389,3 +428,17 @@ def _entry(array: np.ndarray) -> Any:
 # and its drag is exact at any step.
 MOST = 2.5
 MOVED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes
+OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
+INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
+
+
+def _made(scene: Scene) -> dict[str, dict[str, Any]]:
+    with np.errstate(**OVERFLOWS):
+        return setup(scene).particles(scene)
+
+
+def _sum(*arrays: Any) -> float:
+    """The sum of all entries of arrays (n, ...) between two numbers of particles, the last two arguments."""
+    *values, first, last = arrays
+    with np.errstate(all="ignore"):
+        return float(sum(np.add.reduce(array[first:last], axis=None) for array in values))

@@ -11,12 +11,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationInfo
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
-from discsim.units import UnitError, Units, seconds
+from discsim.units import UnitError, Units, clipped, seconds
 
 MOST_PARTICLES = 10_000_000_000
+MOST_SNAPSHOTS = 1_000_000
+MOST_COURANT = 100.0  # far above 2.5, where sound and orbits grow: of drag alone, which is exact at any step
+MOST_ETA = 30.0  # thousands of neighbours
+LARGEST = 1e60  # of any number in code units, and of one over it: their products stay within floats
+STEEPEST = 100.0  # of gamma, whose powers of densities stay within floats
 # h = eta (m/rho)^(1/d), such that sound on an even lattice has the right speed. In 1D whole numbers of spacings: only
 # then is a B-spline's sum density exact. In 2D on a square lattice, along an axis, c_s^2 is right to .5% with the
 # B-splines (with eta = 1.2 the cubic one is 8% off), to 2% with Wendland's. quintic-h is the quintic squeezed to
@@ -24,6 +29,11 @@ MOST_PARTICLES = 10_000_000_000
 ETA = {
     1: {"cubic": 2.0, "quintic": 2.0, "quintic-h": 6.0, "wendland-c4": 2.0},
     2: {"cubic": 1.345, "quintic": 1.1, "quintic-h": 3.3, "wendland-c4": 1.7},
+}
+# W(0)^(1/d) in units of h: with less a particle is dense enough by itself at any h, which then falls to nothing.
+LEAST_ETA = {
+    1: {"cubic": 0.667, "quintic": 0.55, "quintic-h": 1.65, "wendland-c4": 0.75},
+    2: {"cubic": 0.675, "quintic": 0.555, "quintic-h": 1.665, "wendland-c4": 0.847},
 }
 
 
@@ -40,8 +50,16 @@ def number(value: Any) -> float:
         value = float(value)
     except OverflowError:
         value = math.inf
+    return _in_reach(value, f"{value}")
+
+
+def _in_reach(value: float, text: str) -> float:
     if not math.isfinite(value):
-        raise fault(f"{value} is not a finite number")
+        raise fault(f"{text} is not a finite number")
+    if value != 0.0 and not 1.0 / LARGEST <= abs(value) <= LARGEST:
+        raise fault(
+            f"{text} is out of range; expected 0, or a size from {1.0 / LARGEST:g} to {LARGEST:g} in code units"
+        )
     return value
 
 
@@ -51,10 +69,15 @@ def _units(info: ValidationInfo) -> Units:
 
 
 def shown(value: Any) -> str:
-    """A value as it stands in TOML."""
+    """A value as it stands in TOML, or its beginning."""
     if isinstance(value, bool):
         return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    if isinstance(value, str):
+        return f'"{clipped(value)}"'
+    try:
+        return clipped(str(value))
+    except (ValueError, RecursionError):  # more digits than Python writes, or lists in lists without end
+        return f"the {type(value).__name__}"
 
 
 @dataclass(frozen=True)
@@ -90,12 +113,12 @@ class Measure:
         gamma = info.data.get("gamma", 2.0)  # an earlier key of the same table
         if isinstance(value, str):
             try:
-                return units.parse(value, self.name, gamma)
+                return _in_reach(units.parse(value, self.name, gamma), shown(value))
             except UnitError as error:
                 raise fault(str(error)) from error
         words = units.expected(self.name, gamma)
         if isinstance(value, int | float) and not isinstance(value, bool):
-            raise fault(f"{value} has no unit; {words.replace(', like', ' needs a unit, like')}")
+            raise fault(f"{shown(value)} has no unit; {words.replace(', like', ' needs a unit, like')}")
         raise fault(f"{shown(value)} is not a quantity; expected {words}")
 
     def _vector(self, value: Any, info: ValidationInfo) -> tuple[float, ...]:
@@ -103,7 +126,7 @@ class Measure:
         dimensions = _units(info).dimensions
         is_list = isinstance(value, list | tuple)
         if is_list and len(value) != dimensions:
-            raise fault(f"{list(value)} has {len(value)} entries; expected {dimensions}, one a dimension")
+            raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one a dimension")
         if value == 0 and not isinstance(value, bool):  # zero, the default, is zero in every unit
             return (0.0,) * dimensions
         read = [self._float(entry, info) or 0.0 for entry in (value if is_list else [value])]
@@ -116,7 +139,7 @@ class Measure:
 def _count(value: Any) -> Any:
     read = number(value)
     if read != int(read):
-        raise fault(f"{value} is not a whole number")
+        raise fault(f"{shown(value)} is not a whole number")
     return int(read)
 
 
@@ -124,7 +147,7 @@ def _particles(value: Any) -> Any:
     read = _count(value)
     if not 1 <= read <= MOST_PARTICLES:
         wrong = "is absurd" if read > 1 else "are no particles"
-        raise fault(f"{value} {wrong}; expected a number of particles from 1 to 1e10")
+        raise fault(f"{shown(value)} {wrong}; expected a number of particles from 1 to 1e10")
     return read
 
 
@@ -143,13 +166,20 @@ def _size(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, list | tuple):
         return [value] * dimensions
     if len(value) != dimensions:
-        raise fault(f"{list(value)} has {len(value)} entries; expected {dimensions}, one a dimension")
+        raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one a dimension")
     return value
 
 
 def _direction(value: Any, info: ValidationInfo) -> Any:
     # The default [1, 0] is along x in 1D as well.
     return [1] if value == _ALONG_X and _units(info).dimensions == 1 else value
+
+
+def _not_isothermal(value: float) -> float:
+    # Its thermal energy, P / (gamma - 1), has no limit there.
+    if value == 1.0:
+        raise fault('1 is isothermal gas; expected kind = "isothermal" with sound_speed = sqrt(constant)')
+    return value
 
 
 _ALONG_X = (1, 0)
@@ -182,10 +212,12 @@ class UnitsTable(Table):
 
 class Run(Table):
     until: Time = Field(gt=0, description="end time; the last step lands on it exactly")
-    snapshots: Count = Field(10, ge=1, description="snapshots after the initial state, evenly in time")
+    snapshots: Count = Field(
+        10, ge=1, le=MOST_SNAPSHOTS, description="snapshots after the initial state, evenly in time"
+    )
     every: Time | None = Field(None, gt=0, description="their interval, instead of their number")
     seed: Count = Field(1, ge=0, description="of one random stream a species")
-    courant: Number = Field(0.3, gt=0, description="share of each effect's limit on the step")
+    courant: Number = Field(0.3, gt=0, le=MOST_COURANT, description="share of each effect's limit on the step")
     timestep: Time | None = Field(None, gt=0, description="fixed step")
     integrator: Literal["kdk", "euler"] = Field(
         "kdk", description='kick-drift-kick, or "euler": forward Euler, positions with the old velocity'
@@ -241,7 +273,7 @@ class Wave(Table):
     """A sin(k x) in density and velocity of both species on [0, size)."""
 
     kind: Literal["wave"] = "wave"
-    amplitude: Number = Field(1e-4, description="A")
+    amplitude: Number = Field(1e-4, gt=-1, lt=1, description="A")
     wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
     velocity: VelocityVector = Field(0, validate_default=True, description="uniform boost of everything")
     direction: Annotated[tuple[float, ...], Measure(vector=True, whole=True), BeforeValidator(_direction)] = Field(
@@ -270,7 +302,7 @@ class Sheet(Table):
 
     kind: Literal["sheet"] = "sheet"
     surface_density: SurfaceDensity = Field(1.0, gt=0, description="mean")
-    amplitude: Number = Field(1e-3, description="relative amplitude of the density wave")
+    amplitude: Number = Field(1e-3, gt=-1, lt=1, description="relative amplitude of the density wave")
     wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
 
 
@@ -325,7 +357,7 @@ class Adiabatic(Table):
     """P = (gamma - 1) rho u; the start has the sound speed of one of the isothermal kinds."""
 
     kind: Literal["adiabatic"] = "adiabatic"
-    gamma: Number = Field(gt=1, description="ratio of specific heats")
+    gamma: Number = Field(gt=1, le=STEEPEST, description="ratio of specific heats")
     sound_speed: Velocity | None = Field(None, gt=0, description="at the start, uniform")
     aspect_ratio: Number | None = Field(None, gt=0, description="H/r at reference_radius at the start, instead")
     temperature_index: Number = Field(0.5, description="q in c_s^2 ~ r^-q, with aspect_ratio")
@@ -337,7 +369,7 @@ class Polytropic(Table):
     """P = constant rho^gamma."""
 
     kind: Literal["polytropic"] = "polytropic"
-    gamma: Number = Field(gt=0, description="exponent")
+    gamma: Annotated[Number, AfterValidator(_not_isothermal)] = Field(gt=0, le=STEEPEST, description="exponent")
     constant: Annotated[float, Measure("polytropic_constant")] = Field(gt=0, description="P / rho^gamma")
     mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
 
@@ -368,7 +400,7 @@ class Gas(Table):
     eta: Annotated[
         Number,
         Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c4 1.7; in 1D 2, quintic-h 6"),
-    ] = Field(gt=0, description="h = eta (m/rho)^(1/d)")
+    ] = Field(gt=0, le=MOST_ETA, description="h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
     eos: Annotated[Isothermal | LocallyIsothermal | Adiabatic | Polytropic, Field(discriminator="kind")] = Field(
         description="equation of state"

@@ -55,6 +55,16 @@ class UnitError(ValueError):
     """A text that is no quantity, or one of the wrong dimension; the message says what was expected."""
 
 
+ECHOED = 80  # characters of what a user wrote that a message repeats
+# What a code unit may be, in cm and g: its powers, and products of those, stay within floats.
+RANGES = {"length": (1e-20, 1e40, "cm"), "mass": (1e-40, 1e60, "g")}
+
+
+def clipped(text: str) -> str:
+    """A text for a message: its beginning, where it is long."""
+    return text if len(text) <= ECHOED else text[: ECHOED - 3] + "..."
+
+
 def a(name: str) -> str:
     """`name` of a dimension in words, with its article: "a surface density"."""
     words = name.replace("_", " ").split("/")[0]
@@ -69,11 +79,14 @@ def parse_quantity(text: str) -> Any:
     from astropy import units as u
 
     match = _NUMBER.fullmatch(text)
+    text = clipped(text)
     if not match:
         raise UnitError(f'"{text}" is not a quantity; expected a number and a unit, like "10 au"')
     number, name = float(match[1]), match[2].strip()
     if not name:
         raise UnitError(f'"{text}" has no unit; expected one, like "10 au"')
+    if len(name) > ECHOED:
+        raise UnitError(f'"{text}": unknown unit; expected one that astropy knows')
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # astropy warns of "g / cm / s", which is clear enough
@@ -133,6 +146,9 @@ class Units:
                 raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name)}')
             if quantity.value <= 0:
                 raise UnitError(f'"{text}" is not positive; expected {self.expected(name)}')
+            least, most, unit = RANGES[name]
+            if not least <= quantity.to_value(unit) <= most:
+                raise UnitError(f'"{text}" is {quantity.to_value(unit):.3g} {unit}; expected {least:g} to {most:g}')
 
     def exponents(self, name: str, gamma: float = 1.0) -> Exponents:
         """Exponents of mass, length, time; `gamma` is for "polytropic_constant" = P / rho^gamma only."""
@@ -187,20 +203,29 @@ class Units:
         """An astropy Quantity as float or array in code units. Raises UnitError beyond mass, length, time."""
         return quantity.value * self._scale(quantity)[0]
 
+    def in_code(self, quantity: Any, name: str) -> Any:
+        """An astropy Quantity, which must have the dimension `name`, in code units; raises UnitError."""
+        if self.system == "code" and not any(self._scale(1 * quantity.unit)[1]):
+            return self.to_code(quantity)
+        return quantity.value * self._factor_to(1 * quantity.unit, f"{quantity.unit}", name)
+
     def parse(self, text: str, name: str, gamma: float = 1.0) -> float:
         """The float in code units of `text`, which must have the dimension `name`; raises UnitError."""
         quantity = parse_quantity(text)
-        wanted = self.exponents(name, gamma)
+        value = quantity.value * self._factor_to(quantity, clipped(text), name, gamma)
+        if not math.isfinite(value):
+            raise UnitError(f'"{clipped(text)}" is not a finite number in code units')
+        return value
+
+    def _factor_to(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
+        """The factor from the quantity's unit to code units; raises UnitError where it is of no dimension `name`."""
         try:
             factor, found = self._scale(quantity)
         except UnitError as error:
             raise UnitError(f"{error}; expected {self.expected(name, gamma)}") from error
-        if any(abs(x - y) > 1e-9 for x, y in zip(found, wanted, strict=True)):
+        if any(abs(x - y) > 1e-9 for x, y in zip(found, self.exponents(name, gamma), strict=True)):
             raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name, gamma)}')
-        value = quantity.value * factor
-        if not math.isfinite(value):
-            raise UnitError(f'"{text}" is not a finite number in code units')
-        return value
+        return factor
 
     def expected(self, name: str, gamma: float = 1.0) -> str:
         """What a value of the dimension `name` looks like, for messages."""
@@ -311,5 +336,5 @@ def seconds(text: str) -> float:
 
     quantity = parse_quantity(text)
     if not quantity.unit.is_equivalent(u.s):
-        raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected a wall-clock time, like "10 min"')
+        raise UnitError(f'"{clipped(text)}" is {_dimension_words(quantity)}; expected a wall-clock time, like "10 min"')
     return quantity.to_value(u.s)

@@ -8,17 +8,15 @@ interpolants divided by the sum of their weights. Forward Euler: its step is lim
 waves, by about (k h)^2 a t_stop. One-way drag takes its short steps within the kick, as dust must not limit the gas.
 """
 
-from math import ceil
-
 import numpy as np
 
 from discsim.drag.interpolation import fastest, follow
-from discsim.drag.pairs import pair_up
+from discsim.drag.pairs import pair_up, short_steps
 
 
 def relax(drag, state, dt, gas_vel, heat):
     found = pair_up(drag, state, whole=True)
-    steps = 1 if drag.two_way else max(1, ceil(dt * fastest(drag, state, found)))
+    steps = short_steps(drag, dt, 0.0 if drag.two_way else fastest(drag, state, found))
     for _ in range(steps):
         follow(drag, state, found, dt / steps, gas_vel, heat, implicit=False)
 

@@ -28,8 +28,9 @@ def share_losses(pos: Array, mass: Array, u: Array, width: float, heat: Array) -
         short = spare < 0.0
         need = np.bincount(index, np.where(short, -spare, 0.0))
         given = np.bincount(index, np.where(short, 0.0, spare))
-        left = np.where(need > given, 1.0 - given / np.maximum(need, 1e-300), 0.0)[index]
-        kept = np.where(given > need, 1.0 - need / np.maximum(given, 1e-300), 0.0)[index]
+        with np.errstate(over="ignore"):  # where the other one is taken
+            left = np.where(need > given, 1.0 - given / np.maximum(need, 1e-300), 0.0)[index]
+            kept = np.where(given > need, 1.0 - need / np.maximum(given, 1e-300), 0.0)[index]
         spare *= np.where(short, left, kept)
         cell //= 2
         if len(need) == 1 or spare.min() >= 0.0:

@@ -10,11 +10,9 @@ Momentum and angular momentum are exact. One-way drag takes its short steps with
 the gas.
 """
 
-from math import ceil
-
 import numpy as np
 
-from discsim.drag.pairs import exchange, fastest, note_times, pair_up
+from discsim.drag.pairs import exchange, fastest, note_times, pair_up, short_steps
 from discsim.kernels.pairs import push_explicitly
 from discsim.threads import share
 
@@ -22,7 +20,7 @@ from discsim.threads import share
 def relax(drag, state, dt, gas_vel, heat):
     gas, found = state.gas, pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
     note_times(drag, state.dust, found)
-    steps = 1 if drag.two_way else max(1, ceil(dt * fastest(drag, gas, found)))
+    steps = short_steps(drag, dt, 0.0 if drag.two_way else fastest(drag, gas, found))
     short = dt / steps
 
     def impulse(pairs, vel, gas_seen, pushed):

@@ -10,6 +10,7 @@ accelerations is the heat of the gas of the pair.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from discsim.threads import share
 
 Array = np.ndarray
 IN_A_CELL = 16.0  # dust particles that look for gas together
+MOST_STEPS = 20_000  # explicit ones within a kick
 
 
 class Pairs(NamedTuple):
@@ -152,6 +154,21 @@ def note_times(drag, dust, found: list[Pairs]) -> None:
         coupled = pairs.rate > 0.0
         drag.stopping_times[pairs.cloud.members[coupled]] = 1.0 / pairs.rate[coupled]
     drag.note_uncoupled(dust, lambda mass: mass[drag.stopping_times == np.inf].sum())
+
+
+def short_steps(drag, dt: float, rate: float) -> int:
+    """Explicit steps that a kick over dt needs at the largest rate of drag; two-way drag limits the run's instead.
+
+    Raises FloatingPointError where there would be no end of them.
+    """
+    if drag.two_way:
+        return 1
+    if dt * rate > MOST_STEPS:
+        raise FloatingPointError(
+            f'drag.scheme "{drag.drag.scheme}" would make {dt * rate:.2g} explicit steps of a stopping time in one; '
+            'expected a scheme without any, like "tsc", or a shorter run.timestep'
+        )
+    return max(1, ceil(dt * rate))
 
 
 def fastest(drag, gas, found: list[Pairs]) -> float:

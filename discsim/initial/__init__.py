@@ -31,49 +31,35 @@ def setup(scene: Scene):
 
 
 def make_state(scene: Scene, given: Given) -> State:
-    """A State from the arrays `given` by species. Raises ValueError where they do not fit the scene."""
-    for name in SPECIES:
-        if (getattr(scene, name) is None) != (name not in given):
-            have = "no particles were given" if name not in given else "the scene has no such table"
-            raise ValueError(f"[{name}]: {have}; expected both or neither")
+    """A State of its own from the arrays `given` by species. Raises ValueError where the scene's numbers make none."""
     gas = _make_gas(scene, given["gas"]) if "gas" in given else None
     dust = None
     if "dust" in given:
-        offset = gas.count if gas is not None else 0
-        species = np.asarray(given["dust"].get("species", np.zeros(len(given["dust"]["mass"]))), np.int64)
+        arrays = given["dust"]
+        species = np.array(arrays.get("species", np.zeros(len(arrays["mass"]))), np.int64)
         dust = Dust(
-            **_common(scene, "dust", given["dust"], offset),
-            species=np.ascontiguousarray(species),
-            immobile=given["dust"].get("immobile"),
+            **_common("dust", arrays, gas.count if gas is not None else 0),
+            species=species,
+            immobile=arrays.get("immobile"),
             density=np.zeros(len(species)) if scene.on_cells else None,
         )
-        if species.min(initial=0) < 0 or species.max(initial=0) >= len(scene.dust):
-            raise ValueError(f"dust species must be 0 to {len(scene.dust) - 1}, one a population of the scene")
     return State(scene, gas, dust, None)
 
 
-def _common(scene: Scene, name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
-    dim = scene.space.dimensions
-    mass = np.array(given["mass"], float)
-    if mass.ndim != 1 or len(mass) == 0:
-        raise ValueError(f"{name} mass has shape {mass.shape}; expected (n,) with n >= 1")
-    arrays = {"mass": mass}
-    for key in ("pos", "vel"):
-        arrays[key] = np.array(given[key], float, order="C")  # as kernels take them
-        if arrays[key].shape != (len(mass), dim):
-            raise ValueError(f"{name} {key} has shape {arrays[key].shape}; expected ({len(mass)}, {dim})")
-    if not all(np.isfinite(array).all() for array in arrays.values()) or mass.min() <= 0.0:
-        raise ValueError(f"{name} particles must be finite, with positive masses")
+def _common(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
+    arrays = {key: np.array(given[key], float, order="C") for key in ("pos", "vel", "mass")}  # as kernels take them
+    if not all(np.isfinite(array).all() for array in arrays.values()) or arrays["mass"].min() <= 0.0:
+        raise ValueError(f"the start makes {name} that is not finite, or has no mass; expected less extreme values")
     return arrays | {
-        "acc": np.zeros((len(mass), dim)),
-        "ids": np.arange(first_id, first_id + len(mass), dtype=np.int64),
+        "acc": np.zeros_like(arrays["pos"]),
+        "ids": np.arange(first_id, first_id + len(arrays["mass"]), dtype=np.int64),
     }
 
 
 def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
     from discsim.eos import initial_energy, radius
 
-    common = _common(scene, "gas", given, 0)
+    common = _common("gas", given, 0)
     n, dim = common["pos"].shape
     u = given.get("u")
     if scene.gas.eos.kind == "adiabatic":

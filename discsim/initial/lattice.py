@@ -66,11 +66,19 @@ def _species(pos: Array, mass: float) -> dict[str, Array]:
 def stretch(pos: Array, wavevector: Array, amplitude: float) -> Array:
     """Move points of a uniform lattice so that their density is 1 + A sin(k.x) (times what it was); returns k.x.
 
-    Along k the mass up to phase s is s - A cos(s): solved for s by Newton's method.
+    Along k the mass up to phase s is s - A cos(s): solved for s by Newton's method, and by bisection where |A| is so
+    near 1 that it strays.
     """
     start = pos @ wavevector
     phase = start.copy()
     for _ in range(30):
         phase -= (phase - amplitude * np.cos(phase) - start) / (1.0 + amplitude * np.sin(phase))
+    astray = np.abs(phase - amplitude * np.cos(phase) - start) > 1e-12 * np.maximum(1.0, np.abs(start))
+    low, high = start[astray] - abs(amplitude), start[astray] + abs(amplitude)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        above = middle - amplitude * np.cos(middle) > start[astray]
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    phase[astray] = low
     pos += np.outer(phase - start, wavevector / (wavevector @ wavevector))
     return phase

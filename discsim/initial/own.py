@@ -1,0 +1,194 @@
+"""Own particles, which take the place of [initial]: read into arrays of our own, in code units, or refused.
+
+Every fault is told with the name of the array, the shape that is wanted, and the first entry that is wrong.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim import tomltext
+from discsim.initial import SPECIES, Given
+from discsim.scene import SceneError, near
+from discsim.tables import shown
+from discsim.units import UnitError
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+NEEDED = ("pos", "vel", "mass")
+ARRAYS = {"gas": (*NEEDED, "u", "density", "immobile"), "dust": (*NEEDED, "species", "immobile")}
+MEASURE = {"pos": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
+POSITIVE = ("mass", "u", "density")
+LARGEST = 1e150  # its square is a number
+MASSES = 1e12  # of the heaviest gas particle over the lightest: beyond, sums forget the light ones and steps collapse
+
+
+class _Fault(Exception):
+    """What is wrong with one array."""
+
+
+def read(scene: Scene, particles: Any) -> Given:
+    """Arrays by species and name, checked; copies, but that positions are brought into a periodic box."""
+    if not isinstance(particles, Mapping):
+        raise SceneError([f"particles: {_brief(particles)} is not a dict; expected one of {_words(SPECIES)}"])
+    problems = [f"particles: {shown(name)} is unknown; expected {_words(SPECIES)}{near(str(name), SPECIES)}"
+                for name in particles if name not in SPECIES]  # fmt: skip
+    given: Given = {}
+    for name in SPECIES:
+        if (getattr(scene, name) is None) != (name not in particles):
+            have = "no particles were given" if name not in particles else "the scene has no such table"
+            problems.append(f"[{name}]: {have}; expected both or neither")
+        elif name in particles:
+            given[name], faults = _species(scene, name, particles[name])
+            problems += [f"particles: {name} {fault}" for fault in faults]
+    if problems:
+        raise SceneError(problems)
+    return given
+
+
+def counted(scene: Scene, given: Given) -> Scene:
+    """The scene with the numbers of particles that were given, whatever it said."""
+    values: list[tuple[list[str], int]] = []
+    update: dict[str, Any] = {}
+    if "gas" in given:
+        count = _movable(given["gas"])
+        values.append((["gas", "particles"], count))
+        update["gas"] = scene.gas.model_copy(update={"particles": count})
+    if "dust" in given:
+        counts = [_movable(given["dust"], number) for number in range(len(scene.dust))]
+        update["dust"] = tuple(p.model_copy(update={"particles": n}) for p, n in zip(scene.dust, counts, strict=True))
+        data = tomllib.loads(scene.text)
+        listed = isinstance(data["dust"], list)
+        values += [(["dust", *([str(k)] if listed else []), "particles"], n) for k, n in enumerate(counts)]
+    data = tomllib.loads(scene.text)
+    for path, value in values:
+        tomltext.with_value(data, path, value)
+    return scene.model_copy(update=update | {"text": tomltext.edited(scene.text, data, values, [])})
+
+
+def _movable(arrays: Mapping[str, Array], species: int | None = None) -> int:
+    """How many move, of one population or of all: boundary particles are not counted, as in a shock tube."""
+    chosen = np.ones(len(arrays["mass"]), bool) if species is None else arrays["species"] == species
+    return int(np.count_nonzero(chosen & ~arrays.get("immobile", np.zeros(len(chosen), bool))))
+
+
+def _species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array], list[str]]:
+    if not isinstance(given, Mapping):
+        return {}, [f"{_brief(given)} is not a dict of arrays; expected {_words(NEEDED)}"]
+    given = {key: values for key, values in given.items() if values is not None}
+    known = ARRAYS[name]
+    faults = [f"has an unknown array {shown(key)}; expected {_words(known)}{near(str(key), known)}"
+              for key in given if key not in known]  # fmt: skip
+    faults += [f"{key} is missing{why}" for key, why in _missing(scene, name, given)]
+    if "u" in given and name == "gas" and scene.gas.eos.kind != "adiabatic":
+        faults.append(f'u is given, but the gas is "{scene.gas.eos.kind}", which holds no heat; expected no such array')
+    arrays: dict[str, Array] = {}
+    count = None
+    for key in known:
+        if key not in given:
+            continue
+        try:
+            arrays[key] = _array(scene, name, key, given[key], count)
+        except _Fault as fault:
+            faults.append(f"{key}{fault}")
+            continue
+        count = len(arrays[key]) if count is None else count
+    return arrays, faults or list(_together(scene, name, arrays))
+
+
+def _missing(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key in NEEDED:
+        if key not in given:
+            yield key, f"; expected {_words(NEEDED)}"
+    if name == "dust" and len(scene.dust) > 1 and "species" not in given:
+        yield "species", f"; expected the number of each particle's population, 0 to {len(scene.dust) - 1}"
+    eos: Any = scene.gas.eos if scene.gas else None
+    if name == "gas" and eos.kind == "adiabatic" and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):
+        yield "u", "; expected energies, or gas.eos.sound_speed or gas.eos.aspect_ratio in the scene"
+
+
+def _array(scene: Scene, name: str, key: str, values: Any, count: int | None) -> Array:
+    """One array, in code units; `count` is that of the particles where it is known. Raises _Fault."""
+    array = _numbers(scene, key, values)
+    dim = scene.space.dimensions
+    n = "n" if count is None else str(count)
+    wanted = f"({n}, {dim})" if key in ("pos", "vel") else f"({n},)"
+    if key == "density" and array.shape == ():
+        array = np.full(count or 0, float(array))
+    ends = (dim,) if key in ("pos", "vel") else ()
+    if array.ndim < 1 or array.shape[1:] != ends or len(array) == 0 or (count is not None and len(array) != count):
+        raise _Fault(f" has shape {array.shape}; expected {wanted}")
+    if key == "immobile":
+        return _checked(array, (array == 0) | (array == 1), "true or false").astype(bool)
+    if key == "species":
+        last = len(scene.dust) - 1
+        right = (array >= 0) & (array <= last) & (array == np.floor(array))
+        return _checked(array, right, f"a population of the scene, 0 to {last}").astype(np.int64)
+    _checked(array, np.isfinite(array), "a finite number")
+    if key in POSITIVE:
+        _checked(array, array > 0.0, "a positive number")
+    _checked(array, np.abs(array) < LARGEST, f"less than {LARGEST:g} code units")
+    if key == "pos" and scene.space.boundary == "periodic":
+        size = np.array(scene.space.size)
+        array %= size
+        array[array >= size] = 0.0  # a tiny negative place rounds up to the edge
+    return array
+
+
+def _numbers(scene: Scene, key: str, values: Any) -> Array:
+    """A copy as kernels take it, of floats in code units."""
+    # In 1D a mass is a column: mass over area.
+    measure = MEASURE.get(key, "mass" if scene.space.dimensions == 2 else "surface_density")
+    plain = key in ("species", "immobile")
+    try:
+        if hasattr(values, "unit") and not plain:
+            values = scene.units.in_code(values, measure)
+        array = np.asarray(values)
+        if array.dtype.kind not in "biuf" or (array.dtype.kind == "b" and not plain):
+            raise TypeError
+        return np.array(array, float, order="C")
+    except UnitError as error:
+        raise _Fault(f": {error}") from None
+    except (TypeError, ValueError):
+        raise _Fault(f": {_brief(values)} cannot be read as an array of numbers") from None
+
+
+def _checked(array: Array, right: Array, words: str) -> Array:
+    if right.all():
+        return array
+    index = tuple(int(i) for i in np.argwhere(~right)[0])
+    place = ", ".join(str(i) for i in index)
+    raise _Fault(f"[{place}] is {array[index]:g}; expected {words}")
+
+
+def _together(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str]:
+    """What only all arrays of a species show."""
+    if name == "gas":
+        mass = arrays["mass"]
+        if mass.max() > MASSES * mass.min():
+            heavy, light = int(mass.argmax()), int(mass.argmin())
+            yield (
+                f"mass[{heavy}] is {mass[heavy] / mass[light]:.3g} times mass[{light}]; expected {MASSES:g} times at "
+                "most, as SPH sums them"
+            )
+        if _movable(arrays) == 0:
+            yield "immobile is true of all; expected some that move"
+        return
+    arrays.setdefault("species", np.zeros(len(arrays["mass"]), np.int64))
+    for number in range(len(scene.dust)):
+        if _movable(arrays, number) == 0:
+            yield f"species has no {number} that moves; expected some of each population, 0 to {len(scene.dust) - 1}"
+
+
+def _words(names: tuple[str, ...]) -> str:
+    return ", ".join(f'"{name}"' for name in names)
+
+
+def _brief(value: Any) -> str:
+    return f"a {type(value).__name__}"

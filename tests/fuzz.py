@@ -1,0 +1,318 @@
+"""Random scenes of all tables, and what becomes of one: it runs, or it is refused, or the physics stops it.
+
+Keys and words are those of `discsim.tables`: new ones take part by themselves. What does not go together is left
+out as the scene's own messages say, so that most scenes run. Look at one with
+
+    python tests/fuzz.py SEED
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from discsim import SceneError, Simulation, read_snapshot, runner, tables
+from discsim.check import report
+from discsim.history import history_row
+from discsim.rules import EOS_OF
+from discsim.scene import load_scene
+from discsim.simulation import PhysicsError
+from discsim.snapshot import write_snapshot
+
+PATIENCE = 20  # seconds
+COMPILING = 180  # the second time, where kernels had to compile in the first
+STEPS = 3
+STARTS = {model.model_fields["kind"].default: model for model in tables.models_in(tables.TABLES["initial"])}
+GASES = {m.model_fields["kind"].default: m for m in tables.models_in(tables.Gas.model_fields["eos"].annotation)}
+SCHEMES = tables.choices_in(tables.Drag.model_fields["scheme"].annotation)
+LAWS = tables.choices_in(tables.Drag.model_fields["law"].annotation)
+KERNELS = tables.choices_in(tables.Gas.model_fields["kernel"].annotation)
+LINES, PLANES = ("shock", "settling"), ("disc", "blast", "vortex")  # starts of one dimension, and of two
+OPEN = ("disc", "shock", "settling", "blast")
+EXTREME = (
+    0, 1, -1, 0.5, 3, 1e-3, 1e3, 1e-12, 1e12, 1e-59, 1e59, 1e-300, 1e300, -1e9, float("nan"), float("inf"), 10**400, "",
+    "1 au", "no", "nan", True, [], [1], [1, 2], [1, 2, 3], [1e9, -1e9], {}, {"kind": "disc"}, None,
+)  # fmt: skip
+# Sizes that go with each other, where a key has another than about 1.
+SIZES = {
+    "particles": (20, 150), "cells": (6, 40), "seed": (0, 9), "threads": (1, 2), "snapshots": (1, 5),
+    "wavenumber": (1, 3), "inner": (0.5, 0.9), "outer": (1.5, 2.0), "inner_taper": (0.01, 0.3),
+    "outer_taper": (0.01, 0.3), "mass": (1e-4, 1.0), "toomre_q": (0.5, 3.0), "surface_density": (1e-4, 1e-1),
+    "aspect_ratio": (0.02, 0.2), "sound_speed": (0.05, 1.0), "perturbation": (0.0, 0.19), "amplitude": (-0.99, 0.99),
+    "radius": (0.05, 0.2), "gamma": (1.05, 3.0), "eta": (1.0, 3.0), "smoothing_length": (0.02, 0.2),
+    "softening": (0.01, 0.2), "thickness": (0.02, 0.2), "accretion_radius": (0.0, 0.6), "t_stop": (1e-5, 10.0),
+    "K": (1e-2, 1e3), "stokes": (1e-4, 1e3), "ratio": (1e-4, 2.0), "courant": (0.05, 0.6), "timestep": (1e-4, 0.1),
+    "cell": (0.5, 4.0), "cell_length": (0.02, 0.5), "temperature_index": (-0.5, 1.0), "vertical_extent": (0.5, 2.0),
+    "vertical_frequency": (0.0, 2.0), "until": (0.1, 2.0), "every": (0.01, 0.5), "grain_size": (1e-6, 1e2),
+}  # fmt: skip
+SKIPPED = ("kind", "checkpoint_every", "walltime")  # the start's kind is chosen first; of the others a run alone sees
+
+
+class Stuck(Exception):
+    """A scene that does not end."""
+
+
+def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tuple[str, ...] = tuple(KERNELS)) -> dict:
+    """A scene: one that hangs together, some of its other keys set, at times one of them or a table put wrong."""
+    rng = np.random.default_rng([seed, 7])
+
+    def pick(choices: Any, among: Callable[[Any], bool] = lambda choice: True) -> Any:
+        left = [choice for choice in choices if among(choice)]
+        return left[rng.integers(len(left))]
+
+    def chance(share: float) -> bool:
+        return bool(rng.random() < share)
+
+    # Schemes and kernels change slowly with the seed: most of the time goes into compiling them.
+    scheme = schemes[seed // 20 % len(schemes)]
+    on_cells = scheme in tables.ON_CELLS
+    kind = pick(("box", "wave", "shock")) if on_cells else pick(STARTS)
+    dimensions = 1 if on_cells or kind in LINES else 2 if kind in PLANES else pick((1, 2))
+    given_disc = kind == "disc" and chance(0.2)
+    scene: dict[str, Any] = {
+        "units": {"system": "code"}, "run": _filled(rng, tables.Run, 0.1, ("until",)),
+        "space": {"dimensions": dimensions, "size": {"disc": 5.0, "settling": 2.0}.get(kind, 1.0)},
+        "initial": {"kind": kind} | _filled(rng, STARTS[kind], 0.2),
+    }  # fmt: skip
+    if kind not in OPEN or (kind == "blast" and chance(0.5)):
+        scene["space"]["boundary"] = "periodic"
+    if kind == "disc":
+        for key in ("mass", "toomre_q", "surface_density"):
+            scene["initial"].pop(key, None)
+        scene["initial"] |= _filled(rng, STARTS[kind], 1.0, (pick(("mass", "toomre_q", "surface_density")),), only=True)
+        if chance(0.9):
+            scene["star"] = _filled(rng, tables.Star, 0.4)
+    if kind == "settling" or chance(0.15):
+        scene["external"] = _filled(rng, tables.External, 0.5, ("vertical_frequency",))
+    if not given_disc and chance(0.93):
+        kinds = EOS_OF.get(kind, tuple(GASES))
+        eos = pick(kinds, lambda name: "star" in scene or name != "locally-isothermal")
+        scene["gas"] = _filled(rng, tables.Gas, 0.1) | {"eos": _gas_of(rng, eos, "star" in scene)}
+        if not on_cells:
+            scene["gas"]["kernel"] = kernels[seed // 60 % len(kernels)]
+        for key in ("viscosity", "conductivity"):
+            scene["gas"].pop(key, None)
+            if not on_cells and chance(0.4) and (key == "viscosity" or eos == "adiabatic"):
+                scene["gas"][key] = _filled(rng, getattr(tables, key.capitalize()), 0.3)
+    if given_disc:
+        scene["background"] = _filled(rng, tables.Background, 0.3) | {"eos": _gas_of(rng, "locally-isothermal", True)}
+    if given_disc or on_cells or "gas" not in scene or chance(0.7):
+        dust = [_filled(rng, tables.Dust, 0.1) for _ in range(1 if on_cells else rng.integers(1, 4))]
+        scene["dust"] = dust[0] if len(dust) == 1 else dust
+        if on_cells and "gas" in scene:
+            scene["dust"]["particles"] = scene["gas"]["particles"]
+        if given_disc or ("gas" in scene and chance(0.9)):
+            scene["drag"] = _drag(rng, scene, scheme, pick(LAWS), given_disc)
+    if not on_cells and chance(0.25):
+        kernel = pick(("plummer", "thin-disc"))
+        length = {"plummer": "softening", "thin-disc": "thickness"}[kernel]
+        scene["self_gravity"] = _filled(rng, tables.SelfGravity, 0.2, (length,)) | {"kernel": kernel}
+    scene["space"] |= _filled(rng, tables.Space, 0.0, ("cells",) if chance(0.3) and not on_cells else (), only=True)
+    _mend(scene)
+    if chance(0.3):
+        _stretch(rng, scene)
+    if chance(0.2):
+        _spoil(rng, scene)
+    return scene
+
+
+def _mend(scene: dict) -> None:
+    """Leave out what the scene's messages name, where it can be."""
+    for _ in range(8):
+        try:
+            load_scene(scene)
+        except SceneError as error:
+            for problem in error.problems:
+                name = problem.removeprefix("scene: ").partition(": ")[0]
+                *way, key = name.split(".")
+                table: Any = scene
+                for part in way:
+                    table = table[int(part)] if isinstance(table, list) else table.get(part, {})
+                if isinstance(table, dict) and key != "kind":
+                    table.pop(key, None)
+        else:
+            return
+
+
+def _gas_of(rng: Any, kind: str, star: bool) -> dict:
+    eos = {"kind": kind} | _filled(rng, GASES[kind], 0.2)
+    if kind == "adiabatic":
+        for key in ("sound_speed", "aspect_ratio"):
+            eos.pop(key, None)
+        key = "aspect_ratio" if star and rng.random() < 0.5 else "sound_speed"
+        eos |= _filled(rng, GASES[kind], 1.0, (key,), only=True)
+    return eos
+
+
+def _drag(rng: Any, scene: dict, scheme: str, law: str, given_disc: bool) -> dict:
+    in_2d = scene["space"]["dimensions"] == 2
+    if "star" not in scene and (law.startswith("stokes") or (law.startswith("epstein") and in_2d)):
+        law = "stopping-time"
+    needed = ("K", "t_stop", "stokes", "mean_free_column")  # the law has one of them at most
+    drag = {"law": law} | _filled(rng, tables.Drag, 1.0, needed, only=True)
+    if law.startswith("epstein"):
+        for dust in scene["dust"] if isinstance(scene["dust"], list) else [scene["dust"]]:
+            dust |= _filled(rng, tables.Dust, 1.0, ("grain_size", "grain_density"), only=True)
+    drag |= {"direction": "one-way"} if given_disc or rng.random() < 0.25 else {}
+    return (
+        drag if given_disc else drag | {"scheme": scheme} | _filled(rng, tables.Drag, 0.07, (), OF_SCHEMES, only=True)
+    )
+
+
+OF_SCHEMES = ("supersonic", "convention", "cell", "cell_length", "heating", "integration", "kernel")
+
+
+def _filled(
+    rng: Any, model: Any, share: float, wanted: tuple[str, ...] = (), others: tuple[str, ...] = (), only: bool = False
+) -> dict[str, Any]:
+    """Values of what a table must have and of `wanted`, and of a share of its other keys; with `only` of `others`."""
+    out = {}
+    for key, field in model.model_fields.items():
+        must = key in wanted or (field.is_required() and not only)
+        may = key in others if only else key not in SKIPPED
+        if must or (may and rng.random() < share):
+            value = _value(rng, key, field)
+            if value is not None and not isinstance(value, dict):
+                out[key] = value
+    return out
+
+
+def _value(rng: Any, key: str, field: Any) -> Any:
+    """A value that a key may well have: a word, true or false, a whole number or one of its usual size."""
+    words = tables.choices_in(field.annotation)
+    if words:
+        word = words[rng.integers(len(words))]
+        return [word] if "tuple" in str(field.annotation) else word
+    if tables.models_in(field.annotation):
+        return None
+    if "bool" in str(field.annotation):
+        return bool(rng.random() < 0.5)
+    low, high = SIZES.get(key, (0.3, 3.0))
+    if isinstance(low, int) and isinstance(high, int):
+        return int(rng.integers(low, high + 1))
+    # Evenly in the logarithm where a range is wide.
+    return float(low * (high / low) ** rng.random()) if low > 0 else float(rng.uniform(low, high))
+
+
+def _stretch(rng: Any, scene: dict) -> None:
+    """Make one or two of its numbers larger or smaller by many powers of ten."""
+    found = list(_numbers(scene))
+    for _ in range(rng.integers(1, 3)):
+        table, key = found[rng.integers(len(found))]
+        table[key] *= 10.0 ** float(rng.choice([-30, -9, -4, -2, 2, 4, 9, 30]))
+
+
+def _numbers(table: Any) -> Iterator[tuple[Any, Any]]:
+    """Every number with a fraction, with the table or list that holds it."""
+    for key, value in table.items() if isinstance(table, dict) else enumerate(table):
+        if isinstance(value, dict | list):
+            yield from _numbers(value)
+        elif isinstance(value, float):
+            yield table, key
+
+
+def _spoil(rng: Any, scene: dict) -> None:
+    """Give one or two keys an extreme value or one of a wrong kind, or leave out a table, or put one in."""
+    for _ in range(rng.integers(1, 3)):
+        if rng.random() < 0.15:
+            scene.pop(list(scene)[rng.integers(len(scene))], None)
+            continue
+        name = list(tables.TABLES)[rng.integers(len(tables.TABLES))]
+        table = scene.get(name)
+        table = table[0] if isinstance(table, list) else table
+        models = tables.models_in(tables.TABLES[name])
+        if isinstance(table, dict) and isinstance(table.get("eos"), dict) and rng.random() < 0.4:
+            table, models = table["eos"], list(GASES.values())
+        keys = sorted({key for model in models for key in model.model_fields})
+        if isinstance(table, dict) and table and rng.random() < 0.7:
+            keys = list(table)
+        value = EXTREME[rng.integers(len(EXTREME))]
+        if isinstance(table, dict):
+            table[keys[rng.integers(len(keys))]] = value
+        elif rng.random() < 0.2:
+            scene[name] = _filled(rng, models[rng.integers(len(models))], 0.3)
+
+
+@contextmanager
+def no_longer_than(seconds: int) -> Iterator[None]:
+    def stop(number: int, frame: Any) -> None:
+        raise Stuck(f"no end after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def outcome(scene: dict) -> str:
+    """How a scene ends: "ran", "SceneError" or "PhysicsError". Anything else is raised, Stuck among it."""
+    for patience in (PATIENCE, COMPILING):
+        try:
+            with no_longer_than(patience):
+                return _outcome(scene)
+        except Stuck:
+            if patience == COMPILING:
+                raise
+    raise AssertionError
+
+
+def _outcome(scene: dict) -> str:
+    try:
+        loaded = load_scene(scene)
+        text = report(loaded)
+        assert "forecast" in text
+        sim = Simulation(loaded)
+        for _ in range(STEPS):
+            sim.step(most=loaded.run.until)  # without gas or a star nothing else may limit it
+        row = _left(sim)
+    except SceneError as error:
+        assert error.problems
+        for problem in error.problems:
+            assert 10 < len(problem) < 700 and "\n" not in problem, problem
+        return "SceneError"
+    except PhysicsError as error:
+        assert str(error)
+        return "PhysicsError"
+    assert all(np.isfinite(entry) for entry in row if not isinstance(entry, str)), row
+    return "ran"
+
+
+def _left(sim: Simulation) -> list[object]:
+    """The row of its history, once a snapshot is written and a checkpoint goes on with the same bits."""
+    with sim.synchronised() as state, tempfile.TemporaryDirectory() as directory:
+        snapshot, checkpoint = Path(directory) / "0000.h5", Path(directory) / "checkpoint.h5"
+        extra = {"dust": runner._stopping(state, sim.effects["drag"])} if "drag" in sim.effects else {}
+        write_snapshot(snapshot, sim.scene, state.time, state.gas, state.dust, extra)
+        assert read_snapshot(snapshot).time == state.time
+        sim.save(checkpoint)
+        other = Simulation(sim.scene)
+        other.restore(checkpoint)
+        row = history_row(state, sim.effects, 0.0, "")
+    ends = []
+    for one in (sim, other):
+        try:
+            one.step(most=sim.scene.run.until)
+        except PhysicsError as error:
+            ends.append(str(error))
+        else:
+            ends.append({k: a.tobytes() for p in one.state.species.values() for k, a in p.arrays().items()})
+    assert ends[0] == ends[1]
+    return row
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("error")
+    for given in sys.argv[1:]:
+        print(scene_of(int(given)))
+        print(outcome(scene_of(int(given))))
