@@ -109,13 +109,13 @@ def responses(x):
     """exp(-x), and the means over s in [0, x] of exp(-s), and of exp(s - x) times (1 - exp(-s))/x,
     2 exp(-s) (1 - exp(-s))/x and (1 - exp(-s))^2 / x^2.
     """
-    e = math.exp(-x)
     if x < SERIES:
         first = 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
+        e = 1.0 - x * first
         second = 0.5 - x * (1.0 / 3.0 - x * (0.125 - x * (1.0 / 30.0 - x / 144.0)))
         return e, first, second, e * (1.0 - x * (1.0 / 3.0 - x * (1.0 / 12.0 - x / 60.0))), (1.0 - x) / 3.0
     one = -math.expm1(-x)
-    x2 = x * x
+    e, x2 = 1.0 - one, x * x
     return e, one / x, (one - x * e) / x2, 2.0 * e * (x - one) / x2, (one - 2.0 * x * e + e * one) / (x2 * x)
 
 
