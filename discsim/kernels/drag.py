@@ -21,11 +21,10 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.frame import sense_at
+from discsim.kernels.frame import kepler, sense_at
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
-from discsim.kernels.star import kepler
 
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
 # callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.

@@ -1,4 +1,4 @@
-"""The sense of the circles that velocities in drag cells are relative to: eq. (1) of `drag/frame.py`."""
+"""Circles about the star, which velocities in drag cells are relative to: eq. (1) of `drag/frame.py`."""
 
 import math
 from typing import NamedTuple
@@ -15,6 +15,13 @@ class Frame(NamedTuple):
     low: float
     per_ring: float
     sense: np.ndarray
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def kepler(r2, star, softening):
+    """Omega about a softened star at squared radius r2."""
+    d2 = r2 + softening * softening
+    return math.sqrt(star / (d2 * math.sqrt(d2)))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

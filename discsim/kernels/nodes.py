@@ -31,11 +31,10 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.drag import solve_slope
-from discsim.kernels.frame import sense_at
+from discsim.kernels.frame import kepler, sense_at
 from discsim.kernels.laws import EPSTEIN, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
-from discsim.kernels.star import kepler
 
 # A packed particle: mass, place from the middle of its cell in sides (2), velocity (2), source (2), and what the law
 # of the drag needs of the gas; unused axes are 0. A species at a node: sums of w m times 1, each of these, and x^2.

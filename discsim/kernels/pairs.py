@@ -12,11 +12,11 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.frame import kepler
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.relax import response
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
-from discsim.kernels.star import kepler
 
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta^2) finite

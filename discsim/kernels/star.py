@@ -1,4 +1,4 @@
-"""Attraction of a softened point mass at the origin, and circles about it."""
+"""Attraction of a softened point mass at the origin."""
 
 import math
 
@@ -6,13 +6,6 @@ import numpy as np
 from numba import njit
 
 ONE, TWO = np.uint64(1), np.uint64(2)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def kepler(r2, star, softening):
-    """Omega about a softened star at squared radius r2."""
-    d2 = r2 + softening * softening
-    return math.sqrt(star / (d2 * math.sqrt(d2)))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
