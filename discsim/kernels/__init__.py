@@ -18,5 +18,6 @@ features = get_host_cpu_features()
 if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
     config.CPU_FEATURES = features + ",-prefer-256-bit"  # type: ignore[attr-defined]
 
-cache.follow(Path(__file__).parent, f"{get_host_cpu_name()} {config.CPU_FEATURES or features}")  # type: ignore[attr-defined]
+target = (config.CPU_NAME or get_host_cpu_name(), config.CPU_FEATURES or features)  # type: ignore[attr-defined]
+cache.follow(Path(__file__).parent, repr(target))
 cache.ensure(lambda: None)  # of this directory, as the kernels are
