@@ -1,19 +1,36 @@
-"""Where numba keeps compiled kernels, where neither the sources nor the user's home can be written (as in containers).
+"""Where numba keeps compiled kernels.
 
-numba's own places come first: NUMBA_CACHE_DIR, beside the sources, the user's cache directory. Without any of them it
-refuses to load a kernel.
+numba's own places come first: NUMBA_CACHE_DIR, beside the sources, the user's cache directory. Without any of them (as
+in containers, where neither the sources nor the user's home can be written) it refuses to load a kernel.
+
+Within its place, kernels are kept in a directory named after a hash of all that they are made from. numba itself only
+looks at the file of a function, and would go on with old machine code where a function that it calls has changed in
+another.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
+import shutil
 import stat
+import sys
 import tempfile
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any, ClassVar
 
-from numba import config
-from numba.core.caching import CompileResultCacheImpl
+import llvmlite
+import numba
+import numpy
+from numba.core.caching import CompileResultCacheImpl, InTreeCacheLocator
+
+config: Any = numba.config
+LOCATORS: list[Any] = list(CompileResultCacheImpl._locator_classes)  # of numba, by what comes first
+
+KEPT, KEPT_FOR = 8, 86400.0  # directories of other sources: the last ones used, and all used within a day (s)
 
 place = ""  # where they are
 temporary = False  # whether that stands in for numba's own
@@ -21,6 +38,67 @@ temporary = False  # whether that stands in for numba's own
 
 class CacheError(Exception):
     """No directory for compiled kernels can be written."""
+
+
+class Locator(InTreeCacheLocator):
+    """Of functions of the files in `sources`: the directory `name` within the place that numba finds for them."""
+
+    sources, name = "", ""
+    found: ClassVar[dict[str, str]] = {}  # by NUMBA_CACHE_DIR
+
+    @classmethod
+    def from_function(cls, py_func, py_file):
+        if os.path.dirname(os.path.abspath(py_file)) != cls.sources:
+            return None
+        if config.CACHE_DIR not in cls.found:
+            path = cls._directory(py_func, py_file)
+            if not path:
+                return None
+            cls.found[config.CACHE_DIR] = path
+        return cls(py_func, py_file)
+
+    @classmethod
+    def _directory(cls, py_func, py_file) -> str:
+        for other in LOCATORS:
+            locator = other.from_function(py_func, py_file)
+            if locator is not None:
+                path = Path(locator.get_cache_path()) / cls.name
+                new = not path.is_dir()
+                try:
+                    path.mkdir(exist_ok=True)
+                except OSError:
+                    continue
+                with suppress(OSError):
+                    os.utime(path)  # used now
+                if new:
+                    sweep(path)
+                return str(path)
+        return ""
+
+    def get_cache_path(self) -> str:
+        return self.found[config.CACHE_DIR]
+
+
+def follow(sources: Path, target: str) -> None:
+    """Let kernels in the files of a directory, compiled for processors like `target`, be kept by what they are."""
+    made = hashlib.sha256(repr((sys.version, numba.__version__, llvmlite.__version__, numpy.__version__)).encode())
+    made.update(target.encode())
+    for file in sorted(sources.glob("*.py")):
+        content = file.read_bytes()
+        made.update(f"{file.name} {len(content)} ".encode() + content)
+    Locator.sources, Locator.name = os.path.abspath(sources), f"kernels-{made.hexdigest()[:20]}"
+    CompileResultCacheImpl._locator_classes = [Locator, *LOCATORS]
+
+
+def sweep(path: Path) -> None:
+    """Remove what was compiled from other sources, but for `KEPT` and what a run may still add to."""
+    used = []
+    for other in path.parent.glob("kernels-*"):
+        with suppress(OSError):  # another process sweeps too
+            used.append((other.stat().st_mtime, other))
+    for when, other in sorted(used, reverse=True)[KEPT + 1 :]:
+        if other != path and when < time.time() - KEPT_FOR:
+            shutil.rmtree(other, ignore_errors=True)
 
 
 def ensure(kernel: Callable) -> None:
@@ -35,7 +113,7 @@ def ensure(kernel: Callable) -> None:
         wanted = "set NUMBA_CACHE_DIR to a directory that can be written"
         raise CacheError(f"there is no place for compiled kernels: {wanted}") from None
     os.environ["NUMBA_CACHE_DIR"] = place  # for the processes that this one starts
-    config.CACHE_DIR = place  # type: ignore[attr-defined]
+    config.CACHE_DIR = place
 
 
 def _found(kernel: Callable) -> str:

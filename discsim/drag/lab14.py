@@ -8,15 +8,29 @@ with the number d of dimensions; the gas of a pair gets exactly the opposite. Lo
 (arXiv:1406.3250) have b = 0 after a kick; with b inside, as in their second paper (2015, arXiv:1509.08374), the slip
 is right at steps beyond t_stop. Momentum and angular momentum are exact, at any step. It damps waves, by about
 (k h)^2 a step. `drag.kernel = "double-hump"` gives distant pairs more weight.
+
+Where dust is much sparser than gas, all that a dust particle gives would throw the gas particles near it beyond its own
+velocity, so the impulses of a pair are scaled down together, by
+
+2 / max(2, e_j, e_a),   e_i = max over the pairs (j, a) of i of l_j + l_a                                        (1)
+
+with the largest eigenvalue l_i of sum c r^ r^T / m_i over the pairs of i, whose slip y loses c y to each other. As
+|sum c y r^|^2 <= m_i l_i sum c y^2 for both particles of each pair, the energy of motion then changes by
+
+dE = -sum c y^2 + sum_i |sum c y r^|^2 / (2 m_i) <= 0.
+
+Where gas and dust have similar numbers l_j + l_a is about 1 - exp(-dt/t), and nothing is scaled. Where it is, gas and
+dust are held together less than they should be.
 """
 
 import numpy as np
 
 from discsim.drag.pairs import exchange, note_times, pair_up
-from discsim.kernels.pairs import push_by_relaxing
+from discsim.kernels import pairs as kernels
 from discsim.threads import share
 
 FLAT = np.empty((0, 0, 0))
+IN_TURN = np.empty(0, np.uint32)  # the order of the pairs by dust particle
 
 
 def relax(drag, state, dt, gas_vel, heat):
@@ -32,10 +46,26 @@ def relax_each_pair(drag, state, dt, gas_vel, heat, slopes):
     def impulse(pairs, vel, gas_seen, pushed):
         cloud = pairs.cloud
         slope, gas_slope = slopes(cloud.sph, cloud, vel), slopes(cloud.sph, gas, gas_seen)
+        pull = np.empty(len(pushed))
         share(
-            push_by_relaxing, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.density,
-            cloud.density, cloud.mass, vel, cloud.own, slope, gas_seen, state.own_acc["gas"], gas_slope, drag.two_way,
-            dt, drag.exponential, pushed,
+            kernels.push_by_relaxing, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time,
+            gas.density, cloud.density, cloud.mass, vel, cloud.own, slope, gas_seen, state.own_acc["gas"], gas_slope,
+            drag.two_way, dt, drag.exponential, pull, pushed,
         )  # fmt: skip
+        if drag.two_way:
+            hold_back(pairs, gas, pull, pushed)
 
     exchange(drag, state, found, dt, gas_vel, heat, impulse, at_once=False)
+
+
+def hold_back(pairs, gas, pull, pushed):
+    """Scale the impulses of pairs, eq. (1); `pull` (pairs,) is their c."""
+    cloud = pairs.cloud
+    one, other = np.empty(cloud.count), np.empty(gas.count)
+    both, gas_both = np.empty(cloud.count), np.empty(gas.count)
+    of_dust, of_gas = (cloud.count, pairs.start, IN_TURN), (gas.count, pairs.begin, pairs.by_gas)
+    share(kernels.shares, *of_dust, pairs.offset, pull, cloud.mass, one)
+    share(kernels.shares, *of_gas, pairs.offset, pull, gas.mass, other)
+    share(kernels.most_shares, *of_dust, pairs.gas, one, other, both)
+    share(kernels.most_shares, *of_gas, pairs.dust, other, one, gas_both)
+    share(kernels.hold_back, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)

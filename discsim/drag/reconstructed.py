@@ -5,7 +5,8 @@ y = (u_j - v_a) . r^ - r L(r^.G_j.r^, r^.G_a.r^)      in place of lab14's slip a
 with the slopes G of each species' own velocity (`kernels/slopes.py`) and L the monotonised central limiter of van Leer:
 0 for slopes of opposite signs, otherwise the smallest of |a + b| / 2, 2 |a| and 2 |b| with their sign. Price & Laibe
 2020 (arXiv:2005.06562). As both slopes are limited to one, each point between the two gives the same. What lab14 damps,
-differences of velocity along r, stays. Momentum and angular momentum are exact, at any step.
+differences of velocity along r, stays. Momentum and angular momentum are exact, at any step. Sparse dust is held back
+as in lab14, whose bound on the energy is one for slips that are alike at both places.
 """
 
 import numpy as np

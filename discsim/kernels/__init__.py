@@ -6,6 +6,9 @@ chains of instructions rather than for their number, and take a seventh less tim
 that of the process, before anything is compiled; NUMBA_CPU_FEATURES in the environment comes first.
 """
 
+from pathlib import Path
+
+from llvmlite.binding import get_host_cpu_name
 from numba import config
 from numba.core.codegen import get_host_cpu_features
 
@@ -15,4 +18,6 @@ features = get_host_cpu_features()
 if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
     config.CPU_FEATURES = features + ",-prefer-256-bit"  # type: ignore[attr-defined]
 
+target = (config.CPU_NAME or get_host_cpu_name(), config.CPU_FEATURES or features)  # type: ignore[attr-defined]
+cache.follow(Path(__file__).parent, repr(target))
 cache.ensure(lambda: None)  # of this directory, as the kernels are

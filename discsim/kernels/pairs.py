@@ -18,7 +18,6 @@ from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.relax import response
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
 
-FAST = {"reassoc", "contract", "arcp", "nsz"}
 CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta^2) finite
 
 
@@ -74,7 +73,8 @@ def weight_driver(kernel: int, dim: int, hump: bool):
     sigma = NORM[dim - 1][kernel] * (hump_norm(kernel, dim) if hump else 1.0)
     support = SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
+    # No fastmath: where a piece ends decides which pairs are computed in vectors, and those may be rounded differently.
+    @njit(nogil=True, cache=True, error_model="numpy")
     def weigh(first, last, gas, offset, h, weight):
         for k in range(first, last):
             inv_h = 1.0 / h[gas[k]]
@@ -167,9 +167,10 @@ def limited(a, b):
 @njit(nogil=True, cache=True, error_model="numpy")
 def push_by_relaxing(
     first, last, start, gas, offset, part, time, rho, density, mass, vel, own, slope, gvel, gown, gslope, two_way, dt,
-    exponential, impulse,
+    exponential, pull, impulse,
 ):  # fmt: skip
-    """Impulse of each pair on its dust particle over dt, whose slip relaxes by itself (`drag/lab14.py`).
+    """Impulse of each pair on its dust particle over dt, whose slip relaxes by itself (`drag/lab14.py`), and its
+    `pull`, that of a slip of one along the line of sight.
 
     `slope` (n, d, d) of both species, d v_c / d x_a at [a, c], takes the slip to a common point, as in
     `drag/reconstructed.py`; no entries: it is that of the two places. `own` may have no entries, for none.
@@ -187,6 +188,7 @@ def push_by_relaxing(
                 r2 += offset[k, i] * offset[k, i]
                 y += (vel[j, i] - gvel[a, i]) * offset[k, i]
                 b += ((own[j, i] if len(own) > 0 else 0.0) - gown[a, i]) * offset[k, i]
+            pull[k] = -factor * f * (1.0 if r2 == 0.0 else dim)
             if r2 == 0.0:  # no line of sight: the mean over all of them
                 for i in range(dim):
                     source = (own[j, i] if len(own) > 0 else 0.0) - gown[a, i]
@@ -201,6 +203,49 @@ def push_by_relaxing(
                 y -= limited(s, gs)
             for i in range(dim):
                 impulse[k, i] = factor * dim * (f * y + g * b) / r2 * offset[k, i]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def shares(first, last, begin, order, offset, pull, mass, share):
+    """Largest share of its slip that a particle's pairs take from it, if all are of one slip: that of the direction
+    in which they take most. Pairs of particle i are order[begin[i] : begin[i + 1]], in turn where `order` is empty.
+    """
+    for i in range(first, last):
+        xx, xy, yy = 0.0, 0.0, 0.0
+        for m in range(begin[i], begin[i + 1]):
+            k = order[m] if len(order) > 0 else m
+            x, y = offset[k, 0], offset[k, 1] if offset.shape[1] == 2 else 0.0
+            r2 = x * x + y * y
+            if r2 == 0.0:
+                xx += pull[k]
+                yy += pull[k]
+            else:
+                xx += pull[k] * x * x / r2
+                xy += pull[k] * x * y / r2
+                yy += pull[k] * y * y / r2
+        share[i] = (0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)) / mass[i]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def most_shares(first, last, begin, order, mine, one, other, both):
+    """The largest sum of the shares of a particle and of its partner: `one` (n,) of these particles, `other` of
+    theirs, whose numbers are `mine` (pairs,).
+    """
+    for i in range(first, last):
+        both[i] = 0.0
+        for m in range(begin[i], begin[i + 1]):
+            k = order[m] if len(order) > 0 else m
+            both[i] = max(both[i], one[i] + other[mine[k]])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def hold_back(first, last, start, gas, both, gas_both, impulse):
+    """Scale impulses down to where no energy of motion can come of them (`drag/lab14.py`)."""
+    for j in range(first, last):
+        for k in range(start[j], start[j + 1]):
+            scale = 2.0 / max(2.0, both[j], gas_both[gas[k]])
+            for i in range(impulse.shape[1]):
+                impulse[k, i] *= scale
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
