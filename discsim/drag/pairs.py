@@ -161,9 +161,9 @@ def short_steps(drag, dt: float, rate: float) -> int:
 
     Raises FloatingPointError where there would be no end of them.
     """
-    if drag.two_way:
+    if drag.two_way or dt == 0.0:
         return 1
-    if dt * rate > MOST_STEPS:
+    if not dt * rate <= MOST_STEPS:
         raise FloatingPointError(
             f'drag.scheme "{drag.drag.scheme}" would make {dt * rate:.2g} explicit steps of a stopping time in one; '
             'expected a scheme without any, like "tsc", or a shorter run.timestep'
