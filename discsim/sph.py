@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from discsim.kernels.neighbours import Cells, widen
-from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT
+from discsim.kernels.smoothing import KERNELS, NORM, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
 from discsim.neighbours import LEAST, box_about, candidates, sort_into_cells
 from discsim.threads import share
@@ -44,6 +44,7 @@ class Sph:
     def __init__(self, scene: Scene):
         self.kernel = KERNELS[scene.gas.kernel]
         self.support = SUPPORT[self.kernel]
+        self.squeezed = SQUEEZED[self.kernel]
         self.eta = scene.gas.eta
         self.fixed = scene.gas.smoothing_length is not None
         self.dim = scene.space.dimensions

@@ -360,16 +360,20 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def step_limit(first, last, h, sound, acc, before, divergence, alpha, beta):
-    """The least of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) and sqrt(h / |a|), a = acc - before."""
+def step_limit(first, last, lengths, squeezed, sound, acc, before, divergence, alpha, beta):
+    """The least of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) and sqrt(h / |a|), a = acc - before.
+
+    h is `lengths` (n,) over `squeezed`, which says how much longer the kernel's own are than others mean theirs.
+    """
     limit = np.inf
     for i in range(first, last):
-        squeezed = h[i] * (1.0 + 1.2 * beta) * max(0.0, -divergence[i])
-        limit = least(limit, h[i] / (sound[i] * (1.0 + 1.2 * alpha) + squeezed))
+        h = lengths[i] / squeezed
+        closing = h * (1.0 + 1.2 * beta) * max(0.0, -divergence[i])
+        limit = least(limit, h / (sound[i] * (1.0 + 1.2 * alpha) + closing))
         strength2 = 0.0
         for axis in range(acc.shape[1]):
             strength2 += (acc[i, axis] - before[i, axis]) ** 2
-        limit = least(limit, math.sqrt(h[i] / math.sqrt(strength2)))
+        limit = least(limit, math.sqrt(h / math.sqrt(strength2)))
     return limit
 
 
