@@ -102,10 +102,10 @@ def _local(scene: Scene, places: list[str], radius: Array | None, density: Array
 
 
 def gas_step(scene: Scene, at: Local) -> Array:
-    """The longest step that sound and viscosity allow: h / (c_s (1 + 1.2 alpha))."""
+    """The longest step that sound and viscosity allow: h / (c_s (1 + 1.2 alpha)), h as other kernels mean it."""
     assert at.h is not None and at.sound_speed is not None and scene.gas is not None
     alpha = scene.gas.viscosity.alpha if scene.gas.viscosity else 0.0
-    return at.h / (at.sound_speed * (1.0 + 1.2 * alpha))
+    return resolution(scene, at.h) / (at.sound_speed * (1.0 + 1.2 * alpha))
 
 
 def gas_mass(scene: Scene) -> float:

@@ -482,6 +482,20 @@ def _self_gravity_in_1d(draft: Draft) -> Iterator[Problem]:
         yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
 
 
+def _self_gravity_of_columns(draft: Draft) -> Iterator[Problem]:
+    """In code units a number may stand for either density, and own particles bring whatever they are meant to."""
+    if (
+        draft.has("self_gravity")
+        and draft.dimensions == 1
+        and draft.kind in ("box", "wave")
+        and not draft.in_code_units
+    ):
+        wrong = (
+            f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
+        )
+        yield ("self_gravity",), f'{wrong}; expected initial.kind = "sheet", or space.dimensions = 2'
+
+
 def _self_gravity_kernel(draft: Draft) -> Iterator[Problem]:
     if not draft.self_gravity:
         return
@@ -543,4 +557,5 @@ RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
     _self_gravity_in_1d,
     _self_gravity_kernel,
     _self_gravity_sources,
+    _self_gravity_of_columns,
 )

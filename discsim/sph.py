@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from discsim.kernels.neighbours import Cells, widen
-from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT
+from discsim.kernels.smoothing import KERNELS, NORM, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
 from discsim.neighbours import LEAST, box_about, candidates, sort_into_cells
 from discsim.threads import share
@@ -44,6 +44,7 @@ class Sph:
     def __init__(self, scene: Scene):
         self.kernel = KERNELS[scene.gas.kernel]
         self.support = SUPPORT[self.kernel]
+        self.squeezed = SQUEEZED[self.kernel]
         self.eta = scene.gas.eta
         self.fixed = scene.gas.smoothing_length is not None
         self.dim = scene.space.dimensions
@@ -116,6 +117,7 @@ class Sph:
         rate of conduction.
         """
         terms = self.pairs, u is not None, self.conductivity is not None
+        uneven = float(gas.mass.max()) > float(gas.mass.min())
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
         if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
@@ -129,7 +131,7 @@ class Sph:
         for cells, again in ((self.cells, False), (met, True)):
             lists = candidates(cells, cells, mutual=True) if again else self.lists
             share(
-                force_driver(self.kernel, self.dim, *terms), len(cells.filled), gas.pos, self.columns, gas.acc,
+                force_driver(self.kernel, self.dim, *terms, uneven), len(cells.filled), gas.pos, self.columns, gas.acc,
                 NONE if u is None else gas.heating_rate, divergence, conduction, beta,
                 self.conductivity.alpha if self.conductivity else 0.0, cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip

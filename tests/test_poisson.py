@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from discsim import SceneError, Simulation
 from discsim.effects.self_gravity import Effect
 from discsim.exact import maclaurin
 from discsim.grid import Grid
@@ -225,3 +226,35 @@ def test_the_same_bits_on_any_number_of_threads():
     lines = run.stdout.split("\n")[:-1]
     assert len(lines) == 6
     assert len(set(lines)) == 2
+
+
+@pytest.mark.parametrize("length", ["1 au", "10 au"])
+def test_the_pull_of_a_sheet_in_1d_does_not_depend_on_the_units(length):
+    """2 pi G Sigma A exp(-k softening) at a wave's flanks, in cm/s2, whatever a code unit is."""
+    scene = {
+        "units": {"length": length},
+        "run": {"until": "1 yr"},
+        "space": {"dimensions": 1, "size": "100 au", "boundary": "periodic", "cells": 256},
+        "initial": {"kind": "sheet", "surface_density": "10 g/cm2", "amplitude": 0.01},
+        "gas": {"particles": 1024, "eos": {"kind": "isothermal", "sound_speed": "1 km/s"}},
+        "self_gravity": {"softening": "5 au"},
+    }
+    sim = Simulation(scene)
+    pull = np.abs(sim.acceleration("self_gravity")[0]).max() * sim.units.cgs("acceleration")
+    exact = 2 * np.pi * 6.674e-8 * 10.0 * 0.01 * np.exp(-2 * np.pi * 0.05)
+    assert pull == pytest.approx(exact, rel=3e-3)  # cells of 1/256 wave, and harmonics of .01
+
+
+@pytest.mark.parametrize("kind", ["box", "wave"])
+def test_a_volume_density_has_no_pull_in_1d(kind):
+    """A volume density, taken for a surface density, would pull the harder the longer a code unit of length is."""
+    scene = {
+        "units": {"length": "10 au"},
+        "run": {"until": "1 yr"},
+        "space": {"dimensions": 1, "size": "100 au", "boundary": "periodic"},
+        "initial": {"kind": kind},
+        "gas": {"particles": 32, "eos": {"kind": "isothermal", "sound_speed": "1 km/s"}},
+        "self_gravity": {"softening": "5 au"},
+    }
+    with pytest.raises(SceneError, match=f"a {kind} has a volume density; expected initial.kind = .sheet., or space.d"):
+        Simulation(scene)

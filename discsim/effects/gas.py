@@ -1,7 +1,8 @@
 """SPH gas: dv/dt = -grad P / rho, with artificial viscosity and conductivity where named; transport.
 
 Summation density, adaptive h with grad-h terms and the conservative force are eqs. (1-5) of `kernels/sph.py`.
-Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|).
+Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where
+h is a third of quintic-h's.
 """
 
 import numpy as np
@@ -81,7 +82,7 @@ class Effect(base.Effect):
 
     def _step_limit(self, gas: Gas, before: np.ndarray, divergence: np.ndarray) -> float:
         alpha, beta = (self.sph.viscosity.alpha, self.sph.viscosity.beta) if self.sph.viscosity else (0.0, 0.0)
-        given = gas.h, gas.sound_speed, gas.acc, before, divergence, alpha, beta
+        given = gas.h, self.sph.squeezed, gas.sound_speed, gas.acc, before, divergence, alpha, beta
         return float(np.min(share(step_limit, gas.count, *given)))
 
     def limit(self, state: State) -> float:

@@ -37,6 +37,10 @@ ITERATIONS = 60
 # Where nearly all of rho is that of particles at one place, h hangs on the edge of its support: pressure felt through
 # it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
 LEAST_OMEGA = 0.05
+# Means of 1 / rho and of grad W, each over a pair, are much more than the mean of grad W / rho where a light particle
+# sits on a heavy one: its kernel is narrow, and the other's density low. Viscosity and conduction, which no step would
+# then resolve, have this many times that mean at most; even gas has 1, and that of equal masses needs no such bound.
+MOST_UNEVEN = 4.0
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
 
@@ -244,7 +248,7 @@ def force_columns(
 
 @njit(inline="always")
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, pack
+    kernel, dim, viscous, energetic, conductive, uneven, x, y, unit, i, columns, beta, alpha_u, n, pack
 ):  # fmt: skip
     """Sums of particle i over n candidates, in units of `unit`: acceleration, du/dt, divergence and the rate at which
     conduction takes u towards that of its neighbours.
@@ -275,18 +279,21 @@ def force_sums(
             div += w * own
             heat = press * own * w
             if viscous != NO_VISCOSITY or conductive:
-                both = norm * own + other
-                inv_rho = inv_rho_i + pack[INV_RHO * STRIDE + k]
+                inv_rho_j = pack[INV_RHO * STRIDE + k]
+                inv_rho, both = inv_rho_i + inv_rho_j, norm * own + other
+                strength = inv_rho * both
+                if uneven:
+                    strength = max(strength, MOST_UNEVEN * (inv_rho_i * norm * own + inv_rho_j * other))  # below 0
             if viscous != NO_VISCOSITY:
                 mu = min(w, 0.0)
                 felt = w if viscous == ALL_PAIRS else mu
                 pi = beta * mu * mu - (c_i + pack[SOUND * STRIDE + k]) * felt  # eq. (5)
-                pi *= (f_i + pack[SWITCH * STRIDE + k]) * inv_rho * both
+                pi *= (f_i + pack[SWITCH * STRIDE + k]) * strength
                 force += pi
                 heat += 0.5 * pi * felt
             if conductive:
                 signal = math.sqrt(abs(p_i - pack[P * STRIDE + k]) * inv_rho)
-                passed = conducted * signal * inv_rho * both
+                passed = conducted * signal * strength
                 conduction -= passed
                 heat += passed * (u_i - pack[ENERGY * STRIDE + k])
             if energetic:
@@ -298,8 +305,8 @@ def force_sums(
 
 
 @functools.cache
-def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool):
-    """Compile eqs. (3-5), leaving out what the scene does not name.
+def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, uneven: bool):
+    """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ.
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence, and the rate of
     conduction where there is any. Takes the cells whose `met` is `now` alone.
@@ -344,7 +351,21 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                     if dim == 2:
                         y = (pos[i, 1] - oy) * per_unit
                     ax, ay, r, d, passed = force_sums(
-                        kernel, dim, viscous, energetic, conductive, x, y, unit, i, columns, beta, alpha_u, n, pack
+                        kernel,
+                        dim,
+                        viscous,
+                        energetic,
+                        conductive,
+                        uneven,
+                        x,
+                        y,
+                        unit,
+                        i,
+                        columns,
+                        beta,
+                        alpha_u,
+                        n,
+                        pack,
                     )
                     acc[i, 0] += ax
                     if dim == 2:
@@ -360,16 +381,20 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def step_limit(first, last, h, sound, acc, before, divergence, alpha, beta):
-    """The least of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) and sqrt(h / |a|), a = acc - before."""
+def step_limit(first, last, lengths, squeezed, sound, acc, before, divergence, alpha, beta):
+    """The least of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) and sqrt(h / |a|), a = acc - before.
+
+    h is `lengths` (n,) over `squeezed`, which says how much longer the kernel's own are than others mean theirs.
+    """
     limit = np.inf
     for i in range(first, last):
-        squeezed = h[i] * (1.0 + 1.2 * beta) * max(0.0, -divergence[i])
-        limit = least(limit, h[i] / (sound[i] * (1.0 + 1.2 * alpha) + squeezed))
+        h = lengths[i] / squeezed
+        closing = h * (1.0 + 1.2 * beta) * max(0.0, -divergence[i])
+        limit = least(limit, h / (sound[i] * (1.0 + 1.2 * alpha) + closing))
         strength2 = 0.0
         for axis in range(acc.shape[1]):
             strength2 += (acc[i, axis] - before[i, axis]) ** 2
-        limit = least(limit, math.sqrt(h[i] / math.sqrt(strength2)))
+        limit = least(limit, math.sqrt(h / math.sqrt(strength2)))
     return limit
 
 
