@@ -18,9 +18,6 @@ SUPPORT = (2.0, 3.0, 1.0, 2.0)
 # h over that of the same kernel in the usual units, support 3h for the quintic.
 SQUEEZED = (1.0, 1.0, 3.0, 1.0)
 
-# Over the h of the same kernel as others mean it.
-SQUEEZED = (1.0, 1.0, 3.0, 1.0)
-
 # Normalisation sigma by kernel, in one and in two dimensions.
 NORM = (
     (2.0 / 3.0, 1.0 / 120.0, 3.0 / 120.0, 0.75),

@@ -351,22 +351,9 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                     if dim == 2:
                         y = (pos[i, 1] - oy) * per_unit
                     ax, ay, r, d, passed = force_sums(
-                        kernel,
-                        dim,
-                        viscous,
-                        energetic,
-                        conductive,
-                        uneven,
-                        x,
-                        y,
-                        unit,
-                        i,
-                        columns,
-                        beta,
-                        alpha_u,
-                        n,
+                        kernel, dim, viscous, energetic, conductive, uneven, x, y, unit, i, columns, beta, alpha_u, n,
                         pack,
-                    )
+                    )  # fmt: skip
                     acc[i, 0] += ax
                     if dim == 2:
                         acc[i, 1] += ay
