@@ -68,6 +68,7 @@ class Simulation:
             raise SceneError([str(error)]) from error
         self.costs = Costs(self.effects)
         self.limit, self.limited_by = math.inf, ""
+        self.dust_limit, self.dust_limited_by = math.inf, ""  # of one-way dust, which limits no step
         self._fresh = self._in_midst = False
 
     @property
@@ -97,6 +98,7 @@ class Simulation:
         dt = min(self._next_step(math.inf), most)
         if dt == math.inf:
             raise ValueError("nothing limits a step past run.until; expected its length, step(most=...), in code units")
+        self._check_dust_step(dt)
         with self._whole():
             self._advance(dt)
             self._close()
@@ -117,6 +119,7 @@ class Simulation:
         self._prepare()
         while self.state.time < until:
             dt = self._next_step(until)
+            self._check_dust_step(dt)
             with self._whole():
                 self._advance(dt, until)
             if after_step is not None and after_step():
@@ -175,6 +178,7 @@ class Simulation:
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
         values |= {"limit": self.limit, "limited_by": self.limited_by}
+        values |= {"dust_limit": self.dust_limit, "dust_limited_by": self.dust_limited_by}
         write_checkpoint(path, groups, {**values, **(notes or {})})
 
     def restore(self, path: str | Path) -> dict[str, Scalar]:
@@ -195,6 +199,7 @@ class Simulation:
             table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
         time, step, lag = float(values["time"]), int(values["step"]), float(values["lag"])
         limit, limited_by = float(values["limit"]), str(values["limited_by"])
+        dust_limit, dust_limited_by = float(values["dust_limit"]), str(values["dust_limited_by"])
         own_acc = dict(groups["own_acc"])
         for name, particles in state.species.items():
             for array_name, array in groups[name].items():
@@ -202,6 +207,7 @@ class Simulation:
         state.own_acc, state.ledger, self.costs = own_acc, ledger, costs
         state.time, state.step, state.lag = time, step, lag
         self.limit, self.limited_by = limit, limited_by
+        self.dust_limit, self.dust_limited_by = dust_limit, dust_limited_by
         self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values
 
@@ -307,8 +313,11 @@ class Simulation:
             if name not in own:
                 self._accelerate(name)
         limits = {name: effect.limit(state) for name, effect in self.effects.items()}
-        self.limited_by = min(limits, key=limits.__getitem__)
-        self.limit = limits[self.limited_by]
+        self.limit, self.limited_by = _least(limits)
+        self.dust_limit, self.dust_limited_by = math.inf, ""
+        if state.unnoticed:
+            of_dust = {name: effect.limit_of(state, "dust") for name, effect in self.effects.items()}
+            self.dust_limit, self.dust_limited_by = _least(of_dust)
         for name, p in state.species.items():
             self._check_finite(name, p.acc, "in its acceleration")
         self._check_limits(limits)
@@ -347,6 +356,22 @@ class Simulation:
             raise PhysicsError(f"the step has collapsed to {dt:g}, set by {self.limited_by}")
         return dt
 
+    def _check_dust_step(self, dt: float) -> None:
+        """That one-way dust, which may not shorten the step, keeps its orbits in one of dt."""
+        if dt <= LOST * self.dust_limit:
+            return
+        dust, name = self.state.dust, self.dust_limited_by
+        assert dust is not None
+        pull = self.acceleration(name)[1]
+        assert pull is not None
+        i = self.effects[name].tightest(dust, pull)
+        raise PhysicsError(
+            f"a step of {dt:.3g} is {dt / self.dust_limit:.3g} times the limit that {name} sets for dust particle "
+            f"{dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}: one-way dust does not shorten the step of "
+            f"the gas, and above {LOST:g} its orbit is lost; expected {self.effects[name].softer}, or a smaller "
+            f"run.{'courant' if self.scene.run.timestep is None else 'timestep'}"
+        )
+
     def _check_limits(self, limits: dict[str, float]) -> None:
         for name, limit in limits.items():
             if math.isnan(limit) or limit <= 0.0:
@@ -380,6 +405,12 @@ class Simulation:
         return ""
 
 
+def _least(limits: dict[str, float]) -> tuple[float, str]:
+    """The shortest step, and the effect that sets it."""
+    name = min(limits, key=limits.__getitem__)
+    return limits[name], name
+
+
 def _entry(array: np.ndarray) -> Any:
     """An entry of the ledger as it was saved: a number, or several."""
     return array if len(array) > 1 else float(array[0])
@@ -388,4 +419,7 @@ def _entry(array: np.ndarray) -> Any:
 # A leapfrog of a frequency of 1 over the limit grows above 2; limits are estimates. In a uniform box nothing can grow,
 # and its drag is exact at any step.
 MOST = 2.5
+# In steps of 1/Omega a circular orbit keeps its energy to 12%, of half of it to 1%; in longer ones grains that come
+# near the star are thrown out.
+LOST = 1.0
 MOVED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes

@@ -39,6 +39,7 @@ class Effect(base.Effect):
 
     name = "self_gravity"
     shared = True
+    softer = "a longer self_gravity.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.self_gravity is not None and state.grid is not None
@@ -49,6 +50,7 @@ class Effect(base.Effect):
         if scene.self_gravity.kernel == "thin-disc":
             # In its plane this kernel is as sharp as the grid.
             self.kernel, self.smallest = ThinDisc(scene.self_gravity.thickness), grid.cell
+            self.softer = "fewer space.cells"
         threads = numba.get_num_threads()
         self.poisson = Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads)
         self.outside = 0
@@ -70,10 +72,13 @@ class Effect(base.Effect):
             self._strongest[name] = strongest
 
     def limit(self, state: State) -> float:
-        """The least sqrt(length / |a|) of the limiting particles: softening, or cell of a thin-disc."""
+        """The least `limit_of` of the limiting particles."""
         limiting = {id(particles) for particles in state.limiting}
-        strongest = [a for name, a in self._strongest.items() if id(state.species[name]) in limiting]
-        largest = max(strongest, default=0.0)
+        return min(self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting)
+
+    def limit_of(self, state: State, name: str) -> float:
+        """The least sqrt(length / |a|) of a species: softening, or cell of a thin-disc."""
+        largest = self._strongest.get(name, 0.0)
         return float(np.sqrt(self.smallest / largest)) if largest > 0 else float("inf")
 
     def potential_energy(self, state: State) -> float:
