@@ -241,6 +241,34 @@ def test_approach_limits_the_step():
     assert sim.step() == pytest.approx(0.3 * min(signal, np.sqrt(0.02 / viscous)), rel=0.01)
 
 
+def box(timestep, until, **gas):
+    """A DustyBox of 64 + 64 particles and t_stop .5, whose gas allows steps of .03 where it is warm."""
+    return {
+        "units": {"system": "code"}, "run": {"until": until, "timestep": timestep},
+        "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic"},
+        "initial": {"kind": "box", "gas_velocity": 0.0, "dust_velocity": 1.0},
+        "gas": {"particles": 64, "eos": {"kind": "isothermal", "sound_speed": 1.0} | gas},
+        "dust": {"particles": 64, "ratio": 1.0}, "drag": {"law": "stopping-time", "t_stop": 0.5},
+    }  # fmt: skip
+
+
+def test_a_fixed_step_far_above_sound_is_refused_in_a_box_too():
+    """Its rounding errors would be noise of order one in the gas after ten steps."""
+    sim = Simulation(box(0.1, 1.0))
+    with pytest.raises(PhysicsError, match=r"run\.timestep is [\d.]+ times the step that gas allows"):
+        sim.run()
+    assert sim.state.step == 0
+
+
+@pytest.mark.parametrize(("until", "sound"), [(0.1, 1.0), (1.0, 0.1)])
+def test_a_box_in_one_step_or_of_cold_gas_takes_any(until, sound):
+    """Nothing grows within a single step, nor where the step is below what sound allows; drag is exact at any."""
+    sim = Simulation(box(0.1, until, sound_speed=sound))
+    sim.run()
+    slip = sim.dust.vel - sim.gas.vel
+    np.testing.assert_allclose(slip, np.exp(-2 * until / 0.5), atol=1e-12)  # eps = 1: twice as fast as t_stop
+
+
 def test_steps_land_on_the_end():
     sim = Simulation(wave(until=0.0777))
     sim.run()
