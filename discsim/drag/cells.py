@@ -25,9 +25,12 @@ SHIFT_STEP = np.array([0.70493075, 0.64794019])
 
 
 class Lattice(NamedTuple):
-    """Leaves that blocks are made of: whole grid cells in two dimensions."""
+    """Leaves that blocks are made of: whole grid cells in two dimensions. They cover the grid from `origin` on over
+    `extent` leaves; beyond it nobody is coupled.
+    """
 
     origin: Array
+    extent: Array
     side: float
     shape: tuple[int, int]
     periodic: bool
@@ -36,7 +39,7 @@ class Lattice(NamedTuple):
 class Blocks(NamedTuple):
     """Members of each block: order[start[block] : start[block + 1]] of the gas, and of the dust by population.
 
-    The last two blocks hold the gas and the dust outside the lattice.
+    The last two blocks hold the gas and the dust off the grid.
     """
 
     gas_order: Array
@@ -61,10 +64,11 @@ def lattice(drag, state, wanted: float) -> Lattice:
     """Leaves at least as large as `wanted`, of a lattice that has room to move where it is not periodic."""
     grid, dim = state.grid, drag.dim
     side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, state.gas.count)
+    extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
         # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
         numbers = [(-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in numbers]
-    return Lattice(np.array(grid.origin), side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
+    return Lattice(np.array(grid.origin), extent, side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
 
 
 def sort_into_blocks(
@@ -83,8 +87,8 @@ def sort_into_blocks(
     gas_key, dust_key = np.empty(gas.count, np.uint32), np.empty(dust.count, np.uint32)
     for particles, key in ((gas, gas_key), (dust, dust_key)):
         share(
-            kernels.leaf_keys, len(key), particles.pos, leaves.origin, shift, 1.0 / leaves.side, nx, ny,
-            leaves.periodic, key,
+            kernels.leaf_keys, len(key), particles.pos, leaves.origin, shift, leaves.extent, 1.0 / leaves.side,
+            nx, ny, leaves.periodic, key,
         )  # fmt: skip
     n_gas, n_dust = (counts(key, nx * ny + 1) for key in (gas_key, dust_key))
     h_sum = np.bincount(gas_key, gas.h, nx * ny + 1)
@@ -93,7 +97,7 @@ def sort_into_blocks(
     number, first_leaf, level, enlarged = merge(
         n_gas, n_dust, h_sum, leaves.shape, leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
     )
-    # What lies outside the lattice meets nobody: a block of its own for each species.
+    # What lies off the grid meets nobody: a block of its own for each species.
     count, population = len(level), drag.law.populations
     number[-1] = count
     share(kernels.block_keys, gas.count, gas_key, number, NOBODY, 1)
