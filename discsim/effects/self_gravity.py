@@ -19,7 +19,7 @@ import numba
 import numpy as np
 
 from discsim.effects import base
-from discsim.grid import Grid
+from discsim.grid import BORDER, Grid
 from discsim.kernels.grid import largest_norm
 from discsim.poisson import Kernel, Plummer, Poisson, ThinDisc
 from discsim.state import Particles, State
@@ -52,7 +52,8 @@ class Effect(base.Effect):
             self.kernel, self.smallest = ThinDisc(scene.self_gravity.thickness), grid.cell
             self.softer = "fewer space.cells"
         threads = numba.get_num_threads()
-        self.poisson = Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads)
+        border = 0 if grid.periodic else BORDER
+        self.poisson = Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads, border)
         self.outside = 0
         self._field: _Field | None = None
         self._strongest: dict[str, float] = {}
@@ -87,7 +88,7 @@ class Effect(base.Effect):
         return 0.5 * sum(self._energy(state.species[name], field) for name in self.sources)
 
     def _energy(self, particles: Particles, field: _Field) -> float:
-        potential = self.grid.gather(field.potential, particles.pos)
+        potential = self.grid.gather(self.grid.within(field.potential), particles.pos)
         outside = self.grid.outside(particles.pos)
         potential[outside] = field.monopole.potential(particles.pos[outside])
         return float((particles.mass * potential).sum())
