@@ -50,7 +50,7 @@ def warnings(scene: Scene) -> list[str]:
         return []
     at = local(scene)
     kinds = (_gas_warnings, _step_warnings, _edge_warnings, _gravity_warnings, _collapse_warnings, _drag_warnings)
-    return [line for kind in (*kinds, _scheme_warnings) for line in kind(scene, at)]
+    return [line for kind in (*kinds, _scheme_warnings, _midplane_warnings) for line in kind(scene, at)]
 
 
 def _gas_warnings(scene: Scene, at: Local) -> Iterator[str]:
@@ -120,6 +120,14 @@ def _step_warnings(scene: Scene, at: Local) -> Iterator[str]:
         yield (
             f"run.timestep = {given} is {dt / most[worst]:.2g} times what sound allows {at.where(worst)}: "
             f"lower it to {best}, or leave it out"
+        )
+
+
+def _midplane_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    if scene.external and scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic":
+        yield (
+            "external.vertical_frequency pulls to the midplane 0, one end of a periodic space, from the other end too: "
+            'set space.boundary to "open", or leave it out'
         )
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+BORDER = 2  # nodes beyond an open edge that a centred gradient at the last one wants
 
 
 @dataclass(frozen=True)
@@ -119,10 +120,19 @@ class Grid:
     def gradient(self, field: Array) -> Array:
         """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
 
+        There too if `field` has a border of BORDER nodes more on every side: then no particle pulls itself.
+
         Raises ValueError for an open grid of fewer than five cells a side.
         """
         if not self.periodic and min(self.shape) < 5:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
-        out = np.empty((*self.shape, 2))
-        share(kernels.gradient, self.shape[0], field, self.cell, self.periodic, out, least=16)
-        return out
+        out = np.empty((*field.shape, 2))
+        bordered = field.shape != self.shape
+        # What is beyond the border is not used.
+        share(kernels.gradient, len(field), field, self.cell, self.periodic or bordered, out, least=16)
+        return self.within(out) if bordered else out
+
+    def within(self, field: Array) -> Array:
+        """A field (nx, ny, ...) without its border of BORDER nodes, if it has one."""
+        border = (len(field) - self.shape[0]) // 2
+        return np.ascontiguousarray(field[border : len(field) - border, border : field.shape[1] - border])

@@ -24,7 +24,7 @@ LOADED = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
 def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
     """Side of the square cells of `scene.space`, and their number along each side of it.
 
-    Without `cells` there are about as many as `particles`.
+    Without `cells` there are about as many as `particles`. An open side is rounded up to whole ones, which cover it.
     """
     size, cells = scene.space.size, scene.space.cells
     if not cells:
@@ -32,13 +32,16 @@ def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
         along_a_side = max(particles, 1) ** (1.0 / scene.space.dimensions)
         cells = max(8, 2 ** round(np.log2(along_a_side)))
     cell = max(size) / cells
-    return cell, tuple(round(side / cell) for side in size)
+    if scene.space.boundary == "periodic":
+        return cell, tuple(round(side / cell) for side in size)
+    return cell, tuple(int(np.ceil(side / cell - 1e-9)) for side in size)
 
 
 def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, gas: int) -> tuple[float, list[int]]:
     """Side of leaves at least `wanted` wide on a grid of `shape` cells of side `cell`, and their numbers along it.
 
-    In one dimension, a `shape` of one number, they need not be whole cells. gas: number of particles.
+    In one dimension, a `shape` of one number, they need not be whole cells, and there are at most four for each of the
+    `gas` particles: what is finer would be empty.
     """
     if len(shape) == 2:
         whole = max(1, int(np.ceil(wanted / cell - 1e-9)))
@@ -46,10 +49,10 @@ def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, g
             whole += 1
         return whole * cell, [-(-n // whole) for n in shape]
     extent = shape[0] * cell
-    if periodic:
-        number = max(1, min(int(extent / wanted + 1e-9), 4 * gas))
-        return extent / number, [number]
     side = max(wanted, extent / (4.0 * gas))
+    if periodic:
+        number = max(1, int(extent / side + 1e-9))
+        return extent / number, [number]
     return side, [int(np.ceil(extent / side))]
 
 

@@ -86,28 +86,34 @@ Kernel = Plummer | ThinDisc
 class Poisson:
     """Solver for one grid of `shape` (nx, ny), square cells of side `cell` and one `kernel`; G = 1.
 
-    A sheet that varies along x only has ny = 1. Raises ValueError for such a sheet with open edges.
+    A sheet that varies along x only has ny = 1. Raises ValueError for such a sheet with open edges. With a `border`, of
+    open edges alone, the potential is that of as many nodes more on every side; the outermost take mass at the opposite
+    edge as two cells nearer than it is.
     """
 
-    def __init__(self, shape: tuple[int, int], cell: float, kernel: Kernel, periodic: bool, threads: int) -> None:
+    def __init__(
+        self, shape: tuple[int, int], cell: float, kernel: Kernel, periodic: bool, threads: int, border: int = 0
+    ) -> None:
         if not periodic and 1 in shape:
             raise ValueError("self-gravity with open boundaries needs two dimensions; make the box periodic")
-        self.shape = shape
+        self.shape, self.border = shape, border
         padded = shape if periodic else (_padded(shape[0]), _padded(shape[1]))
         transform = _periodic_transform if periodic else _open_transform
         self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
         # Transformed along y; the last tile is filled up with zeros.
-        self._tiles = np.empty((-(-(padded[1] // 2 + 1) // TILE), shape[0], TILE), complex)
-        self._workers = [_Worker(padded) for _ in range(threads)]
+        self._tiles = np.empty((-(-(padded[1] // 2 + 1) // TILE), shape[0] + 2 * border, TILE), complex)
+        self._workers = [_Worker(padded, border) for _ in range(threads)]
         self._pool = ThreadPoolExecutor(threads)
 
     def solve(self, surface_density: Array) -> Array:
-        """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes."""
-        potential = np.empty(self.shape)
-        tiles, rows = self._tiles, range(0, self.shape[0], ROWS)
-        self._share(lambda worker, first: worker.forward(surface_density, first, tiles), rows)
+        """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes; with a border on each side."""
+        nx, ny = self.shape
+        potential = np.empty((nx + 2 * self.border, ny + 2 * self.border))
+        tiles = self._tiles
+        self._share(lambda worker, first: worker.forward(surface_density, first, tiles), range(0, nx, ROWS))
+        tiles[:, nx:] = 0.0
         self._share(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), range(len(tiles)))
-        self._share(lambda worker, first: worker.backward(tiles, first, potential), rows)
+        self._share(lambda worker, first: worker.backward(tiles, first, potential), range(0, len(potential), ROWS))
         return potential
 
     def _share(self, work: "Callable[[_Worker, int], None]", batches: range) -> None:
@@ -127,8 +133,9 @@ class Poisson:
 class _Worker:
     """Plans and their buffers for one thread; `forward`, `convolve` and `backward` treat one batch."""
 
-    def __init__(self, padded: tuple[int, int]) -> None:
+    def __init__(self, padded: tuple[int, int], border: int) -> None:
         self.length, ny = padded
+        self.border = border
         count = ny // 2 + 1
         # The backward plan has rows of its own: what pads the forward ones must stay 0.
         self.rows, self.rows_back = pyfftw.zeros_aligned((ROWS, ny)), pyfftw.zeros_aligned((ROWS, ny))
@@ -153,13 +160,19 @@ class _Worker:
         self.along_x.execute()
         multiply_columns(self.modes.view(float), kernel, tile * TILE, self.length)
         self.back_along_x.execute()
+        # Nodes before the first are the last of the padded length; they are put after those beyond the end.
+        border, end = self.border, tiles.shape[1]
+        self.columns[:, end - border : end] = self.columns[:, self.length - border : self.length]
         store_columns(self.columns, tile, tiles)
 
     def backward(self, tiles: Array, first: int, potential: Array) -> None:
-        batch = potential[first : first + ROWS]
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
-        batch[:] = self.rows_back[: len(batch), : batch.shape[1]]
+        border, (count, width) = self.border, potential.shape
+        for i in range(min(ROWS, count - first)):
+            row, found = potential[(first + i + border) % count], self.rows_back[i]
+            row[border:] = found[: width - border]
+            row[:border] = found[len(found) - border :]
 
 
 def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:

@@ -266,6 +266,8 @@ def _wave_direction(draft: Draft) -> Iterator[Problem]:
 def _star_space(draft: Draft) -> Iterator[Problem]:
     if draft.has("star") and draft.dimensions == 1:
         yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
+    elif draft.has("star") and draft.space and draft.space.boundary == "periodic" and draft.kind != "disc":
+        yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
 
 
 def _locally_isothermal(draft: Draft) -> Iterator[Problem]:

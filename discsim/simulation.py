@@ -78,6 +78,7 @@ class Simulation:
             raise SceneError([f"the start's numbers are too extreme: {error}; expected others"]) from error
         self.costs = Costs(self.effects)
         self.limit, self.limited_by = math.inf, ""
+        self.dust_limit, self.dust_limited_by = math.inf, ""  # of one-way dust, which limits no step
         self._fresh = self._in_midst = False
 
     @property
@@ -107,6 +108,7 @@ class Simulation:
         dt = min(self._next_step(math.inf), most)
         if dt == math.inf:
             raise ValueError("nothing limits a step past run.until; expected its length, step(most=...), in code units")
+        self._check_dust_step(dt)
         with self._whole():
             self._advance(dt)
             self._close()
@@ -127,6 +129,7 @@ class Simulation:
         self._prepare()
         while self.state.time < until:
             dt = self._next_step(until)
+            self._check_dust_step(dt)
             with self._whole():
                 self._advance(dt, until)
             if after_step is not None and after_step():
@@ -185,6 +188,7 @@ class Simulation:
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
         values |= {"limit": self.limit, "limited_by": self.limited_by}
+        values |= {"dust_limit": self.dust_limit, "dust_limited_by": self.dust_limited_by}
         write_checkpoint(path, groups, {**values, **(notes or {})})
 
     def restore(self, path: str | Path) -> dict[str, Scalar]:
@@ -205,6 +209,7 @@ class Simulation:
             table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
         time, step, lag = float(values["time"]), int(values["step"]), float(values["lag"])
         limit, limited_by = float(values["limit"]), str(values["limited_by"])
+        dust_limit, dust_limited_by = float(values["dust_limit"]), str(values["dust_limited_by"])
         own_acc = dict(groups["own_acc"])
         for name, particles in state.species.items():
             for array_name, array in groups[name].items():
@@ -212,6 +217,7 @@ class Simulation:
         state.own_acc, state.ledger, self.costs = own_acc, ledger, costs
         state.time, state.step, state.lag = time, step, lag
         self.limit, self.limited_by = limit, limited_by
+        self.dust_limit, self.dust_limited_by = dust_limit, dust_limited_by
         self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values
 
@@ -326,8 +332,11 @@ class Simulation:
             if name not in own:
                 self._accelerate(name)
         limits = {name: effect.limit(state) for name, effect in self.effects.items()}
-        self.limited_by = min(limits, key=limits.__getitem__)
-        self.limit = limits[self.limited_by]
+        self.limit, self.limited_by = _least(limits)
+        self.dust_limit, self.dust_limited_by = math.inf, ""
+        if state.unnoticed:
+            of_dust = {name: effect.limit_of(state, "dust") for name, effect in self.effects.items()}
+            self.dust_limit, self.dust_limited_by = _least(of_dust)
         for name, p in state.species.items():
             self._check_finite(name, p.acc, "in its acceleration")
         self._check_limits(limits)
@@ -345,8 +354,11 @@ class Simulation:
     def _next_step(self, until: float) -> float:
         """The step from here: the limit's share, or the fixed one, cut so as to land on `until`."""
         run, left = self.scene.run, until - self.state.time
-        uniform = self.scene.initial is not None and self.scene.initial.kind == "box"
-        if run.timestep is not None and not uniform and min(run.timestep, left) > MOST * self.limit:
+        if (
+            run.timestep is not None
+            and min(run.timestep, left) > MOST * self.limit
+            and not self._over_before_it_grows(left)
+        ):
             raise PhysicsError(
                 f"run.timestep is {run.timestep / self.limit:.3g} times the step that {self.limited_by} allows: "
                 f"above {MOST:g} times sound and orbits grow without end; expected at most {self.limit:.3g} code units"
@@ -365,6 +377,31 @@ class Simulation:
         if self.state.time + dt == self.state.time:
             raise PhysicsError(f"the step has collapsed to {dt:g}, set by {self.limited_by}")
         return dt
+
+    def _over_before_it_grows(self, left: float) -> bool:
+        """Whether rounding errors stay small in the few steps of a uniform box, whose drag is exact at any length."""
+        run, start = self.scene.run, self.scene.initial
+        if start is None or start.kind != "box" or run.timestep is None:
+            return False
+        steps = math.ceil((run.until if left == math.inf else self.state.time + left) / run.timestep - 1e-9)
+        # A step of x times the limit multiplies them by x^2 at most.
+        return steps <= 1 or 2 * steps * math.log10(run.timestep / self.limit) < GROWN
+
+    def _check_dust_step(self, dt: float) -> None:
+        """That one-way dust, which may not shorten the step, keeps its orbits in one of dt."""
+        if dt <= LOST * self.dust_limit:
+            return
+        dust, name = self.state.dust, self.dust_limited_by
+        assert dust is not None
+        pull = self.acceleration(name)[1]
+        assert pull is not None
+        i = self.effects[name].tightest(dust, pull)
+        raise PhysicsError(
+            f"a step of {dt:.3g} is {dt / self.dust_limit:.3g} times the limit that {name} sets for dust particle "
+            f"{dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}: one-way dust does not shorten the step of "
+            f"the gas, and above {LOST:g} its orbit is lost; expected {self.effects[name].softer}, or a smaller "
+            f"run.{'courant' if self.scene.run.timestep is None else 'timestep'}"
+        )
 
     def _check_limits(self, limits: dict[str, float]) -> None:
         for name, limit in limits.items():
@@ -419,14 +456,23 @@ class Simulation:
         return ""
 
 
+def _least(limits: dict[str, float]) -> tuple[float, str]:
+    """The shortest step, and the effect that sets it."""
+    name = min(limits, key=limits.__getitem__)
+    return limits[name], name
+
+
 def _entry(array: np.ndarray) -> Any:
     """An entry of the ledger as it was saved: a number, or several."""
     return array if len(array) > 1 else float(array[0])
 
 
-# A leapfrog of a frequency of 1 over the limit grows above 2; limits are estimates. In a uniform box nothing can grow,
-# and its drag is exact at any step.
+# A leapfrog of a frequency of 1 over the limit grows above 2; limits are estimates. In a box rounding errors do.
 MOST = 2.5
+GROWN = 8.0  # powers of ten that rounding, of 1e-16, may grow by before it is seen
+# In steps of 1/Omega a circular orbit keeps its energy to 12%, of half of it to 1%; in longer ones grains that come
+# near the star are thrown out.
+LOST = 1.0
 MOVED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes
 OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
 INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step

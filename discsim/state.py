@@ -124,9 +124,12 @@ class State:
         return {name: particles for name, particles in both.items() if particles is not None}
 
     @property
-    def limiting(self) -> list[Particles]:
-        """Whose motion may limit the step. One-way dust never does: the gas must not notice it."""
+    def unnoticed(self) -> bool:
+        """Whether the dust is one-way beside gas: the gas must not notice it, not even by the length of a step."""
         drag = self.scene.drag
-        if self.gas is not None and drag is not None and drag.direction == "one-way":
-            return [self.gas]
-        return list(self.species.values())
+        return self.gas is not None and self.gas.count > 0 and drag is not None and drag.direction == "one-way"
+
+    @property
+    def limiting(self) -> list[Particles]:
+        """Whose motion may limit the step. One-way dust never does while there is gas."""
+        return [particles for name, particles in self.species.items() if name == "gas" or not self.unnoticed]

@@ -293,6 +293,18 @@ def test_a_warning_is_earned(tmp_path, earns, start, does_not):
     assert not any(line.startswith(words[:20]) for line in found), found
 
 
+def test_a_midplane_in_a_periodic_space_earns_a_warning():
+    """At the start of the space, it does not pull what is next to it through the other end."""
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 1.0},
+        "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic"}, "initial": {"kind": "wave"},
+        "gas": {"particles": 100, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
+    }  # fmt: skip
+    assert warnings(load_scene(tables)) == []
+    (line,) = warnings(load_scene(tables | {"external": {"vertical_frequency": 1.0}}))
+    assert line.startswith("external.vertical_frequency pulls to the midplane 0")
+
+
 def test_support_of_kernels_is_that_of_the_formulas():
     assert {name: SUPPORT[code] for name, code in KERNELS.items()} == SUPPORT_OF
 

@@ -156,6 +156,23 @@ def test_a_lone_particle_does_not_pull_itself(x, y, kernel, periodic):
     assert np.abs(gas.acc).max() < 1e-12 * 2.0 * ThinDisc(length).pull(cell) * cell
 
 
+@given(st.floats(0, 1, exclude_max=True), st.floats(0, 1, exclude_max=True), st.sampled_from(KERNELS))
+@settings(max_examples=60, deadline=None)
+def test_nor_at_an_open_edge(x, y, kernel):
+    """Within the first and last cells as well, and a pair there has no force on its own centre."""
+    cell, length = 1 / 16, 0.05
+    grid = Grid((0.0, 0.0), cell, (24, 20), False)
+    scale = ThinDisc(length).pull(cell) * cell
+    first, last = np.array([0.5 + 2 * x, 0.5 + 2 * y]) * cell, np.array([21.5 + 2 * x, 17.5 + 2 * y]) * cell
+    for place in (first, last, (first[0], last[1]), (12.3 * cell, first[1])):
+        lone = cloud([place], 2.0)
+        gravity(grid, kernel, length, lone)
+        assert np.abs(lone.acc).max() < 1e-12 * 2.0 * scale
+    pair = cloud([first, (first[0], last[1])], [2.0, 3.0])
+    gravity(grid, kernel, length, pair)
+    assert np.abs(pair.mass @ pair.acc).max() < 1e-12 * 6.0 * scale
+
+
 def test_two_particles_attract_as_columns():
     pos = np.array([[-0.5, 0.0], [0.5, 0.25]])
     gas = cloud(pos, [1.0, 3.0])

@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from discsim import load_scene
 from discsim.grid import Grid
 from discsim.kernels.grid import cell_of, largest_norm
+from discsim.layout import leaves
 
 OPEN = Grid((-1.0, -0.5), 1 / 16, (32, 16), periodic=False)
 PERIODIC = Grid((0.0, 0.0), 1 / 16, (32, 16), periodic=True)
@@ -104,6 +106,23 @@ def test_particles_off_the_grid_are_found_and_left_out():
     np.testing.assert_array_equal(OPEN.outside(pos), np.arange(5))
     assert OPEN.deposit(pos, np.ones(7)).sum() * OPEN.cell**2 == pytest.approx(2, rel=ROUNDING)
     np.testing.assert_allclose(OPEN.gather(np.ones(OPEN.shape), pos), [0, 0, 0, 0, 0, 1, 1])
+
+
+def test_an_open_grid_covers_its_space():
+    """Sides of 16 and of 10.4 cells: the short one is rounded up, so that nobody in the space is without a cell."""
+    scene = load_scene({
+        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": [4.0, 2.6], "cells": 16},
+        "dust": {"particles": 1, "ratio": 1.0},
+    }, own_particles=True)  # fmt: skip
+    grid = Grid.from_scene(scene, 100)
+    assert grid.shape == (16, 11) and grid.origin == (-2.0, -1.375)
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "open"])
+def test_drag_cells_of_a_line_are_at_most_four_a_particle(boundary):
+    """However fine they are asked for: a billion of them would fill the memory, and be empty."""
+    side, (number,) = leaves(1e-9, 1 / 16, (16,), boundary == "periodic", 64)
+    assert number == 256 and side == pytest.approx(1 / 256, rel=1e-12)
 
 
 def test_no_particle_is_outside_a_periodic_box_but_one_that_is_nowhere():

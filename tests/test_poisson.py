@@ -57,6 +57,24 @@ def test_open_potential_is_the_direct_sum_over_nodes(shape, softening):
     assert np.abs(potential / direct - 1).max() < 1e-10
 
 
+@pytest.mark.parametrize("shape", [(16, 16), (20, 14), (5, 37)])
+def test_open_potential_goes_on_beyond_the_edges(shape):
+    """Two nodes on every side, the direct sum as well where nothing lies at the edges; within, the same bits."""
+    cell, softening = 0.1, 0.07
+    surface_density = np.random.default_rng(1).random(shape)
+    surface_density[[0, -1]] = surface_density[:, [0, -1]] = 0.0
+    x, y = (c.ravel() * cell for c in np.indices(shape))
+    to_x, to_y = (c.ravel() * cell - 2 * cell for c in np.indices((shape[0] + 4, shape[1] + 4)))
+    distance = np.sqrt((x - to_x[:, None]) ** 2 + (y - to_y[:, None]) ** 2 + softening**2)
+    direct = -(surface_density.ravel() * cell**2 / distance).sum(axis=1).reshape(shape[0] + 4, shape[1] + 4)
+    found, within = (
+        Poisson(shape, cell, Plummer(softening), periodic=False, threads=1, border=border).solve(surface_density)
+        for border in (2, 0)
+    )
+    assert np.abs(found / direct - 1).max() < 1e-10
+    np.testing.assert_array_equal(found[2:-2, 2:-2], within)
+
+
 @pytest.mark.parametrize(("shape", "waves"), [((64, 32), (3, -2)), ((45, 20), (0, 1)), ((64, 1), (5, 0))])
 def test_periodic_potential_of_a_wave(shape, waves):
     cell, softening = 0.05, 0.07

@@ -378,6 +378,7 @@ RULES = [
     ({"initial": {"direction": [1, 1]}}, "initial.direction: [1, 1] has 2 entries; expected 1*"),
     ({"initial": {"wavenumber": 1.5}}, "initial.wavenumber: 1.5 is not a whole number"),
     ({"star": {"mass": 1}}, "star: a star needs two dimensions*"),
+    ({"star": {"mass": 1}, "space": {"dimensions": 2, "size": 1}}, "star: a periodic space has no centre*"),
     ({"gas": {"eos": {"kind": "locally-isothermal", "aspect_ratio": 1}}}, "gas.eos.kind: H/r needs a star*"),
     ({"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4}}}, "gas.eos: the gas has no temperature*"),
     ({"gas": {"eos": {"kind": "adiabatic", "gamma": 1}}}, "gas.eos.gamma: 1 is out of range*more than 1"),

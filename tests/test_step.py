@@ -165,6 +165,60 @@ def test_star_or_gravity_limit_the_step(softening, expected):
     assert sim.step() == pytest.approx(0.3 * limit, rel=1e-9)
 
 
+def one_way(dust, **tables):
+    """Grains beside 64 particles of gas on a circle at 3, whose step is about .1."""
+    scene = {
+        "units": {"system": "code"}, "run": {"until": 50.0}, "space": {"size": 8.0, "cells": 64},
+        "gas": {"particles": 64, "eos": {"kind": "isothermal", "sound_speed": 0.5}},
+        "dust": {"particles": len(dust["mass"]), "ratio": 1.0},
+        "drag": {"law": "stopping-time", "t_stop": 1e3, "direction": "one-way"},
+    }  # fmt: skip
+    angle = 2 * np.pi * np.arange(64) / 64
+    outward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    gas = {"pos": 3 * outward, "vel": 3**-0.5 * outward[:, ::-1] * [-1, 1], "mass": np.full(64, 1e-8)}
+    return Simulation(scene | tables, particles={"gas": gas, "dust": dust})
+
+
+def grain(r):
+    return {"pos": np.array([[r, 0.0]]), "vel": np.array([[0.0, r**-0.5]]), "mass": np.array([1e-9])}
+
+
+def test_one_way_dust_that_a_step_would_throw_out_ends_the_run(tmp_path):
+    """It may not shorten the gas's step; its energy of -10 would be +9000 after one step."""
+    sim = one_way(grain(0.05), star={"mass": 1.0})
+    named = r"the limit that star sets for dust particle 64 at r = 0\.05\b.*a larger star\.accretion_radius"
+    with pytest.raises(PhysicsError, match=named):
+        sim.step()
+    assert sim.state.step == 0
+    sim.save(tmp_path / "c.h5")  # and again, resumed
+    again = one_way(grain(0.05), star={"mass": 1.0})
+    again.restore(tmp_path / "c.h5")
+    with pytest.raises(PhysicsError, match=named):
+        again.step()
+    # With a step that is right for it the grain keeps its orbit.
+    sim.step(most=0.3 * 0.05**1.5)
+    assert (sim.dust.vel**2).sum() / 2 - (sim.dust.pos**2).sum() ** -0.5 == pytest.approx(-10, rel=0.01)
+
+
+def test_a_cloud_of_one_way_dust_that_a_step_would_heat_ends_the_run():
+    """Cold, of radius .3 and mass 1, it collapses in .25: in two of the gas's steps."""
+    rng = np.random.default_rng(3)
+    r, angle = 0.3 * np.sqrt(rng.random(100)), 2 * np.pi * rng.random(100)
+    pos = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+    cloud = {"pos": pos, "vel": np.zeros((100, 2)), "mass": np.full(100, 0.01)}
+    sim = one_way(cloud, self_gravity={"softening": 0.1, "sources": ["dust"]})
+    with pytest.raises(PhysicsError, match=r"self_gravity sets for dust particle .* a longer self_gravity\.softening"):
+        sim.step()
+
+
+def test_dust_that_outlives_one_way_gas_limits_the_step():
+    """Where the star has taken all gas, nobody is left who must not notice it."""
+    sim = one_way(grain(3.5), star={"mass": 1.0, "accretion_radius": 3.2})
+    sim.step()
+    assert sim.gas.count == 0
+    assert sim.step() == pytest.approx(0.3 * 3.5**1.5, rel=1e-3)  # 1/Omega of its circle, but for the first step's kick
+
+
 def test_external_limits_the_step():
     scene = wave(until=1.0)
     scene |= {"external": {"vertical_frequency": 500.0}}
@@ -185,6 +239,34 @@ def test_approach_limits_the_step():
     viscous = np.abs(sim.acceleration("gas")[0]).max()
     signal = 0.02 / (2.2 + 3.4 * 0.02 * 20 * np.pi)
     assert sim.step() == pytest.approx(0.3 * min(signal, np.sqrt(0.02 / viscous)), rel=0.01)
+
+
+def box(timestep, until, **gas):
+    """A DustyBox of 64 + 64 particles and t_stop .5, whose gas allows steps of .03 where it is warm."""
+    return {
+        "units": {"system": "code"}, "run": {"until": until, "timestep": timestep},
+        "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic"},
+        "initial": {"kind": "box", "gas_velocity": 0.0, "dust_velocity": 1.0},
+        "gas": {"particles": 64, "eos": {"kind": "isothermal", "sound_speed": 1.0} | gas},
+        "dust": {"particles": 64, "ratio": 1.0}, "drag": {"law": "stopping-time", "t_stop": 0.5},
+    }  # fmt: skip
+
+
+def test_a_fixed_step_far_above_sound_is_refused_in_a_box_too():
+    """Its rounding errors would be noise of order one in the gas after ten steps."""
+    sim = Simulation(box(0.1, 1.0))
+    with pytest.raises(PhysicsError, match=r"run\.timestep is [\d.]+ times the step that gas allows"):
+        sim.run()
+    assert sim.state.step == 0
+
+
+@pytest.mark.parametrize(("until", "sound"), [(0.1, 1.0), (0.3, 1.0), (1.0, 0.1)])
+def test_a_box_of_few_steps_or_of_cold_gas_takes_any(until, sound):
+    """Nothing grows within one step or three, nor where the step is below what sound allows; drag is exact at any."""
+    sim = Simulation(box(0.1, until, sound_speed=sound))
+    sim.run()
+    slip = sim.dust.vel - sim.gas.vel
+    np.testing.assert_allclose(slip, np.exp(-2 * until / 0.5), atol=1e-8)  # eps = 1: twice as fast as t_stop
 
 
 def test_steps_land_on_the_end():

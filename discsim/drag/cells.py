@@ -25,9 +25,13 @@ SHIFT_STEP = np.array([0.70493075, 0.64794019])
 
 
 class Lattice(NamedTuple):
-    """Leaves that blocks are made of: whole grid cells in two dimensions."""
+    """Leaves that blocks are made of: whole grid cells in two dimensions. They cover the grid from `origin` on over
+    `extent` leaves, and a `margin` of as many on every side of it; beyond that nobody is coupled.
+    """
 
     origin: Array
+    extent: Array
+    margin: int
     side: float
     shape: tuple[int, int]
     periodic: bool
@@ -61,10 +65,11 @@ def lattice(drag, state, wanted: float) -> Lattice:
     """Leaves at least as large as `wanted`, of a lattice that has room to move where it is not periodic."""
     grid, dim = state.grid, drag.dim
     side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, state.gas.count)
+    extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
         # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
         numbers = [(-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in numbers]
-    return Lattice(np.array(grid.origin), side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
+    return Lattice(np.array(grid.origin), extent, 0, side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
 
 
 def sort_into_blocks(
@@ -74,19 +79,13 @@ def sort_into_blocks(
 
     The lattice moves with every step where it is `shifted`; `mirrored`, to where y -> -y takes the other's cells.
     """
-    gas, dust, (nx, ny) = state.gas, state.dust, leaves.shape
-    shift = np.zeros(2)
-    if shifted:
-        shift[: drag.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
-    if mirrored:
-        shift[1] = ny + 2.0 * leaves.origin[1] / leaves.side - shift[1]
-    gas_key, dust_key = np.empty(gas.count, np.uint32), np.empty(dust.count, np.uint32)
-    for particles, key in ((gas, gas_key), (dust, dust_key)):
-        share(
-            kernels.leaf_keys, len(key), particles.pos, leaves.origin, shift, 1.0 / leaves.side, nx, ny,
-            leaves.periodic, key,
-        )  # fmt: skip
-    n_gas, n_dust = (counts(key, nx * ny + 1) for key in (gas_key, dust_key))
+    gas, dust = state.gas, state.dust
+    shift, gas_key, dust_key, n_gas, n_dust = _leaf_of_each(drag, state, leaves, shifted, mirrored)
+    if not leaves.periodic and n_gas[-1] + n_dust[-1] > 0:
+        # Somebody is off the grid: cells go on, on every side alike.
+        leaves = _widened(leaves, drag.dim)
+        shift, gas_key, dust_key, n_gas, n_dust = _leaf_of_each(drag, state, leaves, shifted, mirrored)
+    nx, ny = leaves.shape
     h_sum = np.bincount(gas_key, gas.h, nx * ny + 1)
     # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
     length = leaves.side if drag.drag.cell_length else 0.0
@@ -103,6 +102,35 @@ def sort_into_blocks(
     dust_order, dust_start = counting_sort(dust_key, (count + 2) * population)
     moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
     return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
+
+
+def _widened(leaves: Lattice, dim: int) -> Lattice:
+    """With room for a margin of the largest block on both sides."""
+    nx, ny = leaves.shape
+    more = 2 * 2**LEVELS
+    return leaves._replace(margin=2**LEVELS, shape=(nx + more, ny + more if dim == 2 else 1))
+
+
+def _leaf_of_each(drag, state, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Array, ...]:
+    """By how many leaves the lattice has moved, the leaf of each particle of gas and of dust, and the numbers in each
+    leaf; in the last those outside the lattice.
+    """
+    nx, ny = leaves.shape
+    shift = np.zeros(2)
+    if shifted:
+        shift[: drag.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
+    shift[: drag.dim] += leaves.margin
+    if mirrored:
+        shift[1] = ny + 2.0 * leaves.origin[1] / leaves.side - shift[1]
+    low, high = shift - leaves.margin, shift + leaves.extent + leaves.margin
+    keys = []
+    for particles in (state.gas, state.dust):
+        keys.append(np.empty(particles.count, np.uint32))
+        share(
+            kernels.leaf_keys, particles.count, particles.pos, leaves.origin, shift, low, high, 1.0 / leaves.side,
+            nx, ny, leaves.periodic, keys[-1],
+        )  # fmt: skip
+    return shift, *keys, *(counts(key, nx * ny + 1) for key in keys)
 
 
 def merge(gas, dust, h_sum, shape, *wanted) -> tuple[Array, Array, Array, Array]:

@@ -23,6 +23,7 @@ class Effect:
     acts_on: tuple[str, ...] = ("gas", "dust")
     # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone.
     shared = False
+    softer = ""  # what to change so that `limit_of` is longer
 
     def accelerate(self, state: State) -> None:
         """Add this effect's accelerations to `acc` (and rates to `heating_rate`)."""
@@ -30,6 +31,14 @@ class Effect:
     def limit(self, state: State) -> float:
         """The longest step this effect allows, before the Courant factor, in code units."""
         return float("inf")
+
+    def limit_of(self, state: State, name: str) -> float:
+        """The longest step in which the species `name` keeps its orbits in this effect's field."""
+        return float("inf")
+
+    def tightest(self, particles: Particles, acc: np.ndarray) -> int:
+        """Which of the particles sets `limit_of`, from what this effect gives them."""
+        return int((acc**2).sum(axis=1).argmax())
 
     def kick(self, state: State, dt: float) -> None:
         """Turn accelerations into velocities over dt (the species' own kick, where no drag is solved with it)."""

@@ -19,7 +19,7 @@ import numba
 import numpy as np
 
 from discsim.effects import base
-from discsim.grid import Grid
+from discsim.grid import BORDER, Grid
 from discsim.kernels.grid import largest_norm
 from discsim.poisson import Kernel, Plummer, Poisson, ThinDisc
 from discsim.state import Particles, State
@@ -39,6 +39,7 @@ class Effect(base.Effect):
 
     name = "self_gravity"
     shared = True
+    softer = "a longer self_gravity.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.self_gravity is not None and state.grid is not None
@@ -49,8 +50,10 @@ class Effect(base.Effect):
         if scene.self_gravity.kernel == "thin-disc":
             # In its plane this kernel is as sharp as the grid.
             self.kernel, self.smallest = ThinDisc(scene.self_gravity.thickness), grid.cell
+            self.softer = "fewer space.cells"
         threads = numba.get_num_threads()
-        self.poisson = Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads)
+        border = 0 if grid.periodic else BORDER
+        self.poisson = Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads, border)
         self.outside = 0
         self._field: _Field | None = None
         self._strongest: dict[str, float] = {}
@@ -70,10 +73,13 @@ class Effect(base.Effect):
             self._strongest[name] = strongest
 
     def limit(self, state: State) -> float:
-        """The least sqrt(length / |a|) of the limiting particles: softening, or cell of a thin-disc."""
+        """The least `limit_of` of the limiting particles."""
         limiting = {id(particles) for particles in state.limiting}
-        strongest = [a for name, a in self._strongest.items() if id(state.species[name]) in limiting]
-        largest = max(strongest, default=0.0)
+        return min(self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting)
+
+    def limit_of(self, state: State, name: str) -> float:
+        """The least sqrt(length / |a|) of a species: softening, or cell of a thin-disc."""
+        largest = self._strongest.get(name, 0.0)
         return float(np.sqrt(self.smallest / largest)) if largest > 0 else float("inf")
 
     def potential_energy(self, state: State) -> float:
@@ -82,7 +88,7 @@ class Effect(base.Effect):
         return 0.5 * sum(self._energy(state.species[name], field) for name in self.sources)
 
     def _energy(self, particles: Particles, field: _Field) -> float:
-        potential = self.grid.gather(field.potential, particles.pos)
+        potential = self.grid.gather(self.grid.within(field.potential), particles.pos)
         outside = self.grid.outside(particles.pos)
         potential[outside] = field.monopole.potential(particles.pos[outside])
         return float((particles.mass * potential).sum())

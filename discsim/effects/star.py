@@ -15,6 +15,7 @@ from discsim.threads import share
 class Effect(base.Effect):
     name = "star"
     shared = True
+    softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene, state):
         self.star = scene.star
@@ -26,12 +27,15 @@ class Effect(base.Effect):
 
     def limit(self, state: State) -> float:
         limiting = {id(particles) for particles in state.limiting}
-        distance2 = min(
-            self._nearest.pop(name, None) or min(share(nearest, particles.count, particles.pos))
-            for name, particles in state.species.items()
-            if id(particles) in limiting
-        )
+        return min(self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting)
+
+    def limit_of(self, state: State, name: str) -> float:
+        p = state.species[name]
+        distance2 = self._nearest.pop(name, None) or min(share(nearest, p.count, p.pos))
         return ((distance2 + self.star.softening**2) ** 1.5 / self.star.mass) ** 0.5
+
+    def tightest(self, particles: Particles, acc: np.ndarray) -> int:
+        return int((particles.pos**2).sum(axis=1).argmin())
 
     def event(self, state: State) -> None:
         if self.star.accretion_radius > 0.0:

@@ -26,15 +26,18 @@ IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def leaf_keys(first, last, pos, origin, shift, inverse, nx, ny, periodic, out):
-    """Write the leaf of each particle; nx ny where it lies outside the lattice. `shift` (2,) in leaves."""
+def leaf_keys(first, last, pos, origin, shift, low, high, inverse, nx, ny, periodic, out):
+    """Write the leaf of each particle; nx ny where it is not from `low` to `high` of an open lattice. These and `shift`
+    (2,) in leaves.
+    """
     ox, oy, dx, dy = origin[0], origin[1], shift[0], shift[1]
+    low_x, low_y, high_x, high_y = low[0], low[1], high[0], high[1]
     outside, rows = np.uint32(nx * ny), np.int32(ny)
     if pos.shape[1] == 2 and not periodic:
         flat = pos.reshape(-1)  # steps of two and unsigned numbers: vectorised
         for i in range(np.uint64(first), np.uint64(last)):
             sx, sy = (flat[TWO * i] - ox) * inverse + dx, (flat[TWO * i + ONE] - oy) * inverse + dy
-            inside = (sx >= 0.0) & (sx < nx) & (sy >= 0.0) & (sy < ny)
+            inside = (sx >= low_x) & (sx < high_x) & (sy >= low_y) & (sy < high_y)
             out[i] = np.uint32(np.int32(sx) * rows + np.int32(sy)) if inside else outside
         return
     for i in range(first, last):
@@ -44,7 +47,9 @@ def leaf_keys(first, last, pos, origin, shift, inverse, nx, ny, periodic, out):
             sx -= nx * np.floor(sx / nx)
             sy -= ny * np.floor(sy / ny)
             sx, sy = (sx if sx < nx else 0.0), (sy if sy < ny else 0.0)
-        inside = 0.0 <= sx < nx and 0.0 <= sy < ny
+            inside = 0.0 <= sx < nx and 0.0 <= sy < ny
+        else:
+            inside = low_x <= sx < high_x and low_y <= sy < high_y
         out[i] = np.uint32(int(sx) * ny + int(sy)) if inside else outside
 
 
