@@ -1,13 +1,17 @@
 """The gas in the whole loop: waves, shocks, discs and self-gravitating sheets against their exact solutions."""
 
 import itertools
+import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from discsim import Simulation
 from discsim.derived import gas_step, local
+from discsim.errors import totals
 from discsim.exact import riemann, sheet
+from discsim.runner import _stopping
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
@@ -308,3 +312,25 @@ def test_jeans_oscillation():
     zero = times[late - 1] + share * (times[late] - times[late - 1])
     assert 0.5 * np.pi / zero == pytest.approx(exact, rel=0.01)
     assert waves.min() == pytest.approx(-1.0, abs=0.02)
+
+
+def test_energy_of_a_given_field():
+    """A fall and an oscillation at once, z'' = g - Omega^2 z: the kinetic energy is what the potential lost."""
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 1.0, "timestep": 1e-3}, "space": {"size": 8.0},
+        "dust": {"particles": 1, "ratio": 1.0}, "external": {"dust": [0.3, 0.5], "vertical_frequency": 2.0},
+    }  # fmt: skip
+    sim = Simulation(tables, particles={"dust": {"pos": [[0.0, 0.4]], "vel": [[0.0, 0.0]], "mass": [2.0]}})
+    start = totals(sim)["energy"]
+    sim.run()
+    kinetic = sim.dust.vel[0] @ sim.dust.vel[0]
+    assert kinetic > 0.1
+    assert totals(sim)["energy"] == pytest.approx(start, abs=1e-5 * kinetic)  # (Omega dt)^2 / 8 is 5e-7
+
+
+def test_stokes_numbers_know_the_softening():
+    """t_stop Omega with Omega^2 = M / (r^2 + s^2)^(3/2)."""
+    dust, star = SimpleNamespace(pos=np.array([[3.0, 0.0]])), SimpleNamespace(mass=5.0, softening=4.0)
+    state = SimpleNamespace(dust=dust, scene=SimpleNamespace(star=star))
+    drag = SimpleNamespace(current_stopping_times=lambda state: np.array([2.0]))
+    assert _stopping(state, drag)["stokes"] == pytest.approx(2.0 * math.sqrt(5.0 / 125.0), rel=1e-14)

@@ -316,3 +316,18 @@ def test_adiabatic_oscillation_keeps_its_energy(dim):
         errors.append(worst / start)
     assert errors[1] < 1e-4
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.3)
+
+
+def test_conduction_of_a_pair():
+    """du_i/dt = m_j alpha sqrt(|P_i - P_j| / rho_ij) (u_i - u_j) dW/dr / rho_ij (Price 2008, eq. 28), at rest."""
+    h, distance, u = 0.1, 0.08, np.array([1.0, 3.0])
+    sim = simulation(
+        np.array([[0.5], [0.5 + distance]]), 1, "periodic", u=u, eos={"kind": "adiabatic", "gamma": 1.4},
+        smoothing_length=h, conductivity={"alpha": 0.7},
+    )  # fmt: skip
+    value, slope = w("cubic", 1, np.array([0.0, distance / h]))
+    rho = 0.5 * 2 / (3 * h) * value.sum()
+    pressure = 0.4 * rho * u
+    speed = 0.7 * math.sqrt(abs(pressure[0] - pressure[1]) / rho)
+    rate = 0.5 * speed * (u[0] - u[1]) * 2 / (3 * h**2) * slope[1] / rho
+    np.testing.assert_allclose(sim.gas.heating_rate, [rate, -rate], rtol=1e-12)
