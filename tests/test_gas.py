@@ -334,3 +334,18 @@ def test_stokes_numbers_know_the_softening():
     state = SimpleNamespace(dust=dust, scene=SimpleNamespace(star=star))
     drag = SimpleNamespace(current_stopping_times=lambda state: np.array([2.0]))
     assert _stopping(state, drag)["stokes"] == pytest.approx(2.0 * math.sqrt(5.0 / 125.0), rel=1e-14)
+
+
+def test_sound_speed_of_polytropic_gas():
+    """c_s^2 = gamma P / rho: what the step and the viscosity go by."""
+    sim = wave_1d(20, {"kind": "polytropic", "gamma": 2.0, "constant": 0.5})
+    sim.step()
+    np.testing.assert_allclose(sim.gas.sound_speed**2, sim.gas.density, rtol=1e-14)
+
+
+def test_spin_of_the_history():
+    """x v_y - y v_x of what moves."""
+    given = {"pos": np.array([[3.0, 2.0]]), "vel": np.array([[5.0, 7.0]]), "mass": np.array([2.0])}
+    tables = {"units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 8.0}}
+    sim = Simulation(tables | {"dust": {"particles": 1, "ratio": 1.0}}, particles={"dust": given})
+    assert totals(sim)["spin"] == pytest.approx(2.0 * (3.0 * 7.0 - 2.0 * 5.0), rel=1e-14)
