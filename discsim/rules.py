@@ -291,9 +291,9 @@ def _adiabatic_start(draft: Draft) -> Iterator[Problem]:
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
     if draft.gas and draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
         yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
-    elif draft.gas and draft.space and (draft.gas.smoothing_length or 0.0) > max(draft.space.size):
+    elif draft.gas and draft.space and (draft.gas.smoothing_length or 0.0) > 2 * max(draft.space.size):
         times = draft.gas.smoothing_length / max(draft.space.size)
-        yield ("gas", "smoothing_length"), f"{times:.3g} times as long as space.size; expected less than it"
+        yield ("gas", "smoothing_length"), f"{times:.3g} times as long as space.size; expected at most twice it"
 
 
 def _neighbours(draft: Draft) -> Iterator[Problem]:

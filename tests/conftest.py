@@ -1,10 +1,14 @@
 """One thread for every test: parallel regions of a few particles only wait. Read when numba is first imported.
 
-What runs learn of this machine's speed stays among the tests.
+What runs learn of this machine's speed stays among the tests. Examples of property tests are the same every time.
 """
 
 import os
 import tempfile
 
+from hypothesis import settings
+
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="discsim-tests-")
+settings.register_profile("same-every-time", derandomize=True, deadline=None)
+settings.load_profile("same-every-time")

@@ -80,7 +80,7 @@ REFUSED = {
     "steps beyond all": (wave(run={"courant": 1e9}), "run.courant: 1000000000.0 is out of range; expected at most 100"),
     "all are neighbours": (wave({"eta": 1e9}), "gas.eta: 1000000000.0 is out of range; expected at most 30"),
     "wider than space": (
-        wave({"smoothing_length": 7.0}), "gas.smoothing_length: 7 times as long as space.size; expected less"),
+        wave({"smoothing_length": 7.0}), "gas.smoothing_length: 7 times as long as space.size; expected at most twice"),
     "lone particles": (
         wave({"kernel": "quintic-h", "eta": 1.4}), 'gas.eta: 1.4 leaves a particle of kernel "quintic-h" without'),
     "layer": (layer(150, 4.0), "gas.particles: too few for a layer that reaches to 4 scale heights*expected 2989"),

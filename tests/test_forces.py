@@ -109,10 +109,9 @@ def test_pull_is_the_slope_of_the_potential(ratio, kernel):
     distance = 0.1 * 10**ratio
     step = 1e-4 * distance
     slope = (kernel.potential(distance + step) - kernel.potential(distance - step)) / (2 * step)
-    # The difference errs by step^2 = 1e-8, and by rounding of the potential, eps / 1e-4 of it.
-    assert kernel.pull(distance) * distance == pytest.approx(
-        slope, rel=1e-6, abs=1e-11 * abs(kernel.potential(distance))
-    )
+    # The difference errs by step^2 = 1e-8, and by rounding of the potential over the step, eps / 1e-4 of it.
+    rounding = 1e-11 * abs(kernel.potential(distance)) / distance
+    assert kernel.pull(distance) * distance == pytest.approx(slope, rel=1e-6, abs=rounding)
 
 
 def test_far_columns_pull_as_points_and_near_ones_as_lines():
@@ -156,7 +155,8 @@ def test_a_lone_particle_does_not_pull_itself(x, y, kernel, periodic):
     assert np.abs(gas.acc).max() < 1e-12 * 2.0 * ThinDisc(length).pull(cell) * cell
 
 
-@given(st.floats(0, 1, exclude_max=True), st.floats(0, 1, exclude_max=True), st.sampled_from(KERNELS))
+# At 1, or nearer than rounding tells, the last place is on the last node, and so off the grid.
+@given(st.floats(0, 0.999), st.floats(0, 0.999), st.sampled_from(KERNELS))
 @settings(max_examples=60, deadline=None)
 def test_nor_at_an_open_edge(x, y, kernel):
     """Within the first and last cells as well, and a pair there has no force on its own centre."""

@@ -18,9 +18,6 @@ from discsim.scene import Scene, SceneError, load_scene
 from discsim.tables import TABLES, models_in
 from discsim.units import UnitError, Units, epstein_stopping_time, parse_quantity
 
-settings.register_profile("same-every-time", derandomize=True, deadline=None)
-settings.load_profile("same-every-time")
-
 DISC = """\
 title = "a disc"
 [units]

@@ -1,10 +1,10 @@
 """The common motion that drag cells leave out of velocities: circles about the star, in the sense of gas and dust.
 
-    w(x) = sigma(r) Omega_K(r) (-y, x),   sigma = 2 <v_phi> / v_K within -1 and 1                          (1)
+    w(x) = sigma(r) Omega_K(r) (-y, x)                                                                     (1)
 
-with the mass-weighted mean of both species in each of some rings of even width in ln r, interpolated between their
-middles: 1 or -1 in a disc, whichever way it turns, between the two where one part turns the other way, 0 of what does
-not turn. A field of the place alone, so that momentum stays what it is.
+sigma is 1 or -1, as the whole turns, by the mass-weighted mean of v_phi / v_K of both species; the other way in those
+of some rings of even width in ln r whose own mean is beyond half of v_K, that way; in between only between the middles
+of two such rings, as it has to be smooth over cells. A field of the place alone, so that momentum stays what it is.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ def frame(drag, state) -> Frame:
     turns = (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) / (np.exp(log) * kepler)
     total, moving = np.bincount(ring, weight, RINGS), np.bincount(ring, weight * turns, RINGS)
     there = np.flatnonzero(total > 0.0)
-    sense = np.interp(np.arange(RINGS), there, np.clip(2.0 * moving[there] / total[there], -1.0, 1.0))
+    whole = 1.0 if moving.sum() >= 0.0 else -1.0
+    against = whole * moving[there] < -0.5 * total[there]
+    sense = np.interp(np.arange(RINGS), there, np.where(against, -whole, whole))
     return Frame(mass, softening, low, per_ring, sense[:1] if np.ptp(sense) == 0.0 else sense)
 
 
