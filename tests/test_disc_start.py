@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from discsim import Simulation
+from discsim import Simulation, load_scene
 from discsim.exact import nsh
+from discsim.initial import profile
 
 ASPECT = 0.05
 
@@ -81,3 +82,28 @@ def test_one_way_dust_starts_as_if_alone():
     alone = nsh.velocities(np.array([0.1, 1.0])[sim.dust.species] * r, 0.0, 1.0)
     np.testing.assert_allclose(radial, alone.dust_radial, rtol=1e-9)
     np.testing.assert_allclose(beyond_kepler(sim.gas)[1], 0.0, atol=1e-9)
+
+
+def test_the_start_is_held_by_the_pressure_of_its_tapers():
+    """-(1/Sigma) dP/dr by differences, but next to the edges, where no rotation balances the fall."""
+    start = {"kind": "disc", "mass": 1e-4, "inner": 1.0, "outer": 3.0, "inner_taper": 0.6, "outer_taper": 0.8}
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.1, "temperature_index": 0.7}
+    scene = load_scene(
+        {
+            "units": {"system": "code"},
+            "run": {"until": 1.0},
+            "space": {"size": 8.0},
+            "initial": start,
+            "gas": {"particles": 10, "eos": eos},
+            "star": {"mass": 1.0},
+        }
+    )
+    r, step = np.linspace(1.25, 2.4, 50), 1e-5
+
+    def pressure(r):
+        return profile.sound_speed(scene, r, r) ** 2 * profile.surface_density(scene, r)
+
+    slope = (pressure(r + step) - pressure(r - step)) / (2 * step)
+    expected = -slope / profile.surface_density(scene, r)
+    # Of the difference, step^2, and its rounding, 1e-16 / step.
+    np.testing.assert_allclose(profile.pressure_acceleration(scene, r), expected, rtol=1e-6, atol=1e-9)

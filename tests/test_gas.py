@@ -276,6 +276,19 @@ def test_accretion_is_accounted_for():
     assert polar(sim.gas)[0].min() >= 1.05
 
 
+def test_the_star_takes_the_momentum_of_what_it_takes():
+    dust = {"pos": np.array([[0.05, 0.02], [1.0, 0.0]]), "vel": np.array([[0.3, -2.0], [0.0, 1.0]])}
+    tables = scene(None, None, 1.0, size=4.0, dimensions=2, boundary="open", dust={"ratio": 1.0})
+    tables = {key: value for key, value in tables.items() if value is not None}
+    tables["star"] = {"mass": 1.0, "accretion_radius": 0.1}
+    sim = Simulation(tables, particles={"dust": dust | {"mass": np.array([0.2, 0.1])}})
+    sim.effects["star"].event(sim.state)
+    ledger = sim.state.ledger
+    assert sim.dust.count == 1 and ledger.accreted_dust == 0.2
+    np.testing.assert_allclose(ledger.accreted_momentum, [0.06, -0.4])
+    assert ledger.accreted_angular_momentum == pytest.approx(0.2 * (0.05 * -2.0 - 0.02 * 0.3))
+
+
 # A self-gravitating sheet: omega^2 = c_s^2 k^2 - 2 pi k exp(-k softening)
 
 
