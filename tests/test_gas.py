@@ -341,6 +341,20 @@ def test_energy_of_a_given_field():
     assert totals(sim)["energy"] == pytest.approx(start, abs=1e-5 * kinetic)  # (Omega dt)^2 / 8 is 5e-7
 
 
+def test_energy_about_a_softened_star():
+    """A fall from the far end of an orbit: what is gained in motion the star's potential has lost."""
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 2.0, "timestep": 1e-3}, "space": {"size": 8.0},
+        "dust": {"particles": 1, "ratio": 1.0}, "star": {"mass": 1.5, "softening": 0.1},
+    }  # fmt: skip
+    sim = Simulation(tables, particles={"dust": {"pos": [[1.0, 0.0]], "vel": [[0.0, 0.5]], "mass": [2.0]}})
+    start = totals(sim)["energy"]
+    sim.run(until=0.8)
+    kinetic = sim.dust.vel[0] @ sim.dust.vel[0]
+    assert kinetic > 4 * 0.25
+    assert totals(sim)["energy"] == pytest.approx(start, abs=1e-4 * kinetic)  # (Omega dt)^2 / 8 is 1e-5 at its least r
+
+
 def test_stokes_numbers_know_the_softening():
     """t_stop Omega with Omega^2 = M / (r^2 + s^2)^(3/2)."""
     dust, star = SimpleNamespace(pos=np.array([[3.0, 0.0]])), SimpleNamespace(mass=5.0, softening=4.0)

@@ -4,6 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numba.core.codegen import get_host_cpu_features
 
 from discsim import Simulation
 from discsim.drag import SCHEMES as ALL_SCHEMES
+from discsim.drag.cloud import guess_h
 from discsim.drag.pairs import pair_up
 from discsim.exact import dustybox, dustywave
 from discsim.kernels.pairs import hump_norm, limited
@@ -580,3 +582,10 @@ def test_oblique_wave(scheme, expected):
 def test_oblique_wave_of_mk():
     """A few steps: as esph, whose damping is that of the same pairs, but for the pair at one place."""
     assert oblique("mk", 16, 0.02) == pytest.approx(oblique("esph", 16, 0.02), rel=0.3)
+
+
+def test_dust_in_gas_of_next_to_no_density_reaches_as_far_as_it_may():
+    """As in gas that a huge sound speed has blown apart."""
+    sph = SimpleNamespace(eta=1.2, dim=2, h_most=3.0)
+    cloud = SimpleNamespace(sph=sph, mass=np.array([1.0, 1.0, 1.0]))
+    np.testing.assert_allclose(guess_h(cloud, np.array([0.0, 1e-310, 4.0])), [3.0, 3.0, 0.6])

@@ -44,7 +44,9 @@ def cloud_of(state, members: Array, sph: Sph) -> Cloud:
 
 def guess_h(cloud: Cloud, density: Array) -> Array:
     """Smoothing lengths (n,) at a density that is given, or known to be about right."""
-    return np.minimum(cloud.sph.eta * (cloud.mass / density) ** (1.0 / cloud.sph.dim), cloud.sph.h_most)
+    with np.errstate(divide="ignore", over="ignore"):  # a density of none asks for the longest
+        h = cloud.sph.eta * (cloud.mass / density) ** (1.0 / cloud.sph.dim)
+    return np.minimum(h, cloud.sph.h_most)
 
 
 def settle_density(cloud: Cloud) -> None:
