@@ -77,7 +77,8 @@ class Tube:
 
     def sound_speed(self, cells: Array) -> Array:
         density, _, pressure, _, _ = self.primitive(cells)
-        return np.sqrt((self.gamma or 1.0) * pressure / density)
+        with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
+            return np.sqrt((self.gamma or 1.0) * pressure / density)
 
     def moved(self, start: Array, now: Array, dt: float) -> Array:
         """start + dt L(now): fluxes and pressure, no drag."""

@@ -13,6 +13,7 @@ from discsim.drag import GRID_SCHEMES
 from discsim.exact import dustybox, dustyshock, dustywave, riemann
 from discsim.runner import run_scene
 from discsim.scene import SceneError
+from discsim.simulation import PhysicsError
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4}
@@ -371,3 +372,18 @@ def test_a_jump_within_a_cell():
     sim = Simulation(scene({"kind": "shock"}, 5, 1.0, 1.0, eos=ADIABATIC))
     np.testing.assert_allclose(sim.gas.mass, np.array([1.0, 1.0, 0.5625, 0.125, 0.125]) / 5)
     np.testing.assert_allclose(sim.gas.u[2], 0.5 * (1.0 + 0.1) / 0.4 / 0.5625)
+
+
+def test_gas_without_any_heat_left_ends_the_run():
+    """A wave a million times faster than the sound that its gas begins with: a step takes more heat than there is."""
+    tables = {
+        "units": {"system": "code"},
+        "run": {"until": 0.6},
+        "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic"},
+        "initial": {"kind": "wave"},
+        "gas": {"particles": 78, "eos": {"kind": "adiabatic", "gamma": 2.3, "sound_speed": 1.5e-10}},
+        "dust": {"particles": 78, "ratio": 0.03},
+        "drag": {"law": "constant", "K": 8.6, "scheme": "emsi-ppm"},
+    }
+    with pytest.raises(PhysicsError, match="the step that gas allows is nan"):
+        Simulation(tables).run()
