@@ -37,7 +37,3 @@ class GivenDisc:
 
     def sound_speed(self, r: Array) -> Array:
         return np.sqrt(self.laws[2] * r ** -self.laws[3])
-
-    def pressure_acceleration(self, r: Array) -> Array:
-        """-(1/Sigma) dP/dr."""
-        return self.laws[4] * self.sound_speed(r) ** 2 / r
