@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.ndimage import maximum_filter
 
-from discsim.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 
 MODES = range(1, 7)
 RINGS = 12

@@ -38,7 +38,9 @@ from rich.console import Console
 from rich.table import Table
 
 from discsim import load_scene
-from discsim.cost import Study, Varied, price
+from discsim.study.cost import Study
+from discsim.study.findings import price
+from discsim.study.points import Varied
 
 STUDIES = ("wave", "shock", "oblique", "sheet", "courant", "drift")
 GOAL = 0.01

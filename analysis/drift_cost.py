@@ -34,7 +34,7 @@ from rich.table import Table
 from discsim import Simulation
 from discsim.effects import gas
 from discsim.exact import nsh
-from discsim.tables import ETA
+from discsim.scene.tables import ETA
 
 SCHEMES = ("tsc", "idic-linear")
 STOKES, CELLS, COUNTS = (0.1, 0.01), (1, 2, 4, 8), (1500, 6000, 24_000)

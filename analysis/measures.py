@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from discsim import Simulation
-from discsim.errors import measure_of
 from discsim.exact import dustyshock, dustywave
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
+from discsim.study.errors import measure_of
 
 Array = np.ndarray
 

@@ -36,7 +36,7 @@ from rich.table import Table
 
 from discsim import Simulation
 from discsim.kernels.smoothing import KERNELS, SUPPORT
-from discsim.tables import ETA
+from discsim.scene.tables import ETA
 
 ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.75
 PLAIN = {"alpha": 1.0, "beta": 2.0}

@@ -29,7 +29,7 @@ from rich.table import Table
 
 from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.exact import dustywave
-from discsim.simulation import PhysicsError
+from discsim.run.simulation import PhysicsError
 
 COEFFICIENTS = tuple(10.0 ** np.arange(-6, 13, 2))
 RATIOS = tuple(10.0 ** np.arange(-6, 7, 2))

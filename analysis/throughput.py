@@ -259,7 +259,7 @@ def growth(largest: int) -> list[dict[str, Any]]:
 def show_steps(console: Console) -> list[dict[str, Any]]:
     """What sets the steps of the shipped discs, and what steps of each particle's own, in powers of two, would save."""
     from discsim import Simulation, load_scene
-    from discsim.derived import gas_step
+    from discsim.preview.derived import gas_step
 
     rows = []
     table = Table("disc", "set by", "at r", "r of the edges", "gas updates saved", "at most, of a step", box=SIMPLE)

@@ -11,15 +11,15 @@ __all__ = ["SceneError", "Simulation", "load_scene", "read_snapshot"]
 RARELY = (100_000, 20, 100)
 
 if TYPE_CHECKING:
+    from discsim.output.snapshot import read_snapshot
+    from discsim.run.simulation import Simulation
     from discsim.scene import SceneError, load_scene
-    from discsim.simulation import Simulation
-    from discsim.snapshot import read_snapshot
 
 _HOMES = {
     "SceneError": "discsim.scene",
-    "Simulation": "discsim.simulation",
+    "Simulation": "discsim.run.simulation",
     "load_scene": "discsim.scene",
-    "read_snapshot": "discsim.snapshot",
+    "read_snapshot": "discsim.output.snapshot",
 }
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from discsim import RARELY
-from discsim.directory import DirectoryError, directory_fault, held
+from discsim.run.directory import DirectoryError, directory_fault, held
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -75,7 +75,7 @@ def run(
     fault = directory_fault(directory, resume)
     if fault:
         _refuse(fault)
-    from discsim.runner import run_scene
+    from discsim.run.runner import run_scene
 
     raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
 
@@ -84,7 +84,7 @@ def run(
 def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOption = None) -> None:
     """Validate a scene: the effects that will run, derived numbers, warnings."""
     loaded = _load(scene, settings or (), without or ())
-    from discsim.check import report
+    from discsim.preview.check import report
 
     typer.echo(report(loaded))
 
@@ -109,7 +109,8 @@ def cost(
     from discsim.scene import SceneError
 
     try:
-        from discsim.cost import Study, StudyError, Varied
+        from discsim.study.cost import Study
+        from discsim.study.points import StudyError, Varied
 
         study = Study(scene, [Varied.from_text(text) for text in vary], repeat, output, settings or (), without or ())
         fault = directory_fault(output, resume=False)
@@ -124,7 +125,7 @@ def cost(
 @app.command()
 def effects() -> None:
     """List every effect: its equation, its keys with units and defaults."""
-    from discsim.reference import effects_text
+    from discsim.preview.reference import effects_text
 
     typer.echo(effects_text())
 

@@ -1,6 +1,6 @@
 """Random scenes of all tables, and what becomes of one: it runs, or it is refused, or the physics stops it.
 
-Keys and words are those of `discsim.tables`: new ones take part by themselves. What does not go together is left
+Keys and words are those of `discsim.scene.tables`: new ones take part by themselves. What does not go together is left
 out as the scene's own messages say, so that most scenes run. Look at one with
 
     python tests/fuzz.py SEED
@@ -19,13 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from discsim import SceneError, Simulation, read_snapshot, runner, tables
-from discsim.check import report
-from discsim.history import history_row
-from discsim.rules import EOS_OF
-from discsim.scene import load_scene
-from discsim.simulation import PhysicsError
-from discsim.snapshot import write_snapshot
+from discsim import SceneError, Simulation, read_snapshot
+from discsim.output.history import history_row
+from discsim.output.snapshot import write_snapshot
+from discsim.preview.check import report
+from discsim.run import runner
+from discsim.run.simulation import PhysicsError
+from discsim.scene import load_scene, tables
+from discsim.scene.rules import EOS_OF
 
 PATIENCE = 180  # seconds, those in which kernels compile among them
 STEPS = 3

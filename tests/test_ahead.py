@@ -6,8 +6,9 @@ import pytest
 from numba.core.registry import CPUDispatcher
 from test_runner import DISC, SHOCK, WAVE
 
-from discsim import Simulation, ahead
+from discsim import Simulation
 from discsim.drag import SCHEMES
+from discsim.run import ahead
 from discsim.scene import load_scene
 
 DRAG = ("blocks", "drag", "relax", "nodes", "levels", "nonlinear", "laws", "pairs", "interpolation", "slopes")

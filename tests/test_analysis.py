@@ -7,10 +7,10 @@ import pytest
 import surface_density
 
 from discsim.exact import dustywave, riemann
-from discsim.figure import last_state_figure
+from discsim.numerics.state import Dust, Gas
+from discsim.output.figure import last_state_figure
+from discsim.output.snapshot import SnapshotError, range_of_mass, read_snapshot, write_snapshot
 from discsim.scene import load_scene
-from discsim.snapshot import SnapshotError, range_of_mass, read_snapshot, write_snapshot
-from discsim.state import Dust, Gas
 
 DISC = {
     "title": "Dusty disc",

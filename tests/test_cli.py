@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 
 import discsim
 from discsim import Simulation
-from discsim.cautions import warnings
 from discsim.cli import app
-from discsim.derived import SUPPORT_OF, derived, grid_bytes
-from discsim.directory import directory_fault
 from discsim.effects import EFFECTS
 from discsim.kernels.smoothing import KERNELS, SUPPORT
+from discsim.preview.cautions import warnings
+from discsim.preview.derived import SUPPORT_OF, derived, grid_bytes
+from discsim.run.directory import directory_fault
 from discsim.scene import load_scene
 
 SHEET = """\
@@ -42,9 +42,9 @@ softening = 0.01
 def calls(monkeypatch, tmp_path):
     """The calls of run_scene, which a stand-in answers with status 3; the working directory is empty."""
     seen = []
-    runner = ModuleType("discsim.runner")
+    runner = ModuleType("discsim.run.runner")
     runner.run_scene = lambda scene, directory, **options: seen.append((scene, directory, options)) or 3
-    monkeypatch.setitem(sys.modules, "discsim.runner", runner)
+    monkeypatch.setitem(sys.modules, "discsim.run.runner", runner)
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     return seen

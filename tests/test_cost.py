@@ -10,9 +10,11 @@ from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene
 from discsim.cli import app
-from discsim.cost import Point, Study, StudyError, Varied, fitted_power, price
-from discsim.errors import drifts, measure_of, profile_errors, totals
-from discsim.simulation import PhysicsError
+from discsim.run.simulation import PhysicsError
+from discsim.study.cost import Study
+from discsim.study.errors import drifts, measure_of, profile_errors, totals
+from discsim.study.findings import fitted_power, price
+from discsim.study.points import Point, StudyError, Varied
 
 WAVE = """
 [units]

@@ -5,7 +5,7 @@ import pytest
 
 from discsim import Simulation, load_scene
 from discsim.exact import nsh
-from discsim.initial import profile
+from discsim.physics import profile
 
 ASPECT = 0.05
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from discsim import SceneError, Simulation, cli, memory
-from discsim.check import report
-from discsim.errors import totals
+from discsim import SceneError, Simulation, cli
 from discsim.kernels.smoothing import KERNELS, NORM, shape
+from discsim.preview import memory
+from discsim.preview.check import report
+from discsim.run.simulation import PhysicsError
 from discsim.scene import load_scene
-from discsim.simulation import PhysicsError
-from discsim.tables import LEAST_ETA
+from discsim.scene.tables import LEAST_ETA
+from discsim.study.errors import totals
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 0.05}
 CODE = {"system": "code"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.simulation import PhysicsError
+from discsim.run.simulation import PhysicsError
 
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
 

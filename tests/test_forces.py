@@ -17,9 +17,9 @@ from test_poisson import centred, cloud, scattered
 
 from discsim.effects.self_gravity import Effect
 from discsim.exact import exponential, kuzmin, maclaurin, mestel, ring, stratified
-from discsim.grid import Grid
-from discsim.poisson import Plummer, Poisson, ThinDisc
-from discsim.state import State
+from discsim.numerics.grid import Grid
+from discsim.numerics.poisson import Plummer, Poisson, ThinDisc
+from discsim.numerics.state import State
 
 KERNELS = ("plummer", "thin-disc")
 

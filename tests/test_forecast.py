@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
-from discsim.check import report
-from discsim.forecast import forecast, known_runs, learn, slowness
-from discsim.runner import run_scene
+from discsim.preview.check import report
+from discsim.preview.forecast import forecast, known_runs, learn, slowness
+from discsim.run.runner import run_scene
 
 SMALL = ["gas.particles=20000", "dust.particles=20000", "space.cells=128"]
 SMALLEST = ["gas.particles=2000", "dust.particles=2000", "space.cells=64"]
@@ -87,7 +87,7 @@ def test_runs_that_say_nothing_of_the_machine_are_not_learnt_from(store):
 def test_a_run_that_has_ended_is_learnt_from(store, tmp_path, monkeypatch):
     """Here where any run is long enough: its own CPU seconds a step, over those of the stored figures."""
     for name in ("LONG", "QUIET", "HEAVY_STEP"):
-        monkeypatch.setattr(f"discsim.forecast.{name}", 0.0)
+        monkeypatch.setattr(f"discsim.preview.forecast.{name}", 0.0)
     scene = load_scene("setups/star_dust.toml", ["dust.particles=2000", "run.snapshots=1", "run.courant=0.1"])
     start = time.process_time()
     assert run_scene(scene, tmp_path / "out", quiet=True) == 0

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.derived import gas_step, local
-from discsim.errors import totals
 from discsim.exact import riemann, sheet
-from discsim.runner import _stopping
+from discsim.preview.derived import gas_step, local
+from discsim.run.runner import _stopping
+from discsim.study.errors import totals
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}

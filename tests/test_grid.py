@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from discsim import load_scene
-from discsim.grid import Grid
 from discsim.kernels.grid import cell_of, largest_norm
-from discsim.layout import leaves
+from discsim.numerics.grid import Grid
+from discsim.numerics.layout import leaves
 
 OPEN = Grid((-1.0, -0.5), 1 / 16, (32, 16), periodic=False)
 PERIODIC = Grid((0.0, 0.0), 1 / 16, (32, 16), periodic=True)

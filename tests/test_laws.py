@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from discsim import Simulation
-from discsim.derived import derived
 from discsim.exact import dustybox
 from discsim.kernels.background import path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
 from discsim.kernels.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, hastening, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
+from discsim.preview.derived import derived
 from discsim.scene import load_scene
 
 SUPERSONIC, BOULDER = np.array([1.0, KWOK, 0.0, 0.0, 0.0]), np.array([1.0, KWOK, 1.0, 1e-3, 1.0])

@@ -10,7 +10,7 @@ from test_runner import DISC, SHOCK, WAVE
 RUN = """
 import json, sys
 from pathlib import Path
-from discsim.runner import run_scene
+from discsim.run.runner import run_scene
 from discsim.scene import load_scene
 assert run_scene(load_scene(sys.argv[1], [], sys.argv[3:]), Path(sys.argv[2]), quiet=True) == 0
 print(json.dumps(list(sys.modules)))
@@ -23,7 +23,7 @@ app(sys.argv[1:], standalone_mode=False)
 print(json.dumps(list(sys.modules)))
 """
 
-GRAVITY = {"pyfftw", "discsim.poisson", "discsim.kernels.poisson", "discsim.effects.self_gravity"}
+GRAVITY = {"pyfftw", "discsim.numerics.poisson", "discsim.kernels.poisson", "discsim.effects.self_gravity"}
 DUST = {"discsim.effects.dust"}
 DRAG = {
     "discsim.effects.drag",
@@ -40,9 +40,15 @@ DRAG = {
 }
 OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}
-GAS = {"discsim.effects.gas", "discsim.sph", "discsim.kernels.sph", "discsim.neighbours", "discsim.kernels.neighbours"}
+GAS = {
+    "discsim.effects.gas",
+    "discsim.numerics.sph",
+    "discsim.kernels.sph",
+    "discsim.numerics.neighbours",
+    "discsim.kernels.neighbours",
+}
 GRID = {
-    "discsim.ppm",
+    "discsim.numerics.ppm",
     "discsim.kernels.ppm",
     "discsim.kernels.drag_grid",
     "discsim.effects.grid_gas",
@@ -54,7 +60,7 @@ OF_PARTICLES = (
     GAS
     | DUST
     | {"discsim.drag.cells", "discsim.drag.tsc", "discsim.kernels.levels", "discsim.kernels.nodes"}
-    | {"discsim.grid", "discsim.kernels.grid"}
+    | {"discsim.numerics.grid", "discsim.kernels.grid"}
 )
 SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}
 

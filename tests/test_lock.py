@@ -14,14 +14,14 @@ from test_runner import WAVE, assert_same_run, contents, scene_of
 from typer.testing import CliRunner
 
 from discsim.cli import app
-from discsim.directory import DirectoryError, held, sweep
-from discsim.runner import run_scene
+from discsim.run.directory import DirectoryError, held, sweep
+from discsim.run.runner import run_scene
 
 
 @pytest.fixture(autouse=True)
 def no_figure(monkeypatch):
     """Drawing takes longer than these runs."""
-    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
+    monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def going_on(tmp_path, monkeypatch):
         time.sleep(100)
 
     with monkeypatch.context() as patch:
-        patch.setattr("discsim.runner._Run._after_step", wait)
+        patch.setattr("discsim.run.runner._Run._after_step", wait)
         child = forked(lambda: run_scene(scene, tmp_path / "out", quiet=True))
     while not (tmp_path / "waits").exists():
         time.sleep(0.01)
@@ -70,7 +70,7 @@ def test_the_lock_of_a_killed_run_holds_nobody_up(tmp_path, going_on):
 
 def test_a_lock_that_was_removed_while_we_opened_it_is_none(tmp_path, monkeypatch):
     # Its holder ends between our open and our flock: what we then have locked is a file without a name.
-    import discsim.directory as directory
+    import discsim.run.directory as directory
 
     real, ends = directory.fcntl.flock, [lambda: (tmp_path / ".lock").unlink()]
 
@@ -89,7 +89,7 @@ def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch, capsys):
     def none(file, how):
         raise OSError(errno.ENOSYS, "Function not implemented")
 
-    monkeypatch.setattr("discsim.directory.fcntl.flock", none)
+    monkeypatch.setattr("discsim.run.directory.fcntl.flock", none)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
     assert f"warning: {tmp_path / 'out'} cannot be locked" in capsys.readouterr().out
     assert not (tmp_path / "out" / ".lock").exists()

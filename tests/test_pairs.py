@@ -17,7 +17,7 @@ from discsim.drag.pairs import pair_up
 from discsim.exact import dustybox, dustywave
 from discsim.kernels.pairs import hump_norm, limited
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
-from discsim.rules import BETWEEN_PAIRS, INTERPOLATING
+from discsim.scene.rules import BETWEEN_PAIRS, INTERPOLATING
 
 SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}

@@ -11,15 +11,15 @@ from numba import config, njit
 from numba.core import caching
 from test_runner import WAVE, at_step, scene_of
 
-from discsim import cache
-from discsim.history import History
-from discsim.runner import run_scene
+from discsim.kernels import cache
+from discsim.output.history import History
+from discsim.run.runner import run_scene
 
 
 @pytest.fixture(autouse=True)
 def no_figure(monkeypatch):
     """Drawing takes longer than these runs."""
-    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
+    monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
 def test_a_disk_that_is_full_at_the_first_line_of_the_log(tmp_path, capsys):
@@ -115,7 +115,7 @@ def test_no_place_at_all_is_one_message(tmp_path, read_only, monkeypatch, capsys
     def simulation(scene):
         cache.ensure(one_more)
 
-    monkeypatch.setattr("discsim.runner.Simulation", simulation)
+    monkeypatch.setattr("discsim.run.runner.Simulation", simulation)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     wanted = "there is no place for compiled kernels: set NUMBA_CACHE_DIR to a directory that can be written\n"
     assert capsys.readouterr().err == wanted and not (tmp_path / "out").exists()

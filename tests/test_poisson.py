@@ -11,9 +11,9 @@ import pytest
 from discsim import SceneError, Simulation
 from discsim.effects.self_gravity import Effect
 from discsim.exact import maclaurin
-from discsim.grid import Grid
-from discsim.poisson import Plummer, Poisson
-from discsim.state import Particles, State
+from discsim.numerics.grid import Grid
+from discsim.numerics.poisson import Plummer, Poisson
+from discsim.numerics.state import Particles, State
 
 
 def cloud(pos, mass, dimensions=2):
@@ -227,7 +227,7 @@ import hashlib, sys
 sys.path.insert(0, {here!r})
 import numba
 from test_poisson import cloud, gravity, maclaurin_disc
-from discsim.grid import Grid
+from discsim.numerics.grid import Grid
 for periodic, corner in ((False, -1.3), (True, -1.25)):
     for threads in (1, 2, 2):
         numba.set_num_threads(threads)

@@ -11,9 +11,9 @@ import pytest
 from discsim import Simulation, load_scene, read_snapshot
 from discsim.drag import GRID_SCHEMES
 from discsim.exact import dustybox, dustyshock, dustywave, riemann
-from discsim.runner import run_scene
+from discsim.run.runner import run_scene
+from discsim.run.simulation import PhysicsError
 from discsim.scene import SceneError
-from discsim.simulation import PhysicsError
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.check import report
-from discsim.derived import derived
 from discsim.drag import cells, tsc
 from discsim.kernels import blocks
-from discsim.layout import LEVELS
-from discsim.runner import _stopping
+from discsim.numerics.layout import LEVELS
+from discsim.preview.check import report
+from discsim.preview.derived import derived
+from discsim.run.runner import _stopping
 from discsim.scene import load_scene
 
 DISC = {

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.errors import front
 from discsim.exact import gresho, sedov, settling
 from discsim.scene import SceneError
+from discsim.study.errors import front
 
 
 def layer(stop, until, law="stopping-time", particles=120, gas=None):

@@ -12,11 +12,11 @@ from discsim import load_scene
 from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
 from discsim.exact import __path__ as exact_path
-from discsim.history import COLUMNS
-from discsim.reference import effects_text, with_reference
-from discsim.rules import NOT_CONSERVING
-from discsim.tables import TABLES, models_in
-from discsim.units import Units
+from discsim.output.history import COLUMNS
+from discsim.preview.reference import effects_text, with_reference
+from discsim.scene.rules import NOT_CONSERVING
+from discsim.scene.tables import TABLES, models_in
+from discsim.scene.units import Units
 
 HOME = Path(__file__).parents[1]
 TEXT = (HOME / "README.md").read_text(encoding="utf-8")
@@ -28,7 +28,7 @@ def blocks(language):
 
 
 def test_keys_are_those_of_the_code():
-    assert with_reference(TEXT) == TEXT, "run: python -m discsim.reference"
+    assert with_reference(TEXT) == TEXT, "run: python -m discsim.preview.reference"
 
 
 def test_every_table_has_its_keys_on_the_page_and_in_the_command():

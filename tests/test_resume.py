@@ -12,8 +12,8 @@ from deaths import forked, killed_before, left_by_kills, status_of, watched
 from test_runner import SHOCK, WAVE, assert_same_run, at_step, contents, rows, scene_of
 
 from discsim import Simulation, read_snapshot
-from discsim.checkpoint import read_checkpoint
-from discsim.runner import _Run, output_times, run_scene
+from discsim.output.checkpoint import read_checkpoint
+from discsim.run.runner import _Run, output_times, run_scene
 from discsim.scene import load_scene
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
@@ -22,7 +22,7 @@ ALWAYS = "run.checkpoint_every=1e-9 s"
 @pytest.fixture(autouse=True)
 def no_figure(monkeypatch):
     """Drawing takes longer than these runs."""
-    monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
+    monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
 def assert_same_files(one, other):
@@ -61,7 +61,7 @@ def test_killed_before_any_file_operation(tmp_path):
 def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch, rows_every):
     # Killed after the checkpoint of the step that lands on an output, before the output.
     scene = scene_of(tmp_path, WAVE, "run.until=0.02", "run.timestep=0.005", ALWAYS)
-    monkeypatch.setattr("discsim.runner.SMALL", 20_000 if rows_every == 1 else 100)
+    monkeypatch.setattr("discsim.run.runner.SMALL", 20_000 if rows_every == 1 else 100)
     assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
     landing = [int(row["step"]) for row in rows(tmp_path / "straight") if float(row["time"]) in (0.01, 0.02)]
     assert len(landing) == 2
@@ -69,7 +69,7 @@ def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch
         out = tmp_path / str(step)
 
         def die(sim):
-            monkeypatch.setattr("discsim.runner._Run._output", lambda run: os._exit(9))
+            monkeypatch.setattr("discsim.run.runner._Run._output", lambda run: os._exit(9))
 
         def run():
             at_step(monkeypatch, step, die)  # noqa: B023
@@ -111,7 +111,7 @@ def test_a_due_snapshot_with_another_schedule(tmp_path, monkeypatch):
 def test_the_figure_of_a_run_that_was_killed_before_it(tmp_path, monkeypatch):
     scene, out = scene_of(tmp_path, SHOCK, "run.until=0.01"), tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch() or os._exit(9))
+        patch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch() or os._exit(9))
         assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
     assert not (out / "last_state.png").exists()
     assert run_scene(scene, out, resume=True, quiet=True) == 0
@@ -246,7 +246,7 @@ def test_ten_kills_of_a_setup(tmp_path, name):
             (on_landing if sims[0].time in outputs else elsewhere).append(number)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("discsim.runner.Simulation", lambda scene: sims.append(Simulation(scene)) or sims[0])
+        patch.setattr("discsim.run.runner.Simulation", lambda scene: sims.append(Simulation(scene)) or sims[0])
         assert watched(lambda: run_scene(scene, tmp_path / "watched", quiet=True), note) == 0
     chosen = [*stream.choice(on_landing, 5, replace=False), *stream.choice(elsewhere, 5, replace=False)]
     for count, number in enumerate(chosen):

@@ -15,12 +15,12 @@ import pytest
 from rich.console import Console
 
 from discsim import Simulation, read_snapshot
-from discsim.checkpoint import read_checkpoint
-from discsim.costs import clock
-from discsim.differences import differences
-from discsim.progress import Progress
-from discsim.runner import output_times, run_scene
+from discsim.output.checkpoint import read_checkpoint
+from discsim.run.progress import Progress
+from discsim.run.runner import output_times, run_scene
 from discsim.scene import SceneError, load_scene
+from discsim.scene.differences import differences
+from discsim.scene.units import clock
 
 DISC = """\
 title = "a disc with everything"
@@ -146,7 +146,7 @@ def at_step(monkeypatch, step, act):
 def no_figure(request, monkeypatch):
     """Drawing takes longer than these runs; one test looks at the figure."""
     if request.node.originalname != "test_files_of_a_run":
-        monkeypatch.setattr("discsim.figure.last_state_figure", lambda snapshot, figure: figure.touch())
+        monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
 # Files
@@ -280,7 +280,7 @@ def test_a_run_of_one_step(tmp_path):
 
 
 def test_large_runs_have_rows_at_intervals_and_outputs(tmp_path, monkeypatch):
-    monkeypatch.setattr("discsim.runner.SMALL", 100)
+    monkeypatch.setattr("discsim.run.runner.SMALL", 100)
     assert run_scene(scene_of(tmp_path, SHOCK), tmp_path / "out", quiet=True) == 0
     steps = [int(row["step"]) for row in rows(tmp_path / "out")]
     outputs = [row for row in rows(tmp_path / "out") if int(row["step"]) % 16 != 0]
@@ -520,7 +520,7 @@ def test_a_scene_that_cannot_be_set_up_writes_nothing(tmp_path, monkeypatch, cap
     def refuse(scene):
         raise SceneError(["space.size: no"])
 
-    monkeypatch.setattr("discsim.runner.Simulation", refuse)
+    monkeypatch.setattr("discsim.run.runner.Simulation", refuse)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 2
     assert capsys.readouterr().err == "space.size: no\n" and not (tmp_path / "out").exists()
 
@@ -573,7 +573,7 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch, capsys):
     def full(path, *arguments):
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr("discsim.runner.write_snapshot", full)
+    monkeypatch.setattr("discsim.run.runner.write_snapshot", full)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     message = capsys.readouterr().err
     assert len(message.splitlines()) == 1 and "0000.h5: cannot be written: No space left" in message
@@ -640,7 +640,7 @@ def test_ctrl_c_on_the_command_line(tmp_path):
 
 
 def test_plain_lines_come_at_intervals(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("discsim.progress.LINE_EVERY", 0.0)
+    monkeypatch.setattr("discsim.run.progress.LINE_EVERY", 0.0)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("step ")]
     found = rows(tmp_path / "out")
@@ -653,9 +653,9 @@ def test_plain_lines_come_at_intervals(tmp_path, monkeypatch, capsys):
 
 def test_live_display_on_a_terminal(tmp_path, monkeypatch):
     screen = io.StringIO()
-    monkeypatch.setattr("discsim.progress.FRAME_EVERY", 0.0)
+    monkeypatch.setattr("discsim.run.progress.FRAME_EVERY", 0.0)
     monkeypatch.setattr(
-        "discsim.progress.Console",
+        "discsim.run.progress.Console",
         lambda **options: Console(file=screen, force_terminal=True, width=120, **options),
     )
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
@@ -675,7 +675,7 @@ def test_live_display_on_a_terminal(tmp_path, monkeypatch):
 
 def test_time_left_leaves_the_first_step_out(tmp_path, monkeypatch):
     now = [0.0]
-    monkeypatch.setattr("discsim.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("discsim.run.progress.time.monotonic", lambda: now[0])
     sim = Simulation(scene_of(tmp_path, WAVE))
     progress = Progress(sim.scene, quiet=True)
     for wall, t in ((100.0, 0.01), (101.0, 0.02), (102.0, 0.03)):  # 100 s of compiling

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from discsim import tomltext
-from discsim.scene import Scene, SceneError, load_scene
-from discsim.tables import TABLES, models_in
-from discsim.units import UnitError, Units, epstein_stopping_time, parse_quantity
+from discsim.physics.grains import epstein_stopping_time
+from discsim.scene import Scene, SceneError, load_scene, tomltext
+from discsim.scene.tables import TABLES, models_in
+from discsim.scene.units import UnitError, Units, parse_quantity
 
 DISC = """\
 title = "a disc"
@@ -199,7 +199,7 @@ def test_own_particles_need_no_initial_table():
 
 def test_scene_imports_nothing_slow():
     slow = "{'numba', 'pyfftw', 'h5py', 'scipy', 'matplotlib', 'rich'}"
-    code = f"import sys, discsim.cli, discsim.check, discsim.scene; print({slow} & set(sys.modules))"
+    code = f"import sys, discsim.cli, discsim.preview.check, discsim.scene; print({slow} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 

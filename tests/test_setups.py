@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from discsim import Simulation, load_scene, tables
+from discsim import Simulation, load_scene
 from discsim.cli import app
-from discsim.derived import dust_masses, gas_mass
 from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.effects import EFFECTS
-from discsim.rules import BETWEEN_PAIRS, INTERPOLATING
+from discsim.preview.derived import dust_masses, gas_mass
+from discsim.scene import tables
+from discsim.scene.rules import BETWEEN_PAIRS, INTERPOLATING
 
 SETUPS = sorted((Path(__file__).parents[1] / "setups").glob("*.toml"))
 FEW = {"gas.particles": 1500, "dust.particles": 1500, "space.cells": 64}

@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from discsim.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from discsim.numerics.state import Dust, Gas
+from discsim.output.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from discsim.output.snapshot import SnapshotError, read_snapshot, write_snapshot
 from discsim.scene import load_scene
-from discsim.snapshot import SnapshotError, read_snapshot, write_snapshot
-from discsim.state import Dust, Gas
 
 DISC = {
     "title": "A disc – dusty",

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from discsim.sorting import counting_sort, counts
+from discsim.numerics.sorting import counting_sort, counts
 
 
 @pytest.fixture(params=[1, 2, 5])

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import discsim
-from discsim import cache
+from discsim.kernels import cache
 
 # A kernel of a file of its own, which compiles in a moment.
 CALLER = """

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.costs import Costs
 from discsim.effects import base
-from discsim.simulation import PhysicsError
+from discsim.run.costs import Costs
+from discsim.run.simulation import PhysicsError
 
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
 

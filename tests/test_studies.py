@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from discsim.numerics.state import Dust, Gas
+from discsim.output.snapshot import write_snapshot
 from discsim.scene import load_scene
-from discsim.snapshot import write_snapshot
-from discsim.state import Dust, Gas
-from discsim.tables import Drag
+from discsim.scene.tables import Drag
 
 ROOT = Path(__file__).parents[1]
 SCENE = {
@@ -322,7 +322,7 @@ def test_a_study_of_cost_is_made_once(tmp_path):
 @pytest.fixture
 def cost_module(monkeypatch):
     """The script with some of its constants, and without the figures that each study draws of itself (test_cost.py)."""
-    monkeypatch.setattr("discsim.costfigure.cost_figure", lambda study, path: None)
+    monkeypatch.setattr("discsim.study.costfigure.cost_figure", lambda study, path: None)
 
     def reduced(**constants):
         module = script("cost_of_accuracy")

@@ -11,7 +11,7 @@ from deaths import forked, status_of
 from test_runner import WAVE, scene_of
 
 from discsim import Simulation
-from discsim.threads import fill
+from discsim.numerics.threads import fill
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ from discsim.drag.frame import clockwise, frame
 from discsim.kernels import blocks as kernels
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import relax_blocks
-from discsim.layout import leaf_of_cells, least_in_cells, leaves
-from discsim.sorting import counting_sort, counts
-from discsim.threads import share
+from discsim.numerics.layout import leaf_of_cells, least_in_cells, leaves
+from discsim.numerics.sorting import counting_sort, counts
+from discsim.numerics.threads import share
 
 Array = np.ndarray
 NONE = np.empty(0)

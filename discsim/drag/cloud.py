@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from discsim.kernels.laws import CONSTANT
-from discsim.sph import Sph
+from discsim.numerics.sph import Sph
 
 Array = np.ndarray
 NONE = np.empty(0)

@@ -1,7 +1,7 @@
 """emsi-ppm: gas and dust as fluids on a fixed 1D grid; the slip relaxes implicitly, momentum is exact.
 
-Each stage of a step (`discsim/ppm.py`) ends with the relaxation of every cell from its velocities at the start of
-the step, with what advection and pressure changed as accelerations inside, a = (v* - v^n) / dt:
+Each stage of a step (`discsim/numerics/ppm.py`) ends with the relaxation of every cell from its velocities at its
+start, with what advection and pressure changed as accelerations inside, a = (v* - v^n) / dt:
 
     ds/dt = a_d - a_g - (1 + eps) s / t_stop,   s = u - v
     rho_g v = (rho_g v)* + J,   rho_d u = (rho_d u)* - J,   J = rho_g rho_d / (rho_g + rho_d) (s* - s)
@@ -13,7 +13,7 @@ differs from a splitting is ours, as are the stages and the exponential. Frictio
 """
 
 from discsim.kernels.drag_grid import relax_together
-from discsim.ppm import STAGES
+from discsim.numerics.ppm import STAGES
 
 
 def advance(drag, tube, cells, dt):

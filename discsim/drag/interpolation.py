@@ -10,7 +10,7 @@ import numpy as np
 
 from discsim.drag.pairs import Pairs, note_times
 from discsim.kernels import interpolation as kernels
-from discsim.threads import share
+from discsim.numerics.threads import share
 
 Array = np.ndarray
 NONE = np.empty(0)

@@ -27,7 +27,7 @@ import numpy as np
 
 from discsim.drag.pairs import exchange, note_times, pair_up
 from discsim.kernels import pairs as kernels
-from discsim.threads import share
+from discsim.numerics.threads import share
 
 FLAT = np.empty((0, 0, 0))
 IN_TURN = np.empty(0, np.uint32)  # the order of the pairs by dust particle

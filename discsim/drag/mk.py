@@ -14,7 +14,7 @@ import numpy as np
 
 from discsim.drag.pairs import exchange, fastest, note_times, pair_up, short_steps
 from discsim.kernels.pairs import push_explicitly
-from discsim.threads import share
+from discsim.numerics.threads import share
 
 
 def relax(drag, state, dt, gas_vel, heat):

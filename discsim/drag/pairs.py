@@ -19,10 +19,10 @@ from discsim.drag.cloud import Cloud, cloud_of, guess_h, settle_density
 from discsim.kernels import pairs as kernels
 from discsim.kernels.move import add_scaled
 from discsim.kernels.neighbours import CELL_OVER_REACH
-from discsim.neighbours import LEAST, candidates, sort_into_cells
-from discsim.sorting import counting_sort
-from discsim.sph import Sph
-from discsim.threads import share
+from discsim.numerics.neighbours import LEAST, candidates, sort_into_cells
+from discsim.numerics.sorting import counting_sort
+from discsim.numerics.sph import Sph
+from discsim.numerics.threads import share
 
 Array = np.ndarray
 IN_A_CELL = 16.0  # dust particles that look for gas together

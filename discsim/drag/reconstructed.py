@@ -13,8 +13,8 @@ import numpy as np
 
 from discsim.drag.lab14 import relax_each_pair
 from discsim.kernels.slopes import slope_driver
-from discsim.neighbours import LEAST, candidates
-from discsim.threads import share
+from discsim.numerics.neighbours import LEAST, candidates
+from discsim.numerics.threads import share
 
 
 def relax(drag, state, dt, gas_vel, heat):

@@ -1,7 +1,7 @@
 """sios-ppm: gas and dust as fluids on a fixed 1D grid; drag semi-implicit and split off, momentum not conserved.
 
-A step of the fluids without drag (`discsim/ppm.py`) gives v* and u*; then each species' own velocity is implicit and
-the other's is the old one, in every cell:
+A step of the fluids without drag (`discsim/numerics/ppm.py`) gives v* and u*; then each species' own velocity is
+implicit and the other's is the old one, in every cell:
 
     v = (v* + eps dt/t_stop u*) / (1 + eps dt/t_stop),   u = (u* + dt/t_stop v*) / (1 + dt/t_stop)
 
@@ -15,7 +15,7 @@ decaying, changes sign with each step. Semi-implicit operator splitting of the c
 """
 
 from discsim.kernels.drag_grid import relax_apart
-from discsim.ppm import STAGES
+from discsim.numerics.ppm import STAGES
 
 
 def advance(drag, tube, cells, dt):

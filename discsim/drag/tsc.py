@@ -19,8 +19,8 @@ from discsim.kernels import levels
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, mass_in
 from discsim.kernels.drag import free_kick
-from discsim.layout import NEAREST, leaf_of_nodes
-from discsim.threads import share
+from discsim.numerics.layout import NEAREST, leaf_of_nodes
+from discsim.numerics.threads import share
 
 NONE = np.empty(0)
 

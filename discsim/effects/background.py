@@ -6,12 +6,12 @@ relaxes each particle exactly to its steady drift there (`kernels/background.py`
 
 import numpy as np
 
-from discsim.background import GivenDisc
-from discsim.drag.laws import Law
 from discsim.effects import base
 from discsim.kernels.background import kick_dust, path_velocities
-from discsim.state import State
-from discsim.threads import share
+from discsim.numerics.state import State
+from discsim.numerics.threads import share
+from discsim.physics.given_disc import GivenDisc
+from discsim.physics.laws import Law
 
 
 class Effect(base.Effect):

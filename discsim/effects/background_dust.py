@@ -5,8 +5,8 @@ The drift of `kernels/background.py`, eq. (1), whose kick is the drag's.
 
 from discsim.effects import dust
 from discsim.kernels.background import drift_dust
-from discsim.state import State
-from discsim.threads import share
+from discsim.numerics.state import State
+from discsim.numerics.threads import share
 
 
 class Effect(dust.Effect):

@@ -7,8 +7,8 @@ with the relaxation. An event runs once the particles have moved. Each may limit
 import numpy as np
 
 from discsim.kernels.move import add_scaled, wrap
-from discsim.state import Particles, State
-from discsim.threads import share
+from discsim.numerics.state import Particles, State
+from discsim.numerics.threads import share
 
 # Steps between reorderings of a species' arrays. A particle's place in memory decides the order of sums, so that
 # reordering must depend on the number of the step alone.

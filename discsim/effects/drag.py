@@ -12,13 +12,13 @@ import numpy as np
 
 from discsim.drag import SCHEMES
 from discsim.drag.heat import share_losses
-from discsim.drag.laws import Law
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
 from discsim.kernels.move import add_scaled
-from discsim.layout import SOFT
-from discsim.state import Dust, State
-from discsim.threads import copied, fill, share
+from discsim.numerics.layout import SOFT
+from discsim.numerics.state import Dust, State
+from discsim.numerics.threads import copied, fill, share
+from discsim.physics.laws import Law
 
 
 class Effect(base.Effect):

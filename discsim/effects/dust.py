@@ -2,8 +2,8 @@
 
 from discsim.effects import base
 from discsim.kernels.move import add_scaled
-from discsim.state import State
-from discsim.threads import share
+from discsim.numerics.state import State
+from discsim.numerics.threads import share
 
 
 class Effect(base.Effect):

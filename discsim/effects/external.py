@@ -3,7 +3,7 @@
 import numpy as np
 
 from discsim.effects import base
-from discsim.state import State
+from discsim.numerics.state import State
 
 
 class Effect(base.Effect):

@@ -8,12 +8,12 @@ h is a third of quintic-h's.
 import numpy as np
 
 from discsim.effects import base
-from discsim.eos import pressure_and_sound_speed
 from discsim.kernels.move import add_scaled
 from discsim.kernels.sph import step_limit
-from discsim.sph import Sph
-from discsim.state import Gas, State
-from discsim.threads import copied, fill, share
+from discsim.numerics.sph import Sph
+from discsim.numerics.state import Gas, State
+from discsim.numerics.threads import copied, fill, share
+from discsim.physics.eos import pressure_and_sound_speed
 
 
 class Effect(base.Effect):

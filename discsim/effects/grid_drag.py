@@ -1,4 +1,4 @@
-"""Drag between gas and dust on a fixed 1D grid, in one operator with their motion (`discsim/ppm.py`).
+"""Drag between gas and dust on a fixed 1D grid, in one operator with their motion (`discsim/numerics/ppm.py`).
 
 Fluxes and drag are solved together by the schemes sios-ppm and emsi-ppm, so that the move is the whole step and
 there is nothing to kick. It limits no step.
@@ -9,11 +9,11 @@ from importlib import import_module
 import numpy as np
 
 from discsim.drag import GRID_SCHEMES
-from discsim.drag.laws import Law
 from discsim.effects import base
 from discsim.kernels.drag_grid import stopping_times
-from discsim.ppm import Tube
-from discsim.state import State
+from discsim.numerics.ppm import Tube
+from discsim.numerics.state import State
+from discsim.physics.laws import Law
 
 
 class Effect(base.Effect):

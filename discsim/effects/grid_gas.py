@@ -3,8 +3,8 @@
 import numpy as np
 
 from discsim.effects import base
-from discsim.eos import pressure_and_sound_speed
-from discsim.state import State
+from discsim.numerics.state import State
+from discsim.physics.eos import pressure_and_sound_speed
 
 
 class Effect(base.Effect):

@@ -19,10 +19,10 @@ import numba
 import numpy as np
 
 from discsim.effects import base
-from discsim.grid import BORDER, Grid
 from discsim.kernels.grid import largest_norm
-from discsim.poisson import Kernel, Plummer, Poisson, ThinDisc
-from discsim.state import Particles, State
+from discsim.numerics.grid import BORDER, Grid
+from discsim.numerics.poisson import Kernel, Plummer, Poisson, ThinDisc
+from discsim.numerics.state import Particles, State
 
 if TYPE_CHECKING:
     from discsim.scene import Scene

@@ -8,8 +8,8 @@ import numpy as np
 
 from discsim.effects import base
 from discsim.kernels.star import attract, divide, nearest
-from discsim.state import Particles, State
-from discsim.threads import share
+from discsim.numerics.state import Particles, State
+from discsim.numerics.threads import share
 
 
 class Effect(base.Effect):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.state import Dust, Gas, State
+from discsim.numerics.state import Dust, Gas, State
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -57,7 +57,7 @@ def _common(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.nda
 
 
 def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
-    from discsim.eos import initial_energy, radius
+    from discsim.physics.eos import initial_energy, radius
 
     common = _common("gas", given, 0)
     n, dim = common["pos"].shape

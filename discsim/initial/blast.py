@@ -6,8 +6,8 @@ eos's sound speed, or next to no pressure where it gives none.
 
 import numpy as np
 
-from discsim.eos import initial_energy
 from discsim.initial.lattice import uniform
+from discsim.physics.eos import initial_energy
 
 COLD = 1e-8  # of the blast's energy over the mass of the box, per mass of gas whose temperature nobody named
 

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.exact import nsh
-from discsim.initial import SPECIES, profile, random_stream
+from discsim.initial import SPECIES, random_stream
+from discsim.physics import profile
 
 if TYPE_CHECKING:
+    from discsim.numerics.state import State
     from discsim.scene import Scene
-    from discsim.state import State
 
 Array = np.ndarray
 

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim import tomltext
 from discsim.initial import SPECIES, Given
-from discsim.scene import SceneError, near
-from discsim.tables import shown
-from discsim.units import UnitError
+from discsim.scene import SceneError, near, tomltext
+from discsim.scene.tables import shown
+from discsim.scene.units import UnitError
 
 if TYPE_CHECKING:
     from discsim.scene import Scene

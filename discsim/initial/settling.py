@@ -18,8 +18,8 @@ from discsim.initial import random_stream
 from discsim.kernels.smoothing import KERNELS, SUPPORT
 
 if TYPE_CHECKING:
+    from discsim.numerics.state import State
     from discsim.scene import Scene
-    from discsim.state import State
 
 Array = np.ndarray
 MARGIN = 2.0  # of the support radius: what moves must not see where the immobile gas ends

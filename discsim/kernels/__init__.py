@@ -12,7 +12,7 @@ from llvmlite.binding import get_host_cpu_name
 from numba import config
 from numba.core.codegen import get_host_cpu_features
 
-from discsim import cache
+from discsim.kernels import cache
 
 features = get_host_cpu_features()
 if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]

@@ -2,7 +2,7 @@
 
 Every sum has an order that does not depend on the number of threads. `origin` is the grid's lower corner,
 `inverse` one over the cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
-`discsim.threads.share`.
+`discsim.numerics.threads.share`.
 """
 
 import numpy as np

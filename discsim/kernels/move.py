@@ -1,4 +1,4 @@
-"""Kick and drift: y += dt x, the wrap into a periodic box, and reordering. For `discsim.threads.share`."""
+"""Kick and drift: y += dt x, the wrap into a periodic box, and reordering. For `discsim.numerics.threads.share`."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Counting sort in parts: part p of `parts` has the keys from n p / parts on. For `discsim.threads.share`."""
+"""Counting sort in parts: part p of `parts` has the keys from n p / parts on. For `discsim.numerics.threads.share`."""
 
 import numpy as np
 from numba import njit

@@ -5,8 +5,8 @@ import pytest
 
 from discsim import Simulation
 from discsim.drag import cells
-from discsim.errors import drifts, totals
 from discsim.exact import nsh
+from discsim.study.errors import drifts, totals
 
 GAS = {"particles": 1500, "viscosity": {}}
 

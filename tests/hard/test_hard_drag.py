@@ -5,8 +5,8 @@ import pytest
 from test_hard_kick import barycentre, kicked, momentum_and_energy, start
 
 from discsim import Simulation
-from discsim.errors import drifts, totals
 from discsim.exact import dustybox, dustyshock, dustywave
+from discsim.study.errors import drifts, totals
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 SCHEMES = ["tsc", "idic-linear"]

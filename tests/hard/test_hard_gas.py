@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.errors import drifts, totals
 from discsim.exact import riemann
+from discsim.study.errors import drifts, totals
 
 
 def shock(left, right, gamma, until, particles=400, free=False):

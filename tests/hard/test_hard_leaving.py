@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from discsim import Simulation
-from discsim.errors import totals
+from discsim.study.errors import totals
 
 SCHEMES = ["tsc", "idic-linear"]
 SOFTENING = 0.1

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
-from discsim.checkpoint import read_checkpoint
-from discsim.simulation import PhysicsError
+from discsim.output.checkpoint import read_checkpoint
+from discsim.run.simulation import PhysicsError
 
 SMALL = {
     "dusty_disc": ["gas.particles=800", "dust.particles=800", "space.cells=32"],

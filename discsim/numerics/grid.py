@@ -1,0 +1,138 @@
+"""The uniform grid of a run: cloud-in-cell deposit, and gather with the same weights.
+
+Cloud in cell: Hockney & Eastwood (1988), ch. 5. Equal weights both ways and a centred difference between
+them leave no particle a force on itself, and conserve momentum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.kernels import grid as kernels
+from discsim.numerics.layout import grid_cells
+from discsim.numerics.sorting import counting_sort
+from discsim.numerics.threads import share
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+BORDER = 2  # nodes beyond an open edge that a centred gradient at the last one wants
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Square cells of side `cell` from the corner `origin`; fields are (nx, ny) at their centres; 1D: ny = 1.
+
+    Positions are (n, dimensions). A particle is off an open grid where one of the nodes about it is missing.
+    """
+
+    origin: tuple[float, float]
+    cell: float
+    shape: tuple[int, int]
+    periodic: bool
+
+    @classmethod
+    def from_scene(cls, scene: Scene, particles: int) -> Grid:
+        """The grid of `scene.space`; without `cells` about as many as `particles`.
+
+        Raises ValueError for a periodic box whose sides are not whole numbers of square cells.
+        """
+        cell, shape = grid_cells(scene, particles)
+        counts = [*shape]
+        periodic = scene.space.boundary == "periodic"
+        for side, count in zip(scene.space.size, counts, strict=True):
+            if periodic and not np.isclose(count * cell, side, rtol=1e-9, atol=0):
+                raise ValueError(
+                    f"space.size: {max(counts)} square cells along the longest side leave {side / cell:g} along "
+                    "another; a periodic box needs whole cells on each side"
+                )
+        origin = [-count * cell / 2 if scene.centred else 0.0 for count in counts]
+        if len(counts) == 1:
+            counts.append(1)
+            origin.append(0.0)
+        return cls((origin[0], origin[1]), cell, (max(counts[0], 1), max(counts[1], 1)), periodic)
+
+    def nodes(self, axis: int) -> Array:
+        """Coordinates of the cell centres along an axis."""
+        return self.origin[axis] + (np.arange(self.shape[axis]) + 0.5) * self.cell
+
+    def deposit(self, pos: Array, mass: Array, out: Array | None = None) -> Array:
+        """Surface density (nx, ny) of the particles on the grid, added to `out` if given; 1D: by length.
+
+        The sum over the nodes, times the cell's area, is the mass of those particles, to rounding.
+        """
+        out = np.zeros(self.shape) if out is None else out
+        shift = ((self.shape[0] - 1) // kernels.STRIPS).bit_length()  # STRIPS times 2^shift rows hold nx
+        inverse = 1.0 / self.cell
+        key = np.empty(len(pos), np.uint8)
+        share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key)
+        runs, strips = kernels.runs_of(key)
+        order, start = counting_sort(strips, kernels.STRIPS + 1)
+        beyond = np.zeros((kernels.STRIPS, self.shape[1]))
+        share(
+            kernels.deposit_strips, kernels.STRIPS, pos, mass, inverse ** pos.shape[1], runs, order, start, self.origin,
+            inverse, self.periodic, shift, out, beyond, least=1,
+        )  # fmt: skip
+        kernels.join_strips(shift, beyond, out)
+        return out
+
+    def gather(self, field: Array, pos: Array) -> Array:
+        """A field at the particles with the deposit's weights, 0 off the grid.
+
+        Field (nx, ny) gives (n,); a vector field (nx, ny, 2) gives (n, dimensions).
+        """
+        scalar = field.ndim == 2
+        out = np.empty((len(pos), 1 if scalar else pos.shape[1]))
+        source = field[:, :, None] if scalar else field
+        share(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, out)
+        return out[:, 0] if scalar else out
+
+    def pull(self, gradient: Array, pos: Array, acc: Array) -> tuple[float, int]:
+        """Take `gradient` (nx, ny, 2) at the particles off `acc` (n, dimensions), but for those off the grid.
+
+        Returns the largest length of what is taken off, and how many particles are off the grid.
+        """
+        chunks = -(-len(pos) // kernels.CHUNK)
+        largest, missing = np.empty(chunks), np.empty(chunks, np.int64)
+        share(
+            kernels.pull, chunks, gradient, pos, self.origin, 1.0 / self.cell, self.periodic, acc, largest, missing,
+            least=1,
+        )  # fmt: skip
+        return float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())
+
+    def order(self, pos: Array) -> Array:
+        """Order (n,) of the particles by cell, for memory locality."""
+        key = np.empty(len(pos), np.uint32)
+        share(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
+        return counting_sort(key, int(key.max(initial=0)) + 1)[0]
+
+    def outside(self, pos: Array) -> Array:
+        """Indices of the particles off the grid: never deposited, and not to be gathered for."""
+        outside = np.empty(len(pos), bool)
+        inverse = 1.0 / self.cell
+        share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
+        return np.flatnonzero(outside)
+
+    def gradient(self, field: Array) -> Array:
+        """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
+
+        There too if `field` has a border of BORDER nodes more on every side: then no particle pulls itself.
+
+        Raises ValueError for an open grid of fewer than five cells a side.
+        """
+        if not self.periodic and min(self.shape) < 5:
+            raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
+        out = np.empty((*field.shape, 2))
+        bordered = field.shape != self.shape
+        # What is beyond the border is not used.
+        share(kernels.gradient, len(field), field, self.cell, self.periodic or bordered, out, least=16)
+        return self.within(out) if bordered else out
+
+    def within(self, field: Array) -> Array:
+        """A field (nx, ny, ...) without its border of BORDER nodes, if it has one."""
+        border = (len(field) - self.shape[0]) // 2
+        return np.ascontiguousarray(field[border : len(field) - border, border : field.shape[1] - border])

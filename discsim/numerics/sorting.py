@@ -1,0 +1,37 @@
+"""Stable counting sort, shared among threads: each counts and places a part of the particles.
+
+The order is unique, and so the same for any number of threads.
+"""
+
+import numba
+import numpy as np
+
+from discsim.kernels import sorting as kernels
+from discsim.numerics.threads import share
+
+Array = np.ndarray
+
+
+def counting_sort(key: Array, count: int) -> tuple[Array, Array]:
+    """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,); n is below 2^32."""
+    place, parts = _count(key, count)
+    np.cumsum(place, out=place)
+    start = place[::parts].astype(np.int64)
+    order = np.empty(len(key), np.uint32)
+    share(kernels.put_in_order, parts, key, parts, place, order, least=1)
+    return order, start
+
+
+def counts(key: Array, count: int) -> Array:
+    """How many of `key` (n,) in [0, count) there are of each (count,)."""
+    place, parts = _count(key, count)
+    return sum((place[1 + part :: parts] for part in range(1, parts)), place[1::parts])  # some times faster than .sum
+
+
+def _count(key: Array, count: int) -> tuple[Array, int]:
+    # How many of each key each part has, after a 0: summed up, where they go. No more parts than that is small beside
+    # the particles.
+    parts = max(1, min(numba.get_num_threads(), 4 * len(key) // max(count, 1024)))
+    place = np.zeros(count * parts + 1, np.uint32)
+    share(kernels.count_keys, parts, key, parts, place, least=1)
+    return place, parts

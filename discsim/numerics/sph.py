@@ -1,0 +1,138 @@
+"""Smoothed particle hydrodynamics: neighbours, density and forces of the gas (equations in `kernels/sph.py`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from discsim.kernels.neighbours import Cells, widen
+from discsim.kernels.smoothing import KERNELS, NORM, SQUEEZED, SUPPORT
+from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
+from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
+from discsim.numerics.threads import share
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import Gas
+    from discsim.scene import Scene
+
+NONE = np.empty(0)
+# Over the density of an even gas of the mean h, where h stops. Of particles at one place, or as near as nothing, m W(0)
+# h^d is more than m eta^d at any h: without a limit h and the step would fall to nothing. Codes with gravity have it at
+# a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
+DENSEST = 4096.0
+PASSES = 4  # a first guess of h may be too large by DENSEST^((PASSES - 1) / d)
+ROOM = 1.03  # how far h may grow in a step without looking for candidates again
+
+
+class Points(Protocol):
+    """Particles that have a density: gas, or dust where drag asks for it."""
+
+    pos: np.ndarray
+    mass: np.ndarray
+    h: np.ndarray
+    density: np.ndarray
+    gradh: np.ndarray
+
+    @property
+    def count(self) -> int: ...
+
+
+class Sph:
+    """The gas's discretisation: what a scene chose, and the neighbour cells of the last density pass."""
+
+    def __init__(self, scene: Scene):
+        self.kernel = KERNELS[scene.gas.kernel]
+        self.support = SUPPORT[self.kernel]
+        self.squeezed = SQUEEZED[self.kernel]
+        self.eta = scene.gas.eta
+        self.fixed = scene.gas.smoothing_length is not None
+        self.dim = scene.space.dimensions
+        self.periodic = scene.space.boundary == "periodic"
+        self.size = np.zeros(2)
+        self.size[: self.dim] = scene.space.size
+        # Lone particles have no h that solves eq. (1); none may reach over the whole disc.
+        self.h_most = self.size.max() / (1.0 if self.periodic else 8.0)
+        self.viscosity = scene.gas.viscosity
+        self.conductivity = scene.gas.conductivity
+        self.pairs = NO_VISCOSITY
+        if self.viscosity is not None:
+            self.pairs = ALL_PAIRS if self.viscosity.pairs == "all" else APPROACHING
+        self.columns = np.empty((0, P + 1))
+        self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
+
+    def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        if self.periodic:
+            return np.zeros(2), self.size
+        return box_about(points.pos)
+
+    def cells_of(self, points: Points) -> Cells:
+        """Cells of all points, with some room for h to grow."""
+        room = 1.0 if self.fixed else ROOM
+        return sort_into_cells(points.pos, points.h, room * self.support, *self.box_of(points), self.periodic)
+
+    def order(self, gas: Gas) -> np.ndarray:
+        """Order of the particles by neighbour cell, for memory locality (n,)."""
+        return self.cells_of(gas).order
+
+    def density(self, gas: Points, vel: np.ndarray) -> None:
+        """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`.
+
+        Raises FloatingPointError where a smoothing length is no number: the cells of neighbours would have no size.
+        """
+        for _ in range(PASSES):
+            h_least = self.least(gas)
+            if not h_least < np.inf:
+                raise FloatingPointError("a smoothing length of the gas is not finite")
+            self.settle(gas, vel, h_least)
+            # Where h is at its limit, that has to be one of the h found, not of the first guess.
+            if self.fixed or gas.h.min() > h_least or self.least(gas) > 0.9 * h_least:
+                return
+
+    def least(self, gas: Points) -> float:
+        return float(gas.h.mean()) * DENSEST ** (-1.0 / self.dim)
+
+    def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> None:
+        """`density` with h of no less than h_least."""
+        driver = density_driver(self.kernel, self.dim, self.balsara)
+        cells = self.cells = self.cells_of(gas)
+        lists = self.lists = candidates(cells, cells, mutual=True)
+        self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
+        self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
+        left = cells.filled
+        while len(left) > 0:
+            outgrown = np.zeros(len(left), np.bool_)
+            share(
+                driver, len(left), left, gas.pos, vel, gas.mass, gas.h, gas.density, gas.gradh, *self.shear, self.eta,
+                h_least, self.h_most, self.fixed, cells, outgrown, least=LEAST, each=lists,
+            )  # fmt: skip
+            left = left[outgrown]
+            widen(left, 1.2 * self.support, gas.h, cells)
+            lists = candidates(cells._replace(filled=left), cells, mutual=True)
+            for begin, index, _ in lists:
+                self.met[cells.key[index[: begin[-1]]]] = True
+
+    def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> tuple[np.ndarray, float]:
+        """Add to `acc` (and `heating_rate`); return what limits the step: the velocity divergence (n,) and the largest
+        rate of conduction.
+        """
+        terms = self.pairs, u is not None, self.conductivity is not None
+        uneven = float(gas.mass.max()) > float(gas.mass.min())
+        # Halves of the means over a pair are taken out of its sums.
+        alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
+        if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
+            self.columns = np.empty((gas.count, P + 1))
+        share(
+            force_columns, gas.count, NORM[self.dim - 1][self.kernel], vel, gas.mass, gas.h, gas.density, gas.gradh,
+            pressure, gas.sound_speed, *self.shear, NONE if u is None else u, *terms, alpha, self.columns,
+        )  # fmt: skip
+        divergence, conduction = np.zeros(gas.count), np.zeros(gas.count if self.conductivity else 0)
+        met = self.cells._replace(filled=np.flatnonzero(self.met))
+        for cells, again in ((self.cells, False), (met, True)):
+            lists = candidates(cells, cells, mutual=True) if again else self.lists
+            share(
+                force_driver(self.kernel, self.dim, *terms, uneven), len(cells.filled), gas.pos, self.columns, gas.acc,
+                NONE if u is None else gas.heating_rate, divergence, conduction, beta,
+                self.conductivity.alpha if self.conductivity else 0.0, cells, self.met, again, least=LEAST, each=lists,
+            )  # fmt: skip
+        return divergence, float(conduction.max(initial=0.0))

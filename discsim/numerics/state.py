@@ -1,0 +1,135 @@
+"""The state of a run: particles of each kind, the time, the grid. Data only; the physics is in the effects."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from discsim.numerics.grid import Grid
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+@dataclass(kw_only=True)
+class Particles:
+    """Particles of one kind, in code units; every array has one entry a particle.
+
+    pos, vel, acc have shape (n, dimensions); mass and ids have shape (n,).
+    """
+
+    pos: Array
+    vel: Array
+    acc: Array
+    mass: Array
+    ids: Array
+    immobile: Array | None = None  # boundary particles of a shock tube (mask); None where there are none
+
+    @property
+    def count(self) -> int:
+        return len(self.mass)
+
+    def arrays(self) -> dict[str, Array]:
+        """The arrays by name, without those that this run does not hold."""
+        named = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: array for name, array in named.items() if array is not None}
+
+    def take(self, index: Array) -> None:
+        """Keep the particles `index` (whole numbers), in that order, in every array."""
+        from discsim.kernels.move import take_rows
+        from discsim.numerics.threads import share
+
+        for name, array in self.arrays().items():
+            taken = np.empty((len(index), *array.shape[1:]), array.dtype)
+            # Bits are moved, whatever they mean: one kernel for all.
+            wide = math.prod(array.shape[1:])
+            rows, out = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, taken))
+            share(take_rows, len(index), rows, index, out)
+            setattr(self, name, taken)
+
+    def remove(self, gone: Array) -> None:
+        """Drop the particles of the mask `gone` (n,); the last ones take their places, so that little is moved."""
+        left = self.count - int(np.count_nonzero(gone))
+        holes = np.flatnonzero(gone[:left])
+        tail = left + np.flatnonzero(~gone[left:])
+        for name, array in self.arrays().items():
+            array[holes] = array[tail]
+            setattr(self, name, array[:left])
+
+    def copy(self) -> Self:
+        return type(self)(**{name: array.copy() for name, array in self.arrays().items()})
+
+
+@dataclass(kw_only=True)
+class Gas(Particles):
+    """SPH particles. `h` is the smoothing length, `gradh` the factor Omega of the grad-h terms."""
+
+    h: Array
+    density: Array
+    gradh: Array
+    pressure: Array
+    sound_speed: Array
+    # Only what a scene calls for:
+    u: Array | None = None  # specific internal energy (adiabatic gas)
+    heating_rate: Array | None = None  # du/dt of pressure work, viscosity and conductivity
+    # Mean rates over the last kick, drag and its heat included (viscous or adiabatic gas; adiabatic gas).
+    kick_acc: Array | None = None
+    kick_rate: Array | None = None
+    # What pressure and viscosity gave, and the velocity at which their work was reckoned (gas that drag heats).
+    pressure_acc: Array | None = None
+    pressure_vel: Array | None = None
+
+
+@dataclass(kw_only=True)
+class Dust(Particles):
+    """Dust particles of one or several populations."""
+
+    species: Array
+    density: Array | None = None  # on a fixed grid
+
+
+@dataclass
+class Ledger:
+    """What left the run through events, so that totals can be closed."""
+
+    accreted_gas: float = 0.0
+    accreted_dust: float = 0.0
+    accreted_momentum: Array = field(default_factory=lambda: np.zeros(2))
+    accreted_angular_momentum: float = 0.0
+
+
+@dataclass
+class State:
+    """Everything that a step reads and writes. `gas` or `dust` is None where the scene has none."""
+
+    scene: Scene
+    gas: Gas | None
+    dust: Dust | None
+    grid: Grid | None
+    time: float = 0.0
+    step: int = 0
+    lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due
+    # With drag: what gas and dust at one place do not both feel; no entries where that is nothing.
+    own_acc: dict[str, Array] = field(default_factory=dict)
+    ledger: Ledger = field(default_factory=Ledger)
+
+    @property
+    def species(self) -> dict[str, Particles]:
+        """The kinds of particles present, by name."""
+        both = {"gas": self.gas, "dust": self.dust}
+        return {name: particles for name, particles in both.items() if particles is not None}
+
+    @property
+    def unnoticed(self) -> bool:
+        """Whether the dust is one-way beside gas: the gas must not notice it, not even by the length of a step."""
+        drag = self.scene.drag
+        return self.gas is not None and self.gas.count > 0 and drag is not None and drag.direction == "one-way"
+
+    @property
+    def limiting(self) -> list[Particles]:
+        """Whose motion may limit the step. One-way dust never does while there is gas."""
+        return [particles for name, particles in self.species.items() if name == "gas" or not self.unnoticed]

@@ -1,0 +1,65 @@
+"""Checkpoints: the arrays and numbers of a run, bit for bit, in an HDF5 file that is complete or absent."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NoReturn
+
+import numpy as np
+
+from discsim.output import hdf5
+
+Array = np.ndarray
+Scalar = str | int | float | bool
+
+
+class CheckpointError(Exception):
+    """The file is absent, damaged, or no checkpoint; the message says which."""
+
+
+class _Held(dict):
+    """What a checkpoint holds by name; what it lacks is a CheckpointError."""
+
+    def __init__(self, path: str | os.PathLike[str], entries: dict[str, Any]) -> None:
+        super().__init__(entries)
+        self.path = path
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise CheckpointError(f"{self.path}: a checkpoint without {name!r}: damaged, or of another version of discsim")
+
+
+def write_checkpoint(
+    path: str | os.PathLike[str], groups: dict[str, dict[str, Array]], attrs: dict[str, Scalar]
+) -> None:
+    """Write named groups of arrays (numbers, one or more dimensions) and single values.
+
+    What is at `path` is replaced; it stays where the new file cannot be written, which raises OSError.
+    """
+    with hdf5.create(path) as file:
+        hdf5.mark(file, "checkpoint")
+        values = file.create_group("values")
+        for name, value in attrs.items():
+            values.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
+        arrays = file.create_group("arrays")
+        for group, members in groups.items():
+            into = arrays.create_group(group)
+            for name, array in members.items():
+                hdf5.put(into, name, array)
+
+
+def read_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, Array]], dict[str, Scalar]]:
+    """What `write_checkpoint` was given, every array with its bits. Raises CheckpointError.
+
+    So does looking up a group, an array or a value that the file lacks.
+    """
+    with hdf5.reading(path, CheckpointError, "checkpoint") as file:
+        groups = {
+            group: _Held(path, {name: dataset[()] for name, dataset in members.items()})
+            for group, members in file["arrays"].items()
+        }
+        attrs = {name: _scalar(value) for name, value in file["values"].attrs.items()}
+    return _Held(path, groups), _Held(path, attrs)
+
+
+def _scalar(value: np.generic) -> Scalar:
+    return value.decode() if isinstance(value, bytes) else value.item()

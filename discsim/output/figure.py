@@ -1,0 +1,284 @@
+"""The figure of a snapshot: in 2D maps, with radial profiles where there is a centre; in 1D density and velocity.
+
+Over the exact solution where there is one.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from discsim.output.snapshot import Snapshot, SnapshotParticles, range_of_mass, read_snapshot
+from discsim.scene import load_scene
+
+Array = np.ndarray
+
+COLOURS = {"gas": "tab:blue", "dust": "tab:orange"}
+MAPS = {"gas": "viridis", "dust": "inferno"}
+_PIXELS = 480
+_RINGS = 80
+
+
+def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.PathLike[str]) -> None:
+    """Draw the snapshot at `snapshot_path` into the PNG `out_png`. Raises SnapshotError, OSError."""
+    snap = read_snapshot(snapshot_path)
+    figure = _lines(snap) if snap.dimensions == 1 else _maps(snap)
+    figure.suptitle(_title(snap))
+    FigureCanvasAgg(figure)
+    figure.savefig(Path(out_png), dpi=130)
+
+
+def _title(snap: Snapshot) -> str:
+    time = f"t = {snap.units.show_time(snap.time)}"
+    name = snap.tables.get("title", "")
+    return f"{name}\n{time}" if name else time
+
+
+def _in(snap: Snapshot, dimension: str) -> tuple[float, str]:
+    """The factor from code units to those of the axes, and their name in brackets."""
+    if snap.units.system == "code":
+        return 1.0, ""
+    plain = "volume_density" if dimension == "density" and snap.dimensions == 1 else dimension
+    name = {"length": "au", "velocity": "km/s", "volume_density": "g/cm3"}.get(plain, "g/cm2")
+    written = {"g/cm2": "g cm$^{-2}$", "g/cm3": "g cm$^{-3}$"}.get(name, name)
+    return float(snap.units.quantity(1.0, dimension).to_value(name)), f" [{written}]"
+
+
+def _centred(snap: Snapshot) -> bool:
+    """Whether the scene has a centre about which a radial profile says something."""
+    return "star" in snap.tables or snap.tables.get("initial", {}).get("kind") in ("disc", "ring")
+
+
+def _about(snap: Snapshot) -> bool:
+    """Whether the middle of the box is the centre of an exact solution."""
+    return snap.tables.get("initial", {}).get("kind") in ("blast", "vortex")
+
+
+def _window(snap: Snapshot) -> tuple[Array, Array]:
+    """The part of the box to show: all of it, or the square about the centre that holds the disc."""
+    if not _centred(snap):
+        return snap.lower, snap.upper
+    # All but the last half per cent: a few particles that escape must not shrink the disc.
+    reach = max((np.quantile(p.radius, 0.995) for p in snap.species.values() if p.count), default=1.0)
+    half = np.full(2, 1.1 * reach)
+    return -half, half
+
+
+def _maps(snap: Snapshot) -> Figure:
+    kinds = snap.species
+    below = 2 if _about(snap) else int(_centred(snap))
+    heights = [1.0] + [0.55] * below
+    width = 5.6 * len(kinds) + 0.4
+    figure = Figure(figsize=(width, 4.9 + 3.0 * below), layout="constrained")
+    grid = figure.add_gridspec(len(heights), len(kinds), height_ratios=heights)
+    window = _window(snap)
+    for column, (kind, particles) in enumerate(kinds.items()):
+        _map(figure, figure.add_subplot(grid[0, column]), snap, kind, particles, window)
+    if _about(snap):
+        _radial(figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :]), snap)
+    elif _centred(snap):
+        _profile(figure.add_subplot(grid[1, :]), snap, window[1][0] / 1.1)
+    return figure
+
+
+def _map(
+    figure: Figure,
+    axes: Axes,
+    snap: Snapshot,
+    kind: str,
+    particles: SnapshotParticles,
+    window: tuple[Array, Array],
+) -> None:
+    length, length_unit = _in(snap, "length")
+    density, density_unit = _in(snap, "density")
+    repeats = snap.tables["space"].get("boundary") == "periodic" and not _centred(snap)
+    sigma = density * particles.surface_density_map(*window, _PIXELS, repeats).T
+    colours = MAPS[kind]
+    (left, bottom), (right, top) = (length * corner for corner in window)
+    image = axes.imshow(
+        np.maximum(sigma, 1e-300),
+        origin="lower",
+        extent=(left, right, bottom, top),
+        norm=LogNorm(*range_of_mass(sigma), clip=True),
+        cmap=colours,
+        interpolation="bilinear",
+    )
+    if "star" in snap.tables:
+        axes.plot(0, 0, marker="*", color="white", markeredgecolor="black", markersize=11)
+    axes.set(title=kind, xlabel=f"x{length_unit}", ylabel=f"y{length_unit}")
+    figure.colorbar(image, ax=axes, label=rf"$\Sigma_\mathrm{{{kind}}}${density_unit}", pad=0.02)
+
+
+def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
+    length, length_unit = _in(snap, "length")
+    density, density_unit = _in(snap, "density")
+    edges = np.linspace(0, outer, _RINGS + 1)
+    radius = (edges[1:] + edges[:-1]) / 2 * length
+    peaks = []
+    for kind, particles in snap.species.items():
+        sigma = density * particles.radial_profile(edges)
+        peaks.append(sigma.max())
+        axes.plot(radius, np.where(sigma > 0, sigma, np.nan), color=COLOURS[kind], label=kind)
+    axes.set(xlabel=f"r{length_unit}", ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length))
+    if min(peaks) > 0:
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * min(peaks)))  # a lone particle must not set the scale
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+
+
+def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
+    """Density, and the velocity that the exact solution has, of the particles against the distance from the middle."""
+    scene: Any = load_scene(snap.tables)
+    length, length_unit = _in(snap, "length")
+    density, density_unit = _in(snap, "density")
+    velocity, velocity_unit = _in(snap, "velocity")
+    middle, outer = (snap.lower + snap.upper) / 2, (snap.upper - snap.lower).min() / 2
+    boost = np.array(getattr(scene.initial, "velocity", (0.0, 0.0)))
+    turns = scene.initial.kind == "vortex"
+    for kind, particles in snap.species.items():
+        # Rings some spacings wide.
+        edges = np.linspace(0, outer, int(np.clip(0.3 * particles.count**0.5, 10, _RINGS)) + 1)
+        away, vel = particles.pos - middle, particles.vel - boost
+        if turns:  # the middle moves with the boost
+            away = (away - boost * snap.time + outer) % (2 * outer) - outer
+        r = np.sqrt((away**2).sum(axis=1))
+        mass, _ = np.histogram(r, edges, weights=particles.mass)
+        rings = np.pi * (edges[1:] ** 2 - edges[:-1] ** 2)
+        above.stairs(density * mass / rings, length * edges, color=COLOURS[kind], label=kind)
+        across = away[:, 0] * vel[:, 1] - away[:, 1] * vel[:, 0] if turns else (away * vel).sum(axis=1)
+        below.plot(length * r, velocity * across / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
+    x = np.linspace(0, outer, 1000)
+    for kind, (rho, v) in _exact_radial(scene, snap.time, x).items():
+        style = _exact_style(kind)
+        above.plot(length * x, density * rho, **style)
+        below.plot(length * x, velocity * v, **style)
+    above.set(ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length), ylim=(0, None))
+    name = "azimuthal" if turns else "radial"
+    below.set(xlabel=f"r{length_unit}", ylabel=f"{name} velocity{velocity_unit}", xlim=(0, outer * length))
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+    above.legend(frameon=False)
+
+
+def _exact_style(kind: str) -> dict[str, Any]:
+    return {"color": "black", "lw": 0.8, "ls": {"gas": "-", "dust": "--"}[kind], "label": f"{kind}, exact"}
+
+
+def _exact_radial(scene: Any, time: float, r: Array) -> dict[str, tuple[Array, Array]]:
+    """Densities and velocities by kind at radii r (n,); of dust where it is to move with the gas."""
+    from discsim.exact import gresho, sedov
+
+    start = scene.initial
+    if start.kind == "vortex":
+        if scene.dust:
+            return {}
+        return {"gas": (np.full_like(r, start.density), gresho.speed(r, start.speed, start.radius))}
+    ratio = sum(population.ratio for population in scene.dust or ())
+    if time == 0.0 or (ratio and (scene.drag is None or scene.drag.direction == "one-way")):
+        return {}
+    heavy = sedov.solution(r, time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
+    gas = {"gas": (heavy.density / (1.0 + ratio), heavy.velocity)}
+    return gas | ({"dust": (heavy.density * ratio / (1.0 + ratio), heavy.velocity)} if ratio else {})
+
+
+def _lines(snap: Snapshot) -> Figure:
+    """Density and velocity of the particles against x, over the exact solution where there is one."""
+    figure = Figure(figsize=(8, 7), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    length, length_unit = _in(snap, "length")
+    velocity, velocity_unit = _in(snap, "velocity")
+    density, density_unit = _in(snap, "density")
+    ends = []
+    for kind, particles in snap.species.items():
+        mobile = particles.immobile is None or ~particles.immobile
+        ends += list(length * np.quantile(particles.pos[:, 0][mobile], [0, 1]))
+        x, rho = _density_1d(particles)
+        above.plot(length * x, density * rho, ".", ms=3, color=COLOURS[kind], label=kind)
+        points = length * particles.pos[:, 0]
+        below.plot(points, velocity * particles.vel[:, 0], ".", ms=3, color=COLOURS[kind], label=kind)
+    for kind, (x, rho, v) in _exact(snap).items():
+        style = _exact_style(kind)
+        above.plot(length * x, density * rho, **style)
+        below.plot(length * x, velocity * v, **style)
+    above.set(ylabel=rf"$\rho${density_unit}")
+    below.set(xlabel=f"x{length_unit}", ylabel=f"velocity{velocity_unit}")
+    above.set_xlim(min(ends), max(ends))  # walls of immobile particles are beyond
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+        axes.ticklabel_format(useOffset=False)
+    above.legend(frameon=False)
+    return figure
+
+
+def _exact(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
+    """Places, densities and velocities by kind, for the scenes with a known answer; empty for others."""
+    kind = snap.tables.get("initial", {}).get("kind")
+    if kind == "settling":
+        return _exact_settling(snap)
+    if kind not in ("wave", "shock"):
+        return {}
+    from discsim.exact import dustywave, riemann
+
+    scene: Any = load_scene(snap.tables)
+    eos, drag = scene.gas and scene.gas.eos.kind, scene.drag
+    x = np.linspace(snap.lower[0], snap.upper[0], 1000)
+    ratio = sum(population.ratio for population in scene.dust or ())
+    if kind == "shock" and eos == "adiabatic" and snap.time > 0 and drag is None and not ratio:
+        flow = riemann.solution(x, snap.time, scene.initial.left, scene.initial.right, scene.gas.eos.gamma)
+        return {"gas": (x, flow.density, flow.velocity)}
+    if kind == "wave" and eos == "isothermal" and drag is not None and _is_linear(scene):
+        wave = dustywave.solution(
+            x,
+            snap.time,
+            drag.K,
+            ratio,
+            scene.gas.eos.sound_speed,
+            scene.initial.amplitude,
+            scene.initial.wavenumber,
+            scene.space.size[0],
+            scene.initial.velocity[0],
+        )
+        gas = (x, wave.gas_density, wave.gas_velocity)
+        return {"gas": gas, "dust": (x, wave.dust_density, wave.dust_velocity)}
+    return {}
+
+
+def _exact_settling(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
+    """The gas at rest, and dust of one population and a known stopping time."""
+    from discsim.exact import settling
+    from discsim.initial.settling import extent, scale_height
+
+    scene: Any = load_scene(snap.tables)
+    height, midplane = scale_height(scene), scene.initial.density
+    x = np.linspace(-extent(scene), extent(scene), 1000)
+    exact = {"gas": (x, settling.gas_density(x, midplane, height), np.zeros_like(x))}
+    if scene.drag is None or scene.drag.law != "stopping-time" or len(scene.dust) > 1:
+        return exact
+    times = np.full_like(x, scene.drag.t_stop)
+    z, u = settling.trajectories(snap.time, x, lambda at: times[: len(at)], scene.external.vertical_frequency)
+    # Grains keep their mass: the density grows as their distance falls.
+    rho = scene.dust[0].ratio * settling.gas_density(x, midplane, height) / np.abs(np.gradient(z, x))
+    return exact | {"dust": (z, rho, u)}
+
+
+def _is_linear(scene: Any) -> bool:
+    """Whether the drag is that of the exact wave: one population, one K, both ways."""
+    return scene.drag.law == "constant" and scene.drag.direction == "two-way" and len(scene.dust) == 1
+
+
+def _density_1d(particles: SnapshotParticles) -> tuple[Array, Array]:
+    """Places and densities: the stored ones, or the mass between fourth neighbours over their distance."""
+    x = particles.pos[:, 0]
+    if particles.density is not None:
+        return x, particles.density
+    order = np.argsort(x)
+    x, mass = x[order], np.cumsum(particles.mass[order])
+    return x[4:-4], (mass[7:-1] - np.append(0.0, mass[:-9])) / (x[8:] - x[:-8])

@@ -1,0 +1,136 @@
+"""history.csv: totals against time, one row a step or interval.
+
+Sums over the particles that move: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin,
+kinetic energy sum m v^2 / 2, with velocities at the time of the positions. Code units.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from discsim.physics.eos import thermal_energy
+
+if TYPE_CHECKING:
+    from discsim.effects.base import Effect
+    from discsim.numerics.state import Gas, Particles, State
+
+Array = np.ndarray
+
+COLUMNS = (
+    "step", "time", "dt", "dt_set_by", "mass_gas", "mass_dust", "momentum_x", "momentum_y",
+    "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
+    "accreted_dust", "uncoupled_dust",
+)  # fmt: skip
+
+
+class HistoryError(Exception):
+    """A history.csv that a run cannot go on with; the message says where it is wrong."""
+
+
+class History:
+    """The open file. It starts with `rows`, which earlier ones up to a checkpoint are."""
+
+    def __init__(self, path: Path, rows: Sequence[Sequence[str]] = ()) -> None:
+        temporary = path.with_name(f".{path.name}.part")
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([COLUMNS, *rows])
+        os.replace(temporary, path)
+        self._file = path.open("a", newline="", encoding="utf-8")
+        self.count = len(rows)
+        self._last = int(rows[-1][0]) if rows else -1
+
+    def add(self, row: Sequence[object]) -> None:
+        """Append a row, unless its step has one already."""
+        if row[0] != self._last:
+            csv.writer(self._file).writerow(row)
+            self._file.flush()
+            self._last = int(str(row[0]))
+            self.count += 1
+
+    def sync(self) -> None:
+        """Have the rows on the disk: a checkpoint says how many there are."""
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def rows_until(path: Path, step: int, count: int) -> list[list[str]]:
+    """The rows up to `step`, `count` of them or fewer where some are lost. Raises HistoryError.
+
+    A crash may cut the last line short, later than those rows: what is no row among them is damage.
+    """
+    if not path.exists():
+        return []
+    head, *table = [line.split(",") for line in path.read_text(encoding="utf-8", errors="replace").splitlines()] or [[]]
+    whole = list(itertools.takewhile(_is_row, table)) if head == [*COLUMNS] else []
+    rows = [row for row in whole if int(row[0]) <= step]
+    if len(rows) < count and len(whole) < len(table):
+        line = len(whole) + 2 if head == [*COLUMNS] else 1
+        wrong = f"no row of a history; expected {len(COLUMNS)} entries" if line > 1 else "not the header of a history"
+        raise HistoryError(f"{path}:{line}: {wrong}. Mend it, or move the file away to go on without its rows")
+    return rows
+
+
+def _is_row(entries: list[str]) -> bool:
+    try:
+        for name, entry in zip(COLUMNS, entries, strict=True):
+            if name != "dt_set_by":
+                float(entry)
+    except ValueError:
+        return False
+    return entries[0].isdecimal() and ",".join(entries).isascii()
+
+
+def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str) -> list[object]:
+    """The row of a synchronised state, entries as in COLUMNS; `dt` is the step that led to it."""
+    gas, dust = _totals(state.gas), _totals(state.dust)
+    momentum = gas.momentum + dust.momentum
+    return [
+        state.step, state.time, dt, dt_set_by, gas.mass, dust.mass, float(momentum[0]), float(momentum[1]),
+        gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
+        float(sum(effect.potential_energy(state) for effect in effects.values())),
+        state.ledger.accreted_gas, state.ledger.accreted_dust,
+        float(getattr(effects.get("drag"), "uncoupled", 0.0)),
+    ]  # fmt: skip
+
+
+class _Totals(NamedTuple):
+    mass: float
+    momentum: Array  # (2,)
+    spin: float
+    kinetic: float
+
+
+def _totals(particles: Particles | None) -> _Totals:
+    if particles is None:
+        return _Totals(0.0, np.zeros(2), 0.0, 0.0)
+    free = _free(particles)
+    mass, pos, vel = particles.mass[free], particles.pos[free], particles.vel[free]
+    momentum = np.zeros(2)
+    momentum[: vel.shape[1]] = (mass[:, None] * vel).sum(axis=0)
+    spin = (mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])).sum() if vel.shape[1] == 2 else 0.0
+    kinetic = 0.5 * (mass * (vel * vel).sum(axis=1)).sum()
+    return _Totals(float(mass.sum()), momentum, float(spin), float(kinetic))
+
+
+def _thermal(state: State) -> float:
+    gas: Gas | None = state.gas
+    if gas is None:
+        return 0.0
+    free = _free(gas)
+    u = None if gas.u is None else gas.u[free]
+    return thermal_energy(state.scene, gas.mass[free], gas.density[free], u)
+
+
+def _free(particles: Particles) -> Array | slice:
+    """The particles that are not boundary of a shock tube: those are no part of the flow."""
+    immobile = getattr(particles, "immobile", None)
+    return slice(None) if immobile is None else ~immobile

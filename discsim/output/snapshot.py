@@ -1,0 +1,396 @@
+"""Snapshots in the HDF5 layout of SWIFT (Schaller et al. 2024, arXiv:2305.13380), which yt and others read.
+
+Gas is PartType0, dust is PartType3. Coordinates have three columns and lie in [0, BoxSize], as readers
+want; the shift back to the scene's own frame, and what else `read_snapshot` needs, is in the group "discsim".
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from discsim.output import hdf5
+from discsim.scene.units import Units
+
+if TYPE_CHECKING:
+    import h5py
+
+    from discsim.numerics.state import Dust, Gas, Particles
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+class SnapshotError(Exception):
+    """The file is absent, damaged, or no snapshot of ours; the message says which."""
+
+
+class _Field(NamedTuple):
+    dataset: str
+    dimension: str  # of discsim.scene.units; "temperature"; "" for a plain number
+    about: str
+
+
+_COMMON = {
+    "pos": _Field("Coordinates", "length", "positions, shifted into the box"),
+    "vel": _Field("Velocities", "velocity", "velocities"),
+    "mass": _Field("Masses", "mass", "masses"),
+    "ids": _Field("ParticleIDs", "", "identities, kept through a run"),
+    "immobile": _Field("Immobile", "", "1 for boundary particles that never move"),
+}
+_GAS = _COMMON | {
+    "density": _Field("Densities", "density", "SPH density; a surface density in 2D"),
+    "h": _Field("SmoothingLengths", "length", "radius of the support of the kernel"),
+    "u": _Field("InternalEnergies", "specific_energy", "per mass; 3/2 P/rho where the gas has no energy equation"),
+    "pressure": _Field("Pressures", "pressure", "pressure; vertically integrated in 2D"),
+    "sound_speed": _Field("SoundSpeeds", "velocity", "sound speed"),
+    "temperature": _Field("Temperatures", "temperature", "P/rho mu m_H/k_B"),
+}
+_DUST = _COMMON | {
+    "density": _Field("DustDensities", "density", "density of the dust; a surface density in 2D"),
+    "species": _Field("Species", "", "number of the population"),
+    "stopping_time": _Field("StoppingTimes", "time", "stopping time"),
+    "stokes": _Field("StokesNumbers", "", "stopping time times the Keplerian frequency"),
+}
+_GROUPS = {"gas": ("PartType0", _GAS), "dust": ("PartType3", _DUST)}
+_TYPES = 7  # kinds of particles in the layout's header
+_NEIGHBOURS = 12  # that the Gaussian of a map covers
+_PLAIN_UNITS = {"": "", "temperature": "K"}  # the same in every system of code units
+_BASES = ("U_M", "U_L", "U_t", "U_T", "U_I")
+
+
+@dataclass(frozen=True)
+class SnapshotParticles:
+    """Particles of one kind, sorted by ids: arrays in code units and in the scene's own frame.
+
+    pos and vel have shape (n, dimensions), the others (n,); None is what the snapshot does not hold.
+    """
+
+    units: Units
+    dimensions_of: dict[str, str]
+    pos: Array
+    vel: Array
+    mass: Array
+    ids: Array
+    immobile: Array | None = None
+    density: Array | None = None
+    h: Array | None = None
+    u: Array | None = None
+    pressure: Array | None = None
+    sound_speed: Array | None = None
+    temperature: Array | None = None
+    species: Array | None = None
+    stopping_time: Array | None = None
+    stokes: Array | None = None
+
+    @property
+    def count(self) -> int:
+        return len(self.mass)
+
+    @property
+    def radius(self) -> Array:
+        """Distance from the origin, (n,)."""
+        return np.linalg.norm(self.pos, axis=1)
+
+    def quantity(self, name: str) -> Any:
+        """The array `name` as an astropy Quantity. Raises KeyError where it is not stored."""
+        from astropy import units as u
+
+        array = getattr(self, name, None)
+        if array is None or name not in self.dimensions_of:
+            raise KeyError(f"the snapshot holds no {name!r}")
+        dimension = self.dimensions_of[name]
+        if dimension in _PLAIN_UNITS:
+            return u.Quantity(array, _PLAIN_UNITS[dimension])
+        return self.units.quantity(array, dimension)
+
+    def radial_profile(self, edges: Array) -> Array:
+        """Surface density, averaged over angle, in the rings between the radii `edges` (rings + 1,)."""
+        mass, _ = np.histogram(self.radius, edges, weights=self.mass)
+        return mass / (np.pi * np.diff(np.square(edges)))
+
+    def surface_density_map(self, lower: Array, upper: Array, pixels: int, periodic: bool = False) -> Array:
+        """Surface density on square pixels [ix, iy], `pixels` on the longer side of the window (2D).
+
+        Each particle is a Gaussian as wide as the distance to its 12th neighbour: a shot noise of 1/sqrt(48)
+        where particles lie at random. `periodic`: the window is the box, and repeats.
+        """
+        from scipy.ndimage import gaussian_filter
+        from scipy.spatial import cKDTree
+
+        side = np.subtract(upper, lower)
+        pixel = max(side) / pixels
+        shape = tuple(np.maximum(np.rint(side / pixel).astype(int), 1))
+        total = np.zeros(shape)
+        pos = (self.pos - lower) % side if periodic else self.pos - lower
+        cell = np.floor(pos / pixel).astype(int)
+        seen = np.flatnonzero(np.all((cell >= 0) & (cell < shape), axis=1))
+        if not seen.size:
+            return total
+        tree = cKDTree(pos, boxsize=side if periodic else None)
+        width = tree.query(pos[seen], k=[min(_NEIGHBOURS + 1, self.count)])[0][:, 0] / pixel
+        flat = np.ravel_multi_index(tuple(cell[seen].T), shape)
+        # One filter for each factor of sqrt(2) in width; a particle is shared between the two about its own,
+        # so that nothing jumps where the width passes from one to the next. Half a pixel is as good as sharp.
+        level = 2 * np.log2(np.clip(width, 0.5, max(shape)))
+        for step in range(int(np.floor(level.min())), int(np.ceil(level.max())) + 1):
+            share = np.maximum(1 - np.abs(level - step), 0)
+            deposit = np.bincount(flat, share * self.mass[seen], total.size).reshape(shape)
+            mode = "wrap" if periodic else "constant"
+            total += gaussian_filter(deposit, 2 ** (step / 2), mode=mode, truncate=3.5)
+        return total / pixel**2
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One instant of a run, as `read_snapshot` gives it; `gas` or `dust` is None where the run has none."""
+
+    time: float
+    gas: SnapshotParticles | None
+    dust: SnapshotParticles | None
+    units: Units
+    scene_text: str
+    dimensions: int
+    lower: Array  # corners of the box, in the scene's own frame, (dimensions,)
+    upper: Array
+
+    @cached_property
+    def tables(self) -> dict[str, Any]:
+        """The scene as run, as plain tables."""
+        return tomllib.loads(self.scene_text)
+
+    @property
+    def species(self) -> dict[str, SnapshotParticles]:
+        """The kinds of particles present, by name."""
+        both = {"gas": self.gas, "dust": self.dust}
+        return {name: particles for name, particles in both.items() if particles is not None}
+
+    def quantity(self, name: str) -> Any:
+        """ "time", or an array like "gas.density", as an astropy Quantity. Raises KeyError for any other."""
+        if name == "time":
+            return self.units.quantity(self.time, "time")
+        kind, _, array = name.partition(".")
+        if kind not in self.species:
+            raise KeyError(f"the snapshot holds no {kind!r}")
+        return self.species[kind].quantity(array)
+
+
+def range_of_mass(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
+    """Least and greatest surface density that matter in a map: 99% of the mass, `decades` at most."""
+    seen = np.sort(sigma[sigma > 0])
+    if not seen.size:
+        return 0.1, 1.0
+    mass = np.cumsum(seen)
+    low, high = seen[np.minimum(np.searchsorted(mass, np.array([0.01, 0.999]) * mass[-1]), seen.size - 1)]
+    if high < 1.05 * low:  # uniform: colours must not blow up the last digits
+        return low / 1.05, high * 1.05
+    return max(low * max(0.5, (low / high) ** 0.25), high * 10**-decades), high
+
+
+def write_snapshot(
+    path: str | os.PathLike[str],
+    scene: Scene,
+    time: float,
+    gas: Gas | None,
+    dust: Dust | None,
+    extra: dict[str, dict[str, Array]] | None = None,
+) -> None:
+    """Write the particles at `time` to `path`, which appears only when it is complete.
+
+    `extra` holds more arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the
+    particles. Raises OSError where the file cannot be written.
+    """
+    extra = extra or {}
+    present = {name: p for name, p in (("gas", gas), ("dust", dust)) if p is not None}
+    lower, upper = _box(scene, list(present.values()))
+    support = _support(scene)
+    with hdf5.create(path) as file:
+        hdf5.mark(file, "snapshot")
+        _write_layout(file, scene, time, upper - lower, present)
+        own = file.create_group("discsim")
+        own.attrs["origin"] = lower
+        own.attrs["size"] = upper - lower
+        own.attrs["dimensions"] = scene.space.dimensions
+        own.attrs["support"] = support
+        own.attrs["energy_equation"] = gas is not None and gas.u is not None
+        own.attrs["units"] = [np.bytes_(text.encode()) for text in _unit_texts(scene.units)]
+        hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
+        for name, particles in present.items():
+            arrays = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
+            arrays = arrays | {"pos": _into_box(particles.pos, lower, upper)}
+            if name == "gas":
+                arrays["h"] = arrays["h"] * support
+            _write_particles(file, name, arrays, scene.units)
+
+
+def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
+    """Read what `write_snapshot` wrote. Raises SnapshotError where it is absent, damaged or not ours."""
+    with hdf5.reading(path, SnapshotError, "snapshot") as file:
+        own = file["discsim"]
+        dimensions = int(own.attrs["dimensions"])
+        origin = own.attrs["origin"]
+        system, length, mass = (text.decode() for text in own.attrs["units"])
+        units = Units(system, dimensions, length, mass)
+        kinds = {}
+        for kind, (group, fields) in _GROUPS.items():
+            if group not in file:
+                continue
+            arrays = {name: file[group][f.dataset][()] for name, f in fields.items() if f.dataset in file[group]}
+            arrays["pos"] = arrays["pos"][:, :dimensions] + origin
+            arrays["vel"] = arrays["vel"][:, :dimensions]
+            if "h" in arrays:
+                arrays["h"] = arrays["h"] / own.attrs["support"]
+            if not own.attrs["energy_equation"]:
+                arrays.pop("u", None)
+            if "immobile" in arrays:
+                arrays["immobile"] = arrays["immobile"].astype(bool)
+            known = {name: fields[name].dimension for name in arrays}
+            kinds[kind] = SnapshotParticles(units, known, **arrays)
+        return Snapshot(
+            time=float(file["Header"].attrs["Time"][0]),
+            gas=kinds.get("gas"),
+            dust=kinds.get("dust"),
+            units=units,
+            scene_text=own["Scene"][()].tobytes().decode(),
+            dimensions=dimensions,
+            lower=origin,
+            upper=origin + own.attrs["size"],
+        )
+
+
+def _unit_texts(units: Units) -> tuple[str, str, str]:
+    return units.system, units.length_text, units.mass_text
+
+
+def _support(scene: Scene) -> float:
+    """Radius of the kernel's support in units of h."""
+    if scene.gas is None:
+        return 1.0
+    from discsim.kernels.smoothing import KERNELS, SUPPORT
+
+    return SUPPORT[KERNELS[scene.gas.kernel]]
+
+
+def _box(scene: Scene, kinds: list[Particles]) -> tuple[Array, Array]:
+    """Corners of the scene's box, widened to hold what has left it through an open boundary."""
+    size = np.asarray(scene.space.size, dtype=float)
+    lower = -size / 2 if scene.centred else np.zeros_like(size)
+    upper = lower + size
+    for particles in kinds:
+        if particles.count:
+            lower = np.minimum(lower, particles.pos.min(axis=0))
+            upper = np.maximum(upper, particles.pos.max(axis=0))
+    return lower, upper
+
+
+def _into_box(pos: Array, lower: Array, upper: Array) -> Array:
+    """Three columns in [0, BoxSize]; dimensions that the run does not have are in the middle."""
+    side = upper - lower
+    shifted = np.full((len(pos), 3), side.max() / 2)
+    shifted[:, : pos.shape[1]] = np.clip(pos - lower, 0, side)  # else rounding may put one just outside
+    return shifted
+
+
+def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
+    """What the layout holds beside the state."""
+    if kind == "dust" or scene.gas is None:
+        return {}
+    per_mass = particles.pressure / particles.density
+    derived = {}
+    if particles.u is None:
+        derived["u"] = 1.5 * per_mass
+    if scene.units.system == "physical":
+        from astropy import constants
+
+        # P/rho is c_s^2 of isothermal gas and c_s^2/gamma of adiabatic: one formula for both.
+        molecule = scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e).cgs.value
+        specific = scene.units.cgs("specific_energy") * per_mass
+        derived["temperature"] = specific * molecule / constants.k_B.cgs.value
+    return derived
+
+
+def _exponents(units: Units, dimension: str) -> dict[str, float]:
+    """The exponents of the layout's five base units."""
+    if dimension in _PLAIN_UNITS:
+        return dict.fromkeys(_BASES, 0.0) | ({"U_T": 1.0} if dimension else {})
+    return dict(zip(_BASES, (*units.exponents(dimension), 0.0, 0.0), strict=True))
+
+
+def _write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units: Units) -> None:
+    part, fields = _GROUPS[kind]
+    group = file.create_group(part)
+    order = np.argsort(arrays["ids"], kind="stable")
+    for name, (dataset, dimension, about) in fields.items():
+        if name not in arrays:
+            continue
+        array = arrays[name][order]
+        if dataset == "Velocities":
+            array = np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
+        if dataset == "Immobile":
+            array = array.astype(np.uint8)
+        stored = hdf5.put(group, dataset, array)
+        exponents = _exponents(units, dimension)
+        factor = 1.0 if dimension in _PLAIN_UNITS else units.cgs(dimension)
+        stored.attrs["Description"] = np.bytes_(about)
+        stored.attrs["Conversion factor to CGS (not including cosmological corrections)"] = [factor]
+        stored.attrs["Conversion factor to physical CGS (including cosmological corrections)"] = [factor]
+        stored.attrs["a-scale exponent"] = [0.0]
+        stored.attrs["h-scale exponent"] = [0.0]
+        for base, power in exponents.items():
+            stored.attrs[f"{base} exponent"] = [float(power)]
+
+
+def _write_layout(file: h5py.File, scene: Scene, time: float, side: Array, present: dict[str, Any]) -> None:
+    """The groups that readers of the layout look for, each with the attributes that one of them needs."""
+    units, counts = scene.units, np.zeros(_TYPES, np.int64)
+    for kind, particles in present.items():
+        counts[int(_GROUPS[kind][0][-1])] = particles.count
+    box = np.full(3, side.max())
+    box[: len(side)] = side
+    gas = scene.gas
+    groups: dict[str, dict[str, Any]] = {
+        "Header": {
+            "Code": np.bytes_("SWIFT"),  # the readers know the layout by this name
+            "RunName": np.bytes_((scene.title or "discsim").encode()),
+            "BoxSize": box,
+            "Dimension": [3],
+            "NumPart_ThisFile": counts,
+            "NumPart_Total": counts.astype(np.uint32),
+            "NumPart_Total_HighWord": (counts >> 32).astype(np.uint32),
+            "NumFilesPerSnapshot": [1],
+            "NumPartTypes": [_TYPES],
+            "MassTable": np.zeros(_TYPES),
+            "Flag_Entropy_ICs": [0],
+            "Time": [float(time)],
+            "Redshift": [0.0],
+            "Scale-factor": [1.0],
+            "ThisFile": [0],
+            "OutputType": np.bytes_("FullVolume"),
+        },
+        "Policy": {"cosmological integration": [0]},
+        "Parameters": {"InitialConditions:periodic": np.bytes_(str(int(scene.space.boundary == "periodic")))},
+        "Cosmology": {"Cosmological run": [0], "Redshift": [0.0], "Scale-factor": [1.0], "h": [0.0]},
+        "HydroScheme": {
+            "Scheme": np.bytes_("SPH"),
+            "Kernel function": np.bytes_(gas.kernel if gas else "none"),
+            "Adiabatic index": [float(getattr(gas.eos, "gamma", 5 / 3) if gas else 5 / 3)],
+            "Dimension": [float(scene.space.dimensions)],
+        },
+        "SubgridScheme": {"Chemistry Model": np.bytes_("None"), "Cooling Model": np.bytes_("None")},
+    }
+    unit_values: dict[str, Any] = {
+        "Unit mass in cgs (U_M)": [units.cgs("mass")],
+        "Unit length in cgs (U_L)": [units.cgs("length")],
+        "Unit time in cgs (U_t)": [units.cgs("time")],
+        "Unit current in cgs (U_I)": [1.0],
+        "Unit temperature in cgs (U_T)": [1.0],
+    }
+    for name, attributes in (groups | {"Units": unit_values, "InternalCodeUnits": unit_values}).items():
+        group = file.create_group(name)
+        for key, value in attributes.items():
+            group.attrs[key] = value

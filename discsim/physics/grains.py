@@ -1,0 +1,30 @@
+"""Grains of dust in gas: Epstein's stopping time, and the mean free path beyond which another regime begins."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+
+def epstein_stopping_time(
+    grain_size: Any, grain_density: Any, sound_speed: Any, gas_density: Any, convention: str = "papers"
+) -> Any:
+    """Epstein stopping time of a grain, from astropy Quantities; `gas_density` is the volume density.
+
+    "papers": t = s rho_s / (c_s rho_g), as in Stoyanovskaya et al. 2018 (arXiv:1811.06506);
+    "kinetic": sqrt(pi/8) of that, the free-molecular drag with the mean thermal speed sqrt(8/pi) c_s.
+    """
+    factor = {"papers": 1.0, "kinetic": math.sqrt(math.pi / 8)}[convention]
+    time = factor * grain_size * grain_density / (sound_speed * gas_density)
+    return time.decompose() if hasattr(time, "decompose") else time
+
+
+def mean_free_column(scene: Any) -> float:
+    """Column density of gas in one mean free path, m / sigma, in code units: of the scene, or of its mean molecule with
+    the cross-section of H2, 2e-15 cm^2 (Chapman & Cowling 1970)."""
+    if scene.drag.mean_free_column is not None:
+        return scene.drag.mean_free_column
+    from astropy import constants
+
+    molecule = (scene.gas or scene.background).eos.mean_molecular_weight * constants.u.cgs.value
+    return molecule / 2e-15 / scene.units.cgs("surface_density")

@@ -1,0 +1,86 @@
+"""What a scene amounts to before it runs: the text of `discsim check`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from discsim.preview.cautions import warnings
+from discsim.preview.derived import derived
+from discsim.preview.forecast import forecast, known_runs
+from discsim.preview.memory import too_much
+from discsim.scene import Scene
+from discsim.scene.rules import OF_CELLS, OF_SPH, unused_keys
+from discsim.scene.tables import Table, measure_of
+from discsim.scene.units import Units, clock
+
+
+def report(scene: Scene) -> str:
+    """The text of `discsim check`."""
+    parts = [
+        [scene.title or "(no title)"],
+        ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
+        ["effects that will run", *(f"  {line}" for line in _effect_lines(scene))],
+        ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
+        ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
+        ["warnings", *(f"  {line}" for line in [*too_much(scene), *warnings(scene)] or ["none"])],
+    ]
+    return "\n\n".join("\n".join(part) for part in parts)
+
+
+def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    expected = forecast(scene)
+    if expected is None:
+        yield "none", "in one dimension runs take seconds" if scene.space.dimensions == 1 else "its step is not known"
+        return
+    yield "steps, about", f"{float(f'{expected.steps:.2g}'):.0f}"
+    yield "CPU time of a step, about", f"{expected.step_seconds:.2g} s"
+    yield "CPU time of the run, about", clock(expected.seconds)
+    known = len(known_runs())
+    runs = f"the last {known} long runs" if known > 1 else "the last long run"
+    yield "CPU times rest on", f"{runs} on this machine" if known else "stored figures: no long run here yet"
+    yield "memory, about", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
+
+
+def _unit_lines(units: Units) -> Iterator[str]:
+    if units.system == "code":
+        yield "code units, G = 1"
+        return
+    for name in ("length", "mass", "time", "velocity", "density"):
+        yield f"{name:<10} {units.show(1.0, name)}"
+
+
+def _effect_lines(scene: Scene) -> Iterator[str]:
+    for name in scene.effects:
+        first, _, second = name.partition(".")
+        skip: tuple[str, ...] = ()
+        if name == "drag" and scene.drag:
+            skip = OF_CELLS if scene.background else sum(unused_keys(scene.drag.scheme).values(), ())
+        elif scene.on_cells:
+            skip = {"gas": OF_SPH, "dust": ("offset", "placement")}[name]
+        table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
+        for one in table if isinstance(table, tuple) else (table,):
+            yield f"{name:<18} {_parameters(scene.units, one, skip)}"
+
+
+def _parameters(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
+    """The keys of a table and their values, but for `skip`; of a table in it the first one, its kind."""
+    texts = []
+    for key, field in type(table).model_fields.items():
+        value = getattr(table, key)
+        if isinstance(value, Table):
+            if "kind" in type(value).model_fields:
+                texts.append(f"{value.kind} ({_parameters(units, value)})")  # type: ignore[attr-defined]
+        elif value is not None and key != "kind" and key not in skip:
+            texts.append(f"{key} {_shown(units, value, measure_of(field), getattr(table, 'gamma', 1.0))}")
+    return ", ".join(texts)
+
+
+def _shown(units: Units, value: Any, measure: Any, gamma: float) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_shown(units, entry, measure, gamma) for entry in value) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return units.show(value, measure.name, gamma) if measure and measure.name else f"{value:g}"
+    return str(value)

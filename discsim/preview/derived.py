@@ -1,0 +1,405 @@
+"""Numbers that follow from a scene, at the edges and the middle of a disc or in the states of another start.
+
+H = c_T / Omega, Q = c_s Omega / (pi G Sigma), h = eta (m/Sigma)^(1/d), St = t_stop Omega; c_s is the speed of sound
+waves, c_T that of isothermal ones, Omega that of circles about the softened star.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from discsim.exact import gresho
+from discsim.initial import lattice
+from discsim.numerics.layout import (
+    NEAREST,
+    SOFT,
+    grid_cells,
+    leaf_of_cells,
+    leaf_of_nodes,
+    least_in_cells,
+    leaves,
+    side_of_blocks,
+)
+from discsim.physics import profile
+from discsim.physics.given_disc import GivenDisc
+from discsim.physics.grains import epstein_stopping_time, mean_free_column
+from discsim.scene import Scene
+from discsim.scene.rules import OF_GRAINS
+from discsim.scene.tables import Dust, Gas
+from discsim.scene.units import Units
+
+Array = np.ndarray
+
+SUPPORT_OF = {"cubic": 2.0, "quintic": 3.0, "quintic-h": 1.0, "wendland-c4": 2.0}  # in h
+IN_CELLS = ("idic", "idic-linear", "tsc")  # schemes whose drag is that of the particles in a cell
+
+
+@dataclass(frozen=True)
+class Local:
+    """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them."""
+
+    places: list[str]
+    radius: Array | None
+    density: Array
+    sound_speed: Array | None
+    thermal_speed: Array | None
+    omega: Array | None
+    h: Array | None
+
+    def where(self, number: int) -> str:
+        """One of the places, for a sentence."""
+        place = self.places[number]
+        return place if place == "everywhere" else f"at {place}"
+
+    @property
+    def scale_height(self) -> Array | None:
+        if self.thermal_speed is None or self.omega is None:
+            return None
+        return self.thermal_speed / self.omega
+
+    @property
+    def toomre_q(self) -> Array | None:
+        if self.sound_speed is None or self.omega is None:
+            return None
+        return self.sound_speed * self.omega / (math.pi * self.density)
+
+
+def local(scene: Scene) -> Local:
+    """The gas at the edges (within the tapers) and the middle of a disc, or in the states of another start."""
+    start: Any = scene.initial
+    radius = None
+    if start.kind == "disc":
+        inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper  # where tapers end
+        radius = np.array([inner, (start.inner + start.outer) / 2, outer])
+        density = profile.surface_density(scene, radius)
+        if scene.background:
+            density = GivenDisc(scene).surface_density(radius)
+        places = [scene.units.show(r, "length") for r in radius]
+    elif start.kind == "shock":
+        density = np.array([start.left[0], start.right[0]])
+        places = ["left", "right"]
+    elif start.kind == "settling":
+        from discsim.initial import settling  # imports the kernels
+
+        ends = start.density * math.exp(-0.5 * (settling.extent(scene) / settling.scale_height(scene)) ** 2)
+        density = np.array([start.density, ends])
+        places = ["midplane", "ends"]
+    else:
+        density = np.array([_uniform_density(start)])
+        places = ["everywhere"]
+    return _local(scene, places, radius, density)
+
+
+def _local(scene: Scene, places: list[str], radius: Array | None, density: Array) -> Local:
+    omega = profile.kepler_omega(scene, radius) if scene.star and radius is not None else None
+    sound = _sound_speed(scene, radius, density)
+    gamma = scene.gas.eos.gamma if scene.gas and scene.gas.eos.kind == "adiabatic" else 1.0
+    thermal = None if sound is None else sound / math.sqrt(gamma)
+    return Local(places, radius, density, sound, thermal, omega, _smoothing(scene, density))
+
+
+def gas_step(scene: Scene, at: Local) -> Array:
+    """The longest step that sound and viscosity allow: h / (c_s (1 + 1.2 alpha)), h as other kernels mean it."""
+    assert at.h is not None and at.sound_speed is not None and scene.gas is not None
+    alpha = scene.gas.viscosity.alpha if scene.gas.viscosity else 0.0
+    return resolution(scene, at.h) / (at.sound_speed * (1.0 + 1.2 * alpha))
+
+
+def gas_mass(scene: Scene) -> float:
+    """Total mass of the gas (the mass that the dust's ratio refers to, where there is no gas)."""
+    start: Any = scene.initial
+    if start.kind == "disc":
+        return _disc_mass(scene, start.inner, start.outer)
+    if start.kind == "shock":
+        return (start.left[0] + start.right[0]) * scene.space.size[0] / 2
+    if start.kind == "settling":
+        from discsim.initial import settling  # imports the kernels
+
+        return settling.column(scene)
+    return _uniform_density(start) * math.prod(scene.space.size)
+
+
+def dust_masses(scene: Scene) -> list[float]:
+    """Total mass of each population of dust."""
+    start: Any = scene.initial
+    masses = []
+    for dust in scene.dust or ():
+        whole = gas_mass(scene)
+        if start.kind == "disc":
+            inner, outer = max(dust.inner or 0.0, start.inner), min(dust.outer or math.inf, start.outer)
+            whole = _disc_mass(scene, inner, max(inner, outer))
+        masses.append(dust.ratio * whole)
+    return masses
+
+
+def stopping_times(scene: Scene, at: Local) -> list[Array]:
+    """Stopping time of each population at the places of `at`; no entry where it is not defined."""
+    drag = scene.drag
+    if drag is None:
+        return []
+    times = []
+    for dust in scene.dust or ():
+        if drag.law == "constant" and drag.K is not None:
+            times.append(dust.ratio * at.density / drag.K)
+        elif drag.law == "stopping-time" and drag.t_stop is not None:
+            times.append(np.full_like(at.density, drag.t_stop))
+        elif drag.law == "stokes-number" and at.omega is not None:
+            times.append(drag.stokes / at.omega)
+        elif drag.law == "stokes-over-density" and at.omega is not None:
+            times.append(drag.stokes / at.omega * profile.reference_density(scene) / at.density)
+        elif drag.law in OF_GRAINS and at.sound_speed is not None:
+            volume = at.density
+            if at.omega is not None:
+                volume = at.density * at.omega / (math.sqrt(2 * math.pi) * at.sound_speed)
+            elif scene.space.dimensions == 2:
+                continue
+            grain = (dust.grain_size, dust.grain_density)
+            time = epstein_stopping_time(*grain, at.sound_speed, volume, drag.convention)
+            if drag.law == "epstein-stokes":
+                time = time * np.maximum(1.0, 4 * dust.grain_size * volume / (9 * mean_free_column(scene)))
+            times.append(time)
+    return times
+
+
+def derived(scene: Scene) -> list[tuple[str, str]]:
+    """Name and text of every derived number, in units of the scene."""
+    if scene.initial is None:
+        return []
+    at = local(scene)
+    rows = [*_mass_rows(scene), ("at", ", ".join(at.places))]
+    density = "surface density" if scene.space.dimensions == 2 else "density"
+    rows.append((f"{density} of the gas", _list(scene.units, at.density, "density")))
+    if at.sound_speed is not None:
+        rows.append(("sound speed", _list(scene.units, at.sound_speed, "velocity")))
+    if scene.on_cells and scene.gas:
+        cell = scene.space.size[0] / scene.gas.particles
+        rows.append(("fixed grid", f"{scene.gas.particles} cells of {scene.units.show(cell, 'length')}"))
+    if at.h is not None:
+        rows.append(("smoothing length h", _list(scene.units, at.h, "length")))
+    rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
+    return rows
+
+
+def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    # In 1D "mass" is a column: mass over area.
+    name = "mass" if scene.space.dimensions == 2 else "surface_density"
+    if scene.gas:
+        mass = gas_mass(scene)
+        yield "mass of the gas", scene.units.show(mass, name)
+        if not scene.on_cells:
+            yield "mass of a gas particle", scene.units.show(mass / particle_count(scene, scene.gas), name)
+    for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
+        which = f" {i}" if len(scene.dust or ()) > 1 else ""
+        yield f"mass of the dust{which}", scene.units.show(mass, name)
+        if not scene.on_cells:
+            yield f"mass of a dust particle{which}", scene.units.show(mass / particle_count(scene, dust), name)
+
+
+def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    if at.omega is None:
+        return
+    period = 2 * math.pi / at.omega
+    yield "orbital period", _list(scene.units, period, "time")
+    yield "orbits until the end", _plain(scene.run.until / period)
+    if at.scale_height is not None and at.sound_speed is not None:
+        yield "H/r", _plain(at.scale_height / at.radius)
+        if scene.gas and at.h is not None:
+            yield "h/H", _plain(resolution(scene, at.h) / at.scale_height)
+            yield "Toomre Q", _plain(at.toomre_q)
+
+
+def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    times = stopping_times(scene, at)
+    for i, time in enumerate(times):
+        which = f" {i}" if len(times) > 1 else ""
+        yield f"stopping time{which}", _list(scene.units, time, "time")
+        if at.omega is not None:
+            yield f"Stokes number{which}", _plain(time * at.omega)
+    side = drag_cell_sides(scene, at)
+    if side is not None:
+        counts = drag_cell_counts(scene, at, side)
+        yield "side of a drag cell", _list(scene.units, side, "length")
+        yield "gas particles in a drag cell", _plain(counts[0])
+        yield "dust particles in a drag cell", _plain(counts[1])
+
+
+def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    found = grid(scene)
+    # Drag cells of one dimension are no cells of the grid.
+    if found is None or (scene.space.dimensions == 1 and not scene.self_gravity):
+        return
+    cell, shape = found
+    yield "grid", " x ".join(map(str, shape)) + " cells of " + scene.units.show(cell, "length")
+    if scene.self_gravity:
+        yield "memory of the grid, about", f"{grid_bytes(scene, shape) / 2**20:.3g} MiB"
+
+
+def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
+    """Side of the grid's cells and their number along each axis; None where the run has no grid."""
+    of_drag = scene.drag is not None and not scene.background and not scene.on_cells
+    if not scene.self_gravity and not of_drag:
+        return None
+    first = (scene.gas,) if scene.gas else scene.dust or ()
+    cell, shape = grid_cells(scene, sum(particle_count(scene, species) for species in first))
+    return cell, tuple(max(1, number) for number in shape)
+
+
+def grid_bytes(scene: Scene, shape: tuple[int, ...]) -> int:
+    """Bytes of density, potential and its gradient on the grid of self-gravity, and of its transforms."""
+    pad = 1 if scene.space.boundary == "periodic" else 2
+    columns = pad * shape[-1] // 2 + 1
+    return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
+
+
+def particle_count(scene: Scene, species: Gas | Dust) -> int:
+    """Particles that there are of the gas or a population of dust: a lattice in two dimensions has whole rows.
+
+    Without the immobile ones that continue a tube or a layer.
+    """
+    on_lattice = species.placement == "even" if isinstance(species, Dust) else True
+    if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or scene.initial.kind == "disc":
+        return species.particles
+    return math.prod(lattice.shape(scene.space.size, species.particles))
+
+
+def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
+    """Sides of the drag cells at the places of `at` at the start, but for those that grow for want of one species."""
+    found = grid(scene)
+    if not scene.drag or scene.drag.scheme not in IN_CELLS or not scene.gas or at.h is None or found is None:
+        return None
+    cell, shape = found
+    nodes, of_h = scene.drag.scheme == "tsc", scene.drag.cell
+    if of_h:
+        mean, least = _range_of_h(scene, at)
+        wanted = leaf_of_nodes(of_h, mean, least) if nodes else leaf_of_cells(scene, least)
+    else:
+        wanted = scene.drag.cell_length
+    periodic = scene.space.boundary == "periodic"
+    leaf, _ = leaves(wanted, cell, shape, periodic, particle_count(scene, scene.gas))
+    if not of_h:
+        side = np.full_like(at.h, leaf)
+        limit = side
+    else:
+        limit = of_h * at.h
+        side = side_of_blocks(leaf, NEAREST * limit if nodes else limit)
+    if not nodes:
+        counts = drag_cell_counts(scene, at, side)
+        few = np.any([count < fewest for count, fewest in zip(counts, least_in_cells(scene), strict=True)], axis=0)
+        side = np.where(few & (2 * side <= SOFT * limit), 2 * side, side)
+    return side
+
+
+def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array]:
+    """Mean numbers of gas and dust particles in drag cells of these sides at the places of `at`."""
+    assert scene.gas is not None
+    mass = at.density * side**scene.space.dimensions
+    gas = mass * particle_count(scene, scene.gas) / gas_mass(scene)
+    dust = np.zeros_like(gas)
+    for population, total in zip(scene.dust or (), dust_masses(scene), strict=True):
+        if total > 0:
+            dust += _present(population, at) * population.ratio * mass * particle_count(scene, population) / total
+    return gas, dust
+
+
+def _present(population: Dust, at: Local) -> Array | float:
+    """1 at the places of `at` where a population is, else 0."""
+    if at.radius is None:
+        return 1.0
+    return 1.0 * ((at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf)))
+
+
+def _range_of_h(scene: Scene, at: Local) -> tuple[float, float]:
+    """The geometric mean of the smoothing lengths of all gas particles, and the least of them."""
+    start: Any = scene.initial
+    h, weight = at.h, np.ones_like(at.density)
+    if start.kind == "disc":
+        r = profile.radii(start)
+        weight = r * profile.shape(start, r)
+        h, weight = _smoothing(scene, profile.surface_density(scene, r)[weight > 0]), weight[weight > 0]
+    elif start.kind == "shock":
+        weight = at.density
+    elif start.kind == "settling":
+        from discsim.initial import settling  # imports the kernels
+
+        z = np.linspace(0.0, settling.extent(scene), profile.SAMPLES)
+        weight = np.exp(-0.5 * (z / settling.scale_height(scene)) ** 2)
+        h = _smoothing(scene, start.density * weight)
+    assert h is not None
+    return float(np.exp(np.average(np.log(h), weights=weight))), float(h.min())
+
+
+def _uniform_density(start: Any) -> float:
+    if start.kind == "sheet":
+        return start.surface_density
+    return getattr(start, "density", 1.0)
+
+
+def _disc_mass(scene: Scene, inner: float, outer: float) -> float:
+    radius = np.linspace(inner, outer, profile.SAMPLES)
+    return profile.scale(scene) * float(profile.cumulative(scene.initial, radius)[-1])
+
+
+def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | None:
+    if scene.background and radius is not None:
+        return GivenDisc(scene).sound_speed(radius)
+    if scene.gas is None:
+        return None
+    eos: Any = scene.gas.eos
+    if eos.kind == "polytropic":
+        return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1))
+    if getattr(eos, "sound_speed", None) is not None:
+        return np.full_like(density, eos.sound_speed)
+    if eos.aspect_ratio is not None and scene.star and radius is not None:
+        return profile.wave_speed(scene, radius, density)
+    return _given_speed(scene, density)
+
+
+def _given_speed(scene: Scene, density: Array) -> Array | None:
+    """Where the start itself has a pressure."""
+    start: Any = scene.initial
+    if start.kind == "shock":
+        pressure = np.array([start.left[1], start.right[1]])
+    elif start.kind == "vortex":
+        pressure = gresho.pressure(np.zeros(1), start.density, start.speed, start.radius)
+    else:
+        return None
+    return np.sqrt(getattr(scene.gas.eos, "gamma", 1.0) * pressure / density)
+
+
+def _smoothing(scene: Scene, density: Array) -> Array | None:
+    if scene.gas is None or scene.on_cells:
+        return None
+    if scene.gas.smoothing_length is not None:
+        return np.full_like(density, scene.gas.smoothing_length)
+    mass = gas_mass(scene) / particle_count(scene, scene.gas)
+    return scene.gas.eta * (mass / density) ** (1 / scene.space.dimensions)
+
+
+def resolution(scene: Scene, h: Array) -> Array:
+    """h as other kernels mean it: that of quintic-h is its whole support, 3 h of the quintic."""
+    return h / 3 if scene.gas and scene.gas.kernel == "quintic-h" else h
+
+
+def resolution_by_mass(scene: Scene) -> tuple[Array, Array]:
+    """h/H of the gas of a disc (n,), rising, and the share of the gas with less than each (n,)."""
+    r = profile.radii(scene.initial)
+    weight = r * profile.shape(scene.initial, r)
+    r, weight = r[weight > 0], weight[weight > 0]
+    at = _local(scene, [], r, profile.surface_density(scene, r))
+    assert at.h is not None and at.scale_height is not None
+    ratio = resolution(scene, at.h) / at.scale_height
+    order = np.argsort(ratio, kind="stable")
+    return ratio[order], np.cumsum(weight[order]) / weight.sum()
+
+
+def _list(units: Units, values: Array, name: str) -> str:
+    return ", ".join(units.show(float(value), name) for value in values)
+
+
+def _plain(values: Array | None) -> str:
+    return ", ".join(f"{value:.3g}" for value in values) if values is not None else ""

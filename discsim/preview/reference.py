@@ -1,0 +1,177 @@
+"""The reference of effects and keys, made from what runs: module docstrings and the tables' own fields.
+
+`python -m discsim.preview.reference` writes the keys into the README.
+"""
+
+from __future__ import annotations
+
+import ast
+import textwrap
+from collections.abc import Iterable, Iterator
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple, get_origin
+
+import discsim
+from discsim.drag import GRID_SCHEMES, SCHEMES
+from discsim.effects import EFFECTS, IN_BACKGROUND
+from discsim.scene import tables
+from discsim.scene.rules import NOT_CONSERVING
+from discsim.scene.tables import TABLES, Default, Table, measure_of, models_in
+
+SETUP_TABLES = ("units", "run", "space", "initial")
+# Table of an effect -> module that says what it does, in the order of a step.
+MODULES = {name: (EFFECTS | {"background": IN_BACKGROUND["drag"]})[name] for name in tables.EFFECTS if "." not in name}
+COLUMNS = ("key", "value", "default", "meaning")
+WIDTHS = (22, 20, 18, 46)
+BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
+_HOME = Path(discsim.__file__).parent.parent
+
+
+class Part(NamedTuple):
+    """A table of a scene, or one of the kinds that it may be of, with the rows of its keys."""
+
+    table: str
+    kind: str
+    about: str
+    rows: list[tuple[str, str, str, str]]  # as COLUMNS
+
+
+def effects_text() -> str:
+    """Every effect with its equation and keys, then the tables that set up a run."""
+    lines: list[str] = []
+    for name, module in MODULES.items():
+        lines += ["", f"[{name}]", *_indented(docstring(module)), "", *_text_of(name)]
+        if name == "drag":
+            lines += _schemes()
+    lines += ["", "Tables that set up a run"]
+    for name in SETUP_TABLES:
+        lines += ["", f"[{name}]", *_text_of(name)]
+    return "\n".join(lines[1:])
+
+
+def scene_markdown() -> str:
+    """The tables of a scene and their keys, for the README."""
+    lines: list[str] = []
+    for name in (*SETUP_TABLES, *MODULES):
+        for part in _parts(name, TABLES[name]):
+            heading = f"`[{part.table}]`" + (f" with `kind = {part.kind}`" if part.kind else "")
+            lines += ["", f"{heading}: {part.about}" if part.about else heading, ""]
+            lines += [_cells(COLUMNS), _cells("-" * len(COLUMNS))]
+            lines += [_cells((f"`{key}`", *rest)) for key, *rest in part.rows]
+    return "\n".join(lines[1:])
+
+
+def docstring(module: str) -> str:
+    """The docstring of a module, which is its equation, without importing it."""
+    source = _HOME / (module.replace(".", "/") + ".py")
+    return ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
+
+
+def _schemes() -> Iterator[str]:
+    for name, module in (SCHEMES | GRID_SCHEMES).items():
+        yield ""
+        yield f'  scheme = "{name}"' + (": momentum is not conserved" if name in NOT_CONSERVING else "")
+        yield from _indented(docstring(module).removeprefix(f"{name}: "), "    ")
+
+
+def _indented(text: str, space: str = "  ") -> Iterator[str]:
+    for line in text.splitlines():
+        yield space + line if line else ""
+
+
+def _cells(entries: Iterable[str]) -> str:
+    return "| " + " | ".join(entries) + " |"
+
+
+def _text_of(name: str) -> Iterator[str]:
+    for part in _parts(name, TABLES[name]):
+        if part.kind:
+            yield f"  {part.table}.kind = {part.kind}: {part.about}"
+        elif part.about:
+            yield f"  {part.about}" if part.table == name else f"  [{part.table}] {part.about}"
+        for row in part.rows:
+            yield from _wrapped(row)
+
+
+def _wrapped(row: Iterable[str]) -> Iterator[str]:
+    cells = zip(row, WIDTHS, strict=True)
+    columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in cells]
+    for line in zip_longest(*columns, fillvalue=""):
+        shown = (f"{text:<{width}}" for text, width in zip(line, WIDTHS, strict=True))
+        yield "    " + " ".join(shown).rstrip()
+
+
+def _parts(name: str, annotation: Any) -> Iterator[Part]:
+    """A table, each of its kinds, and the tables in it."""
+    models = models_in(annotation)
+    for model in models:
+        kinds = len(models) > 1
+        keys = [key for key in model.model_fields if not (kinds and key == "kind")]
+        inner = [key for key in keys if models_in(model.model_fields[key].annotation)]
+        rows = [key_row(model, key) for key in keys if key not in inner]
+        kind = tables.shown(model.model_fields["kind"].default) if kinds else ""
+        yield Part(name, kind, _about(name, annotation, model), rows)
+        for key in inner:
+            yield from _parts(f"{name}.{key}", model.model_fields[key].annotation)
+
+
+def _about(name: str, annotation: Any, model: type[Table]) -> str:
+    words = "" if model.__doc__ == Table.__doc__ else model.__doc__ or ""
+    several = f" `[[{name}]]` for each of several." if get_origin(annotation) is tuple else ""
+    return words + several
+
+
+def key_row(model: type[Table], key: str) -> tuple[str, str, str, str]:
+    """Name, dimension or choices, default and meaning of a key, in words."""
+    field = model.model_fields[key]
+    return key, _value_words(model, key), _default_words(field), field.description or ""
+
+
+def _value_words(model: type[Table], key: str) -> str:
+    field = model.model_fields[key]
+    measure = measure_of(field)
+    if model is tables.Shock:
+        return "density, pressure, velocity"
+    if measure:
+        return measure.name.replace("_", " ") or "number"
+    choices = tables.choices_in(field.annotation)
+    if choices:
+        return ", ".join(tables.shown(choice) for choice in choices)
+    if key in ("checkpoint_every", "walltime"):
+        return "wall-clock time"
+    if field.annotation is bool:
+        return "true, false"
+    return "text" if field.annotation is str else "whole number"
+
+
+def _default_words(field: Any) -> str:
+    for entry in field.metadata:
+        if isinstance(entry, Default):
+            return entry.words
+    if field.is_required():
+        return "required"
+    if field.default is None:
+        return "none"
+    measure = measure_of(field)
+    if measure and field.default == 0:
+        return "0"
+    if measure and measure.name and isinstance(field.default, float):
+        return f"{field.default:g} code unit"
+    if isinstance(field.default, tuple):
+        return "[" + ", ".join(tables.shown(entry) for entry in field.default) + "]"
+    return tables.shown(field.default)
+
+
+def with_reference(readme: str) -> str:
+    """The text of the README with its part between the markers made anew. Raises ValueError without them."""
+    before, begin, rest = readme.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not end:
+        raise ValueError(f"no {BEGIN} ... {END} in the text")
+    return f"{before}{begin}\n\n{scene_markdown()}\n\n{end}{after}"
+
+
+if __name__ == "__main__":
+    page = _HOME / "README.md"
+    page.write_text(with_reference(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,57 @@
+"""CPU seconds by effect, of all threads, and the table of their shares."""
+
+from __future__ import annotations
+
+import csv
+import os
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class Costs:
+    """Adds up calls and CPU seconds by name."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.calls = dict.fromkeys(names, 0)
+        self.seconds = dict.fromkeys(self.calls, 0.0)
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        start = time.process_time()
+        yield
+        self.seconds[name] += time.process_time() - start
+        self.calls[name] += 1
+
+    @property
+    def total(self) -> float:
+        return sum(self.seconds.values())
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """What each name took of the total."""
+        return {name: seconds / (self.total or 1.0) for name, seconds in self.seconds.items()}
+
+    def copy(self) -> Costs:
+        same = Costs(self.calls)
+        same.calls.update(self.calls)
+        same.seconds.update(self.seconds)
+        return same
+
+    def forget(self, start: Costs, end: Costs) -> None:
+        """Take out what was added between two copies: steps in which kernels compiled."""
+        for name in self.calls:
+            self.calls[name] -= end.calls[name] - start.calls[name]
+            self.seconds[name] -= end.seconds[name] - start.seconds[name]
+
+    def write(self, path: Path) -> None:
+        """The table as CSV; it appears at `path` whole."""
+        shares = self.shares
+        temporary = path.with_name(f".{path.name}.part")
+        with temporary.open("w", newline="") as file:
+            rows = csv.writer(file)
+            rows.writerow(["effect", "calls", "cpu_seconds", "share"])
+            for name, seconds in self.seconds.items():
+                rows.writerow([name, self.calls[name], f"{seconds:.4f}", f"{shares[name]:.4f}"])
+        os.replace(temporary, path)

@@ -1,0 +1,127 @@
+"""What a run shows: a live display on a terminal, plain lines elsewhere; the lines always go to run.log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+
+from discsim.scene.units import clock
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import State
+    from discsim.scene import Scene
+
+LINE_EVERY = 10.0  # wall-clock seconds between plain lines
+FRAME_EVERY = 0.25  # and between frames of the live display
+
+
+class Progress:
+    """Tells of a run. Errors go to stderr, all else to stdout; `quiet` leaves only the errors and the log."""
+
+    def __init__(self, scene: Scene, quiet: bool) -> None:
+        self.scene, self.quiet = scene, quiet
+        self.console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+        self.live: Live | None = None
+        self._log: TextIO | None = None
+        self._early: list[str] = []  # said before there was a log
+        self._next_line = self._next_frame = 0.0
+        # Wall-clock time, time and step after the first step: kernels compile in that, so it tells no speed.
+        self._since: tuple[float, float, int] | None = None
+
+    def open_log(self, path: Path, resume: bool) -> None:
+        """Keep the log at `path`, with what was said until now first."""
+        self._log = path.open("a" if resume else "w", encoding="utf-8")
+        early, self._early = self._early, []
+        for line in early:
+            self._note(line)
+
+    def say(self, text: str) -> None:
+        """Lines for the screen and the log."""
+        self._note(text)
+        if not self.quiet:
+            self.console.print(text)
+
+    def fail(self, text: str) -> None:
+        """An error: one message on stderr, and in the log."""
+        self.close_live()
+        print(text, file=sys.stderr)
+        if self._log is not None:
+            with suppress(OSError):  # perhaps the log itself is what failed
+                self._note(text)
+
+    def step(self, state: State, dt: float, set_by: str) -> None:
+        """After each step: a frame or a line, when one is due."""
+        now = time.monotonic()
+        if self._since is None:
+            self._since = (now, state.time, state.step)
+            self._next_line = now + LINE_EVERY
+        if now >= self._next_line:
+            self._next_line = now + LINE_EVERY
+            self.line(state, dt, set_by)
+        if now >= self._next_frame and self.console.is_terminal and not self.quiet:
+            self._next_frame = now + FRAME_EVERY
+            self._frame(state, dt, set_by)
+
+    def line(self, state: State, dt: float, set_by: str, end: str = "") -> None:
+        """One plain line about the present step."""
+        facts = [*self._facts(state, dt, set_by).values(), end]
+        text = "  ".join(fact for fact in facts if fact)
+        if self.live is None:
+            self.say(text)
+        else:
+            self._note(text)
+
+    def close_live(self) -> None:
+        if self.live is not None:
+            self.live.stop()
+            self.live = None
+
+    def close(self) -> None:
+        self.close_live()
+        if self._log is not None:
+            with suppress(OSError):  # of lines that found no room: told already
+                self._log.close()
+            self._log = None
+
+    def _note(self, text: str) -> None:
+        if self._log is None:
+            self._early.append(text)
+        else:
+            self._log.write(text + "\n")
+            self._log.flush()
+
+    def _facts(self, state: State, dt: float, set_by: str) -> dict[str, str]:
+        show, until = self.scene.units.show_time, self.scene.run.until
+        facts = {
+            "step": f"step {state.step}",
+            "time": f"t = {show(state.time)} of {show(until)}",
+            "dt": f"dt = {show(dt)}, set by {set_by}" if dt > 0.0 else "",
+        }
+        if self._since is not None:
+            wall, begun, step = self._since
+            elapsed = time.monotonic() - wall
+            if state.step > step and elapsed > 0.0 and state.time > begun:
+                left = elapsed * max(until - state.time, 0.0) / (state.time - begun)
+                facts["speed"] = f"{(state.step - step) / elapsed:.3g} steps/s"
+                facts["left"] = f"{clock(left)} left"
+        return facts
+
+    def _frame(self, state: State, dt: float, set_by: str) -> None:
+        facts = self._facts(state, dt, set_by)
+        pace = "  ".join(facts[name] for name in ("step", "speed", "left") if name in facts)
+        bar = ProgressBar(total=self.scene.run.until, completed=state.time, width=60)
+        frame = Table.grid()
+        for row in (f"effects: {', '.join(self.scene.effects)}", facts["time"], bar, facts["dt"], pace):
+            frame.add_row(row)
+        if self.live is None:
+            self.live = Live(console=self.console, auto_refresh=False, transient=True)
+            self.live.start()
+        self.live.update(frame, refresh=True)

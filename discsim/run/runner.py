@@ -1,0 +1,427 @@
+"""A run, from a validated scene to the files of its directory: outputs, checkpoints, interrupts, messages."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from numba import config
+from numba.core import caching, event
+
+from discsim import __version__
+from discsim.kernels import cache
+from discsim.numerics.state import Gas, State
+from discsim.output.checkpoint import CheckpointError, read_checkpoint
+from discsim.output.history import History, HistoryError, history_row, rows_until
+from discsim.output.snapshot import write_snapshot
+from discsim.physics.eos import pressure_and_sound_speed
+from discsim.preview.cautions import warnings
+from discsim.preview.forecast import learn
+from discsim.run import ahead
+from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep
+from discsim.run.progress import Progress
+from discsim.run.simulation import PhysicsError, Simulation
+from discsim.scene import Scene, SceneError
+from discsim.scene.differences import refuse_another
+from discsim.scene.tables import Run as RunTable
+from discsim.scene.units import clock
+
+Array = np.ndarray
+
+DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
+CORES: int = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
+SMALL = 20_000  # particles: below it history has a row for every step
+LONG_RUN = 100  # steps, after which it is known what one takes
+ROW_EVERY = 16  # steps between rows of a larger run
+
+
+def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool = False) -> int:
+    """Run `scene` with its files in `directory`, or go on with the run there; returns the exit status.
+
+    0 done, or stopped by run.walltime; 1 a file cannot be written; 2 cannot start, or be resumed; 3 stopped
+    by the physics; 128 + signal interrupted. What is wrong is one message on stderr.
+    """
+    run = _Run(scene, Path(directory), quiet)
+    fail = run.progress.fail
+    with run.interrupts, event.install_listener("numba:compile", run.compilation):
+        try:
+            return run.go(resume)
+        except (SceneError, CheckpointError, DirectoryError, HistoryError) as fault:
+            fail(str(fault))
+            return WRONG_INPUT
+        except PhysicsError as fault:
+            fail(f"stopped by the physics {run.where()}: {fault}\n{run.way_back()}")
+            return PHYSICS
+        except MemoryError as fault:
+            fail(f"out of memory {run.where()}: {fault or 'no room for an array'}\n{run.way_back()}")
+            return PHYSICS
+        except OSError as fault:
+            reason = (fault.strerror or str(fault)).partition("\n")[0]
+            if of_numba_cache(fault):
+                cure = "Make room there, or set NUMBA_CACHE_DIR to another directory"
+                fail(f"{cache.place}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
+            else:
+                fail(f"{fault.filename or directory}: cannot be written: {reason}. {run.way_back()}")
+            return NOT_WRITTEN
+        except cache.CacheError as fault:
+            fail(str(fault))
+            return NOT_WRITTEN
+        except KeyboardInterrupt:
+            fail(f"left at once. {run.way_back()}")
+            return 128 + run.interrupts.number
+        finally:
+            run.close()
+
+
+def output_times(run: RunTable) -> list[float]:
+    """Times of the snapshots after the initial one; the last is the end of the run.
+
+    Multiples are taken of the decimal numbers, so that runs of different lengths meet at the same floats.
+    """
+    until = Fraction(repr(run.until))
+    if run.every is None:
+        return [float(until * k / run.snapshots) for k in range(1, run.snapshots + 1)]
+    every = Fraction(repr(run.every))
+    # An end that is a multiple but for rounding is that multiple: a longer run would land there as well.
+    whole = int(until / every + Fraction(1, 10**9))
+    times = [float(every * k) for k in range(1, whole + 1)]
+    return times if times and np.isclose(times[-1], run.until, rtol=1e-9, atol=0.0) else [*times, run.until]
+
+
+def due_times(run: RunTable, reached: float, put_out: float) -> list[float]:
+    """Times of the snapshots still to come at time `reached`, where that of `put_out` was the last.
+
+    A checkpoint may be of the very step that landed on one, before its snapshot: that is due at once.
+    """
+    near = 1e-9 * reached
+    later = [t for t in output_times(run) if t >= reached - near and t > put_out * (1.0 + 1e-9)]
+    return [reached if abs(t - reached) <= near else t for t in later]
+
+
+class Interrupts:
+    """Ctrl-C and SIGTERM: the first is noted, for the end of a step; the second raises KeyboardInterrupt."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._before[number] = signal.signal(number, self._note)
+
+    def __exit__(self, *fault: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.number:
+            raise KeyboardInterrupt
+        self.number = number
+
+
+class Compilation(event.Listener):
+    """Tells, once, that kernels compile which numba's cache does not hold; a second process takes its part."""
+
+    def __init__(self, scene: Scene, say: Callable[[str], None]) -> None:
+        self.scene, self.say, self.told = scene, say, False
+        self.second: subprocess.Popen | None = None
+
+    def on_start(self, event: event.Event) -> None:
+        if not self.told:
+            self.told = True
+            self.say("compiling those that numba's cache does not hold: once, up to a minute for a scene with drag")
+            self.second = ahead.begin(self.scene) if CORES > 1 else None
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+    def wait(self, interrupts: Interrupts) -> None:
+        """Until what the second process compiles is there to be loaded."""
+        while self.second is not None and self.second.poll() is None and not interrupts.number:
+            time.sleep(0.05)
+
+    def close(self) -> None:
+        if self.second is not None:
+            self.second.kill()
+            self.second.wait()
+
+
+class _Run:
+    """One run: the simulation, and the files of its directory."""
+
+    sim: Simulation
+    history: History
+
+    def __init__(self, scene: Scene, directory: Path, quiet: bool) -> None:
+        self.scene, self.directory = scene, directory
+        self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
+        self.compilation = Compilation(scene, self.progress.say)
+        self.checkpoint, self.figure = directory / "checkpoint.h5", directory / "last_state.png"
+        self.begun = self.saved = time.monotonic()
+        self.saved_time: float | None = None
+        self.snapshots = self.steps = 0  # written; made by this process
+        self.put_out = 0.0  # time of the last snapshot
+        self.dt, self.set_by = 0.0, ""  # of the last step
+        self.held = ExitStack()
+        count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
+        self.rows_every = 1 if count < SMALL else ROW_EVERY
+
+    def go(self, resume: bool) -> int:
+        locked = self.held.enter_context(held(self.directory))
+        fault = directory_fault(self.directory, resume)
+        if fault:
+            raise DirectoryError(fault)
+        resume = resume and self._can_go_on()
+        reached = self._time_to_resume() if resume else 0.0
+        times = due_times(self.scene.run, reached, self.put_out)
+        if not times:
+            sweep(self.directory)
+            if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
+                self._draw()  # the run was killed before that
+            self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
+            return DONE
+        self._announce(locked)
+        self.sim = Simulation(self.scene)
+        if cache.temporary:
+            why = "numba's own places cannot be written; NUMBA_CACHE_DIR names another"
+            self.progress.say(f"compiled kernels are kept in {cache.place}: {why}")
+        self._open(resume)
+        self.compilation.wait(self.interrupts)
+        if not resume:
+            self._output()
+            self._save()
+        for t in times:
+            if self._must_stop():
+                break
+            self.sim.evolve(t, self._after_step)
+            if self.sim.time >= t:
+                self._output()
+        self._save()  # the closing kick is still open: a longer run goes on as if it had not stopped here
+        return self._finish() if self.put_out >= times[-1] else self._stopped()
+
+    def where(self) -> str:
+        """The time and step, for messages."""
+        if not hasattr(self, "sim"):
+            return "before the first step"
+        return f"at t = {self._show(self.sim.time)}, step {self.sim.state.step}"
+
+    def way_back(self) -> str:
+        """How to go on from the last checkpoint."""
+        if self.saved_time is None:
+            return "There is no checkpoint yet."
+        command = f"discsim run {self.directory / 'scene.toml'} -o {self.directory} --resume"
+        return f"{self.checkpoint} is of t = {self._show(self.saved_time)}; go on from it with: {command}"
+
+    def close(self) -> None:
+        self.compilation.close()
+        self.progress.close()
+        if hasattr(self, "history"):
+            with suppress(OSError):  # of a row that found no room: told already
+                self.history.close()
+        self.held.close()
+
+    def _show(self, t: float) -> str:
+        return self.scene.units.show_time(t)
+
+    # Starting
+
+    def _can_go_on(self) -> bool:
+        """Whether there is a checkpoint; without one the scene must be that of the run, which begins anew."""
+        if not only_begun(self.directory):
+            return True
+        path = self.directory / "scene.toml"
+        refuse_another(path, path.read_bytes(), self.scene)
+        return False
+
+    def _time_to_resume(self) -> float:
+        """Time of the checkpoint, and when it was put out last. Raises SceneError where it is of another scene."""
+        groups, values = read_checkpoint(self.checkpoint)
+        refuse_another(self.checkpoint, groups["scene"]["text"].tobytes(), self.scene)
+        self.snapshots, self.put_out = int(values["snapshots"]), float(values["put_out"])
+        return float(values["time"])
+
+    def _announce(self, locked: bool) -> None:
+        say = self.progress.say
+        say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
+        say(f"effects: {', '.join(self.scene.effects)}")
+        for line in warnings(self.scene):
+            say(f"warning: {line}")
+        if not locked:
+            say(f"warning: {self.directory} cannot be locked: files of a second run there would mix with these")
+        say("loading kernels")
+
+    def _open(self, resume: bool) -> None:
+        """Open the directory's files, and take up the state where the run goes on."""
+        sim, folder = self.sim, self.directory / "snapshots"
+        rows = self._take_up() if resume else []
+        sweep(self.directory)
+        temporary = self.directory / ".scene.toml.part"
+        temporary.write_text(self.scene.text, encoding="utf-8")
+        os.replace(temporary, self.directory / "scene.toml")
+        folder.mkdir(exist_ok=True)
+        for path in folder.glob("*.h5"):
+            if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
+                path.unlink()
+        self.progress.open_log(self.directory / "run.log", resume)
+        self.history = History(self.directory / "history.csv", rows)
+        self.costs_before = self.costs_after_first = sim.costs.copy()
+        with sim.synchronised():  # makes the first forces, which say what sets the first step
+            self.time, self.next_set_by = sim.time, self._limiter()
+        self.set_by = self.set_by or self.next_set_by
+        if resume:
+            self.progress.say(f"resumed {self.where()}")
+            if len(rows) != self.rows:
+                wrong = f"has {len(rows)} rows up to step {sim.state.step}, where the run had written {self.rows}"
+                self.progress.say(f"warning: {self.directory / 'history.csv'} {wrong}")
+
+    def _take_up(self) -> list[list[str]]:
+        """Take up the state of the checkpoint; the rows of the history until there. Nothing is written."""
+        values = self.sim.restore(self.checkpoint)
+        self.saved_time, self.rows = self.sim.time, int(values["rows"])
+        self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
+        return rows_until(self.directory / "history.csv", self.sim.state.step, self.rows)
+
+    # Stepping
+
+    def _after_step(self) -> bool:
+        """Rows, progress and checkpoints that are due; whether the run must stop."""
+        state = self.sim.state
+        self.dt, self.time, self.set_by = state.time - self.time, state.time, self.next_set_by
+        self.next_set_by = self._limiter()
+        self._forget_compilation()
+        if state.step % self.rows_every == 0:
+            with self.sim.synchronised():
+                self._add_row()
+        self.progress.step(state, self.dt, self.set_by)
+        if time.monotonic() - self.saved >= self.scene.run.checkpoint_every:
+            self._save()
+        return self._must_stop()
+
+    def _limiter(self) -> str:
+        """What sets the next step; to land on an output it may be cut."""
+        return self.sim.limited_by if self.scene.run.timestep is None else "run.timestep"
+
+    def _must_stop(self) -> bool:
+        """Whether somebody, or run.walltime, asks the run to end."""
+        walltime = self.scene.run.walltime
+        late = walltime is not None and time.monotonic() - self.begun >= walltime
+        return late or self.interrupts.number > 0
+
+    def _forget_compilation(self) -> None:
+        """At the second step take the first, in which kernels compiled, out of the costs."""
+        self.steps += 1
+        if self.steps == 1:
+            self.costs_after_first, self.cpu_after_first = self.sim.costs.copy(), time.process_time()
+        elif self.steps == 2:
+            self.sim.costs.forget(self.costs_before, self.costs_after_first)
+
+    # Writing
+
+    def _output(self) -> None:
+        """The next snapshot, with its row and the costs until now."""
+        sim = self.sim
+        with sim.synchronised() as state:
+            extra = {"dust": _stopping(state, sim.effects["drag"])} if "drag" in sim.effects else {}
+            gas = _with_present_pressure(self.scene, state.gas)
+            write_snapshot(self._snapshot(self.snapshots), self.scene, state.time, gas, state.dust, extra)
+            self._add_row()
+        sim.costs.write(self.directory / "costs.csv")
+        self.put_out = sim.time
+        self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
+        self.snapshots += 1
+
+    def _snapshot(self, number: int) -> Path:
+        return self.directory / "snapshots" / f"{number:04d}.h5"
+
+    def _add_row(self) -> None:
+        self.history.add(history_row(self.sim.state, self.sim.effects, self.dt, self.set_by))
+
+    def _save(self) -> None:
+        self.history.sync()
+        notes = {"snapshots": self.snapshots, "put_out": self.put_out, "rows": self.history.count}
+        sim, costs = self.sim, self.sim.costs
+        if self.steps < 2:  # what follows forgets the first step, in which kernels compiled
+            sim.costs = self.costs_before
+        try:
+            sim.save(self.checkpoint, {**notes, "dt": self.dt, "set_by": self.set_by})
+        finally:
+            sim.costs = costs
+        self.saved, self.saved_time = time.monotonic(), sim.time
+
+    # Ending
+
+    def _stopped(self) -> int:
+        number = self.interrupts.number
+        if number:
+            name = signal.Signals(number).name
+            self.progress.fail(f"interrupted by {name} {self.where()}. {self.way_back()}")
+            return 128 + number
+        self.progress.close_live()
+        self.progress.say(f"stopped by run.walltime {self.where()}. {self.way_back()}")
+        return DONE
+
+    def _finish(self) -> int:
+        self.progress.close_live()
+        cost = self._cost()
+        self._draw()
+        say = self.progress.say
+        say(f"done {self.where()}, after {clock(time.monotonic() - self.begun)}")
+        say(f"output  {self.directory}: {self.snapshots} snapshots, history.csv, costs.csv, run.log")
+        say(f"figure  {self.figure}")
+        say(f"cost    {cost}")
+        if self.steps >= LONG_RUN:
+            cpu, wall = time.process_time() - self.cpu_after_first, time.monotonic() - self.begun
+            learn(self.scene, self.steps - 1, cpu, wall)
+        return DONE
+
+    def _draw(self) -> None:
+        """The figure of the last snapshot, which appears whole."""
+        from discsim.output.figure import last_state_figure  # slow to import, and needed only here
+
+        temporary = self.directory / ".last_state.part.png"
+        last_state_figure(self._snapshot(self.snapshots - 1), temporary)
+        os.replace(temporary, self.figure)
+
+    def _cost(self) -> str:
+        """Shares of the effects in their CPU time, and of the time outside of them since the first step."""
+        costs = self.sim.costs
+        shares = ", ".join(f"{name} {share:.0%}" for name, share in costs.shares.items())
+        if self.steps < 2:
+            return shares
+        outside = 1.0 - (costs.total - self.costs_before.total) / (time.process_time() - self.cpu_after_first)
+        return f"{shares}; outside the effects {outside:.0%} of all CPU time"
+
+
+def of_numba_cache(fault: BaseException) -> bool:
+    """Whether an exception came out of the writing of numba's cache."""
+    frames = traceback.walk_tb(fault.__traceback__)
+    return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)
+
+
+def _stopping(state: State, drag: Any) -> dict[str, Array]:
+    """Stopping times and, about a star, Stokes numbers t_stop Omega_K of the dust."""
+    found = {"stopping_time": drag.current_stopping_times(state)}
+    star = state.scene.star
+    if star is not None and state.dust is not None:
+        squared = (state.dust.pos**2).sum(axis=1) + star.softening**2
+        found["stokes"] = found["stopping_time"] * np.sqrt(star.mass / squared**1.5)
+    return found
+
+
+def _with_present_pressure(scene: Scene, gas: Gas | None) -> Gas | None:
+    """The gas with the pressure of its present energy: the forces had to foresee that."""
+    if gas is None or gas.u is None:
+        return gas
+    pressure, sound_speed = pressure_and_sound_speed(scene, gas.pos, gas.density, gas.u)
+    return replace(gas, pressure=pressure, sound_speed=sound_speed)

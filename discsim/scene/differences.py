@@ -1,0 +1,52 @@
+"""In what two scenes differ, and whether a run of the one may go on as the other."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from discsim.scene import Scene, SceneError, load_scene
+from discsim.scene.units import Units
+
+# What a run that goes on may do otherwise than before.
+FREE_TO_CHANGE = (
+    "title", "run.until", "run.snapshots", "run.every", "run.threads", "run.checkpoint_every", "run.walltime",
+)  # fmt: skip
+
+
+def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
+    """Raise SceneError where the scene `text` that `path` holds cannot go on as `now`."""
+    try:
+        before = load_scene(tomllib.loads(text.decode()), own_particles=now.initial is None)
+    except (SceneError, ValueError) as fault:
+        raise SceneError([f"{path}: its scene is not one of this version: {str(fault).splitlines()[0]}"]) from None
+    changed = [key for key in differences(before, now) if key not in FREE_TO_CHANGE]
+    if changed:
+        wrong = f"the scene differs from the one there in {', '.join(changed)}"
+        raise SceneError([f"{path}: {wrong}; expected the same but for {', '.join(FREE_TO_CHANGE)}"])
+
+
+def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
+    """The keys in which two scenes differ, by name; a table that only one of them has is one key."""
+    parts, others = _parts(before), _parts(now)
+    if parts is None or others is None or type(before) is not type(now):
+        if before != now:
+            yield name
+        return
+    for key in parts | others:
+        yield from differences(parts.get(key), others.get(key), f"{name}.{key}" if name else key)
+
+
+def _parts(value: Any) -> dict[str, Any] | None:
+    """The named parts of a scene, a table, units, or a list of tables; None of a plain value."""
+    if isinstance(value, BaseModel):
+        return {name: entry for name, entry in value if name not in ("text", "path")}
+    if isinstance(value, Units):
+        return {"system": value.system, "length": value.length_text, "mass": value.mass_text}
+    if isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+        return {str(number): entry for number, entry in enumerate(value)}
+    return None

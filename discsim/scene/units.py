@@ -1,0 +1,327 @@
+"""Code units: G = 1, so one length and one mass fix the time, T = sqrt(L^3 / (G M)).
+
+Astropy units enter here and end here. A dimension is a name ("length") and exponents of mass, length, time.
+The density of a scene is a surface density in 2D (M/L^2) and a volume density in 1D (M/L^3).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache, cached_property
+from typing import Any
+
+Exponents = tuple[float, float, float]
+
+# Exponents of mass, length, time.
+DIMENSIONS: dict[str, Exponents] = {
+    "length": (0, 1, 0),
+    "mass": (1, 0, 0),
+    "time": (0, 0, 1),
+    "velocity": (0, 1, -1),
+    "acceleration": (0, 1, -2),
+    "frequency": (0, 0, -1),
+    "surface_density": (1, -2, 0),
+    "volume_density": (1, -3, 0),
+    "momentum": (1, 1, -1),
+    "angular_momentum": (1, 2, -1),
+    "energy": (1, 2, -2),
+    "specific_energy": (0, 2, -2),
+}
+
+EXAMPLES = {
+    "length": "10 au",
+    "mass": "0.1 Msun",
+    "time": "100 yr",
+    "velocity": "1 km/s",
+    "acceleration": "1 cm/s2",
+    "frequency": "1 / yr",
+    "surface_density": "100 g/cm2",
+    "volume_density": "3 g/cm3",
+}
+
+_COMMON_UNITS = (
+    "au", "pc", "km", "m", "cm", "mm", "um", "Rsun", "Msun", "Mearth", "Mjup", "kg", "g",
+    "yr", "kyr", "Myr", "day", "hour", "min", "s", "km/s", "m/s", "cm/s", "g/cm2", "g/cm3", "kg/m3",
+)  # fmt: skip
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))\s*\*?\s*(.*)", re.S)
+
+
+class UnitError(ValueError):
+    """A text that is no quantity, or one of the wrong dimension; the message says what was expected."""
+
+
+ECHOED = 80  # characters of what a user wrote that a message repeats
+# What a code unit may be, in cm and g: its powers, and products of those, stay within floats.
+RANGES = {"length": (1e-20, 1e40, "cm"), "mass": (1e-40, 1e60, "g")}
+
+
+def clipped(text: str) -> str:
+    """A text for a message: its beginning, where it is long."""
+    return text if len(text) <= ECHOED else text[: ECHOED - 3] + "..."
+
+
+def a(name: str) -> str:
+    """`name` of a dimension in words, with its article: "a surface density"."""
+    words = name.replace("_", " ").split("/")[0]
+    return f"an {words}" if words[0] in "aeiou" else f"a {words}"
+
+
+def parse_quantity(text: str) -> Any:
+    """The astropy Quantity that `text` ("0.6 au") names.
+
+    Raises UnitError where there is no number, no unit, an unknown unit or a value that is not finite.
+    """
+    from astropy import units as u
+
+    match = _NUMBER.fullmatch(text)
+    text = clipped(text)
+    if not match:
+        raise UnitError(f'"{text}" is not a quantity; expected a number and a unit, like "10 au"')
+    number, name = float(match[1]), match[2].strip()
+    if not name:
+        raise UnitError(f'"{text}" has no unit; expected one, like "10 au"')
+    if len(name) > ECHOED:
+        raise UnitError(f'"{text}": unknown unit; expected one that astropy knows')
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # astropy warns of "g / cm / s", which is clear enough
+            unit = u.Unit("1" + name if name[0] == "/" else name)
+            unit.decompose()
+    except (ValueError, TypeError, AttributeError, ArithmeticError) as error:
+        near = get_close_matches(name, _COMMON_UNITS, n=1, cutoff=0.5)
+        hint = f'; did you mean "{near[0]}"?' if near else ""
+        raise UnitError(f'"{text}": unknown unit "{name}"; expected one that astropy knows{hint}') from error
+    if not math.isfinite(number):
+        raise UnitError(f'"{text}" is not a finite number')
+    return u.Quantity(number, unit)
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units of a scene: `system` is "physical" or "code" (dimensionless; then the texts are unused).
+
+    `dimensions` decides what "density" means. Raises UnitError for a text that is not a length or mass.
+    """
+
+    system: str = "physical"
+    dimensions: int = 2
+    length_text: str = "1 au"
+    mass_text: str = "1 Msun"
+
+    def __post_init__(self) -> None:
+        if self.system == "code":
+            return
+        for name, text in (("length", self.length_text), ("mass", self.mass_text)):
+            quantity = parse_quantity(text)
+            if quantity.unit.physical_type != name:
+                raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name)}')
+            if quantity.value <= 0:
+                raise UnitError(f'"{text}" is not positive; expected {self.expected(name)}')
+            least, most, unit = RANGES[name]
+            if not least <= quantity.to_value(unit) <= most:
+                raise UnitError(f'"{text}" is {quantity.to_value(unit):.3g} {unit}; expected {least:g} to {most:g}')
+
+    def exponents(self, name: str, gamma: float = 1.0) -> Exponents:
+        """Exponents of mass, length, time; `gamma` is for "polytropic_constant" = P / rho^gamma only."""
+        density = (1.0, -2.0 if self.dimensions == 2 else -3.0, 0.0)
+        if name == "density":
+            return density
+        if name == "pressure":
+            return (density[0], density[1] + 2, -2.0)
+        if name == "drag_coefficient":
+            return (density[0], density[1], -1.0)
+        if name == "polytropic_constant":
+            return (density[0] * (1 - gamma), density[1] * (1 - gamma) + 2, -2.0)
+        return DIMENSIONS[name]
+
+    @cached_property
+    def length(self) -> Any:
+        """The code unit of length, an astropy unit; None in the code system. So for the units below."""
+        return self._unit(self.length_text)
+
+    @cached_property
+    def mass(self) -> Any:
+        return self._unit(self.mass_text)
+
+    @cached_property
+    def time(self) -> Any:
+        if self.system == "code":
+            return None
+        from astropy import constants
+        from astropy import units as u
+
+        return u.Unit((((1 * self.length) ** 3 / (constants.G * (1 * self.mass))) ** 0.5).to(u.yr))
+
+    @property
+    def velocity(self) -> Any:
+        return self._product("velocity")
+
+    @property
+    def density(self) -> Any:
+        return self._product("density")
+
+    def cgs(self, name: str) -> float:
+        """The code unit of the dimension `name` in cgs; 1 in the code system."""
+        return self._factor(self.exponents(name))
+
+    def quantity(self, array: Any, name: str) -> Any:
+        """`array` in code units as an astropy Quantity of the dimension `name`; plain in the code system."""
+        from astropy import units as u
+
+        return u.Quantity(array, self._product(name) or u.dimensionless_unscaled)
+
+    def to_code(self, quantity: Any) -> Any:
+        """An astropy Quantity as float or array in code units. Raises UnitError beyond mass, length, time."""
+        return quantity.value * self._scale(quantity)[0]
+
+    def in_code(self, quantity: Any, name: str) -> Any:
+        """An astropy Quantity, which must have the dimension `name`, in code units; raises UnitError."""
+        if self.system == "code" and not any(self._scale(1 * quantity.unit)[1]):
+            return self.to_code(quantity)
+        return quantity.value * self._factor_to(1 * quantity.unit, f"{quantity.unit}", name)
+
+    def parse(self, text: str, name: str, gamma: float = 1.0) -> float:
+        """The float in code units of `text`, which must have the dimension `name`; raises UnitError."""
+        quantity = parse_quantity(text)
+        value = quantity.value * self._factor_to(quantity, clipped(text), name, gamma)
+        if not math.isfinite(value):
+            raise UnitError(f'"{clipped(text)}" is not a finite number in code units')
+        return value
+
+    def _factor_to(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
+        """The factor from the quantity's unit to code units; raises UnitError where it is of no dimension `name`."""
+        try:
+            factor, found = self._scale(quantity)
+        except UnitError as error:
+            raise UnitError(f"{error}; expected {self.expected(name, gamma)}") from error
+        if any(abs(x - y) > 1e-9 for x, y in zip(found, self.exponents(name, gamma), strict=True)):
+            raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name, gamma)}')
+        return factor
+
+    def expected(self, name: str, gamma: float = 1.0) -> str:
+        """What a value of the dimension `name` looks like, for messages."""
+        example = EXAMPLES.get(self._plain_name(name))
+        if example:
+            return f'{a(self._plain_name(name))}, like "{example}"'
+        return f'{a(name)}, like "1 {self._cgs_unit(self.exponents(name, gamma))}"'
+
+    def show(self, value: float, name: str, gamma: float = 1.0) -> str:
+        """`value` in code units, for people: "123.4 yr", "5.2 au"; a bare number in the code system."""
+        if self.system == "code" or value == 0:
+            return f"{value:.4g}"
+        exponents = self.exponents(name, gamma)
+        in_cgs = value * self._factor(exponents)
+        for text, least in _SHOWN.get(self._plain_name(name), ()):
+            shown = in_cgs / _cgs_value(text)
+            if abs(shown) >= least:
+                return f"{shown:.4g} {text}"
+        return f"{in_cgs:.4g} {self._cgs_unit(exponents)}"
+
+    def show_time(self, t: float) -> str:
+        """The time `t` in code units, for people: "123.4 yr", or "0.5" in the code system."""
+        return self.show(t, "time")
+
+    def _plain_name(self, name: str) -> str:
+        if name == "density":
+            return "surface_density" if self.dimensions == 2 else "volume_density"
+        return name
+
+    def _unit(self, text: str) -> Any:
+        if self.system == "code":
+            return None
+        from astropy import units as u
+
+        quantity = parse_quantity(text)
+        return quantity.unit if quantity.value == 1 else u.Unit(quantity)
+
+    def _product(self, name: str) -> Any:
+        if self.system == "code":
+            return None
+        mass, length, time = self.exponents(name)
+        return self.mass**mass * self.length**length * self.time**time
+
+    @cached_property
+    def _bases_cgs(self) -> Exponents:
+        if self.system == "code":
+            return (1.0, 1.0, 1.0)
+        from astropy import units as u
+
+        return (self.mass.to(u.g), self.length.to(u.cm), self.time.to(u.s))
+
+    def _factor(self, exponents: Exponents) -> float:
+        return math.prod(base**power for base, power in zip(self._bases_cgs, exponents, strict=True))
+
+    def _scale(self, quantity: Any) -> tuple[float, Exponents]:
+        """The factor from the quantity's unit to code units, and its exponents of mass, length, time."""
+        from astropy import units as u
+
+        try:
+            unit = quantity.unit.decompose(bases=[u.g, u.cm, u.s])
+        except u.UnitsError as error:
+            raise UnitError(f'"{quantity}" is not made of mass, length and time') from error
+        powers = {base.name: float(power) for base, power in zip(unit.bases, unit.powers, strict=True)}
+        exponents = (powers.get("g", 0.0), powers.get("cm", 0.0), powers.get("s", 0.0))
+        if self.system == "code" and any(exponents):
+            raise UnitError(f'"{quantity}" has a unit, but the scene is in code units')
+        # au in a scene whose length is 1 au is exactly 1, not 1 + 1e-16.
+        for name, own in (("mass", self.mass), ("length", self.length)):
+            if own is not None and exponents == DIMENSIONS[name]:
+                return quantity.unit.to(own), exponents
+        return unit.scale / self._factor(exponents), exponents
+
+    @staticmethod
+    def _cgs_unit(exponents: Exponents) -> str:
+        parts = [f"{base}{'' if power == 1 else format(power, 'g')}"
+                 for base, power in zip(("g", "cm", "s"), exponents, strict=True) if power]  # fmt: skip
+        return " ".join(parts)
+
+
+# Units for people, each with the least number it is used for.
+_SHOWN = {
+    "time": (("yr", 0.1), ("day", 0.1), ("s", 0.0)),
+    "length": (("au", 1e-3), ("km", 1.0), ("cm", 1.0), ("um", 0.0)),
+    "mass": (("Msun", 1e-5), ("Mearth", 1e-7), ("g", 0.0)),
+    "velocity": (("km/s", 0.1), ("m/s", 0.0)),
+    "surface_density": (("g/cm2", 0.0),),
+    "volume_density": (("g/cm3", 0.0),),
+}
+
+
+@cache
+def _cgs_value(text: str) -> float:
+    from astropy import units as u
+
+    return u.Unit(text).decompose(bases=[u.g, u.cm, u.s]).scale
+
+
+def _dimension_words(quantity: Any) -> str:
+    words = str(quantity.unit.physical_type)
+    if words == "unknown":
+        return f"in {quantity.unit}"
+    return "a plain number" if words == "dimensionless" else a(words)
+
+
+def seconds(text: str) -> float:
+    """Wall-clock seconds of a text like "10 min"; raises UnitError."""
+    from astropy import units as u
+
+    quantity = parse_quantity(text)
+    if not quantity.unit.is_equivalent(u.s):
+        raise UnitError(f'"{clipped(text)}" is {_dimension_words(quantity)}; expected a wall-clock time, like "10 min"')
+    return quantity.to_value(u.s)
+
+
+def clock(seconds: float) -> str:
+    """A wall-clock time for people: "3.2 s", "4 min 5 s", "2 h 5 min"."""
+    if seconds < 10.0:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 1:
+        return f"{rest} s"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"

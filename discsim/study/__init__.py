@@ -1,0 +1,1 @@
+"""What accuracy costs: errors against exact solutions, and tables of runs."""

@@ -1,0 +1,254 @@
+"""What accuracy costs: a scene run with every combination of some values, and the error of each against its CPU time.
+
+CPU seconds are those of the steps, of all threads; making the initial condition and compiling kernels is apart.
+Repeats go round the combinations, so that a busy hour of the machine is shared by all of them.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import os
+import time
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from discsim.run.progress import LINE_EVERY
+from discsim.scene import Scene, SceneError, load_scene
+from discsim.scene.units import clock
+from discsim.study.findings import show
+from discsim.study.points import Point, Settings, StudyError, Varied, label_of
+
+RUNS = "runs.jsonl"
+WIDTH = 110  # letters that the tables take, also where there is no terminal
+
+
+class Study:
+    """The runs of a study and the directory that they are kept in. Raises StudyError, SceneError."""
+
+    def __init__(
+        self, scene: Path, varied: Sequence[Varied], repeat: int, directory: Path,
+        settings: Sequence[str] = (), without: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        names = [key for each in varied for key in each.keys]
+        for name in names:
+            if names.count(name) > 1:
+                raise StudyError(f"--vary {name}: named twice; expected every key once")
+        self.path, self.varied, self.repeat, self.directory = scene, tuple(varied), repeat, directory
+        self.settings, self.without = tuple(settings), tuple(without)
+        self.points = [
+            Point({key: part for settings in together for key, part in settings.items()})
+            for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))
+        ]
+        from discsim.study.errors import measure_of
+
+        self.measures = [measure_of(self._scene(point.settings)) for point in self.points]
+        self.reference: Point | None = None
+
+    def _scene(self, settings: Settings) -> Scene:
+        try:
+            return load_scene(self.path, self._overrides(settings), self.without)
+        except SceneError as fault:
+            where = f" (with {label_of(settings)})" if settings else ""
+            raise SceneError([problem + where for problem in fault.problems]) from None
+
+    def _overrides(self, settings: Settings) -> list[str]:
+        return [*self.settings, *(f"{key}={value}" for key, value in settings.items())]
+
+    @property
+    def exact(self) -> str | None:
+        """What the errors are, where every combination has an exact solution."""
+        return self.measures[0].words if all(self.measures) and self.measures[0] else None
+
+    # Running
+
+    def run(self, say: Callable[[str], None], parallel: int = 1) -> None:
+        """Make the runs that are not there yet; each is kept as soon as it ends."""
+        self._open()
+        todo = [
+            (point, number)
+            for number in range(self.repeat)
+            for point in self.points
+            if len(point.runs) <= number and not (point.runs and not point.done)
+        ]
+        total, begun = len(self.points) * self.repeat, time.monotonic()
+        for count, (point, run) in enumerate(self._made(todo, say, parallel), 1):
+            point.runs.append(run)
+            with (self.directory / RUNS).open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"settings": point.settings, **run}) + "\n")
+            left = (time.monotonic() - begun) / count * (len(todo) - count)
+            what = run.get("stopped") or f"{run['cpu']:.3g} s of CPU, {run['steps']} steps"
+            say(f"{total - len(todo) + count}/{total}  {label_of(point.settings)}: {what}  {clock(left)} left")
+        self._judge()
+
+    def _made(
+        self, todo: list[tuple[Point, int]], say: Callable[[str], None], parallel: int
+    ) -> Iterator[tuple[Point, dict[str, Any]]]:
+        jobs = [(self.path, self._overrides(point.settings), self.without) for point, _ in todo]
+        if parallel == 1:
+            for (point, number), job in zip(todo, jobs, strict=True):
+                if number and not point.done:
+                    continue  # what stopped once would stop again
+                yield point, one_run(*job, say)
+            return
+        with ProcessPoolExecutor(parallel) as pool:
+            futures = [pool.submit(one_run, *job) for job in jobs]
+            for (point, _), future in zip(todo, futures, strict=True):
+                yield point, future.result()
+
+    def _open(self) -> None:
+        """Make the directory, or take up the runs in it. Raises StudyError where it holds those of another study."""
+        base = load_scene(self.path, self.settings, self.without)
+        head = {"scene": tomllib.loads(base.text), "varied": [each.name for each in self.varied]}
+        path = self.directory / RUNS
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]  # a crash leaves a line without its end
+        if not whole:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            whole = json.dumps(head) + "\n"
+        lines = [json.loads(line) for line in whole.splitlines()]
+        if lines[0] != head:
+            raise StudyError(f"{self.directory}: holds a study of another scene, or of other keys; expected another -o")
+        if whole != text:
+            path.write_text(whole, encoding="utf-8")
+        for run in lines[1:]:
+            settings = run.pop("settings")
+            for point in self.points:
+                if point.settings == settings and len(point.runs) < self.repeat:
+                    point.runs.append(run)
+
+    def _judge(self) -> None:
+        """Errors against the exact solution, or against the run with the most particle updates."""
+        done = [point for point in self.points if point.done]
+        if self.exact:
+            for point in done:
+                point.errors = point.runs[0]["errors"]
+            return
+        from discsim.study.errors import profile_errors
+
+        self.reference = max(done, key=lambda point: point.runs[0]["updates"], default=None)
+        for point in done:
+            if self.reference is not None and point is not self.reference:
+                point.errors = profile_errors(point.runs[0]["profiles"], self.reference.runs[0]["profiles"])
+
+    def make(self, title: str, parallel: int) -> None:
+        """Run, write cost.csv and cost.png, and print what was found; all lines go to cost.log too."""
+        console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+        console.width = max(console.width, WIDTH)
+        lines: list[str] = []
+
+        def say(text: str) -> None:
+            console.print(text)
+            lines.append(text)
+            if log.parent.exists():
+                with log.open("a", encoding="utf-8") as file:
+                    file.write("".join(f"{line}\n" for line in lines))
+                lines.clear()
+
+        log = self.directory / "cost.log"
+        say(f"{title}: {len(self.points)} combinations, {self.repeat} of each, into {self.directory}")
+        self.run(say, parallel)
+        self.write()
+        from discsim.study.costfigure import cost_figure  # slow to import, and needed only here
+
+        cost_figure(self, self.directory / "cost.png")
+        with console.capture() as text:
+            show(self, console)
+        say(text.get().rstrip())
+        say(f"table {self.directory / 'cost.csv'}\nfigure {self.directory / 'cost.png'}")
+
+    # Findings
+
+    @property
+    def axis(self) -> Varied | None:
+        """What varies along a line: the numbers with the most values."""
+        numeric = [each for each in self.varied if each.numbers and len(each.values) > 1]
+        return max(numeric, key=lambda each: len(each.values), default=None)
+
+    def lines(self) -> dict[str, list[Point]]:
+        """Points with an error by what they share, each line in the order of its axis."""
+        along = set(self.axis.keys) if self.axis else set()
+        out: dict[str, list[Point]] = {}
+        for point in self.points:
+            if point.error:
+                shared = {key: value for key, value in point.settings.items() if key not in along}
+                out.setdefault(label_of(shared) or "all", []).append(point)
+        return out
+
+    def front(self) -> list[Point]:
+        """Points than which no other is both cheaper and no worse."""
+        found: list[Point] = []
+        for point in sorted((p for p in self.points if p.error), key=lambda p: p.cpu):
+            if not found or point.error < found[-1].error:
+                found.append(point)
+        return found
+
+    def write(self) -> None:
+        """cost.csv, which appears whole."""
+        front = {id(point) for point in self.front()}
+        keys = [key for each in self.varied for key in each.keys]
+        species = sorted({kind for point in self.points for kind in point.errors})
+        kept = ("mass", "momentum", "angular_momentum", "energy")
+        temporary = self.directory / ".cost.csv.part"
+        with temporary.open("w", newline="") as file:
+            rows = csv.writer(file)
+            head = ["runs", "cpu_seconds", "cpu_least", "cpu_most", "steps", "updates", "error"]
+            rows.writerow([*keys, *head, *(f"error_{kind}" for kind in species), *kept, "front", "status"])
+            for point in self.points:
+                row: list[Any] = [point.settings[key] for key in keys]
+                if point.done:
+                    cpu, first = [run["cpu"] for run in point.runs], point.runs[0]
+                    row += [len(cpu), point.cpu, min(cpu), max(cpu), first["steps"], first["updates"]]
+                    row += [point.error, *(point.errors.get(kind) for kind in species)]
+                    row += [*(first["drifts"][name] for name in kept), int(id(point) in front)]
+                    row.append("reference" if point is self.reference else "done")
+                else:
+                    row += [None] * (len(head) + len(species) + len(kept) + 1)
+                    row.append(point.runs[0]["stopped"] if point.runs else "not run")
+                rows.writerow(row)
+        os.replace(temporary, self.directory / "cost.csv")
+
+
+def one_run(
+    path: Path, overrides: Sequence[str], without: Sequence[str], say: Callable[[str], None] | None = None
+) -> dict[str, Any]:
+    """Run a scene and measure it: CPU seconds, steps, particle updates, errors, profiles, drifts; or why it stopped."""
+    from discsim.run.simulation import PhysicsError, Simulation
+    from discsim.study.errors import drifts, measure_of, profiles, totals
+
+    scene = load_scene(path, overrides, without)
+    try:
+        first = Simulation(scene)
+        for _ in range(2):  # compiles
+            first.step()
+        sim = Simulation(scene)
+        before = totals(sim)
+        updates, due = [0], [time.monotonic() + LINE_EVERY]
+
+        def count() -> bool:
+            updates[0] += sum(p.count for p in sim.state.species.values())
+            if say is not None and time.monotonic() > due[0]:
+                due[0] = time.monotonic() + LINE_EVERY
+                say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of the time")
+            return False
+
+        cpu = time.process_time()
+        sim.evolve(scene.run.until, count)
+        sim.run(scene.run.until)  # closes the last kick
+        cpu = time.process_time() - cpu
+    except PhysicsError as fault:
+        return {"stopped": f"stopped by the physics: {fault}"}
+    measure = measure_of(scene)
+    return {
+        "cpu": cpu,
+        "steps": sim.state.step,
+        "updates": updates[0],
+        "drifts": drifts(before, totals(sim)),
+        **({"errors": measure.errors(sim)} if measure else {"profiles": profiles(sim)}),
+    }

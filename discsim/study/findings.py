@@ -1,0 +1,103 @@
+"""What a study found, for people: its runs, the price of an error, and the orders of its lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from discsim.study.points import Point, Varied, label_of, leaves, number_in
+
+if TYPE_CHECKING:
+    from discsim.study.cost import Study
+
+GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest setting is told
+FARTHEST = 1e8
+
+
+def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
+    """p of y ~ x^p by least squares of the logarithms; None of fewer than two different x."""
+    if len(set(x)) < 2 or min(*x, *y) <= 0.0:
+        return None
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) -> tuple[float, bool] | None:
+    """What a line pays for an error of `goal`, and whether it was fitted beyond its points; None where it never pays.
+
+    Between points, and beyond them by the last two, along straight lines of the logarithms; never is also what would
+    take FARTHEST times the dearest run.
+    """
+    known = sorted((point.error or np.inf, of(point)) for point in points)
+    known = [(error, paid) for k, (error, paid) in enumerate(known) if all(paid < other for _, other in known[:k])]
+    if len(known) < 2:
+        return (known[0][1], False) if known and known[0][0] <= goal else None
+    errors, paid = np.log([k[0] for k in known]), np.log([k[1] for k in known])
+    if goal >= known[-1][0]:
+        return known[-1][1], False  # the cheapest run is good enough
+    if goal >= known[0][0]:
+        return float(np.exp(np.interp(np.log(goal), errors, paid))), False
+    more = (np.log(goal) - errors[0]) * (paid[1] - paid[0]) / (errors[1] - errors[0])
+    return (float(np.exp(paid[0] + more)), True) if more < np.log(FARTHEST) else None
+
+
+def show(study: Study, console: Console) -> None:
+    """Print the runs, the price of some errors, and the orders of the lines."""
+    if study.exact:
+        console.print(f"error: {study.exact}")
+    elif study.reference is not None:
+        console.print(f"error: mass elsewhere than in the run with {label_of(study.reference.settings)} (no exact one)")
+    front = {id(point) for point in study.front()}
+    keys = [key for each in study.varied for key in each.keys]
+    runs = Table("", *leaves(keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
+    for point in study.points:
+        values = [point.settings[key] for key in keys]
+        if not point.done:
+            runs.add_row("", *values, point.runs[0]["stopped"] if point.runs else "not run")
+            continue
+        first = point.runs[0]
+        momentum, energy = first["drifts"]["momentum"], first["drifts"]["energy"]
+        runs.add_row(
+            "*" if id(point) in front else "", *values,
+            f"{point.error:.2g}" if point.error is not None else "reference", f"{point.cpu:.3g}", str(first["steps"]),
+            f"{first['updates']:.2g}", *("" if drift is None else f"{drift:.0e}" for drift in (momentum, energy)),
+        )  # fmt: skip
+    console.print(runs)
+    console.print("* no other is both cheaper and no worse")
+    for goal in GOALS:
+        good = [point for point in study.points if point.error and point.error <= goal]
+        if good:
+            cheapest = min(good, key=lambda point: point.cpu)
+            console.print(f"{goal:.3g}: {label_of(cheapest.settings)}, {cheapest.cpu:.3g} s of CPU")
+        else:
+            console.print(f"{goal:.3g}: reached by none")
+    if study.axis is None:
+        return
+    console.print(
+        f"\nerror ~ {', '.join(leaves(study.axis.keys))}^p; CPU seconds, and particle updates, to an error of"
+    )
+    orders = Table("line", "p", "half the error", box=SIMPLE)
+    for goal in GOALS:
+        orders.add_column(f"{goal:.3g}", justify="right")
+        orders.add_column("updates", justify="right")
+    for name, points in study.lines().items():
+        orders.add_row(name, *_order_row(study.axis, points))
+    console.print(orders)
+    console.print("~ fitted beyond the runs made")
+
+
+def _order_row(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
+    values = [number_in(point.settings[axis.keys[0]]) or np.nan for point in points]
+    errors = [point.error or np.nan for point in points]
+    order = fitted_power(values, errors)
+    yield "" if order is None else f"{order:.2f}"
+    dearer = fitted_power(errors, [point.cpu for point in points])
+    yield "" if dearer is None or dearer >= 0.0 else f"costs {0.5**dearer:.2g} times"
+    for goal in GOALS:
+        for of in (lambda point: point.cpu, lambda point: float(point.runs[0]["updates"])):
+            paid = price(points, goal, of)
+            yield "" if paid is None else f"{'~' if paid[1] else ''}{paid[0]:.2g}"

@@ -1,0 +1,109 @@
+"""Combinations of values of a scene's keys, and what their runs found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+Settings = dict[str, str]  # key of the scene: its value, as text
+
+
+class StudyError(Exception):
+    """A study that cannot be made, or gone on with."""
+
+
+@dataclass(frozen=True)
+class Varied:
+    """Keys that vary together: with one value for all of them, or one for each, as in "100:0.06"."""
+
+    keys: tuple[str, ...]
+    values: tuple[str, ...]
+
+    @classmethod
+    def from_text(cls, text: str) -> Varied:
+        """From "table.key=a,b", "table.key,table.key=a,b" or "table.key,table.key=a:c,b:d". Raises StudyError."""
+        names, equals, written = text.partition("=")
+        keys, values = _split(names), _split(written)
+        if not equals or not all(keys) or not all(values) or not values:
+            wanted = "expected table.key=a,b,c, like drag.scheme=mk,tsc"
+            raise StudyError(f"--vary {text}: not a key with its values; {wanted}")
+        for value in values:
+            if values.count(value) > 1:
+                raise StudyError(f"--vary {text}: {value} is there twice; expected different values")
+            if value.count(":") not in (0, len(keys) - 1):
+                raise StudyError(f"--vary {text}: {value} has not one value for each key; expected {len(keys)} or one")
+        return cls(tuple(keys), tuple(values))
+
+    @property
+    def name(self) -> str:
+        return ",".join(self.keys)
+
+    def settings(self, value: str) -> Settings:
+        parts = value.split(":") if ":" in value else [value] * len(self.keys)
+        return {key: part.strip() for key, part in zip(self.keys, parts, strict=True)}
+
+    @property
+    def numbers(self) -> tuple[float, ...] | None:
+        """The values (the first key's) as numbers, without their unit; None where one of them is none."""
+        found = [number_in(value.partition(":")[0]) for value in self.values]
+        return tuple(number for number in found if number is not None) if None not in found else None
+
+
+def _split(text: str) -> list[str]:
+    """The parts between commas that are not inside quotes or brackets."""
+    parts, depth, quote = [""], 0, ""
+    for letter in text:
+        if letter in "\"'":
+            quote = "" if quote == letter else quote or letter
+        depth += (letter in "[{") - (letter in "]}") if not quote else 0
+        if letter == "," and depth == 0 and not quote:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [part.strip() for part in parts]
+
+
+def number_in(text: str) -> float | None:
+    words = text.strip("\"'").split()
+    try:
+        value = float(words[0].replace("_", "")) if words else np.nan
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
+
+
+@dataclass
+class Point:
+    """One combination, with what its runs found."""
+
+    settings: Settings
+    runs: list[dict[str, Any]] = field(default_factory=list)
+    errors: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def done(self) -> bool:
+        return bool(self.runs) and "stopped" not in self.runs[0]
+
+    @property
+    def cpu(self) -> float:
+        return median(run["cpu"] for run in self.runs)
+
+    @property
+    def error(self) -> float | None:
+        """The worse species' error; none of the reference, and of what did not come to its end."""
+        return max(self.errors.values()) if self.errors else None
+
+
+def label_of(settings: Settings) -> str:
+    """Settings in words."""
+    return ", ".join(f"{name} = {value}" for name, value in zip(leaves(settings), settings.values(), strict=True))
+
+
+def leaves(keys: Iterable[str]) -> list[str]:
+    """The last part of each key where no other has it, else the key."""
+    ends = [key.rpartition(".")[2] for key in keys]
+    return [end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)]

@@ -1,0 +1,73 @@
+"""The floors of the house: what a package may import, and no circle of modules."""
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import discsim
+
+HOME = Path(discsim.__file__).parent
+# From the ground up: each imports itself and what stands before it.
+FLOORS = (
+    "kernels", "exact", "scene", "numerics", "physics", "drag", "initial", "effects", "output", "preview", "run",
+    "study", "cli",
+)  # fmt: skip
+
+
+def modules():
+    """Dotted name of each module -> its file."""
+    names = {}
+    for file in sorted(HOME.rglob("*.py")):
+        parts = file.relative_to(HOME.parent).with_suffix("").parts
+        names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    return names
+
+
+def imported(file, known):
+    """Modules of discsim that a file imports anywhere, but for type checkers."""
+    tree = ast.parse(file.read_text())
+    skipped = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for statement in node.body
+        for inner in ast.walk(statement)
+    }
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            names = [name if name in known else node.module for name in names]
+        else:
+            continue
+        yield from (name for name in names if name.split(".")[0] == "discsim")
+
+
+def test_every_package_has_a_floor():
+    packages = {path.stem for path in HOME.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert packages - {"__init__", "__main__"} == set(FLOORS)
+
+
+def test_no_package_imports_one_above_it():
+    known = modules()
+    upwards = [
+        f"{name} imports {other}"
+        for name, file in known.items()
+        for other in imported(file, known)
+        if name.count(".") and other.count(".") and name.split(".")[1] in FLOORS
+        if FLOORS.index(other.split(".")[1]) > FLOORS.index(name.split(".")[1])
+    ]
+    assert upwards == []
+
+
+def test_no_circle_of_imports():
+    known = modules()
+    graph = {name: {other for other in imported(file, known) if other != name} for name, file in known.items()}
+    graph.pop("discsim.__main__")
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        raise AssertionError(" -> ".join(error.args[1])) from None
