@@ -34,7 +34,7 @@ from rich.table import Table
 from discsim import Simulation
 from discsim.effects import gas
 from discsim.exact import nsh
-from discsim.scene.tables import ETA
+from discsim.formulas.smoothing import SMOOTHING
 
 SCHEMES = ("tsc", "idic-linear")
 STOKES, CELLS, COUNTS = (0.1, 0.01), (1, 2, 4, 8), (1500, 6000, 24_000)
@@ -62,7 +62,7 @@ class Case(NamedTuple):
     def per_cell(self) -> float:
         """Particles of a species in a drag cell."""
         keys = KERNELS.get(self.gas, KERNELS["cubic"])
-        return (self.cell * keys.get("eta", ETA[2][keys["kernel"]])) ** 2
+        return (self.cell * keys.get("eta", SMOOTHING[keys["kernel"]].eta[1])) ** 2
 
     def ring(self) -> Simulation:
         if self.gas == "given":

@@ -35,8 +35,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from discsim import Simulation
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.kernels.smoothing import KERNELS, SUPPORT
-from discsim.scene.tables import ETA
 
 ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.75
 PLAIN = {"alpha": 1.0, "beta": 2.0}
@@ -61,7 +61,7 @@ COLUMNS = {
 
 
 def eta_of(gas: dict) -> float:
-    return gas.get("eta", ETA[2][gas["kernel"]])
+    return gas.get("eta", SMOOTHING[gas["kernel"]].eta[1])
 
 
 def ring(gas: dict, resolution: float) -> Simulation:

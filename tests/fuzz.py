@@ -25,16 +25,19 @@ from discsim.output.snapshot import write_snapshot
 from discsim.preview.check import report
 from discsim.run import runner
 from discsim.run.simulation import PhysicsError
-from discsim.scene import load_scene, tables
+from discsim.scene import fields, load_scene
 from discsim.scene.rules import EOS_OF
+from discsim.scene.tables import ON_CELLS, TABLES, Run, Space
 
 PATIENCE = 180  # seconds, those in which kernels compile among them
 STEPS = 3
-STARTS = {model.model_fields["kind"].default: model for model in tables.models_in(tables.TABLES["initial"])}
-GASES = {m.model_fields["kind"].default: m for m in tables.models_in(tables.Gas.model_fields["eos"].annotation)}
-SCHEMES = tables.choices_in(tables.Drag.model_fields["scheme"].annotation)
-LAWS = tables.choices_in(tables.Drag.model_fields["law"].annotation)
-KERNELS = tables.choices_in(tables.Gas.model_fields["kernel"].annotation)
+STARTS = {model.model_fields["kind"].default: model for model in fields.models_in(TABLES["initial"])}
+GAS, BACKGROUND, DRAG = (TABLES[name] for name in ("gas", "background", "drag"))
+(DUST,) = fields.models_in(TABLES["dust"])
+GASES = {m.model_fields["kind"].default: m for m in fields.models_in(GAS.model_fields["eos"].annotation)}
+SCHEMES = fields.choices_in(DRAG.model_fields["scheme"].annotation)
+LAWS = fields.choices_in(DRAG.model_fields["law"].annotation)
+KERNELS = fields.choices_in(GAS.model_fields["kernel"].annotation)
 LINES, PLANES = ("shock", "settling"), ("disc", "blast", "vortex")  # starts of one dimension, and of two
 OPEN = ("disc", "shock", "settling", "blast")
 EXTREME = (
@@ -73,12 +76,12 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
 
     # Schemes and kernels change slowly with the seed: most of the time goes into compiling them.
     scheme = schemes[seed // 20 % len(schemes)]
-    on_cells = scheme in tables.ON_CELLS
+    on_cells = scheme in ON_CELLS
     kind = pick(("box", "wave", "shock")) if on_cells else pick(STARTS)
     dimensions = 1 if on_cells or kind in LINES else 2 if kind in PLANES else pick((1, 2))
     given_disc = kind == "disc" and chance(0.2)
     scene: dict[str, Any] = {
-        "units": {"system": "code"}, "run": _filled(rng, tables.Run, 0.1, ("until",)),
+        "units": {"system": "code"}, "run": _filled(rng, Run, 0.1, ("until",)),
         "space": {"dimensions": dimensions, "size": {"disc": 5.0, "settling": 2.0}.get(kind, 1.0)},
         "initial": {"kind": kind} | _filled(rng, STARTS[kind], 0.2),
     }  # fmt: skip
@@ -89,23 +92,23 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
             scene["initial"].pop(key, None)
         scene["initial"] |= _filled(rng, STARTS[kind], 1.0, (pick(("mass", "toomre_q", "surface_density")),), only=True)
         if chance(0.9):
-            scene["star"] = _filled(rng, tables.Star, 0.4)
+            scene["star"] = _filled(rng, TABLES["star"], 0.4)
     if kind == "settling" or chance(0.15):
-        scene["external"] = _filled(rng, tables.External, 0.5, ("vertical_frequency",))
+        scene["external"] = _filled(rng, TABLES["external"], 0.5, ("vertical_frequency",))
     if not given_disc and chance(0.93):
         kinds = EOS_OF.get(kind, tuple(GASES))
         eos = pick(kinds, lambda name: "star" in scene or name != "locally-isothermal")
-        scene["gas"] = _filled(rng, tables.Gas, 0.1) | {"eos": _gas_of(rng, eos, "star" in scene)}
+        scene["gas"] = _filled(rng, GAS, 0.1) | {"eos": _gas_of(rng, eos, "star" in scene)}
         if not on_cells:
             scene["gas"]["kernel"] = kernels[seed // 60 % len(kernels)]
         for key in ("viscosity", "conductivity"):
             scene["gas"].pop(key, None)
             if not on_cells and chance(0.4) and (key == "viscosity" or eos == "adiabatic"):
-                scene["gas"][key] = _filled(rng, getattr(tables, key.capitalize()), 0.3)
+                scene["gas"][key] = _filled(rng, fields.models_in(GAS.model_fields[key].annotation)[0], 0.3)
     if given_disc:
-        scene["background"] = _filled(rng, tables.Background, 0.3) | {"eos": _gas_of(rng, "locally-isothermal", True)}
+        scene["background"] = _filled(rng, BACKGROUND, 0.3) | {"eos": _gas_of(rng, "locally-isothermal", True)}
     if given_disc or on_cells or "gas" not in scene or chance(0.7):
-        dust = [_filled(rng, tables.Dust, 0.1) for _ in range(1 if on_cells else rng.integers(1, 4))]
+        dust = [_filled(rng, DUST, 0.1) for _ in range(1 if on_cells else rng.integers(1, 4))]
         scene["dust"] = dust[0] if len(dust) == 1 else dust
         if on_cells and "gas" in scene:
             scene["dust"]["particles"] = scene["gas"]["particles"]
@@ -114,8 +117,8 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
     if not on_cells and chance(0.25):
         kernel = pick(("plummer", "thin-disc"))
         length = {"plummer": "softening", "thin-disc": "thickness"}[kernel]
-        scene["self_gravity"] = _filled(rng, tables.SelfGravity, 0.2, (length,)) | {"kernel": kernel}
-    scene["space"] |= _filled(rng, tables.Space, 0.0, ("cells",) if chance(0.3) and not on_cells else (), only=True)
+        scene["self_gravity"] = _filled(rng, TABLES["self_gravity"], 0.2, (length,)) | {"kernel": kernel}
+    scene["space"] |= _filled(rng, Space, 0.0, ("cells",) if chance(0.3) and not on_cells else (), only=True)
     _mend(scene)
     if chance(0.3):
         _stretch(rng, scene)
@@ -157,14 +160,12 @@ def _drag(rng: Any, scene: dict, scheme: str, law: str, given_disc: bool) -> dic
     if "star" not in scene and (law.startswith("stokes") or (law.startswith("epstein") and in_2d)):
         law = "stopping-time"
     needed = ("K", "t_stop", "stokes", "mean_free_column")  # the law has one of them at most
-    drag = {"law": law} | _filled(rng, tables.Drag, 1.0, needed, only=True)
+    drag = {"law": law} | _filled(rng, DRAG, 1.0, needed, only=True)
     if law.startswith("epstein"):
         for dust in scene["dust"] if isinstance(scene["dust"], list) else [scene["dust"]]:
-            dust |= _filled(rng, tables.Dust, 1.0, ("grain_size", "grain_density"), only=True)
+            dust |= _filled(rng, DUST, 1.0, ("grain_size", "grain_density"), only=True)
     drag |= {"direction": "one-way"} if given_disc or rng.random() < 0.25 else {}
-    return (
-        drag if given_disc else drag | {"scheme": scheme} | _filled(rng, tables.Drag, 0.07, (), OF_SCHEMES, only=True)
-    )
+    return drag if given_disc else drag | {"scheme": scheme} | _filled(rng, DRAG, 0.07, (), OF_SCHEMES, only=True)
 
 
 OF_SCHEMES = ("supersonic", "convention", "cell", "cell_length", "heating", "integration", "kernel")
@@ -187,11 +188,11 @@ def _filled(
 
 def _value(rng: Any, key: str, field: Any) -> Any:
     """A value that a key may well have: a word, true or false, a whole number or one of its usual size."""
-    words = tables.choices_in(field.annotation)
+    words = fields.choices_in(field.annotation)
     if words:
         word = words[rng.integers(len(words))]
         return [word] if "tuple" in str(field.annotation) else word
-    if tables.models_in(field.annotation):
+    if fields.models_in(field.annotation):
         return None
     if "bool" in str(field.annotation):
         return bool(rng.random() < 0.5)
@@ -225,10 +226,10 @@ def _spoil(rng: Any, scene: dict) -> None:
         if rng.random() < 0.15:
             scene.pop(list(scene)[rng.integers(len(scene))], None)
             continue
-        name = list(tables.TABLES)[rng.integers(len(tables.TABLES))]
+        name = list(TABLES)[rng.integers(len(TABLES))]
         table = scene.get(name)
         table = table[0] if isinstance(table, list) else table
-        models = tables.models_in(tables.TABLES[name])
+        models = fields.models_in(TABLES[name])
         if isinstance(table, dict) and isinstance(table.get("eos"), dict) and rng.random() < 0.4:
             table, models = table["eos"], list(GASES.values())
         keys = sorted({key for model in models for key in model.model_fields})

@@ -13,10 +13,9 @@ from typer.testing import CliRunner
 import discsim
 from discsim import Simulation
 from discsim.cli import app
-from discsim.effects import EFFECTS
-from discsim.kernels.smoothing import KERNELS, SUPPORT
+from discsim.parts import EFFECTS
 from discsim.preview.cautions import warnings
-from discsim.preview.derived import SUPPORT_OF, derived, grid_bytes
+from discsim.preview.derived import derived, grid_bytes
 from discsim.run.directory import directory_fault
 from discsim.scene import load_scene
 
@@ -305,10 +304,6 @@ def test_a_midplane_in_a_periodic_space_earns_a_warning():
     assert line.startswith("external.vertical_frequency pulls to the midplane 0")
 
 
-def test_support_of_kernels_is_that_of_the_formulas():
-    assert {name: SUPPORT[code] for name, code in KERNELS.items()} == SUPPORT_OF
-
-
 @pytest.mark.parametrize("path", SETUPS, ids=lambda path: path.stem)
 def test_the_setups_greet_nobody_with_a_warning(path):
     assert warnings(load_scene(path)) == []
@@ -391,9 +386,7 @@ def test_four_heavy_grains_want_cells_of_their_own(dimensions, scheme):
 def test_effects_lists_equations_keys_units_and_defaults():
     done = discsim_command("effects")
     assert done.exit_code == 0
-    home = os.path.dirname(discsim.__file__)
-    for name, module in EFFECTS.items():
-        there = os.path.exists(os.path.join(os.path.dirname(home), *module.split(".")) + ".py")
-        assert (f"[{name}]" in done.stdout.splitlines()) == there
+    for name in EFFECTS:
+        assert f"[{name}]" in done.stdout.splitlines()
     row = next(line for line in done.stdout.splitlines() if line.split()[:1] == ["outer_taper"])
     assert row.split()[:3] == ["outer_taper", "length", "0"]

@@ -7,12 +7,12 @@ import pytest
 from typer.testing import CliRunner
 
 from discsim import SceneError, Simulation, cli
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.kernels.smoothing import KERNELS, NORM, shape
 from discsim.preview import memory
 from discsim.preview.check import report
 from discsim.run.simulation import PhysicsError
 from discsim.scene import load_scene
-from discsim.scene.tables import LEAST_ETA
 from discsim.study.errors import totals
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 0.05}
@@ -189,7 +189,8 @@ def test_a_steep_wave_is_laid_as_it_is_asked_for(amplitude):
 def test_the_least_eta_is_that_of_a_lone_particle(kernel, dim):
     """rho = m W(0) / h^d and h = eta (m / rho)^(1/d) agree at any h."""
     alone = (NORM[dim - 1][KERNELS[kernel]] * shape.py_func(KERNELS[kernel], dim, 0.0)[0]) ** (1 / dim)
-    assert LEAST_ETA[dim][kernel] == pytest.approx(alone, rel=2e-3) and LEAST_ETA[dim][kernel] > alone * (1 - 1e-9)
+    least = SMOOTHING[kernel].least_eta[dim - 1]
+    assert least == pytest.approx(alone, rel=2e-3) and least > alone * (1 - 1e-9)
 
 
 @pytest.mark.parametrize("gamma", [0.5, 5 / 3, 3.0])

@@ -9,8 +9,8 @@ import discsim
 HOME = Path(discsim.__file__).parent
 # From the ground up: each imports itself and what stands before it.
 FLOORS = (
-    "kernels", "exact", "scene", "numerics", "physics", "drag", "initial", "effects", "output", "preview", "run",
-    "study", "cli",
+    "parts", "formulas", "kernels", "exact", "scene", "numerics", "physics", "drag", "initial", "effects", "output",
+    "preview", "run", "study", "cli",
 )  # fmt: skip
 
 

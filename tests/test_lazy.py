@@ -56,9 +56,9 @@ GRID = {
     "discsim.effects.grid_drag",
     "discsim.drag.emsi_ppm",
 }
+# The files of effects have the keys of their tables, which a scene on a fixed grid has too.
 OF_PARTICLES = (
-    GAS
-    | DUST
+    GAS - {"discsim.effects.gas"}
     | {"discsim.drag.cells", "discsim.drag.tsc", "discsim.kernels.levels", "discsim.kernels.nodes"}
     | {"discsim.numerics.grid", "discsim.kernels.grid"}
 )

@@ -10,12 +10,13 @@ import pytest
 
 from discsim import load_scene
 from discsim.drag import GRID_SCHEMES, SCHEMES
-from discsim.effects import EFFECTS
 from discsim.exact import __path__ as exact_path
 from discsim.output.history import COLUMNS
+from discsim.parts import EFFECTS
 from discsim.preview.reference import effects_text, with_reference
+from discsim.scene.fields import models_in
 from discsim.scene.rules import NOT_CONSERVING
-from discsim.scene.tables import TABLES, models_in
+from discsim.scene.tables import TABLES
 from discsim.scene.units import Units
 
 HOME = Path(__file__).parents[1]

@@ -15,7 +15,8 @@ from pydantic import ValidationError
 
 from discsim.physics.grains import epstein_stopping_time
 from discsim.scene import Scene, SceneError, load_scene, tomltext
-from discsim.scene.tables import TABLES, models_in
+from discsim.scene.fields import models_in
+from discsim.scene.tables import TABLES
 from discsim.scene.units import UnitError, Units, parse_quantity
 
 DISC = """\

@@ -9,10 +9,11 @@ from typer.testing import CliRunner
 from discsim import Simulation, load_scene
 from discsim.cli import app
 from discsim.drag import GRID_SCHEMES, SCHEMES
-from discsim.effects import EFFECTS
+from discsim.parts import EFFECTS
 from discsim.preview.derived import dust_masses, gas_mass
-from discsim.scene import tables
+from discsim.scene import fields
 from discsim.scene.rules import BETWEEN_PAIRS, INTERPOLATING
+from discsim.scene.tables import ON_CELLS, TABLES, removable
 
 SETUPS = sorted((Path(__file__).parents[1] / "setups").glob("*.toml"))
 FEW = {"gas.particles": 1500, "dust.particles": 1500, "space.cells": 64}
@@ -40,11 +41,11 @@ def disc(**more):
 
 
 def choices(model, key):
-    return tables.choices_in(model.model_fields[key].annotation)
+    return fields.choices_in(model.model_fields[key].annotation)
 
 
 def kinds(annotation):
-    return {model.model_fields["kind"].default for model in tables.models_in(annotation)}
+    return {model.model_fields["kind"].default for model in fields.models_in(annotation)}
 
 
 def moving(sim):
@@ -140,8 +141,7 @@ NEEDS = {"gas": ("drag",), "dust": ("drag",)}  # what cannot stay without it
 
 
 def test_every_effect_is_stepped_here():
-    assert {name for name in STEPPED if "." not in name} == set(EFFECTS)
-    assert {*STEPPED, "background"} == set(tables.EFFECTS)  # the last is no partner of gas: tests/test_background.py
+    assert {*STEPPED, "background"} == set(removable())  # the last is no partner of gas: tests/test_background.py
     assert set(load_scene(EVERYTHING).effects) == set(STEPPED)
 
 
@@ -185,7 +185,7 @@ def with_everything(start):
 def test_effect_matters_and_can_be_left_out(effect, start, with_everything):
     gone = (effect, *NEEDS.get(effect, ()))
     sim = two_steps(start, gone)
-    assert set(sim.effects) == set(EFFECTS) - set(gone)
+    assert set(sim.effects) == set(EFFECTS) - {"background"} - set(gone)
     kept = "dust" if effect == "gas" else "gas"
     ours, theirs = getattr(sim, kept), getattr(with_everything, kept)
     fields = ("vel", "u") if kept == "gas" else ("vel",)
@@ -193,7 +193,7 @@ def test_effect_matters_and_can_be_left_out(effect, start, with_everything):
     assert max(np.abs(change).max() for change in changes) > 1e-9
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("effect", [name for name in EFFECTS if name != "background"])
 def test_acceleration_of_each_effect(effect, with_everything):
     gas, dust = with_everything.acceleration(effect)
     assert gas.shape == (400, 2) and dust.shape == (300, 2)
@@ -225,10 +225,10 @@ def dragged(dimensions, law, **drag):
 
 
 def test_every_drag_law_is_stepped_here():
-    assert set(LAWS) == set(choices(tables.Drag, "law"))
+    assert set(LAWS) == set(choices(TABLES["drag"], "law"))
     # Those of the fixed grid are in tests/test_ppm.py.
-    assert set(GRID_SCHEMES) == set(tables.ON_CELLS)
-    assert {*SCHEMES, *GRID_SCHEMES} == set(choices(tables.Drag, "scheme"))
+    assert set(GRID_SCHEMES) == set(ON_CELLS)
+    assert {*SCHEMES, *GRID_SCHEMES} == set(choices(TABLES["drag"], "scheme"))
 
 
 every_drag = pytest.mark.parametrize(
@@ -238,7 +238,7 @@ every_drag = pytest.mark.parametrize(
 
 
 CONSERVING = [name for name in SCHEMES if name not in INTERPOLATING]
-INTEGRATED = [(name, {"integration": way}) for name in CONSERVING for way in choices(tables.Drag, "integration")]
+INTEGRATED = [(name, {"integration": way}) for name in CONSERVING for way in choices(TABLES["drag"], "integration")]
 
 
 @every_drag
@@ -279,7 +279,7 @@ def test_one_way_drag_leaves_the_gas_alone(dimensions, law, scheme):
 
 
 @pytest.mark.parametrize("dimensions", [1, 2])
-@pytest.mark.parametrize("kernel", choices(tables.Gas, "kernel"))
+@pytest.mark.parametrize("kernel", choices(TABLES["gas"], "kernel"))
 def test_kernel(kernel, dimensions):
     sim = Simulation(scene({"kind": "box", "gas_velocity": 0.5}, {"kernel": kernel}, dimensions))
     sim.step()
@@ -318,7 +318,7 @@ def test_start(kind, dimensions):
 
 
 def test_every_start_is_stepped_here():
-    assert set(STARTS) == kinds(tables.Initial)
+    assert set(STARTS) == kinds(TABLES["initial"])
 
 
 GASES = {
@@ -346,10 +346,10 @@ def test_equation_of_state(kind):
 
 
 def test_every_equation_of_state_is_stepped_here():
-    assert set(GASES) == kinds(tables.Gas.model_fields["eos"].annotation)
+    assert set(GASES) == kinds(TABLES["gas"].model_fields["eos"].annotation)
 
 
-@pytest.mark.parametrize("integrator", choices(tables.Run, "integrator"))
+@pytest.mark.parametrize("integrator", choices(TABLES["run"], "integrator"))
 def test_integrator(integrator):
     """Positions after a step: x + v dt (euler), x + v dt + a dt^2 / 2 (kdk)."""
     source = scene({"kind": "wave", "amplitude": 0.1}, run={"integrator": integrator, "timestep": 0.004})

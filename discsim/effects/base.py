@@ -6,9 +6,13 @@ with the relaxation. An event runs once the particles have moved. Each may limit
 
 import numpy as np
 
-from discsim.kernels.move import add_scaled, wrap
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
+from discsim.scene.fields import Table
+from discsim.scene.rules import Rule
+
+moves = Lazy("discsim.kernels.move")
 
 # Steps between reorderings of a species' arrays. A particle's place in memory decides the order of sums, so that
 # reordering must depend on the number of the step alone.
@@ -19,6 +23,9 @@ class Effect:
     """Base of the effects: does nothing and limits nothing."""
 
     name: str
+    keys: type[Table]  # of its table in a scene
+    several = False  # whether the table may be a list of them
+    rules: tuple[Rule, ...] = ()  # what the table demands of the others
     # Whom it accelerates: the relaxation of drag has to know what acts on one species alone.
     acts_on: tuple[str, ...] = ("gas", "dust")
     # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone.
@@ -57,9 +64,9 @@ class Effect:
 def drift(scene, particles: Particles, dt: float) -> None:
     """Move at constant velocity over dt; immobile particles stay."""
     if particles.immobile is None:
-        share(add_scaled, particles.count, particles.pos, particles.vel, dt)
+        share(moves.add_scaled, particles.count, particles.pos, particles.vel, dt)
     else:
         free = ~particles.immobile
         particles.pos[free] += dt * particles.vel[free]
     if scene.space.boundary == "periodic":
-        share(wrap, particles.count, particles.pos, np.array(scene.space.size))
+        share(moves.wrap, particles.count, particles.pos, np.array(scene.space.size))

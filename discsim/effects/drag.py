@@ -7,21 +7,63 @@ the step to about t_stop / max(1, eps); any other drag limits none.
 
 from collections.abc import Callable
 from importlib import import_module
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, StrictBool
 
-from discsim.drag import SCHEMES
-from discsim.drag.heat import share_losses
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
-from discsim.kernels.move import add_scaled
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, fill, share
+from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.laws import Law
+from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
+
+moves = Lazy("discsim.kernels.move")
+heat_of_drag = Lazy("discsim.drag.heat")
+LawName: Any = word_of(LAWS)
+SchemeName: Any = word_of(SCHEMES)
+
+
+class Keys(Table):
+    law: LawName = Field(description="of the stopping time")
+    K: Annotated[float | None, Measure("drag_coefficient")] = Field(
+        None, gt=0, description='law "constant": force density K (v - u)'
+    )
+    t_stop: Time | None = Field(None, gt=0, description='law "stopping-time"')
+    stokes: Number | None = Field(
+        None, gt=0, description='t_stop Omega; with "stokes-over-density" where the disc has its Sigma_ref'
+    )
+    convention: Literal["papers", "kinetic"] = Field(
+        "papers", description='Epstein: t_stop = s rho_s / (c_s rho_g), or "kinetic": times sqrt(pi/8)'
+    )
+    supersonic: StrictBool = Field(False, description="Epstein: faster by sqrt(1 + (9 pi/128) (slip / c_s)^2)")
+    mean_free_column: Annotated[float | None, Measure("surface_density"), Default("mu m_u / 2e-15 cm2")] = Field(
+        None, gt=0, description='law "epstein-stokes": rho_g times the mean free path'
+    )
+    direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
+    scheme: SchemeName = Field(
+        "tsc", description="how gas and dust exchange momentum; -ppm: gas and dust as fluids on a fixed 1D grid"
+    )
+    kernel: Literal["gas", "double-hump"] = Field(
+        "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
+    )
+    cell: Annotated[Number | None, Default("1 in 1D, 2 in 2D")] = Field(
+        None, gt=0, description="side of a drag cell in local mean h; or a length"
+    )
+    cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
+    heating: Annotated[StrictBool, Default("true for adiabatic gas and two-way drag")] = Field(
+        description="frictional heat goes to the gas"
+    )
+    integration: Literal["exponential", "implicit"] = Field(
+        "exponential", description='exact exponential, or "implicit": first-order backward Euler'
+    )
 
 
 class Effect(base.Effect):
+    keys = Keys
     name = "drag"
     acts_on = ()  # it is the kick
 
@@ -29,7 +71,7 @@ class Effect(base.Effect):
         self.scene, self.drag = scene, scene.drag
         self.two_way = self.drag.direction == "two-way"
         self.dim = scene.space.dimensions
-        self.scheme = import_module(SCHEMES[self.drag.scheme])
+        self.scheme = import_module(SCHEMES.module(self.drag.scheme))
         self.exponential = self.drag.integration == "exponential"
         self.law = Law(scene)
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
@@ -73,8 +115,8 @@ class Effect(base.Effect):
             # One-way: the gas is kicked below as it is without dust, to the last bit.
             self._relax(state, dt, gas.vel if two_way else before, heat)
         else:
-            share(add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt)
-            share(add_scaled, dust.count, dust.vel, dust.acc, dt)
+            share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt)
+            share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt)
             self.uncoupled = 1.0 if dust.count > 0 else 0.0
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
@@ -87,7 +129,7 @@ class Effect(base.Effect):
             if len(heat) > 0:
                 # Beside the work that pressure and viscosity were said to do, so that the total stays what it is.
                 heat += dt * np.einsum("ij,ij->i", gas.pressure_acc, gas.pressure_vel - 0.5 * (before + gas.vel))
-                share_losses(gas.pos, gas.mass, gas.u, gas.h.mean(), heat)
+                heat_of_drag.share_losses(gas.pos, gas.mass, gas.u, gas.h.mean(), heat)
                 gas.kick_rate += heat / dt
             gas.u += dt * gas.kick_rate
         if gas.immobile is not None:

@@ -1,12 +1,36 @@
 """Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, moved, never diffused."""
 
+from typing import Annotated, Literal
+
+from pydantic import Field
+
 from discsim.effects import base
-from discsim.kernels.move import add_scaled
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
+from discsim.scene.fields import Length, Measure, Number, Particles, Table
+
+moves = Lazy("discsim.kernels.move")
+
+
+class Keys(Table):
+    """One population of dust."""
+
+    particles: Particles = Field(description="number of particles")
+    ratio: Number = Field(gt=0, description="dust-to-gas mass ratio")
+    grain_size: Length | None = Field(None, gt=0, description="for the Epstein law")
+    grain_density: Annotated[float | None, Measure("volume_density")] = Field(
+        None, gt=0, description="of the grain's material"
+    )
+    offset: Number = Field(0.0, description="placement against the gas, in gas spacings")
+    inner: Length | None = Field(None, gt=0, description="dust only outside this radius")
+    outer: Length | None = Field(None, gt=0, description="dust only inside this radius")
+    placement: Literal["even", "random"] = Field("even", description="of the particles at the start")
 
 
 class Effect(base.Effect):
+    keys = Keys
+    several = True
     name = "dust"
     acts_on = ()
 
@@ -14,7 +38,7 @@ class Effect(base.Effect):
         self.scene = scene
 
     def kick(self, state: State, dt: float) -> None:
-        share(add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt)
+        share(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt)
 
     def move(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.dust, dt)

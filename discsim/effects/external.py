@@ -1,12 +1,25 @@
 """Given accelerations: a constant one for gas and one for dust, and -Omega_z^2 z towards the midplane on both."""
 
+from typing import Annotated
+
 import numpy as np
+from pydantic import Field
 
 from discsim.effects import base
 from discsim.numerics.state import State
+from discsim.scene.fields import AccelerationVector, Measure, Table
+
+
+class Keys(Table):
+    gas: AccelerationVector = Field(0, validate_default=True, description="constant acceleration of the gas")
+    dust: AccelerationVector = Field(0, validate_default=True, description="constant acceleration of the dust")
+    vertical_frequency: Annotated[float, Measure("frequency")] = Field(
+        0.0, ge=0, description="Omega in -Omega^2 z, on both"
+    )
 
 
 class Effect(base.Effect):
+    keys = Keys
     name = "external"
 
     def __init__(self, scene, state):

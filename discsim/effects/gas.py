@@ -5,24 +5,68 @@ Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after M
 h is a third of quintic-h's.
 """
 
+from typing import Annotated, Any, Literal
+
 import numpy as np
+from pydantic import Field
 
 from discsim.effects import base
-from discsim.kernels.move import add_scaled
-from discsim.kernels.sph import step_limit
-from discsim.numerics.sph import Sph
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import copied, fill, share
+from discsim.parts import EOS, Lazy
 from discsim.physics.eos import pressure_and_sound_speed
+from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
+
+moves = Lazy("discsim.kernels.move")
+kernels = Lazy("discsim.kernels.sph")
+sums = Lazy("discsim.numerics.sph")
+AnyEos: Any = kinds_of(EOS.values())
+
+
+MOST_ETA = 30.0  # thousands of neighbours
+
+
+class Viscosity(Table):
+    """Artificial viscosity."""
+
+    alpha: Number = Field(1.0, ge=0, description="linear term")
+    beta: Number = Field(2.0, ge=0, description="quadratic term")
+    switch: Literal["none", "balsara"] = Field("none", description="less viscosity in shear")
+    pairs: Literal["approaching", "all"] = Field(
+        "approaching", description="whom the linear term brakes; all: quieter discs, and no pressure from shear"
+    )
+
+
+class Conductivity(Table):
+    """Artificial conductivity."""
+
+    alpha: Number = Field(1.0, ge=0, description="strength")
+
+
+class Keys(Table):
+    particles: Particles = Field(description="number of SPH particles")
+    kernel: Annotated[
+        Literal["cubic", "quintic", "quintic-h", "wendland-c4"],
+        Default('"cubic"; where no eta is named, in a disc "quintic", in a settling layer "wendland-c4"'),
+    ] = Field("cubic", description="SPH kernel")
+    eta: Annotated[
+        Number,
+        Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c4 1.7; in 1D 2, quintic-h 6"),
+    ] = Field(gt=0, le=MOST_ETA, description="h = eta (m/rho)^(1/d)")
+    smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
+    eos: AnyEos = Field(description="equation of state")
+    viscosity: Viscosity | None = None
+    conductivity: Conductivity | None = None
 
 
 class Effect(base.Effect):
+    keys = Keys
     name = "gas"
     acts_on = ("gas",)
 
     def __init__(self, scene, state):
         self.scene = scene
-        self.sph = Sph(scene)
+        self.sph = sums.Sph(scene)
         self._limit = np.inf
 
     def accelerate(self, state: State) -> None:
@@ -68,7 +112,7 @@ class Effect(base.Effect):
         gas = state.gas
         vel = gas.vel if gas.kick_acc is None else copied(gas.vel)
         if gas.kick_acc is not None:
-            share(add_scaled, gas.count, vel, gas.kick_acc, state.lag)
+            share(moves.add_scaled, gas.count, vel, gas.kick_acc, state.lag)
         return vel, None if gas.u is None else gas.u + state.lag * gas.kick_rate
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
@@ -83,7 +127,7 @@ class Effect(base.Effect):
     def _step_limit(self, gas: Gas, before: np.ndarray, divergence: np.ndarray) -> float:
         alpha, beta = (self.sph.viscosity.alpha, self.sph.viscosity.beta) if self.sph.viscosity else (0.0, 0.0)
         given = gas.h, self.sph.squeezed, gas.sound_speed, gas.acc, before, divergence, alpha, beta
-        return float(np.min(share(step_limit, gas.count, *given)))
+        return float(np.min(share(kernels.step_limit, gas.count, *given)))
 
     def limit(self, state: State) -> float:
         return self._limit
@@ -101,7 +145,7 @@ class Effect(base.Effect):
 
 def kick_gas(gas: Gas, dt: float) -> None:
     """Velocities and energies over dt at constant rates."""
-    share(add_scaled, gas.count, gas.vel, gas.acc, dt)
+    share(moves.add_scaled, gas.count, gas.vel, gas.acc, dt)
     if gas.kick_acc is not None:
         fill(gas.kick_acc, lambda piece: gas.acc[piece])
     if gas.u is not None:

@@ -13,21 +13,36 @@ grid as one point with that kernel.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
-import numba
 import numpy as np
+from pydantic import Field
 
 from discsim.effects import base
-from discsim.kernels.grid import largest_norm
-from discsim.numerics.grid import BORDER, Grid
-from discsim.numerics.poisson import Kernel, Plummer, Poisson, ThinDisc
 from discsim.numerics.state import Particles, State
+from discsim.parts import Lazy
+from discsim.scene.fields import Length, Table
 
 if TYPE_CHECKING:
+    from discsim.numerics.grid import Grid
+    from discsim.numerics.poisson import Kernel
     from discsim.scene import Scene
 
+numba = Lazy("numba")
+kernels = Lazy("discsim.kernels.grid")
+grids = Lazy("discsim.numerics.grid")
+poisson = Lazy("discsim.numerics.poisson")
+
 Array = np.ndarray
+
+
+class Keys(Table):
+    softening: Length | None = Field(None, gt=0, description='Plummer length, for kernel "plummer"')
+    kernel: Literal["plummer", "thin-disc"] = Field(
+        "plummer", description='1 / sqrt(r^2 + softening^2), or the mean over a Gaussian disc of height "thickness"'
+    )
+    thickness: Length | None = Field(None, gt=0, description='constant scale height H, for kernel "thin-disc"')
+    sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 
 class Effect(base.Effect):
@@ -37,6 +52,7 @@ class Effect(base.Effect):
     is how many particles were off the grid when forces were last made.
     """
 
+    keys = Keys
     name = "self_gravity"
     shared = True
     softer = "a longer self_gravity.softening"
@@ -45,15 +61,15 @@ class Effect(base.Effect):
         assert scene.self_gravity is not None and state.grid is not None
         self.grid = grid = state.grid
         self.sources = [name for name in state.species if name in scene.self_gravity.sources]
-        self.kernel: Kernel = Plummer(scene.self_gravity.softening)
+        self.kernel: Kernel = poisson.Plummer(scene.self_gravity.softening)
         self.smallest = scene.self_gravity.softening  # length over which the force changes
         if scene.self_gravity.kernel == "thin-disc":
             # In its plane this kernel is as sharp as the grid.
-            self.kernel, self.smallest = ThinDisc(scene.self_gravity.thickness), grid.cell
+            self.kernel, self.smallest = poisson.ThinDisc(scene.self_gravity.thickness), grid.cell
             self.softer = "fewer space.cells"
         threads = numba.get_num_threads()
-        border = 0 if grid.periodic else BORDER
-        self.poisson = Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads, border)
+        border = 0 if grid.periodic else grids.BORDER
+        self.poisson = poisson.Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads, border)
         self.outside = 0
         self._field: _Field | None = None
         self._strongest: dict[str, float] = {}
@@ -68,7 +84,7 @@ class Effect(base.Effect):
                 outside = self.grid.outside(particles.pos)
                 acceleration = field.monopole.acceleration(particles.pos[outside])
                 particles.acc[outside] += acceleration
-                strongest = max(strongest, largest_norm(acceleration))
+                strongest = max(strongest, kernels.largest_norm(acceleration))
             self.outside += missing
             self._strongest[name] = strongest
 

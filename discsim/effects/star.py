@@ -5,14 +5,25 @@ to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the inne
 """
 
 import numpy as np
+from pydantic import Field
 
 from discsim.effects import base
-from discsim.kernels.star import attract, divide, nearest
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
+from discsim.scene.fields import Length, Mass, Table
+
+kernels = Lazy("discsim.kernels.star")
+
+
+class Keys(Table):
+    mass: Mass = Field(gt=0, description="fixed at the origin")
+    accretion_radius: Length = Field(0.0, ge=0, description="what comes closer is removed and accounted for")
+    softening: Length = Field(0.0, ge=0, description="Plummer length")
 
 
 class Effect(base.Effect):
+    keys = Keys
     name = "star"
     shared = True
     softer = "a larger star.accretion_radius or star.softening"
@@ -23,7 +34,7 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         for particles in state.species.values():
-            share(attract, particles.count, particles.pos, particles.acc, self.star.mass, self.star.softening)
+            share(kernels.attract, particles.count, particles.pos, particles.acc, self.star.mass, self.star.softening)
 
     def limit(self, state: State) -> float:
         limiting = {id(particles) for particles in state.limiting}
@@ -31,7 +42,7 @@ class Effect(base.Effect):
 
     def limit_of(self, state: State, name: str) -> float:
         p = state.species[name]
-        distance2 = self._nearest.pop(name, None) or min(share(nearest, p.count, p.pos))
+        distance2 = self._nearest.pop(name, None) or min(share(kernels.nearest, p.count, p.pos))
         return ((distance2 + self.star.softening**2) ** 1.5 / self.star.mass) ** 0.5
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
@@ -45,7 +56,7 @@ class Effect(base.Effect):
     def _accrete(self, state: State, name: str, particles: Particles) -> None:
         squared = self.star.accretion_radius**2
         inside = np.empty(particles.count, bool)
-        self._nearest[name] = min(share(divide, particles.count, particles.pos, squared, inside))
+        self._nearest[name] = min(share(kernels.divide, particles.count, particles.pos, squared, inside))
         gone = np.flatnonzero(inside)
         if len(gone) == 0:
             return

@@ -6,14 +6,15 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from discsim.numerics.state import Dust, Gas, State
+from discsim.parts import STARTS
 
 if TYPE_CHECKING:
+    from discsim.initial.base import Start
     from discsim.scene import Scene
 
 Given = dict[str, dict[str, Any]]
@@ -25,9 +26,13 @@ def random_stream(scene: Scene, species: str) -> np.random.Generator:
     return np.random.default_rng([scene.run.seed, SPECIES.index(species)])
 
 
-def setup(scene: Scene):
-    """The module of the scene's initial condition."""
-    return import_module(f"discsim.initial.{'cells' if scene.on_cells else scene.initial.kind}")
+def setup(scene: Scene) -> Start:
+    """The scene's initial condition."""
+    if scene.on_cells:
+        from discsim.initial import cells
+
+        return cells.START
+    return STARTS[scene.initial.kind]
 
 
 def make_state(scene: Scene, given: Given) -> State:

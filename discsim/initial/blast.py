@@ -4,12 +4,26 @@ The energy falls off as (1 - r^2/R^2)^2 within the radius R; its sum over the pa
 eos's sound speed, or next to no pressure where it gives none.
 """
 
-import numpy as np
+from typing import Annotated, Literal
 
+import numpy as np
+from pydantic import Field
+
+from discsim.initial.base import Start
 from discsim.initial.lattice import uniform
 from discsim.physics.eos import initial_energy
+from discsim.scene.fields import Density, Length, Measure, Table
 
 COLD = 1e-8  # of the blast's energy over the mass of the box, per mass of gas whose temperature nobody named
+
+
+class Blast(Table):
+    """Heat in the middle of uniform gas at rest (Sedov)."""
+
+    kind: Literal["blast"] = "blast"
+    density: Density = Field(1.0, gt=0, description="of the gas")
+    energy: Annotated[float, Measure("energy")] = Field(1.0, gt=0, description="of the blast")
+    radius: Length = Field(gt=0, description="within which it is put")
 
 
 def particles(scene):
@@ -30,3 +44,6 @@ def particles(scene):
         for arrays in out.values():
             arrays["pos"] -= middle
     return out
+
+
+START = Start(Blast, particles)

@@ -5,12 +5,15 @@ Box, wave and shock are those of their own modules; a cell that the jump of a sh
 
 import numpy as np
 
+from discsim.initial.base import Start
+from discsim.scene.fields import Table
+
 
 def particles(scene):
     count, length, start = scene.gas.particles, scene.space.size[0], scene.initial
     dx = length / count
     x = (np.arange(count) + 0.5) * dx - (0.5 * length if scene.centred else 0.0)
-    density, vel, u = STARTS[start.kind](scene, x, dx)
+    density, vel, u = MAKERS[start.kind](scene, x, dx)
     out = {name: {"pos": x[:, None], "vel": vel[name][:, None]} for name in ("gas", "dust")}
     out["gas"] |= {"mass": density * dx, "density": density} | ({} if u is None else {"u": u})
     out["dust"] |= {"mass": scene.dust[0].ratio * density * dx}
@@ -42,4 +45,5 @@ def _shock(scene, x, dx):
     return density, {"gas": vel, "dust": vel}, u
 
 
-STARTS = {"box": _box, "wave": _wave, "shock": _shock}
+MAKERS = {"box": _box, "wave": _wave, "shock": _shock}
+START = Start(Table, particles)

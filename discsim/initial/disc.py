@@ -7,19 +7,42 @@ one-way dust at those for a ratio of zero.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from discsim.exact import nsh
 from discsim.initial import SPECIES, random_stream
+from discsim.initial.base import Start
 from discsim.physics import profile
+from discsim.scene.fields import Length, Mass, Number, SurfaceDensity, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
     from discsim.scene import Scene
 
 Array = np.ndarray
+
+
+class Disc(Table):
+    """A disc with Sigma ~ r^-p around the origin."""
+
+    kind: Literal["disc"] = "disc"
+    mass: Mass | None = Field(None, gt=0, description="of the gas")
+    toomre_q: Number | None = Field(None, gt=0, description="least Toomre Q of the gas, instead of its mass")
+    surface_density: SurfaceDensity | None = Field(
+        None, gt=0, description="of the gas at reference_radius, instead of its mass"
+    )
+    inner: Length = Field(gt=0, description="inner edge")
+    outer: Length = Field(gt=0, description="outer edge")
+    reference_radius: Length = Field(1.0, gt=0, description="where surface_density holds")
+    surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
+    inner_taper: Length = Field(0.0, ge=0, description="width of the inner taper")
+    outer_taper: Length = Field(0.0, ge=0, description="width of the outer taper")
+    perturbation: Number = Field(
+        0.0, ge=0, lt=0.2, description="amplitude in Sigma of each of the azimuthal modes 2 to 6, of random phases"
+    )
 
 
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
@@ -160,3 +183,6 @@ def _mean_gravity(state: State, effects: dict):
     filled = number > 0
     centre, mean = 0.5 * (edges[1:] + edges[:-1])[filled], total[filled] / number[filled]
     return lambda radius: pull(radius) + np.interp(radius, centre, mean)
+
+
+START = Start(Disc, particles, settle)

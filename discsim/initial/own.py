@@ -13,7 +13,7 @@ import numpy as np
 
 from discsim.initial import SPECIES, Given
 from discsim.scene import SceneError, near, tomltext
-from discsim.scene.tables import shown
+from discsim.scene.fields import shown
 from discsim.scene.units import UnitError
 
 if TYPE_CHECKING:

@@ -8,24 +8,38 @@ Gaussian: the gas is moved into it, since the sound of a layer out of balance wo
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from scipy.linalg import solve_banded
-from scipy.special import erf, erfinv
+from pydantic import Field
 
 from discsim.initial import random_stream
-from discsim.kernels.smoothing import KERNELS, SUPPORT
+from discsim.initial.base import Start
+from discsim.parts import Lazy
+from discsim.scene.fields import Default, Density, Length, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
     from discsim.scene import Scene
 
+linalg = Lazy("scipy.linalg")  # slow to import, as are kernels
+special = Lazy("scipy.special")
+smoothing = Lazy("discsim.kernels.smoothing")
 Array = np.ndarray
 MARGIN = 2.0  # of the support radius: what moves must not see where the immobile gas ends
 ROUNDING = 1e-12  # of Omega^2 H: a force that cannot be balanced better
 BALANCED = 1e-7  # of Omega^2 H: well below the fall of grains with t_stop Omega = 1e-5
 ROUNDS = 20
+
+
+class Settling(Table):
+    """An isothermal layer in balance with external.vertical_frequency, and dust at rest in it."""
+
+    kind: Literal["settling"] = "settling"
+    density: Density = Field(1.0, gt=0, description="of the gas in the midplane")
+    vertical_extent: Annotated[Length | None, Default("half of space.size")] = Field(
+        None, gt=0, description="height on both sides up to which gas moves and dust begins"
+    )
 
 
 def scale_height(scene: Scene) -> float:
@@ -44,7 +58,7 @@ def column(scene: Scene) -> float:
     """Mass over area of the gas between the ends."""
     start: Any = scene.initial
     height = scale_height(scene)
-    return float(start.density * height * np.sqrt(2.0 * np.pi) * erf(extent(scene) / height / np.sqrt(2.0)))
+    return float(start.density * height * np.sqrt(2.0 * np.pi) * special.erf(extent(scene) / height / np.sqrt(2.0)))
 
 
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
@@ -78,8 +92,8 @@ def _gaussian(scene: Scene, height: Array) -> Array:
 def _heights(scene: Scene, share: Array) -> Array:
     """Heights below which these shares of the mass between the ends are."""
     height = scale_height(scene)
-    inside = erf(extent(scene) / height / np.sqrt(2.0))
-    return np.sqrt(2.0) * height * erfinv((2.0 * share - 1.0) * inside)
+    inside = special.erf(extent(scene) / height / np.sqrt(2.0))
+    return np.sqrt(2.0) * height * special.erfinv((2.0 * share - 1.0) * inside)
 
 
 def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
@@ -88,7 +102,7 @@ def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
     top, mass = extent(scene), gas["mass"][0]
     spacing = float(mass / given.initial.density / _gaussian(scene, np.array(top)))
     h = given.gas.smoothing_length or given.gas.eta * spacing
-    beyond = np.arange(np.ceil(MARGIN * SUPPORT[KERNELS[given.gas.kernel]] * h / spacing)) + 0.5
+    beyond = np.arange(np.ceil(MARGIN * smoothing.SUPPORT[smoothing.KERNELS[given.gas.kernel]] * h / spacing)) + 0.5
     above = top + spacing * beyond
     ends = np.concatenate([-above[::-1], above])
     end = _species(ends, given.initial.density * _gaussian(scene, ends) * spacing)
@@ -103,7 +117,7 @@ def settle(state: State, effects: dict) -> None:
     gas: Any = state.gas
     free = np.flatnonzero(~gas.immobile)
     band = int(
-        np.ceil(4.0 * SUPPORT[KERNELS[scene.gas.kernel]] * scene.gas.eta)
+        np.ceil(4.0 * smoothing.SUPPORT[smoothing.KERNELS[scene.gas.kernel]] * scene.gas.eta)
     )  # places that a force depends on, each way
     small = ROUNDING * scene.external.vertical_frequency**2 * scale_height(scene)
 
@@ -144,4 +158,7 @@ def _newton_step(forces: Callable[[Array], Array], force: Array, spacing: Array,
         for column in range(first, count, width):
             rows = np.arange(max(0, column - band), min(count, column + band + 1))
             jacobian[band + rows - column, column] = change[rows] / moved[column]
-    return solve_banded((band, band), jacobian, -force)
+    return linalg.solve_banded((band, band), jacobian, -force)
+
+
+START = Start(Settling, particles, settle)

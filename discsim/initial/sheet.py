@@ -1,8 +1,22 @@
 """A periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)): sound against self-gravity."""
 
-import numpy as np
+from typing import Literal
 
+import numpy as np
+from pydantic import Field
+
+from discsim.initial.base import Start
 from discsim.initial.lattice import stretch, uniform
+from discsim.scene.fields import Count, Number, SurfaceDensity, Table
+
+
+class Sheet(Table):
+    """A periodic sheet with a standing density wave."""
+
+    kind: Literal["sheet"] = "sheet"
+    surface_density: SurfaceDensity = Field(1.0, gt=0, description="mean")
+    amplitude: Number = Field(1e-3, gt=-1, lt=1, description="relative amplitude of the density wave")
+    wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
 
 
 def particles(scene):
@@ -15,3 +29,6 @@ def particles(scene):
         stretch(arrays["pos"], wavevector, start.amplitude)
         arrays["pos"] %= size
     return out
+
+
+START = Start(Sheet, particles)

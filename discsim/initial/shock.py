@@ -4,11 +4,33 @@ Particles of equal mass, so their spacing follows the density; dust has the gas'
 (DustyShock; Laibe & Price 2012).
 """
 
+from typing import Annotated, Literal
+
 import numpy as np
+from pydantic import Field
 
-from discsim.kernels.smoothing import KERNELS, SUPPORT
+from discsim.initial.base import Start
+from discsim.parts import Lazy
+from discsim.scene.fields import Measure, Table, Velocity
 
+smoothing = Lazy("discsim.kernels.smoothing")  # slow to import
 MARGIN = 2.0  # of the support radius: live particles must not see where the immobile ones end
+
+
+class Shock(Table):
+    """Two states meeting at 0 of [-size/2, size/2]."""
+
+    kind: Literal["shock"] = "shock"
+    left: tuple[
+        Annotated[float, Field(gt=0), Measure("density")],
+        Annotated[float, Field(gt=0), Measure("pressure")],
+        Velocity,
+    ] = Field((1.0, 1.0, 0.0), description="gas [density, pressure, velocity] at x < 0")
+    right: tuple[
+        Annotated[float, Field(gt=0), Measure("density")],
+        Annotated[float, Field(gt=0), Measure("pressure")],
+        Velocity,
+    ] = Field((0.125, 0.1, 0.0), description="gas [density, pressure, velocity] at x > 0")
 
 
 def _side(density, mass, half, sign, margin, offset):
@@ -23,7 +45,7 @@ def particles(scene):
     states = {-1.0: start.left, 1.0: start.right}
     total = half * sum(state[0] for state in states.values())
     eta, fixed = scene.gas.eta, scene.gas.smoothing_length
-    support = SUPPORT[KERNELS[scene.gas.kernel]]
+    support = smoothing.SUPPORT[smoothing.KERNELS[scene.gas.kernel]]
 
     def tube(count, ratio, offset):
         mass = total / count
@@ -49,3 +71,6 @@ def particles(scene):
             parts.append(part | {"species": np.full(len(part["mass"]), number)})
         out["dust"] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     return out
+
+
+START = Start(Shock, particles)

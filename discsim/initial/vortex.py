@@ -1,9 +1,24 @@
 """Gresho's vortex in the middle of a periodic box (`exact/gresho.py`); dust turns with the gas."""
 
+from typing import Literal
+
 import numpy as np
+from pydantic import Field
 
 from discsim.exact import gresho
+from discsim.initial.base import Start
 from discsim.initial.lattice import uniform
+from discsim.scene.fields import Density, Length, Table, Velocity, VelocityVector
+
+
+class Vortex(Table):
+    """Gresho's vortex in the middle of a periodic box."""
+
+    kind: Literal["vortex"] = "vortex"
+    density: Density = Field(1.0, gt=0, description="of the gas")
+    speed: Velocity = Field(1.0, gt=0, description="largest speed of rotation")
+    radius: Length = Field(0.2, gt=0, description="where it is reached; it falls to nothing at twice this radius")
+    velocity: VelocityVector = Field(0, validate_default=True, description="uniform boost of everything")
 
 
 def particles(scene):
@@ -23,3 +38,6 @@ def _about_middle(scene, pos):
     """Places (n, 2) relative to the middle of the box, and their distances (n,) from it, above 0."""
     away = pos - 0.5 * np.array(scene.space.size)
     return away, np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-300)
+
+
+START = Start(Vortex, particles)

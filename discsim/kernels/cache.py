@@ -83,7 +83,7 @@ def follow(sources: Path, target: str) -> None:
     """Let kernels in the files of a directory, compiled for processors like `target`, be kept by what they are."""
     made = hashlib.sha256(repr((sys.version, numba.__version__, llvmlite.__version__, numpy.__version__)).encode())
     made.update(target.encode())
-    for file in sorted(sources.glob("*.py")):
+    for file in (*sorted(sources.glob("*.py")), *sorted((sources.parent / "formulas").glob("*.py"))):
         content = file.read_bytes()
         made.update(f"{file.name} {len(content)} ".encode() + content)
     Locator.sources, Locator.name = os.path.abspath(sources), f"kernels-{made.hexdigest()[:20]}"

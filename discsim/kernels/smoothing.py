@@ -5,24 +5,18 @@ to support h ("quintic-h", M6-h of Stoyanovskaya et al. 2018), Wendland C4 (Wend
 table 1), whose polynomial in one dimension differs from that in two.
 """
 
-import math
-
 from numba import njit
 
+from discsim.formulas.smoothing import SMOOTHING
+
 CUBIC, QUINTIC, QUINTIC_H, WENDLAND_C4 = range(4)
-KERNELS = {"cubic": CUBIC, "quintic": QUINTIC, "quintic-h": QUINTIC_H, "wendland-c4": WENDLAND_C4}
+KERNELS = {name: code for code, name in enumerate(SMOOTHING)}
 
-# Radius of the support in units of h.
-SUPPORT = (2.0, 3.0, 1.0, 2.0)
-
-# h over that of the same kernel in the usual units, support 3h for the quintic.
-SQUEEZED = (1.0, 1.0, 3.0, 1.0)
-
-# Normalisation sigma by kernel, in one and in two dimensions.
-NORM = (
-    (2.0 / 3.0, 1.0 / 120.0, 3.0 / 120.0, 0.75),
-    (10.0 / (7.0 * math.pi), 7.0 / (478.0 * math.pi), 63.0 / (478.0 * math.pi), 9.0 / (4.0 * math.pi)),
-)
+# By kernel: radius of the support in h; h over that of the same kernel in the usual units; sigma in one and in two
+# dimensions.
+SUPPORT = tuple(kernel.support for kernel in SMOOTHING.values())
+SQUEEZED = tuple(kernel.squeezed for kernel in SMOOTHING.values())
+NORM = tuple(tuple(kernel.norm[dim] for kernel in SMOOTHING.values()) for dim in (0, 1))
 
 
 @njit(inline="always")

@@ -11,8 +11,11 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
+
+from discsim.parts import Lazy
+
+numba = Lazy("numba")
 
 PIECES = 8  # a thread, so that a fast one can take more
 

@@ -8,14 +8,78 @@ polytropic          P = K rho^gamma,  c_s^2 = gamma P / rho
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
+
+from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+
+
+def _not_isothermal(value: float) -> float:
+    # Its thermal energy, P / (gamma - 1), has no limit there.
+    if value == 1.0:
+        raise fault('1 is isothermal gas; expected kind = "isothermal" with sound_speed = sqrt(constant)')
+    return value
+
+
+class Isothermal(Table):
+    """P = c_s^2 rho."""
+
+    kind: Literal["isothermal"] = "isothermal"
+    sound_speed: Velocity = Field(gt=0, description="c_s")
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+
+
+class LocallyIsothermal(Table):
+    """P = c_s(r)^2 rho, c_s^2 ~ r^-q."""
+
+    kind: Literal["locally-isothermal"] = "locally-isothermal"
+    aspect_ratio: Number = Field(gt=0, description="H/r at reference_radius")
+    temperature_index: Number = Field(0.5, description="q in c_s^2 ~ r^-q")
+    reference_radius: Length = Field(1.0, gt=0, description="where aspect_ratio holds")
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+
+
+class Adiabatic(Table):
+    """P = (gamma - 1) rho u; the start has the sound speed of one of the isothermal kinds."""
+
+    kind: Literal["adiabatic"] = "adiabatic"
+    gamma: Number = Field(gt=1, le=STEEPEST, description="ratio of specific heats")
+    sound_speed: Velocity | None = Field(None, gt=0, description="at the start, uniform")
+    aspect_ratio: Number | None = Field(None, gt=0, description="H/r at reference_radius at the start, instead")
+    temperature_index: Number = Field(0.5, description="q in c_s^2 ~ r^-q, with aspect_ratio")
+    reference_radius: Length = Field(1.0, gt=0, description="where aspect_ratio holds")
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+
+
+class Polytropic(Table):
+    """P = constant rho^gamma."""
+
+    kind: Literal["polytropic"] = "polytropic"
+    gamma: Annotated[Number, AfterValidator(_not_isothermal)] = Field(gt=0, le=STEEPEST, description="exponent")
+    constant: Annotated[float, Measure("polytropic_constant")] = Field(gt=0, description="P / rho^gamma")
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+
+
+@dataclass(frozen=True)
+class Eos:
+    """An equation of state: its keys, and whether the gas holds heat, an energy u of its own."""
+
+    keys: type[Table]
+    holds_heat: bool = False
+
+
+ISOTHERMAL = Eos(Isothermal)
+LOCALLY_ISOTHERMAL = Eos(LocallyIsothermal)
+ADIABATIC = Eos(Adiabatic, holds_heat=True)
+POLYTROPIC = Eos(Polytropic)
 
 
 def radius(pos: Array) -> Array:

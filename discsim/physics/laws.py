@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.kernels.laws import EPSTEIN_STOKES, KWOK, LAWS, stopping_times
+from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.grains import epstein_stopping_time, mean_free_column
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
+kernels = Lazy("discsim.kernels.laws")
 Array = np.ndarray
 
 
@@ -22,8 +23,8 @@ class Law:
 
     def __init__(self, scene: Scene):
         self.drag: Any = scene.drag
-        self.code = LAWS[self.drag.law]
-        self.nonlinear = self.drag.supersonic or self.code == EPSTEIN_STOKES
+        self.code = kernels.LAWS[self.drag.law]
+        self.nonlinear = self.drag.supersonic or self.code == kernels.EPSTEIN_STOKES
         self.populations = len(scene.dust or ())
         self.several = True if self.populations > 1 else None  # None: not compiled
         self.grains = np.array([self._grain(scene, population) for population in scene.dust or ()])
@@ -37,11 +38,11 @@ class Law:
             value = drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
         else:
             value = {"constant": drag.K, "stopping-time": drag.t_stop}.get(drag.law, drag.stokes)
-        if self.code != EPSTEIN_STOKES:
-            return [value, KWOK * drag.supersonic, 0.0, 0.0, 0.0]
+        if self.code != kernels.EPSTEIN_STOKES:
+            return [value, kernels.KWOK * drag.supersonic, 0.0, 0.0, 0.0]
         thermal = population.grain_size * population.grain_density / value
-        return [value, KWOK * drag.supersonic, population.grain_size, mean_free_column(scene), thermal]
+        return [value, kernels.KWOK * drag.supersonic, population.grain_size, mean_free_column(scene), thermal]
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:
         """Stopping time at vanishing slip of a population in gas of given density, sound speed and Omega (n,)."""
-        return stopping_times(self.code, self.grains[population], ratio, density, sound, omega)
+        return kernels.stopping_times(self.code, self.grains[population], ratio, density, sound, omega)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.layout import LOADED
 from discsim.preview.derived import (
-    SUPPORT_OF,
     Local,
     drag_cell_counts,
     drag_cell_sides,
@@ -154,7 +154,7 @@ def _collapse_warnings(scene: Scene, at: Local) -> Iterator[str]:
         return
     worst = int(np.argmin(np.where(heavy, mass, np.inf)))
     where = at.where(worst)
-    reach = math.pi * (SUPPORT_OF[scene.gas.kernel] * scene.gas.eta) ** 2
+    reach = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
     held = mass[worst] / (reach * gas_mass(scene) / particle_count(scene, scene.gas))
     if held < CLUMP:
         yield (

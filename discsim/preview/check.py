@@ -10,8 +10,8 @@ from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast, known_runs
 from discsim.preview.memory import too_much
 from discsim.scene import Scene
+from discsim.scene.fields import Table, measure_of
 from discsim.scene.rules import OF_CELLS, OF_SPH, unused_keys
-from discsim.scene.tables import Table, measure_of
 from discsim.scene.units import Units, clock
 
 

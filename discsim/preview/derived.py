@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from discsim.exact import gresho
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.initial import lattice
 from discsim.numerics.layout import (
     NEAREST,
@@ -30,12 +31,10 @@ from discsim.physics.given_disc import GivenDisc
 from discsim.physics.grains import epstein_stopping_time, mean_free_column
 from discsim.scene import Scene
 from discsim.scene.rules import OF_GRAINS
-from discsim.scene.tables import Dust, Gas
 from discsim.scene.units import Units
 
 Array = np.ndarray
 
-SUPPORT_OF = {"cubic": 2.0, "quintic": 3.0, "quintic-h": 1.0, "wendland-c4": 2.0}  # in h
 IN_CELLS = ("idic", "idic-linear", "tsc")  # schemes whose drag is that of the particles in a cell
 
 
@@ -256,12 +255,12 @@ def grid_bytes(scene: Scene, shape: tuple[int, ...]) -> int:
     return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
 
-def particle_count(scene: Scene, species: Gas | Dust) -> int:
+def particle_count(scene: Scene, species: Any) -> int:
     """Particles that there are of the gas or a population of dust: a lattice in two dimensions has whole rows.
 
     Without the immobile ones that continue a tube or a layer.
     """
-    on_lattice = species.placement == "even" if isinstance(species, Dust) else True
+    on_lattice = species.placement == "even" if hasattr(species, "placement") else True
     if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or scene.initial.kind == "disc":
         return species.particles
     return math.prod(lattice.shape(scene.space.size, species.particles))
@@ -306,7 +305,7 @@ def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array
     return gas, dust
 
 
-def _present(population: Dust, at: Local) -> Array | float:
+def _present(population: Any, at: Local) -> Array | float:
     """1 at the places of `at` where a population is, else 0."""
     if at.radius is None:
         return 1.0
@@ -382,7 +381,7 @@ def _smoothing(scene: Scene, density: Array) -> Array | None:
 
 def resolution(scene: Scene, h: Array) -> Array:
     """h as other kernels mean it: that of quintic-h is its whole support, 3 h of the quintic."""
-    return h / 3 if scene.gas and scene.gas.kernel == "quintic-h" else h
+    return h / SMOOTHING[scene.gas.kernel].squeezed if scene.gas else h
 
 
 def resolution_by_mass(scene: Scene) -> tuple[Array, Array]:

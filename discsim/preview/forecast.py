@@ -15,8 +15,9 @@ import statistics
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.physics import profile
-from discsim.preview.derived import SUPPORT_OF, gas_step, grid, grid_bytes, local, particle_count
+from discsim.preview.derived import gas_step, grid, grid_bytes, local, particle_count
 from discsim.scene import Scene
 
 GAS, NEIGHBOUR = 300.0, 27.0  # a gas particle, and each of its neighbours
@@ -81,7 +82,7 @@ def _step_nanoseconds(scene: Scene, gas: int, dust: int, cells: int) -> float:
     both = gas + dust
     total = DUST * dust + (STAR * both if scene.star else 0.0)
     if scene.gas:
-        neighbours = math.pi * (SUPPORT_OF[scene.gas.kernel] * scene.gas.eta) ** 2
+        neighbours = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
         total += gas * (GAS + NEIGHBOUR * neighbours)
     if scene.self_gravity:
         total += CELL * cells + MOVED * both

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_origin
 
 import discsim
-from discsim.drag import GRID_SCHEMES, SCHEMES
-from discsim.effects import EFFECTS, IN_BACKGROUND
-from discsim.scene import tables
+from discsim.parts import EFFECTS, SCHEMES
+from discsim.scene import fields
+from discsim.scene.fields import Default, Table, measure_of, models_in
 from discsim.scene.rules import NOT_CONSERVING
-from discsim.scene.tables import TABLES, Default, Table, measure_of, models_in
+from discsim.scene.tables import TABLES
 
 SETUP_TABLES = ("units", "run", "space", "initial")
-# Table of an effect -> module that says what it does, in the order of a step.
-MODULES = {name: (EFFECTS | {"background": IN_BACKGROUND["drag"]})[name] for name in tables.EFFECTS if "." not in name}
 COLUMNS = ("key", "value", "default", "meaning")
 WIDTHS = (22, 20, 18, 46)
 BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
@@ -40,8 +38,8 @@ class Part(NamedTuple):
 def effects_text() -> str:
     """Every effect with its equation and keys, then the tables that set up a run."""
     lines: list[str] = []
-    for name, module in MODULES.items():
-        lines += ["", f"[{name}]", *_indented(docstring(module)), "", *_text_of(name)]
+    for name in EFFECTS:
+        lines += ["", f"[{name}]", *_indented(docstring(EFFECTS.module(name))), "", *_text_of(name)]
         if name == "drag":
             lines += _schemes()
     lines += ["", "Tables that set up a run"]
@@ -53,7 +51,7 @@ def effects_text() -> str:
 def scene_markdown() -> str:
     """The tables of a scene and their keys, for the README."""
     lines: list[str] = []
-    for name in (*SETUP_TABLES, *MODULES):
+    for name in (*SETUP_TABLES, *EFFECTS):
         for part in _parts(name, TABLES[name]):
             heading = f"`[{part.table}]`" + (f" with `kind = {part.kind}`" if part.kind else "")
             lines += ["", f"{heading}: {part.about}" if part.about else heading, ""]
@@ -69,10 +67,10 @@ def docstring(module: str) -> str:
 
 
 def _schemes() -> Iterator[str]:
-    for name, module in (SCHEMES | GRID_SCHEMES).items():
+    for name in SCHEMES:
         yield ""
         yield f'  scheme = "{name}"' + (": momentum is not conserved" if name in NOT_CONSERVING else "")
-        yield from _indented(docstring(module).removeprefix(f"{name}: "), "    ")
+        yield from _indented(docstring(SCHEMES.module(name)).removeprefix(f"{name}: "), "    ")
 
 
 def _indented(text: str, space: str = "  ") -> Iterator[str]:
@@ -110,7 +108,7 @@ def _parts(name: str, annotation: Any) -> Iterator[Part]:
         keys = [key for key in model.model_fields if not (kinds and key == "kind")]
         inner = [key for key in keys if models_in(model.model_fields[key].annotation)]
         rows = [key_row(model, key) for key in keys if key not in inner]
-        kind = tables.shown(model.model_fields["kind"].default) if kinds else ""
+        kind = fields.shown(model.model_fields["kind"].default) if kinds else ""
         yield Part(name, kind, _about(name, annotation, model), rows)
         for key in inner:
             yield from _parts(f"{name}.{key}", model.model_fields[key].annotation)
@@ -131,13 +129,13 @@ def key_row(model: type[Table], key: str) -> tuple[str, str, str, str]:
 def _value_words(model: type[Table], key: str) -> str:
     field = model.model_fields[key]
     measure = measure_of(field)
-    if model is tables.Shock:
+    if "left" in model.model_fields:
         return "density, pressure, velocity"
     if measure:
         return measure.name.replace("_", " ") or "number"
-    choices = tables.choices_in(field.annotation)
+    choices = fields.choices_in(field.annotation)
     if choices:
-        return ", ".join(tables.shown(choice) for choice in choices)
+        return ", ".join(fields.shown(choice) for choice in choices)
     if key in ("checkpoint_every", "walltime"):
         return "wall-clock time"
     if field.annotation is bool:
@@ -159,8 +157,8 @@ def _default_words(field: Any) -> str:
     if measure and measure.name and isinstance(field.default, float):
         return f"{field.default:g} code unit"
     if isinstance(field.default, tuple):
-        return "[" + ", ".join(tables.shown(entry) for entry in field.default) + "]"
-    return tables.shown(field.default)
+        return "[" + ", ".join(fields.shown(entry) for entry in field.default) + "]"
+    return fields.shown(field.default)
 
 
 def with_reference(readme: str) -> str:

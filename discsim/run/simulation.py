@@ -68,7 +68,7 @@ class Simulation:
                 first = next(iter(self.state.species.values()))
                 self.state.grid = Grid.from_scene(scene, first.count)
             self.effects = load_effects(scene, self.state)
-            settle = None if particles is not None else getattr(setup(scene), "settle", None)
+            settle = None if particles is not None else setup(scene).settle
             if settle is not None:
                 with np.errstate(**OVERFLOWS):
                     settle(self.state, self.effects)

@@ -11,15 +11,30 @@ import tomllib
 from collections.abc import Sequence
 from copy import deepcopy
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from discsim.scene import tables, tomltext
+from discsim.formulas.smoothing import SMOOTHING
+from discsim.parts import EFFECTS
+from discsim.scene import fields, tables, tomltext
+from discsim.scene.fields import models_in, shown
 from discsim.scene.rules import Draft, Problem, broken_rules
-from discsim.scene.tables import EFFECTS, ETA, ON_CELLS, REQUIRED, TABLES, models_in, shown
+from discsim.scene.tables import ON_CELLS, REQUIRED, TABLES, optional_tables, removable
 from discsim.scene.units import ECHOED, UnitError, Units, clipped
+
+if TYPE_CHECKING:
+    from discsim.effects.background import Keys as Background
+    from discsim.effects.drag import Keys as Drag
+    from discsim.effects.dust import Keys as Dust
+    from discsim.effects.external import Keys as External
+    from discsim.effects.gas import Keys as Gas
+    from discsim.effects.self_gravity import Keys as SelfGravity
+    from discsim.effects.star import Keys as Star
+else:  # imported only where a scene has them
+    Background = Drag = Dust = External = Gas = SelfGravity = Star = Any
 
 # Of starts that want another kernel than the cubic: quieter for its cost (analysis/noise.py); one that feels every wave
 # of a stretched layer, so that it has a balance.
@@ -46,14 +61,15 @@ class Scene(BaseModel):
     units: Units
     run: tables.Run
     space: tables.Space
-    initial: tables.Initial | None = None
-    gas: tables.Gas | None = None
-    background: tables.Background | None = None
-    dust: tuple[tables.Dust, ...] | None = None
-    drag: tables.Drag | None = None
-    self_gravity: tables.SelfGravity | None = None
-    star: tables.Star | None = None
-    external: tables.External | None = None
+    initial: Any = None
+    gas: Gas | None = None
+    background: Background | None = None
+    dust: tuple[Dust, ...] | None = None
+    drag: Drag | None = None
+    self_gravity: SelfGravity | None = None
+    star: Star | None = None
+    external: External | None = None
+    others: dict[str, Any] = {}  # tables of effects that other packages bring
     text: str
     path: Path | None = None
 
@@ -70,10 +86,21 @@ class Scene(BaseModel):
     @property
     def effects(self) -> tuple[str, ...]:
         """The names of the effects that run, in the order of a step."""
-        named = {name: getattr(self, name) for name in EFFECTS if "." not in name}
-        named["gas.viscosity"] = self.gas and self.gas.viscosity
-        named["gas.conductivity"] = self.gas and self.gas.conductivity
-        return tuple(name for name in EFFECTS if named[name] is not None)
+        names: list[str] = []
+        for name in self.named:
+            table = self.table(name)
+            parts = [] if isinstance(table, tuple) else optional_tables(type(table))
+            names += [name, *(f"{name}.{part}" for part in parts if getattr(table, part) is not None)]
+        return tuple(names)
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The tables of effects that the scene has, in the order of a step."""
+        return tuple(name for name in EFFECTS if self.table(name) is not None)
+
+    def table(self, name: str) -> Any:
+        """The table of an effect, None where the scene does not have it."""
+        return getattr(self, name) if name in type(self).model_fields else self.others.get(name)
 
 
 def load_scene(
@@ -216,9 +243,9 @@ def _changed(
         origins.override(key, f"--set {text}")
     removed = []
     for name in without:
-        if name not in EFFECTS:
+        if name not in EFFECTS and name not in (known := removable()):
             problems.append(
-                f"--without {clipped(name)}: unknown table; expected one of {', '.join(EFFECTS)}{near(name, EFFECTS)}"
+                f"--without {clipped(name)}: unknown table; expected one of {', '.join(known)}{near(name, known)}"
             )
             continue
         removed.append(name.split("."))
@@ -286,7 +313,8 @@ def _validated(data: dict[str, Any], own_particles: bool) -> tuple[dict[str, Any
             if table_faults:
                 del found[name]
     faults += [_as_written(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
-    return {"title": title, "units": units, **found}, faults
+    others = {name: found.pop(name) for name in list(found) if name not in Scene.model_fields}
+    return {"title": title, "units": units, "others": others, **found}, faults
 
 
 def _table_names() -> list[str]:
@@ -325,8 +353,8 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
         kernel = KERNEL_OF.get(str(_get(data, "initial", "kind")))
         if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
             gas.setdefault("kernel", kernel)
-        eta = ETA[dimensions]
-        gas.setdefault("eta", eta.get(str(gas.get("kernel")), eta["cubic"]))
+        smoothing = SMOOTHING.get(str(gas.get("kernel")), SMOOTHING["cubic"])
+        gas.setdefault("eta", smoothing.eta[dimensions - 1])
     drag = filled.get("drag")
     if isinstance(drag, dict):
         if isinstance(drag.get("cell"), str):
@@ -367,7 +395,9 @@ def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
     return path, wrong
 
 
-_ADAPTERS = {name: TypeAdapter(annotation) for name, annotation in TABLES.items()}
+@cache
+def _adapter(name: str) -> TypeAdapter:
+    return TypeAdapter(TABLES[name])
 
 
 def _table(name: str, filled: Any, raw: Any, units: Units) -> tuple[Any, list[Problem]]:
@@ -376,7 +406,7 @@ def _table(name: str, filled: Any, raw: Any, units: Units) -> tuple[Any, list[Pr
     if raw == []:
         return None, [((name,), f"an empty list; expected [{name}] or [[{name}]]")]
     try:
-        return _ADAPTERS[name].validate_python(filled, context={"units": units}), []
+        return _adapter(name).validate_python(filled, context={"units": units}), []
     except ValidationError as error:
         details = _without_echoes(error.errors(include_url=False))
         return None, [_as_written(_explained(name, detail, filled, units), {name: raw}) for detail in details]
@@ -414,7 +444,7 @@ def _explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
     return _worded(detail, path, owner, field, value, units)
 
 
-def _tag(model: type[tables.Table]) -> str | None:
+def _tag(model: type[fields.Table]) -> str | None:
     return model.model_fields["kind"].default if "kind" in model.model_fields else None
 
 
@@ -423,7 +453,7 @@ def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, unit
     if kind == "fault":
         return path, detail["msg"]
     if kind == "missing":
-        measure = tables.measure_of(field) if field else None
+        measure = fields.measure_of(field) if field else None
         words = f"; expected {units.expected(measure.name)}" if measure and measure.name else ""
         if measure and units.system == "code":
             words = "; expected a plain number"
@@ -461,7 +491,9 @@ def _worded_choice(kind: str, context: dict[str, Any], path: KeyPath, value: Any
             return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
         path, value = (*path, "kind"), value.get("kind")
         if kind == "union_tag_not_found":
-            union = models_in(TABLES["initial"] if path[0] == "initial" else tables.Gas.model_fields["eos"].annotation)
+            union = models_in(
+                TABLES["initial"] if path[0] == "initial" else TABLES[str(path[0])].model_fields["eos"].annotation
+            )
             tags = [str(_tag(model)) for model in union]
             return path, "missing; expected one of " + ", ".join(f'"{tag}"' for tag in tags)
     return path, f"{shown(value)} is unknown; expected one of {words}{near(str(value), choices)}"

@@ -7,12 +7,17 @@ silent: that table has its own messages already.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from math import ceil, erf, exp, log10, pi, sqrt
 from typing import Any
 
-from discsim.scene.tables import ETA, LARGEST, LEAST_ETA, MOST_SNAPSHOTS, ON_CELLS
+from discsim.formulas.smoothing import SMOOTHING
+from discsim.parts import EFFECTS, STARTS
+from discsim.scene.fields import LARGEST, MOST_SNAPSHOTS
+from discsim.scene.tables import ON_CELLS
 
 Problem = tuple[tuple[str | int, ...], str]
+Rule = Callable[["Draft"], Iterator[Problem]]
 
 OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys of the drag that only its cells use
 OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity")  # keys of the gas that only particles use
@@ -76,14 +81,23 @@ class Draft:
 
 
 def broken_rules(draft: Draft) -> list[Problem]:
-    """Every problem between the tables of `draft`."""
+    """Every problem between the tables of `draft`: by the rules here, and by those of the parts that it names."""
     problems: list[Problem] = []
-    for rule in RULES:
+    for rule in (*RULES, *_rules_of_parts(draft)):
         try:
             problems.extend(rule(draft))
         except Faulty:
             continue
     return problems
+
+
+def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
+    for name in EFFECTS:
+        if draft.has(name):
+            yield from EFFECTS[name].rules
+    with suppress(Faulty):
+        if draft.kind:
+            yield from STARTS[draft.kind].rules
 
 
 def _someone_is_there(draft: Draft) -> Iterator[Problem]:
@@ -299,10 +313,11 @@ def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
 def _neighbours(draft: Draft) -> Iterator[Problem]:
     if not draft.gas or draft.gas.smoothing_length is not None:
         return
-    least = LEAST_ETA[draft.dimensions][draft.gas.kernel]
+    kernel = SMOOTHING[draft.gas.kernel]
+    least = kernel.least_eta[draft.dimensions - 1]
     if draft.gas.eta < least:
         wrong = f'{draft.gas.eta:g} leaves a particle of kernel "{draft.gas.kernel}" without neighbours'
-        usual = ETA[draft.dimensions][draft.gas.kernel]
+        usual = kernel.eta[draft.dimensions - 1]
         yield ("gas", "eta"), f"{wrong}; expected more than {least:g}, like {usual:g}"
 
 
@@ -521,7 +536,7 @@ def _self_gravity_sources(draft: Draft) -> Iterator[Problem]:
             yield ("self_gravity", "sources"), f'"{name}" is to attract, but there is no table [{name}]'
 
 
-RULES: tuple[Callable[[Draft], Iterator[Problem]], ...] = (
+RULES: tuple[Rule, ...] = (
     _someone_is_there,
     _output_times,
     _periodic_cells,

@@ -1,0 +1,131 @@
+"""What discsim is made of, by the names that a scene gives it: one line each, imported only where a scene names it.
+
+Another package adds its own as entry points, under the name that scenes are to give; the groups are those below.
+
+    [project.entry-points."discsim.schemes"]
+    my-scheme = "my_package.my_scheme:SCHEME"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any
+
+
+class Parts(Mapping[str, Any]):
+    """Parts of one kind by name, in the order of the lines; those of other packages come last.
+
+    homes: name -> "module:object". Looking a name up imports its module. Names alone import nothing.
+    """
+
+    def __init__(self, group: str, homes: Mapping[str, str]) -> None:
+        self.group, self._own = group, dict(homes)
+
+    @cached_property
+    def homes(self) -> dict[str, str]:
+        """Where each part is, "module:object"."""
+        others = {point.name: point.value for point in entry_points(group=self.group)}
+        return self._own | {name: home for name, home in others.items() if name not in self._own}
+
+    def module(self, name: str) -> str:
+        """The module of a part."""
+        return self.homes[name].partition(":")[0]
+
+    def __getitem__(self, name: str) -> Any:
+        module, _, attribute = self.homes[name].partition(":")
+        return getattr(import_module(module), attribute)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.homes)
+
+    def __len__(self) -> int:
+        return len(self.homes)
+
+
+class Lazy:
+    """A module that is imported when something of it is first asked for: `kernels = Lazy("discsim.kernels.move")`.
+
+    numba and what it compiles are slow to import, and nothing that only looks at a scene needs them.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(import_module(self._name), name)
+        setattr(self, name, found)
+        return found
+
+
+# Equations of state, kinds of `gas.eos`.
+EOS = Parts(
+    "discsim.eos",
+    {
+        "isothermal": "discsim.physics.eos:ISOTHERMAL",
+        "locally-isothermal": "discsim.physics.eos:LOCALLY_ISOTHERMAL",
+        "adiabatic": "discsim.physics.eos:ADIABATIC",
+        "polytropic": "discsim.physics.eos:POLYTROPIC",
+    },
+)
+
+# Laws of the stopping time, words of `drag.law`.
+LAWS = Parts(
+    "discsim.laws",
+    {
+        "epstein": "discsim.physics.laws:EPSTEIN",
+        "epstein-stokes": "discsim.physics.laws:EPSTEIN_STOKES",
+        "constant": "discsim.physics.laws:CONSTANT",
+        "stopping-time": "discsim.physics.laws:STOPPING_TIME",
+        "stokes-number": "discsim.physics.laws:STOKES_NUMBER",
+        "stokes-over-density": "discsim.physics.laws:STOKES_OVER_DENSITY",
+    },
+)
+
+# Drag schemes, words of `drag.scheme`.
+SCHEMES = Parts(
+    "discsim.schemes",
+    {
+        "idic": "discsim.drag.idic:SCHEME",
+        "idic-linear": "discsim.drag.idic_linear:SCHEME",
+        "tsc": "discsim.drag.tsc:SCHEME",
+        "mk": "discsim.drag.mk:SCHEME",
+        "lab14": "discsim.drag.lab14:SCHEME",
+        "reconstructed": "discsim.drag.reconstructed:SCHEME",
+        "esph": "discsim.drag.esph:SCHEME",
+        "isph": "discsim.drag.isph:SCHEME",
+        "sios-ppm": "discsim.drag.sios_ppm:SCHEME",
+        "emsi-ppm": "discsim.drag.emsi_ppm:SCHEME",
+    },
+)
+
+# Initial conditions, kinds of `initial`.
+STARTS = Parts(
+    "discsim.starts",
+    {
+        "disc": "discsim.initial.disc:START",
+        "box": "discsim.initial.box:START",
+        "wave": "discsim.initial.wave:START",
+        "shock": "discsim.initial.shock:START",
+        "sheet": "discsim.initial.sheet:START",
+        "blast": "discsim.initial.blast:START",
+        "settling": "discsim.initial.settling:START",
+        "vortex": "discsim.initial.vortex:START",
+    },
+)
+
+# Effects, tables of a scene, in the order of a step.
+EFFECTS = Parts(
+    "discsim.effects",
+    {
+        "gas": "discsim.effects.gas:Effect",
+        "background": "discsim.effects.background:Effect",
+        "dust": "discsim.effects.dust:Effect",
+        "star": "discsim.effects.star:Effect",
+        "self_gravity": "discsim.effects.self_gravity:Effect",
+        "external": "discsim.effects.external:Effect",
+        "drag": "discsim.effects.drag:Effect",
+    },
+)

@@ -1,0 +1,212 @@
+"""What keys of a scene are made of: types of values, with their dimensions, limits and words for defaults.
+
+A field's `Measure` names its dimension; it turns the texts of a scene ("0.6 au") into floats in code units
+while the table is validated, with the scene's `Units` as the validation context. All tables are frozen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic_core import PydanticCustomError, core_schema
+
+from discsim.scene.units import UnitError, Units, clipped, seconds
+
+MOST_PARTICLES = 10_000_000_000
+MOST_SNAPSHOTS = 1_000_000
+MOST_COURANT = 100.0  # far above 2.5, where sound and orbits grow: of drag alone, which is exact at any step
+LARGEST = 1e60  # of any number in code units, and of one over it: their products stay within floats
+STEEPEST = 100.0  # of gamma, whose powers of densities stay within floats
+
+
+def fault(message: str) -> PydanticCustomError:
+    """An error whose text is shown to the user as it stands."""
+    return PydanticCustomError("fault", "{message}", {"message": message})
+
+
+def number(value: Any) -> float:
+    """A finite bare number as a float."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise fault(f"{shown(value)} is not a number; expected a plain number, without unit or quotes")
+    try:
+        value = float(value)
+    except OverflowError:
+        value = math.inf
+    return _in_reach(value, f"{value}")
+
+
+def _in_reach(value: float, text: str) -> float:
+    if not math.isfinite(value):
+        raise fault(f"{text} is not a finite number")
+    if value != 0.0 and not 1.0 / LARGEST <= abs(value) <= LARGEST:
+        raise fault(
+            f"{text} is out of range; expected 0, or a size from {1.0 / LARGEST:g} to {LARGEST:g} in code units"
+        )
+    return value
+
+
+def units_of(info: ValidationInfo) -> Units:
+    assert info.context is not None
+    return info.context["units"]
+
+
+def shown(value: Any) -> str:
+    """A value as it stands in TOML, or its beginning."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{clipped(value)}"'
+    try:
+        return clipped(str(value))
+    except (ValueError, RecursionError):  # more digits than Python writes, or lists in lists without end
+        return f"the {type(value).__name__}"
+
+
+@dataclass(frozen=True)
+class Default:
+    """Words for a default that other keys or the machine decide."""
+
+    words: str
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The dimension of a float, or of a tuple with one float a dimension ("x" and "y").
+
+    `name` is one of `discsim.scene.units`, or "" for a plain number. `whole` demands whole numbers.
+    """
+
+    name: str = ""
+    vector: bool = False
+    whole: bool = False
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        read = self._vector if self.vector else self._float
+        return core_schema.with_info_before_validator_function(read, handler(source))
+
+    def _float(self, value: Any, info: ValidationInfo) -> float | None:
+        if value is None:
+            return None
+        units = units_of(info)
+        if not self.name or units.system == "code":
+            if self.name and isinstance(value, str):
+                raise fault(f"{shown(value)} is a text, but the scene is in code units; expected a plain number")
+            return number(value)
+        gamma = info.data.get("gamma", 2.0)  # an earlier key of the same table
+        if isinstance(value, str):
+            try:
+                return _in_reach(units.parse(value, self.name, gamma), shown(value))
+            except UnitError as error:
+                raise fault(str(error)) from error
+        words = units.expected(self.name, gamma)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            raise fault(f"{shown(value)} has no unit; {words.replace(', like', ' needs a unit, like')}")
+        raise fault(f"{shown(value)} is not a quantity; expected {words}")
+
+    def _vector(self, value: Any, info: ValidationInfo) -> tuple[float, ...]:
+        """A scalar is the x component."""
+        dimensions = units_of(info).dimensions
+        is_list = isinstance(value, list | tuple)
+        if is_list and len(value) != dimensions:
+            raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one a dimension")
+        if value == 0 and not isinstance(value, bool):  # zero, the default, is zero in every unit
+            return (0.0,) * dimensions
+        read = [self._float(entry, info) or 0.0 for entry in (value if is_list else [value])]
+        read += [0.0] * (dimensions - len(read))
+        if self.whole and any(entry != int(entry) for entry in read):
+            raise fault(f"{shown(value)} is not made of whole numbers")
+        return tuple(read)
+
+
+def whole(value: Any) -> Any:
+    read = number(value)
+    if read != int(read):
+        raise fault(f"{shown(value)} is not a whole number")
+    return int(read)
+
+
+def _particles(value: Any) -> Any:
+    read = whole(value)
+    if not 1 <= read <= MOST_PARTICLES:
+        wrong = "is absurd" if read > 1 else "are no particles"
+        raise fault(f"{shown(value)} {wrong}; expected a number of particles from 1 to 1e10")
+    return read
+
+
+def _seconds(value: Any) -> Any:
+    if not isinstance(value, str):
+        raise fault(f'{shown(value)} is not a wall-clock time; expected one in quotes, like "10 min"')
+    try:
+        return seconds(value)
+    except UnitError as error:
+        raise fault(str(error)) from error
+
+
+def sides(value: Any, info: ValidationInfo) -> Any:
+    """One number is the side of a square."""
+    dimensions = units_of(info).dimensions
+    if not isinstance(value, list | tuple):
+        return [value] * dimensions
+    if len(value) != dimensions:
+        raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one a dimension")
+    return value
+
+
+Number = Annotated[float, Measure()]
+Count = Annotated[int, BeforeValidator(whole)]
+Particles = Annotated[int, BeforeValidator(_particles)]
+Seconds = Annotated[float, Field(gt=0), BeforeValidator(_seconds)]
+Length = Annotated[float, Measure("length")]
+Mass = Annotated[float, Measure("mass")]
+Time = Annotated[float, Measure("time")]
+Velocity = Annotated[float, Measure("velocity")]
+Density = Annotated[float, Measure("density")]
+SurfaceDensity = Annotated[float, Measure("surface_density")]
+VelocityVector = Annotated[tuple[float, ...], Measure("velocity", vector=True)]
+AccelerationVector = Annotated[tuple[float, ...], Measure("acceleration", vector=True)]
+
+
+class Table(BaseModel):
+    """A frozen table that knows all its keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def kinds_of(parts: Iterable[Any]) -> Any:
+    """The type of a table that may be of several kinds: `kind` says whose keys it has."""
+    models = tuple(part.keys for part in parts)
+    return Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - made of what there is
+
+
+def word_of(names: Iterable[str]) -> Any:
+    """The type of a key that is one of some words."""
+    return Literal[tuple(names)]
+
+
+def models_in(annotation: Any) -> list[type[Table]]:
+    """The tables that a type allows: of a union each of its members."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in models_in(part)]
+
+
+def measure_of(field: Any) -> Measure | None:
+    """The measure of a key, found in its metadata or in that of the types that it is made of."""
+
+    def search(part: Any) -> Any:
+        found = [entry for entry in getattr(part, "__metadata__", ()) if isinstance(entry, Measure)]
+        return found or [measure for inner in get_args(part) for measure in search(inner)]
+
+    own = [entry for entry in field.metadata if isinstance(entry, Measure)]
+    return next(iter(own or search(field.annotation)), None)
+
+
+def choices_in(annotation: Any) -> list[Any]:
+    """The words that a type of literals allows."""
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    return [choice for part in get_args(annotation) for choice in choices_in(part)]
