@@ -331,3 +331,14 @@ def test_conduction_of_a_pair():
     speed = 0.7 * math.sqrt(abs(pressure[0] - pressure[1]) / rho)
     rate = 0.5 * speed * (u[0] - u[1]) * 2 / (3 * h**2) * slope[1] / rho
     np.testing.assert_allclose(sim.gas.heating_rate, [rate, -rate], rtol=1e-12)
+
+
+def test_the_longest_step_of_conduction_swaps_a_pair():
+    """Heat alone takes both in it to the energy of the particle that they meet, and never beyond."""
+    u = np.array([1.0, 3.0])
+    sim = simulation(
+        np.array([[0.45], [0.55]]), 1, "periodic", u=u, eos={"kind": "adiabatic", "gamma": 1.4}, smoothing_length=0.1,
+        conductivity={"alpha": 50.0},
+    )  # fmt: skip
+    # No sum but that over the pair: to rounding.
+    np.testing.assert_allclose(u + sim.effects["gas"].limit(sim.state) * sim.gas.heating_rate, u[::-1], rtol=1e-12)
