@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from discsim import Simulation
-from discsim.derived import derived
+from discsim.derived import derived, local, stopping_times
 from discsim.exact import dustybox
 from discsim.kernels.background import path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
@@ -203,6 +203,14 @@ def test_grains_of_all_sizes_stop_as_they_must(size, direction, scheme):
     # 1e-6 of the slip at the start.
     np.testing.assert_allclose(sim.gas.vel[:, 0], gas[0] if direction == "two-way" else 0.0, rtol=0, atol=1e-6 * start)
     np.testing.assert_allclose(sim.dust.vel[:, 0], dust[0], rtol=0, atol=1e-6 * start)
+
+
+@pytest.mark.parametrize("size", ["1 mm", "10 cm", "10 m"])
+def test_the_preview_knows_both_regimes(size):
+    """`discsim check` has a formula of its own, at no slip: that of the same grains in astropy's units, to rounding."""
+    scene = load_scene(box(size))
+    (found,) = stopping_times(scene, local(scene))
+    assert found == pytest.approx(1 / rate_of(size, scene.units)(0.0), rel=1e-12)
 
 
 @pytest.mark.parametrize("scheme", ["mk", "lab14", "reconstructed", "esph", "isph"])
