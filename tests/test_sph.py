@@ -242,6 +242,21 @@ def test_viscosity_acts_on_approach_only():
         assert push[0] < 0 < push[1] if speed > 0 else (push == 0).all()
 
 
+@pytest.mark.parametrize(("alpha", "beta"), [(0.7, 0.0), (0.0, 1.9), (1.0, 2.0)])
+def test_viscosity_of_a_pair(alpha, beta):
+    """dv/dt = -m (-alpha c w + beta w^2) / rho dW/dr, eq. (5), of two that approach at w = -1.2, c = 0.5."""
+    h, distance, speed = 0.1, 0.08, 1.2
+    vel = np.array([[0.5 * speed], [-0.5 * speed]])
+    viscosity = {"alpha": alpha, "beta": beta, "switch": "none"}
+    pos = np.array([[0.5], [0.5 + distance]])
+    sim = simulation(pos, 1, "periodic", vel=vel, cs=0.5, smoothing_length=h, viscosity=viscosity)
+    value, slope = w("cubic", 1, np.array([0.0, distance / h]))
+    rho = 0.5 * 2 / (3 * h) * value.sum()
+    push = 0.5 * (alpha * 0.5 * speed + beta * speed**2) / rho * 2 / (3 * h**2) * slope[1]
+    found = sim.effects["gas"].viscous_acceleration(sim.state)
+    np.testing.assert_allclose(found[:, 0], [push, -push], rtol=1e-12)  # a sum of one
+
+
 def lattice(n):
     x = (np.arange(n) + 0.5) / n
     return np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
