@@ -54,6 +54,19 @@ def test_epstein_goes_over_into_stokes():
     assert dense[0] == pytest.approx(dense[1], rel=1e-14) and dense[0] == pytest.approx(2.0, rel=1e-14)
 
 
+@pytest.mark.parametrize("speed", [0.01, 1.0, 100.0])
+@pytest.mark.parametrize("kind", GRAINS)
+def test_drag_in_a_disc_is_that_in_the_gas_of_its_midplane(kind, speed):
+    """Sigma about a star is gas of the density Sigma Omega / (sqrt(2 pi) c_s), whatever the slip."""
+    (law, grain), rho, sound, omega = GRAINS[kind], 0.3, 2.0, 0.7
+    sigma = math.sqrt(2 * math.pi) * rho * sound / omega
+    times = [
+        stopping_time(law, grain, 1.0, density, sound, turn) / hastening(law, grain, density, sound, turn, speed)
+        for density, turn in ((sigma, omega), (rho, 0.0))
+    ]
+    assert times[0] == pytest.approx(times[1], rel=1e-12)  # rounding
+
+
 def test_supersonic_limits():
     """Epstein's drag at high Mach numbers is ram pressure: 1/t ~ w; Kwok's formula joins the two."""
     slow, fast, faster = (hastening(EPSTEIN, SUPERSONIC, 1.0, 2.0, 0.0, w) for w in (1e-6, 2e3, 4e3))
