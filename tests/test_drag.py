@@ -214,6 +214,34 @@ def test_dust_far_from_gas_stays_uncoupled():
     assert {width for width, *_ in sides(number).values()} >= {2}
 
 
+@pytest.mark.parametrize("dimensions", [1, 2])
+def test_what_is_left_of_a_particle_decays_at_its_own_rate(dimensions):
+    """In one cell whose gas and dust have no mean velocity: gas by exp(-eps dt / t_stop), dust by exp(-dt / t_stop)."""
+    rng = np.random.default_rng(4)
+    start = {}
+    for name, mass in (("gas", 1.0), ("dust", 0.3)):
+        vel = rng.normal(size=(36, dimensions))
+        start[name] = {
+            "pos": rng.random((36, dimensions)), "vel": vel - vel.mean(axis=0), "mass": np.full(36, mass / 36)
+        }  # fmt: skip
+    sim = Simulation(
+        {
+            "units": {"system": "code"},
+            "run": {"until": 1.0},
+            "space": {"dimensions": dimensions, "size": 1.0, "boundary": "periodic", "cells": 8},
+            "gas": {"particles": 36, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+            "dust": {"particles": 36, "ratio": 0.3},
+            "drag": {"law": "stopping-time", "t_stop": 0.4, "scheme": "idic", "cell_length": 1.0},
+        },
+        particles=start,
+    )
+    sim._prepare()
+    sim._kick(0.7)
+    for p, name, share in ((sim.gas, "gas", 0.3), (sim.dust, "dust", 1.0)):
+        order = np.argsort(p.ids)
+        np.testing.assert_allclose(p.vel[order], start[name]["vel"] * np.exp(-share * 0.7 / 0.4), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "idic"])
 @pytest.mark.parametrize("dim", [1, 2])
 def test_off_an_open_grid_all_sides_are_alike(dim, scheme):
