@@ -280,6 +280,19 @@ def test_balsara_switches_off_in_shear_alone():
     assert pushes["compression", "balsara"] == pytest.approx(pushes["compression", "none"], rel=1e-3)
 
 
+@pytest.mark.parametrize("rate", [(1.0, -0.3, 2.0, 0.5), (0.2, 1.0, 1.0, 0.0), (0.2, -1.0, 1.0, 0.0)])
+def test_balsara_tells_rotation_from_strain(rate):
+    """|div v| and |curl v| of a linear flow, v_x = a x + b y and v_y = c x + d y: |a + d| and |c - b|."""
+    a, b, c, d = rate
+    pos = lattice(16)
+    x, y = pos.T - 0.5
+    vel = np.stack([a * x + b * y, c * x + d * y], axis=1)
+    sim = simulation(pos, 2, "open", vel=vel, viscosity={"switch": "balsara"})
+    middle = np.abs(sim.gas.pos - 0.5).max(axis=1) < 0.2  # whose neighbours are all there
+    for found, expected in zip(sim.effects["gas"].sph.shear, (abs(a + d), abs(c - b)), strict=True):
+        np.testing.assert_allclose(found[middle], expected, atol=0.05)  # the sums of a lattice are off by some percent
+
+
 def test_viscosity_of_all_pairs_makes_no_pressure():
     """In a shear half of the pairs approach: they alone brake half as much, and push from where the shear is strong."""
     pos = lattice(24)
