@@ -24,6 +24,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from discsim import __version__
 from discsim.costs import clock
 from discsim.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
@@ -244,6 +245,7 @@ class Study:
                 lines.clear()
 
         log = self.directory / "cost.log"
+        say(f"discsim {__version__}")
         say(f"{title}: {len(self.points)} combinations, {self.repeat} of each, into {self.directory}")
         self.run(say, parallel)
         self.write()
