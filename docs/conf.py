@@ -19,6 +19,7 @@ smartquotes = False
 nitpicky = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "ndarray"}
 
 html_theme = "furo"
 html_title = f"discsim {release}"

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -30,27 +31,30 @@ SHIPPED = {
 }
 # What makes the run of a figure a short one. Setups that are in neither list run as they are.
 SMALLER = {
-    "background_dust": ["dust.particles=10000"],
+    "background_dust": ["dust.particles=20000", "dust.placement=random"],
     "fragmenting_disc": ["gas.particles=8000", "dust.particles=8000", "space.cells=192", 'run.until="400 yr"'],
-    "gas_disc": ["gas.particles=6000", 'run.until="150 yr"'],
+    "gas_disc": ["gas.particles=15000", 'run.until="150 yr"'],
     "gresho": ["gas.particles=2500", "run.until=0.5"],
     "sedov": ["gas.particles=6400"],
     "settling": ["run.until=3.14"],
     "sheet": ["gas.particles=1024", "space.cells=32"],
-    "stable_disc": ["gas.particles=5000", "dust.particles=5000", "space.cells=128", 'run.until="300 yr"'],
+    "stable_disc": ["gas.particles=10000", "dust.particles=10000", "space.cells=192", 'run.until="300 yr"'],
     "star_dust": ["dust.particles=20000"],
 }
 
 
-def markdown(quick: bool) -> str:
-    """The page's entries; figures that are missing are made first, or with `quick` left out."""
+def markdown(quick: bool, say: Callable[[str], None] = print) -> str:
+    """The entries, in the order of the page's table; missing figures are made first, or with `quick` left out."""
     known = setups()
     if not quick:
         KEPT.mkdir(exist_ok=True)
         missing = [each for name, each in known.items() if name not in SHIPPED and not figure(each).exists()]
+        if missing:
+            say(f"gallery: running {', '.join(each.name for each in missing)}, once")
         with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as workers:
             list(workers.map(draw, missing))
-    return "\n".join(line for each in known.values() for line in entry(each))
+    named = re.findall(r"\(#(\w+)\)", (HERE / "gallery.md").read_text(encoding="utf-8"))
+    return "\n".join(line for name in named for line in entry(known[name]))
 
 
 def figure(each: Setup) -> Path:
@@ -77,7 +81,7 @@ def draw(each: Setup) -> None:
 
 def entry(each: Setup) -> Iterator[str]:
     """A setup as Markdown."""
-    yield f"## {each.title}"
+    yield f"({each.name})=\n## {each.title}"
     yield f"\n{each.about}\n"
     picture = figure(each)
     if picture.exists():
@@ -85,11 +89,9 @@ def entry(each: Setup) -> Iterator[str]:
         yield f"![{each.title}: the state at the end]({where})\n"
         if each.name in SMALLER:
             yield f"*Of a short run, with {', '.join(f'`{change}`' for change in SMALLER[each.name])}.*\n"
-    for label, text in each.notes.items():
-        if label in ("What you will see", "Softening"):
-            yield f"{text[0].upper()}{text[1:]}\n"
-        else:
-            yield f"- {label}: {text}"
+    seen = each.notes["What you will see"]
+    yield f"{seen[0].upper()}{seen[1:]}\n"
+    yield from (f"- {label}: {text}" for label, text in each.notes.items() if label != "What you will see")
     yield f"- Run it: `discsim run {each.name}`; copy it: `discsim new {each.name}`\n"
     yield f"<details><summary><code>setups/{each.name}.toml</code></summary>\n"
     yield f"```{{literalinclude}} {os.path.relpath(each.path, HERE)}\n:language: toml\n```\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import gallery
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from sphinx.application import Sphinx
+from sphinx.util import logging
 
 import discsim.exact
 from discsim import reference
@@ -25,8 +27,16 @@ class Docstring(Directive):
 
     def run(self) -> list[nodes.Node]:
         modules = reference.MODULES | reference.SCHEMES | reference.GRID_SCHEMES
-        text = reference.docstring(modules[self.arguments[0]])
-        return [nodes.literal_block(text, text, language="text")]
+        return [shown for part in parts(reference.docstring(modules[self.arguments[0]])) for shown in self._nodes(part)]
+
+    def _nodes(self, part: str) -> Iterator[nodes.Node]:
+        if part.startswith(" "):
+            yield nodes.literal_block(part, textwrap.dedent(part), language="text")
+            return
+        pieces = (
+            nodes.literal(piece, piece.strip("`")) if piece[:1] == "`" else nodes.Text(piece) for piece in split(part)
+        )
+        yield nodes.paragraph(part, "", *pieces)
 
 
 def write_pages(app: Sphinx) -> None:
@@ -35,7 +45,7 @@ def write_pages(app: Sphinx) -> None:
     for name, text in {
         "keys.md": reference.scene_markdown(),
         "exact.md": "\n".join(exact_solutions()),
-        "gallery.md": gallery.markdown(app.tags.has("quick")),
+        "gallery.md": gallery.markdown(app.tags.has("quick"), logging.getLogger(__name__).info),
     }.items():
         path = GENERATED / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
@@ -48,22 +58,32 @@ def exact_solutions() -> Iterator[str]:
         yield f"## {path.stem}\n\n```{{eval-rst}}\n.. automodule:: discsim.exact.{path.stem}\n   :members:\n```\n"
 
 
+def parts(text: str) -> list[str]:
+    """Paragraphs of a docstring; those that are indented are equations, whose numbers move to where they are seen."""
+    text = re.sub(r" {5,}(\(\d+\w?\))$", r"    \1", text.strip("\n"), flags=re.M)
+    return [part for part in re.split(r"\n\s*\n", text) if part.strip()]
+
+
+def split(part: str) -> list[str]:
+    """A paragraph as plain text and `words` of code by turns."""
+    return re.split(r"(`[^`]+`)", part)
+
+
 def as_rst(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text: indented lines are equations, `words` are code, and nothing else is markup."""
+    """Docstrings are plain text, with equations and code as in `parts` and `split`, and no other markup."""
     out: list[str] = []
-    for paragraph in re.split(r"\n\s*\n", "\n".join(lines).strip("\n")):
-        if paragraph.startswith(" "):
-            out += ["::", "", *(f"    {line}" for line in paragraph.split("\n")), ""]
+    for part in parts("\n".join(lines)):
+        if part.startswith(" "):
+            out += ["::", "", *(f"    {line}" for line in part.split("\n")), ""]
         else:
-            out += [*plain(paragraph).split("\n"), ""]
+            out += [*plain(part).split("\n"), ""]
     lines[:] = out
 
 
-def plain(text: str) -> str:
+def plain(part: str) -> str:
     """A paragraph of plain text as reStructuredText."""
-    pieces = re.split(r"(`[^`]+`)", text)
     # Backslash and space end a literal where a letter follows it, and are not seen.
-    pieces = [rf"\ `{piece}`\ " if piece.startswith("`") else re.sub(r"([*_|\\])", r"\\\1", piece) for piece in pieces]
+    pieces = (rf"\ `{piece}`\ " if piece[:1] == "`" else re.sub(r"([*_|\\])", r"\\\1", piece) for piece in split(part))
     return re.sub(r"^(?=\(?\w+[.)] )", r"\\", "".join(pieces), flags=re.M)  # no numbered list
 
 
