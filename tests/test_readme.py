@@ -10,17 +10,16 @@ from pathlib import Path
 
 import matplotlib
 import pytest
+from drags import NOT_CONSERVING, OF_PARTICLES, ON_GRID
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene
 from discsim.cli import app
-from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.exact import __path__ as exact_path
 from discsim.output.history import COLUMNS
 from discsim.parts import EFFECTS
 from discsim.preview.reference import effects_text, scene_markdown
 from discsim.scene.fields import models_in
-from discsim.scene.rules import NOT_CONSERVING
 from discsim.scene.tables import TABLES
 from discsim.scene.units import Units
 
@@ -143,15 +142,15 @@ def test_names_are_complete():
     columns = PAGES["docs/output.md"].split("Columns of `history.csv`:")[1].split("\n\n")[0]
     assert tuple(re.findall(r"`(\w+)`", columns)) == COLUMNS
     physics = "".join(text for name, text in PAGES.items() if name.startswith("docs/physics/"))
-    for name in (*EFFECTS, "gas.viscosity", "gas.conductivity", "background"):
+    for name in (*EFFECTS, "gas.viscosity", "gas.conductivity"):
         assert f"`[{name}]`" in physics and (f"```{{docstring}} {name}\n" in physics or "." in name)
     effects = PAGES["docs/physics/drag.md"]
-    for name in (*SCHEMES, *GRID_SCHEMES):
+    for name in (*OF_PARTICLES, *ON_GRID):
         assert f"\n### `{name}`\n\n```{{docstring}} {name}\n" in effects
-    for name in SCHEMES:
+    for name in OF_PARTICLES:
         kept = "not conserved" if name in NOT_CONSERVING else "exact for each (cell|node|pair)"
         assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
-    for name in GRID_SCHEMES:
+    for name in ON_GRID:
         kept = "not conserved unless eps = 1" if name in NOT_CONSERVING else "exact for each cell"
         assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
     solutions = PAGES["docs/physics/exact.md"].split("# Exact solutions")[1].split("\n\n")[1]

@@ -14,7 +14,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
 from discsim.physics.given_disc import GivenDisc
-from discsim.physics.laws import Law
+from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
 
 kernels = Lazy("discsim.kernels.background")
@@ -36,7 +36,7 @@ class Effect(base.Effect):
     acts_on = ()  # it is the kick
 
     def __init__(self, scene, state):
-        self.law = Law(scene)
+        self.law = SceneLaw(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
         self.star = scene.star
         self.disc = GivenDisc(scene)

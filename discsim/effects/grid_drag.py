@@ -4,16 +4,14 @@ Fluxes and drag are solved together by the schemes sios-ppm and emsi-ppm, so tha
 there is nothing to kick. It limits no step.
 """
 
-from importlib import import_module
-
 import numpy as np
 
-from discsim.drag import GRID_SCHEMES
 from discsim.effects import base
 from discsim.kernels.drag_grid import stopping_times
 from discsim.numerics.ppm import Tube
 from discsim.numerics.state import State
-from discsim.physics.laws import Law
+from discsim.parts import SCHEMES
+from discsim.physics.laws import SceneLaw
 
 
 class Effect(base.Effect):
@@ -21,14 +19,14 @@ class Effect(base.Effect):
     acts_on = ()  # it is the kick
 
     def __init__(self, scene, state):
-        self.scheme = import_module(GRID_SCHEMES[scene.drag.scheme])
-        self.law = Law(scene)
+        self.advance = SCHEMES[scene.drag.scheme].advance
+        self.law = SceneLaw(scene)
         self.exponential = scene.drag.integration == "exponential"
         self.heating = scene.drag.heating
         self.tube = Tube(scene, state)
 
     def move(self, state: State, dt: float) -> None:
-        self.tube.write(state, self.scheme.advance(self, self.tube, self.tube.read(state), dt))
+        self.tube.write(state, self.advance(self, self.tube, self.tube.read(state), dt))
 
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Stopping times of the dust in each cell (n,)."""

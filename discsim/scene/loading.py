@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.parts import EFFECTS
+from discsim.parts import EFFECTS, EOS, SCHEMES
 from discsim.scene import fields, tables, tomltext
 from discsim.scene.fields import models_in, shown
 from discsim.scene.rules import Draft, Problem, broken_rules
-from discsim.scene.tables import ON_CELLS, REQUIRED, TABLES, optional_tables, removable
+from discsim.scene.tables import REQUIRED, TABLES, optional_tables, removable
 from discsim.scene.units import ECHOED, UnitError, Units, clipped
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Scene(BaseModel):
     @property
     def on_cells(self) -> bool:
         """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
-        return self.drag is not None and self.drag.scheme in ON_CELLS
+        return self.drag is not None and SCHEMES[self.drag.scheme].on_grid
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -361,8 +361,9 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
             drag["cell_length"] = drag.pop("cell")
         if "cell_length" not in drag:
             drag.setdefault("cell", dimensions)
-        adiabatic = _get(data, "gas", "eos", "kind") == "adiabatic"
-        drag.setdefault("heating", adiabatic and drag.get("direction") != "one-way")
+        kind = _get(data, "gas", "eos", "kind")
+        hot = isinstance(kind, str) and kind in EOS and EOS[kind].holds_heat
+        drag.setdefault("heating", hot and drag.get("direction") != "one-way")
     if isinstance(filled.get("dust"), dict):
         filled["dust"] = [filled["dust"]]
     if own_particles:
