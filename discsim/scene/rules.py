@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from math import ceil, erf, exp, log10, pi, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, STARTS
-from discsim.scene.fields import LARGEST, MOST_SNAPSHOTS
+from discsim.scene.fields import MOST_SNAPSHOTS
 from discsim.scene.tables import ON_CELLS
+
+if TYPE_CHECKING:
+    from discsim.initial.base import Start
 
 Problem = tuple[tuple[str | int, ...], str]
 Rule = Callable[["Draft"], Iterator[Problem]]
@@ -26,15 +28,6 @@ INTERPOLATING = ("esph", "isph")
 NOT_CONSERVING = (*INTERPOLATING, "sios-ppm")  # drag schemes that do not conserve momentum
 LAWS_OF_KEY = {"K": ("constant",), "t_stop": ("stopping-time",), "stokes": ("stokes-number", "stokes-over-density")}
 OF_GRAINS = ("epstein", "epstein-stokes")
-# Which equations of state a start goes with, where not all.
-EOS_OF = {
-    "shock": ("adiabatic", "isothermal"),
-    "blast": ("adiabatic",),
-    "vortex": ("adiabatic",),
-    "settling": ("isothermal",),
-}
-BRINGS_PRESSURE = ("shock", "blast", "vortex")  # starts that need no temperature of the eos
-REACH = {"blast": ("radius", 1.0), "vortex": ("radius", 2.0), "settling": ("vertical_extent", 1.0)}
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
 
 
@@ -67,6 +60,11 @@ class Draft:
         return self.initial.kind if self.initial else ""
 
     @property
+    def start(self) -> Start | None:
+        """What the scene starts with; None where that is the caller's own particles."""
+        return STARTS[self.kind] if self.kind else None
+
+    @property
     def dimensions(self) -> int:
         return self.space.dimensions if self.space else 2
 
@@ -96,8 +94,8 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
         if draft.has(name):
             yield from EFFECTS[name].rules
     with suppress(Faulty):
-        if draft.kind:
-            yield from STARTS[draft.kind].rules
+        if draft.start:
+            yield from draft.start.rules
 
 
 def _someone_is_there(draft: Draft) -> Iterator[Problem]:
@@ -144,89 +142,20 @@ def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
 
 
 def _boundary_of_the_start(draft: Draft) -> Iterator[Problem]:
-    if not draft.space:
-        return
-    wanted = "open" if draft.kind in ("disc", "shock", "settling") else "periodic"
-    if draft.kind not in ("", "blast") and draft.space.boundary != wanted:
+    wanted = draft.start.boundary if draft.start else None
+    if draft.space and wanted not in (None, draft.space.boundary):
         found = draft.space.boundary
         yield ("space", "boundary"), f'"{found}" does not go with a {draft.kind}; expected "{wanted}"'
 
 
 def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
-    wanted = {"disc": 2, "shock": 1, "settling": 1, "blast": 2, "vortex": 2}.get(draft.kind, draft.dimensions)
-    if draft.dimensions != wanted:
-        yield (
-            ("space", "dimensions"),
-            f"{draft.dimensions} does not go with a {draft.kind}; expected {wanted}",
-        )
-
-
-def _disc_edges(draft: Draft) -> Iterator[Problem]:
-    if draft.kind != "disc":
-        return
-    disc = draft.initial
-    if disc.outer <= disc.inner:
-        yield ("initial", "outer"), "the outer edge is not outside the inner one; expected outer > inner"
-    elif draft.space and min(draft.space.size) < 2 * disc.outer:
-        share = min(draft.space.size) / (2 * disc.outer)
-        yield (
-            ("space", "size"),
-            f"the grid is smaller than the disc: its half side is {share:.3g} of initial.outer; "
-            "expected more than 1 (1.3 leaves room to spread)",
-        )
-    elif disc.inner_taper + disc.outer_taper > disc.outer - disc.inner:
-        wide = (disc.inner_taper + disc.outer_taper) / (disc.outer - disc.inner)
-        key = "inner_taper" if disc.inner_taper > disc.outer_taper else "outer_taper"
-        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected 1 at most"
-
-
-def _power_laws(draft: Draft) -> Iterator[Problem]:
-    """Powers of the radius stay within floats all over a disc."""
-    if draft.kind != "disc":
-        return
-    gas = draft.gas or draft.background
-    laws = [("initial", draft.initial, "surface_density_index")]
-    if draft.has("background"):
-        laws.append(("background", draft.background, "surface_density_index"))
-    if gas and hasattr(gas.eos, "temperature_index"):
-        laws.append(("gas" if draft.gas else "background", gas.eos, "temperature_index"))
-    for table, law, key in laws:
-        index, where = getattr(law, key), law.reference_radius
-        if max(abs(index * log10(r / where)) for r in (draft.initial.inner, draft.initial.outer)) > log10(LARGEST):
-            path = (table, "eos", key) if key == "temperature_index" else (table, key)
-            yield path, f"{index:g} takes powers of the radius beyond {LARGEST:g} in the disc; expected a lesser slope"
-
-
-def _disc_mass(draft: Draft) -> Iterator[Problem]:
-    if draft.kind != "disc":
-        return
-    scales = ("mass", "toomre_q", "surface_density")
-    given = [key for key in scales if getattr(draft.initial, key) is not None]
-    if len(given) != 1:
-        wrong = "{} are there together".format(" and ".join(given)) if given else "the disc has no mass"
-        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
-
-
-def _disc_needs_a_centre(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "disc" and not draft.has("star") and not draft.has("self_gravity"):
-        yield (
-            ("initial", "kind"),
-            "nothing holds the disc together; expected a table [star] or [self_gravity]",
-        )
-
-
-def _toomre_q(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "disc" and draft.initial.toomre_q is not None:
-        for table in ("gas", "star"):
-            if not draft.has(table):
-                yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
-        if draft.eos_kind == "polytropic" and draft.gas.eos.gamma == 3.0:
-            wrong = "Q does not depend on the mass of a polytropic disc with gamma = 3"
-            yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
+    if draft.start and draft.dimensions not in draft.start.dimensions:
+        wanted = " or ".join(map(str, draft.start.dimensions))
+        yield ("space", "dimensions"), f"{draft.dimensions} does not go with a {draft.kind}; expected {wanted}"
 
 
 def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
-    allowed = EOS_OF.get(draft.kind)
+    allowed = draft.start.eos if draft.start else None
     if allowed is None:
         return
     if not draft.has("gas"):
@@ -237,51 +166,26 @@ def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
 
 
 def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
-    if not draft.space:
+    if not draft.space or not draft.start or not draft.start.reach:
         return
-    key, reach = REACH.get(draft.kind, ("", 0.0))
+    key, reach = draft.start.reach
     half = 0.5 * min(draft.space.size)
-    length = reach * (getattr(draft.initial, key) or 0.0) if key else 0.0
+    length = reach * (getattr(draft.initial, key) or 0.0)
     if length > half * (1 + 1e-9):
         share = half / length
         of = f"{reach:g} initial.{key}" if reach > 1 else f"initial.{key}"
         yield ("space", "size"), f"half a side is {share:.3g} of {of}, which it is to hold; expected 1 at least"
 
 
-def _layer_needs_gravity(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "settling" and not (draft.external and draft.external.vertical_frequency > 0):
-        path = ("external", "vertical_frequency") if draft.has("external") else ("external",)
-        yield path, "missing; the layer's weight is -Omega^2 z with Omega = external.vertical_frequency > 0"
-
-
-def _layer_reaches(draft: Draft) -> Iterator[Problem]:
-    """Particles of equal mass are far apart where the layer ends: at most ten lengths over which it falls by e."""
-    if draft.kind != "settling" or not (draft.gas and draft.space and draft.external):
-        return
-    if draft.eos_kind != "isothermal" or draft.external.vertical_frequency == 0.0:
-        return
-    height = draft.gas.eos.sound_speed / draft.external.vertical_frequency
-    top = (draft.initial.vertical_extent or 0.5 * draft.space.size[0]) / height
-    if top > 30.0:
-        wrong = f"a layer {2.0 * top:.3g} scale heights thick has no gas at its ends"
-        yield ("initial", "vertical_extent"), f"{wrong}; expected some scale heights c_s / Omega = {height:.3g}"
-        return
-    needed = ceil(0.1 * sqrt(2.0 * pi) * erf(top / sqrt(2.0)) * top * exp(0.5 * top * top))
-    if draft.gas.particles < needed:
-        wrong = f"too few for a layer that reaches to {top:.3g} scale heights, where next to none would be"
-        yield ("gas", "particles"), f"{wrong}; expected {needed} at least, or a smaller initial.vertical_extent"
-
-
-def _wave_direction(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "wave" and not any(draft.initial.direction):
-        yield ("initial", "direction"), "all zeros; expected whole waves along one side at least"
-
-
 def _star_space(draft: Draft) -> Iterator[Problem]:
     if draft.has("star") and draft.dimensions == 1:
         yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
-    elif draft.has("star") and draft.space and draft.space.boundary == "periodic" and draft.kind != "disc":
+    elif draft.has("star") and draft.space and draft.space.boundary == "periodic" and not _has_radius(draft):
         yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
+
+
+def _has_radius(draft: Draft) -> bool:
+    return draft.start is not None and draft.start.has_radius
 
 
 def _locally_isothermal(draft: Draft) -> Iterator[Problem]:
@@ -296,7 +200,7 @@ def _adiabatic_start(draft: Draft) -> Iterator[Problem]:
     both = eos.sound_speed is not None and eos.aspect_ratio is not None
     if both:
         yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
-    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.kind not in (*BRINGS_PRESSURE, ""):
+    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not draft.start.brings_pressure:
         yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
     if eos.aspect_ratio is not None and not draft.has("star"):
         yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
@@ -329,17 +233,11 @@ def _conductivity(draft: Draft) -> Iterator[Problem]:
 
 def _dust_place(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
-        if draft.kind == "disc" and dust.offset:
-            yield ("dust", i, "offset"), "a disc has no gas spacing; expected another kind"
         for key in ("inner", "outer"):
-            if draft.kind not in ("disc", "") and getattr(dust, key) is not None:
+            if draft.start and not draft.start.has_radius and getattr(dust, key) is not None:
                 yield ("dust", i, key), f"a {draft.kind} has no radius; expected a disc"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
-        elif draft.kind == "disc" and dust.inner is not None and dust.inner >= draft.initial.outer:
-            yield ("dust", i, "inner"), "beyond the disc, where there is no gas; expected less than initial.outer"
-        elif draft.kind == "disc" and dust.outer is not None and dust.outer <= draft.initial.inner:
-            yield ("dust", i, "outer"), "in the disc's hole, where there is no gas; expected more than initial.inner"
 
 
 def _drag_partners(draft: Draft) -> Iterator[Problem]:
@@ -366,8 +264,6 @@ def _background(draft: Draft) -> Iterator[Problem]:
     for key in OF_CELLS:
         if draft.gives("drag", key):
             yield ("drag", key), "a [background] has no drag cells; expected no such key"
-    if draft.initial and draft.kind == "disc" and draft.initial.toomre_q is not None:
-        yield ("initial", "toomre_q"), "there is no [gas] to have a Q; expected mass or surface_density"
 
 
 def _fixed_grid(draft: Draft) -> Iterator[Problem]:
@@ -390,8 +286,9 @@ def _fixed_grid(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "direction"), f'{scheme} moves gas and dust together; expected "two-way"'
     if draft.run and draft.run.integrator != "kdk":
         yield ("run", "integrator"), f"{scheme} has steps of its own; expected no such key"
-    if draft.kind not in ("box", "wave", "shock", ""):
-        yield ("initial", "kind"), f"{scheme} has no such start; expected box, wave or shock"
+    if draft.start and not draft.start.cells:
+        *names, last = (name for name, start in STARTS.items() if start.cells)
+        yield ("initial", "kind"), f"{scheme} has no such start; expected {', '.join(names)} or {last}"
 
 
 def _fixed_grid_cells(draft: Draft) -> Iterator[Problem]:
@@ -439,11 +336,12 @@ def _drag_orbits(draft: Draft) -> Iterator[Problem]:
     law, star = draft.drag.law, draft.has("star")
     if law == "stokes-number" and not star:
         yield ("drag", "law"), "t_stop = stokes / Omega needs a star to orbit; expected a table [star] too"
-    elif law == "stokes-over-density" and not (star and (draft.kind == "disc" or draft.has("background"))):
+    elif law == "stokes-over-density" and not (star and (_has_radius(draft) or draft.has("background"))):
+        kinds = " or ".join(f'"{name}"' for name, start in STARTS.items() if start.has_radius)
         yield (
             ("drag", "law"),
             "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
-            '"disc" or [background], and [star]',
+            f"{kinds} or [background], and [star]",
         )
     elif law in OF_GRAINS and draft.dimensions == 2 and not star:
         yield (
@@ -501,16 +399,15 @@ def _self_gravity_in_1d(draft: Draft) -> Iterator[Problem]:
 
 def _self_gravity_of_columns(draft: Draft) -> Iterator[Problem]:
     """In code units a number may stand for either density, and own particles bring whatever they are meant to."""
-    if (
-        draft.has("self_gravity")
-        and draft.dimensions == 1
-        and draft.kind in ("box", "wave")
-        and not draft.in_code_units
-    ):
+    start = draft.start
+    if not draft.has("self_gravity") or draft.dimensions != 1 or draft.in_code_units or not start or start.column:
+        return
+    if 1 in start.dimensions and start.boundary == "periodic":  # what does not go with either is told already
         wrong = (
             f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
         )
-        yield ("self_gravity",), f'{wrong}; expected initial.kind = "sheet", or space.dimensions = 2'
+        kinds = " or ".join(f'"{name}"' for name, other in STARTS.items() if other.column)
+        yield ("self_gravity",), f"{wrong}; expected initial.kind = {kinds}, or space.dimensions = 2"
 
 
 def _self_gravity_kernel(draft: Draft) -> Iterator[Problem]:
@@ -544,16 +441,8 @@ RULES: tuple[Rule, ...] = (
     _cells_of_a_rectangle,
     _boundary_of_the_start,
     _dimensions_of_the_start,
-    _disc_edges,
-    _power_laws,
-    _disc_mass,
-    _disc_needs_a_centre,
-    _toomre_q,
     _gas_of_the_start,
     _room_for_the_start,
-    _layer_needs_gravity,
-    _layer_reaches,
-    _wave_direction,
     _star_space,
     _locally_isothermal,
     _adiabatic_start,
