@@ -59,6 +59,7 @@ class Start:
             each weighing the same.
         on_lattice: whether particles that are placed evenly are whole rows and columns, as many as fit.
         edges(scene): inner and outer radius, of a start about the origin. None: radii mean nothing to it.
+        reference_density(scene): Sigma at the radius that laws of drag refer to. None: it has no such radius.
         known_step: whether the gas of `places` sets the step, so that a run's time can be forecast.
         warnings(scene): what will run, but perhaps not as meant.
     What its answer is:
@@ -87,6 +88,7 @@ class Start:
     spread: Callable[[Any], tuple[Places, Array]] | None = None
     on_lattice: bool = True
     edges: Callable[[Any], tuple[float, float]] | None = None
+    reference_density: Callable[[Any], float] | None = None
     known_step: bool = True
     warnings: Callable[[Any], Iterator[str]] | None = None
     measure: Callable[[Any], ErrorMeasure | None] | None = None
@@ -94,11 +96,6 @@ class Start:
     uniform: bool = False
     curves: Callable[[Any, float, Array], dict[str, Curve]] | None = None
     around: Literal["radial", "azimuthal"] | None = None
-
-    @property
-    def has_radius(self) -> bool:
-        """Whether it is about the origin, between two radii."""
-        return self.edges is not None
 
     def mass(self, scene: Any, population: Any = None) -> float:
         """Mass of the gas where a population of dust is, or of all of it (mass over area in one dimension)."""

@@ -321,5 +321,6 @@ START = Start(
     spread=spread,
     on_lattice=False,
     edges=edges,
+    reference_density=profile.scale,
     warnings=warnings,
 )

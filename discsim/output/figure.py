@@ -61,7 +61,7 @@ def _start(snap: Snapshot) -> Start | None:
 def _centred(snap: Snapshot) -> bool:
     """Whether the scene has a centre about which a radial profile says something."""
     start = _start(snap)
-    return "star" in snap.tables or (start is not None and start.has_radius)
+    return "star" in snap.tables or (start is not None and start.edges is not None)
 
 
 def _around(snap: Snapshot) -> str | None:

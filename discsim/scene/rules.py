@@ -180,12 +180,18 @@ def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
 def _star_space(draft: Draft) -> Iterator[Problem]:
     if draft.has("star") and draft.dimensions == 1:
         yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
-    elif draft.has("star") and draft.space and draft.space.boundary == "periodic" and not _has_radius(draft):
+    elif draft.has("star") and draft.space and draft.space.boundary == "periodic" and not _has(draft, "edges"):
         yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
 
 
-def _has_radius(draft: Draft) -> bool:
-    return draft.start is not None and draft.start.has_radius
+def _has(draft: Draft, what: str) -> bool:
+    """Is there a start, with something of this name?"""
+    return getattr(draft.start, what, None) is not None
+
+
+def _kinds(which: Callable[[Start], Any]) -> list[str]:
+    """The kinds of starts of which something is true, for a message."""
+    return [name for name, start in STARTS.items() if which(start)]
 
 
 def _locally_isothermal(draft: Draft) -> Iterator[Problem]:
@@ -234,8 +240,9 @@ def _conductivity(draft: Draft) -> Iterator[Problem]:
 def _dust_place(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         for key in ("inner", "outer"):
-            if draft.start and not draft.start.has_radius and getattr(dust, key) is not None:
-                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a disc"
+            if draft.start and not draft.start.edges and getattr(dust, key) is not None:
+                kinds = " or ".join(_kinds(lambda start: start.edges))
+                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a {kinds}"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
 
@@ -287,7 +294,7 @@ def _fixed_grid(draft: Draft) -> Iterator[Problem]:
     if draft.run and draft.run.integrator != "kdk":
         yield ("run", "integrator"), f"{scheme} has steps of its own; expected no such key"
     if draft.start and not draft.start.cells:
-        *names, last = (name for name, start in STARTS.items() if start.cells)
+        *names, last = _kinds(lambda start: start.cells)
         yield ("initial", "kind"), f"{scheme} has no such start; expected {', '.join(names)} or {last}"
 
 
@@ -336,8 +343,8 @@ def _drag_orbits(draft: Draft) -> Iterator[Problem]:
     law, star = draft.drag.law, draft.has("star")
     if law == "stokes-number" and not star:
         yield ("drag", "law"), "t_stop = stokes / Omega needs a star to orbit; expected a table [star] too"
-    elif law == "stokes-over-density" and not (star and (_has_radius(draft) or draft.has("background"))):
-        kinds = " or ".join(f'"{name}"' for name, start in STARTS.items() if start.has_radius)
+    elif law == "stokes-over-density" and not (star and (_has(draft, "reference_density") or draft.has("background"))):
+        kinds = " or ".join(f'"{name}"' for name in _kinds(lambda start: start.reference_density))
         yield (
             ("drag", "law"),
             "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
@@ -406,7 +413,7 @@ def _self_gravity_of_columns(draft: Draft) -> Iterator[Problem]:
         wrong = (
             f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
         )
-        kinds = " or ".join(f'"{name}"' for name, other in STARTS.items() if other.column)
+        kinds = " or ".join(f'"{name}"' for name in _kinds(lambda start: start.column))
         yield ("self_gravity",), f"{wrong}; expected initial.kind = {kinds}, or space.dimensions = 2"
 
 
