@@ -38,6 +38,9 @@ class Parts(Mapping[str, Any]):
         module, _, attribute = self.homes[name].partition(":")
         return getattr(import_module(module), attribute)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self.homes  # without the import that a Mapping would look with
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.homes)
 

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from discsim.effects import load_effects
-from discsim.initial import make_state, own, setup
+from discsim.initial import make_particles, make_state, own, start_of
 from discsim.numerics.state import Dust, Gas, Ledger, State
 from discsim.numerics.threads import copied, fill, share, use_threads
 from discsim.output.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
@@ -68,7 +68,7 @@ class Simulation:
                 first = next(iter(self.state.species.values()))
                 self.state.grid = Grid.from_scene(scene, first.count)
             self.effects = load_effects(scene, self.state)
-            settle = None if particles is not None else setup(scene).settle
+            settle = None if particles is not None else start_of(scene).settle
             if settle is not None:
                 with np.errstate(**OVERFLOWS):
                     settle(self.state, self.effects)
@@ -379,9 +379,9 @@ class Simulation:
         return dt
 
     def _over_before_it_grows(self, left: float) -> bool:
-        """Whether rounding errors stay small in the few steps of a uniform box, whose drag is exact at any length."""
-        run, start = self.scene.run, self.scene.initial
-        if start is None or start.kind != "box" or run.timestep is None:
+        """Whether rounding errors stay small in the few steps of uniform gas, whose drag is exact at any length."""
+        run = self.scene.run
+        if self.scene.initial is None or not start_of(self.scene).uniform or run.timestep is None:
             return False
         steps = math.ceil((run.until if left == math.inf else self.state.time + left) / run.timestep - 1e-9)
         # A step of x times the limit multiplies them by x^2 at most.
@@ -480,7 +480,7 @@ INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
 
 def _made(scene: Scene) -> dict[str, dict[str, Any]]:
     with np.errstate(**OVERFLOWS):
-        return setup(scene).particles(scene)
+        return make_particles(scene)
 
 
 def _sum(*arrays: Any) -> float:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.parts import EFFECTS, EOS, SCHEMES
+from discsim.parts import EFFECTS, EOS, SCHEMES, STARTS
 from discsim.scene import fields, tables, tomltext
 from discsim.scene.fields import models_in, shown
 from discsim.scene.rules import Draft, Problem, broken_rules
@@ -36,9 +36,6 @@ if TYPE_CHECKING:
 else:  # imported only where a scene has them
     Background = Drag = Dust = External = Gas = SelfGravity = Star = Any
 
-# Of starts that want another kernel than the cubic: quieter for its cost (analysis/noise.py); one that feels every wave
-# of a stretched layer, so that it has a balance.
-KERNEL_OF = {"disc": "quintic", "settling": "wendland-c4"}
 DEEPEST = 8  # tables and lists within each other; a scene needs four
 KeyPath = tuple[str | int, ...]
 _NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -350,7 +347,8 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
     gas = filled.get("gas")
     if isinstance(gas, dict):
         # An eta alone is the cubic's.
-        kernel = KERNEL_OF.get(str(_get(data, "initial", "kind")))
+        start = STARTS.get(str(_get(data, "initial", "kind")))
+        kernel = start.kernel if start is not None else None
         if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
             gas.setdefault("kernel", kernel)
         smoothing = SMOOTHING.get(str(gas.get("kernel")), SMOOTHING["cubic"])
