@@ -54,7 +54,7 @@ def _effect_lines(scene: Scene) -> Iterator[str]:
     for name in scene.effects:
         first, _, second = name.partition(".")
         skip = idle_keys(scene, name)
-        table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
+        table = getattr(scene.table(first), second) if second else scene.table(first)
         for one in table if isinstance(table, tuple) else (table,):
             yield f"{name:<18} {_parameters(scene.units, one, skip)}"
 
