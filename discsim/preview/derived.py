@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import Cells
 from discsim.exact import gresho
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.initial import lattice
@@ -24,6 +23,9 @@ from discsim.physics.eos import eos_of
 from discsim.physics.given_disc import GivenDisc
 from discsim.scene import Scene
 from discsim.scene.units import Units
+
+if TYPE_CHECKING:
+    from discsim.drag.base import Cells
 
 Array = np.ndarray
 
