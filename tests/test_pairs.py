@@ -246,7 +246,8 @@ def test_the_order_of_particles_does_not_matter(scheme):
 
 SAME = """
 import hashlib
-from discsim import Simulation, threads
+from discsim import Simulation
+from discsim.numerics import threads
 from drags import OF_PARTICLES
 from test_pairs import cloud, scene
 threads.share.__kwdefaults__["least"] = 101  # as with 40 times the particles

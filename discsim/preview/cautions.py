@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.base import Scheme
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.initial import start_of
 from discsim.numerics.layout import LOADED
@@ -27,6 +27,9 @@ from discsim.preview.derived import (
 )
 from discsim.scene import Scene
 from discsim.scene.rules import KERNEL_KEYS
+
+if TYPE_CHECKING:
+    from discsim.drag.base import Scheme
 
 # In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
 # One grain in a cell cures that.

@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import Cells
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.initial import lattice, start_of
 from discsim.initial.base import Places
@@ -24,6 +23,9 @@ from discsim.physics.eos import eos_of
 from discsim.physics.given_disc import GivenDisc
 from discsim.scene import Scene
 from discsim.scene.units import Units
+
+if TYPE_CHECKING:
+    from discsim.drag.base import Cells
 
 Array = np.ndarray
 
@@ -205,8 +207,10 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     if drag is None or cells is None or not scene.gas or at.h is None or found is None:
         return None
     cell, shape = found
-    wanted = cells.leaf(scene, *_range_of_h(scene)) if drag.cell else drag.cell_length
-    assert wanted is not None
+    wanted = drag.cell_length
+    if wanted is None:
+        mean, least = _range_of_h(scene)
+        wanted = cells.leaf(scene, lambda: mean, least)
     periodic = scene.space.boundary == "periodic"
     leaf, _ = leaves(wanted, cell, shape, periodic, particle_count(scene, scene.gas))
     side = limit = np.full_like(at.h, leaf)
