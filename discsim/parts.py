@@ -58,9 +58,7 @@ class Lazy:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
-        found = getattr(import_module(self._name), name)
-        setattr(self, name, found)
-        return found
+        return getattr(import_module(self._name), name)
 
 
 # Equations of state, kinds of `gas.eos`.

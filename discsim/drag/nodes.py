@@ -9,7 +9,7 @@ import numpy as np
 from discsim.drag.cells import Blocks, lattice, sort_into_blocks, wanted_leaf
 from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.drag.frame import Frame, clockwise, frame
-from discsim.kernels import levels
+from discsim.kernels import levels, nodes_fit, nodes_relax, nodes_scatter
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, mass_in
 from discsim.kernels.drag import free_kick
@@ -72,9 +72,9 @@ def relax(drag, state, dt: float, gas_vel: Array, heat: Array) -> None:
     change = _relax_nodes(drag, state, blocks, nodes, cells, dt, len(heat) > 0)
     _scatter(drag, state, blocks, both, nodes, change, dt)
     if len(heat) > 0:
-        kernels.pass_on(nodes.sums, nodes.about, change.heat)
+        nodes_scatter.pass_on(nodes.sums, nodes.about, change.heat)
         share(
-            kernels.spread_heat, len(blocks.level), nodes.home, nodes.about, blocks.gas_order, blocks.gas_start,
+            nodes_scatter.spread_heat, len(blocks.level), nodes.home, nodes.about, blocks.gas_order, blocks.gas_start,
             drag.dim == 1, both[0].packed, nodes.sums, change.heat, heat, least=64,
         )  # fmt: skip
     start = blocks.dust_start[:: drag.law.populations]
@@ -132,7 +132,7 @@ def _mean_sound(state, blocks: Blocks, nodes: Nodes, cells: Array) -> Array:
     number = np.diff(blocks.gas_start[: count + 1])
     of_block = np.repeat(np.arange(count), number)
     speeds = np.bincount(of_block, state.gas.sound_speed[blocks.gas_order[: len(of_block)]], count)
-    share(kernels.mean_sound, len(sound), nodes.near, cells, speeds / np.maximum(number, 1), sound, least=64)
+    share(nodes_relax.mean_sound, len(sound), nodes.near, cells, speeds / np.maximum(number, 1), sound, least=64)
     return sound
 
 
@@ -143,22 +143,22 @@ def _relax_nodes(drag, state, blocks: Blocks, nodes: Nodes, cells: Array, dt: fl
     change, drive, rate = np.zeros((total, species, dim)), np.zeros((total, species, dim)), np.zeros((total, species))
     source_slopes, known = np.zeros((total, species, dim, dim)), np.zeros((total, species), np.bool_)
     pooled = species if drag.two_way else 1
-    share(kernels.fit_slopes, total, nodes.near, cells, sums, pooled, slopes, source_slopes, known, least=64)
+    share(nodes_fit.fit_slopes, total, nodes.near, cells, sums, pooled, slopes, source_slopes, known, least=64)
     sound = _mean_sound(state, blocks, nodes, cells) if drag.law.nonlinear else None
     share(
-        kernels.relax_nodes, total, about, sums, nodes.centre, slopes, source_slopes, known, sound, drag.law.code,
+        nodes_relax.relax_nodes, total, about, sums, nodes.centre, slopes, source_slopes, known, sound, drag.law.code,
         drag.law.grains, drag.two_way, dt, drag.exponential, drag.law.several, *drag.star, change, drive, rate,
         least=64,
     )  # fmt: skip
     sharp = np.empty_like(change)
-    share(kernels.sharpen, total, about, sums, drag.two_way, change, sharp, least=64)
-    share(kernels.sharpen_drive, total, about, sums, drag.two_way, drive, sharp, least=64)
+    share(nodes_relax.sharpen, total, about, sums, drag.two_way, change, sharp, least=64)
+    share(nodes_relax.sharpen_drive, total, about, sums, drag.two_way, drive, sharp, least=64)
     spin = np.zeros(total if dim == 2 and drag.two_way else 0)
-    share(kernels.turn, len(spin), sums, sharp, spin, least=64)
+    share(nodes_relax.turn, len(spin), sums, sharp, spin, least=64)
     sharp_slopes = np.empty_like(slopes)
-    share(kernels.sharpen_slopes, total, about, sums, slopes, sharp_slopes, least=64)
+    share(nodes_relax.sharpen_slopes, total, about, sums, slopes, sharp_slopes, least=64)
     heat = np.zeros(total if heating else 0)
-    share(kernels.node_heat, len(heat), sums, sharp, dt, heat, least=64)
+    share(nodes_scatter.node_heat, len(heat), sums, sharp, dt, heat, least=64)
     return Change(sharp, sharp_slopes, spin, rate, heat)
 
 
@@ -169,7 +169,7 @@ def _scatter(drag, state, blocks: Blocks, both: tuple[Members, Members], nodes: 
     for name, vel, _, _, order, start, number, begin, packed, norm in both:
         acc = state.species[name].acc
         share(
-            kernels.apply_nodes, count, nodes.home, nodes.about, order, start, begin, number, packed,
+            nodes_scatter.apply_nodes, count, nodes.home, nodes.about, order, start, begin, number, packed,
             len(state.own_acc[name]) > 0, norm, nodes.sums, change.slopes, change.sharp,
             change.spin if begin == 0 else NONE, change.rate, dt, drag.exponential, vel, acc, times[name],
             change.heat, least=64,

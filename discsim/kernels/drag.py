@@ -23,46 +23,34 @@ from numba import njit
 
 from discsim.kernels.frame import kepler, sense_at
 from discsim.kernels.laws import stopping_time
+from discsim.kernels.lines import (
+    BX,
+    BY,
+    CHANGE,
+    FAST,
+    INERTIA,
+    MASS,
+    NUMBERS,
+    PLACE,
+    ROWS,
+    SLOPE,
+    SLOPE_CHANGE,
+    SLOPE_SOURCE,
+    SOURCE,
+    VELOCITY,
+    VX,
+    VY,
+    X,
+    Y,
+    fit_slopes,
+    mean_square,
+    means,
+    moments_of_source,
+    second_moments,
+    solve,
+)
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
-
-# Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
-# callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
-FAST = {"reassoc", "contract", "nsz"}
-# Blocks are many and small. Their arrays are made once for all of them, and are few: to make one, to take a part of it
-# or to hand it on costs as much as what is done with ten particles. Loops over particles count with unsigned numbers,
-# which are no indices from the end: otherwise nothing is vectorised.
-#
-# Rows of the packed particles of a block: place from its corner, velocity, source and mass.
-X, Y, VX, VY, BX, BY, MASS, ROWS = range(8)
-# Of a species in a block, and in one row more of them all: its mass, centroid (2), mean velocity (2) and source (2),
-# all with the same names as above; second moments about these, of place (xx, xy, yy), of place with velocity and with
-# source (x, x; x, y; y, x; y, y); slopes of velocity and source; changes of the mean and of the slope.
-PLACE, VELOCITY, SOURCE = X, VX, BX
-INERTIA, MOMENT, MOMENT_SOURCE, SLOPE, SLOPE_SOURCE, CHANGE, SLOPE_CHANGE, NUMBERS = 7, 10, 14, 18, 22, 26, 28, 32
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def clip01(x):
-    return min(max(x, 0.0), 1.0)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def solve_slope(inertia, moment, dim, out):
-    """out (d, d) = inertia^-1 moment, or False where the particles lie too nearly on a point or a line."""
-    if dim == 1:
-        if inertia[0, 0] <= 0.0:
-            return False
-        out[0, 0] = moment[0, 0] / inertia[0, 0]
-        return True
-    det = inertia[0, 0] * inertia[1, 1] - inertia[0, 1] * inertia[0, 1]
-    trace = inertia[0, 0] + inertia[1, 1]
-    if det <= 1e-3 * trace * trace:
-        return False
-    for k in range(2):
-        out[0, k] = (inertia[1, 1] * moment[0, k] - inertia[0, 1] * moment[1, k]) / det
-        out[1, k] = (inertia[0, 0] * moment[1, k] - inertia[0, 1] * moment[0, k]) / det
-    return True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -97,112 +85,6 @@ def leave_orbits(p, count, x0, y0, star, softening, sense):
         omega = sense * kepler(x * x + y * y, star, softening)
         p[VX, k] += omega * y
         p[VY, k] -= omega * x
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def mean_square(p, first, last, x0, y0):
-    """Mean squared distance from the origin."""
-    total = 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
-        x, y = p[X, k] + x0, p[Y, k] + y0
-        total += x * x + y * y
-    return total / (last - first)
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def means(p, first, last, f, o, s):
-    """Mass, and means of the rows f and f + 1."""
-    mass, u, v = 0.0, 0.0, 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
-        m = p[MASS, k]
-        mass += m
-        u += m * p[f, k]
-        v += m * p[f + 1, k]
-    o[s, MASS] = mass
-    o[s, f], o[s, f + 1] = (u / mass, v / mass) if mass > 0.0 else (0.0, 0.0)
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def second_moments(p, first, last, o, s):
-    x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
-    xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
-        m, x, y, u, v = p[MASS, k], p[X, k] - x0, p[Y, k] - y0, p[VX, k] - u0, p[VY, k] - v0
-        mx, my = m * x, m * y
-        xx += mx * x
-        xy += mx * y
-        yy += my * y
-        xu += mx * u
-        xv += mx * v
-        yu += my * u
-        yv += my * v
-    o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2] = xx, xy, yy
-    o[s, MOMENT], o[s, MOMENT + 1], o[s, MOMENT + 2], o[s, MOMENT + 3] = xu, xv, yu, yv
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def moments_of_source(p, first, last, o, s):
-    x0, y0, a0, b0 = o[s, X], o[s, Y], o[s, BX], o[s, BY]
-    xa, xb, ya, yb = 0.0, 0.0, 0.0, 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
-        mx, my, a, b = p[MASS, k] * (p[X, k] - x0), p[MASS, k] * (p[Y, k] - y0), p[BX, k] - a0, p[BY, k] - b0
-        xa += mx * a
-        xb += mx * b
-        ya += my * a
-        yb += my * b
-    o[s, MOMENT_SOURCE], o[s, MOMENT_SOURCE + 1], o[s, MOMENT_SOURCE + 2], o[s, MOMENT_SOURCE + 3] = xa, xb, ya, yb
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def solve(xx, xy, yy, o, s, f, dim, out, factor):
-    """o[s, out : out + 4] = factor [xx xy; xy yy]^-1 o[s, f : f + 4]; False where the particles of which [xx xy; xy yy]
-    are the second moments lie too nearly on a point or a line.
-    """
-    if dim == 1:
-        o[s, out] = factor * o[s, f] / xx
-        return xx > 0.0
-    det, trace = xx * yy - xy * xy, xx + yy
-    if det <= 1e-3 * trace * trace:
-        return False
-    factor /= det
-    a, b, c, d = o[s, f], o[s, f + 1], o[s, f + 2], o[s, f + 3]
-    o[s, out], o[s, out + 1] = factor * (yy * a - xy * c), factor * (yy * b - xy * d)
-    o[s, out + 2], o[s, out + 3] = factor * (xx * c - xy * a), factor * (xx * d - xy * b)
-    return True
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def fit_line(o, s, dim, fade):
-    """Slopes of velocity and source times `fade`; returns it, or 0 and leaves no slope where there is none."""
-    xx, xy, yy = o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2]
-    if fade > 0.0 and solve(xx, xy, yy, o, s, MOMENT, dim, SLOPE, fade):
-        solve(xx, xy, yy, o, s, MOMENT_SOURCE, dim, SLOPE_SOURCE, fade)
-        return fade
-    for f in range(SLOPE, CHANGE):
-        o[s, f] = 0.0
-    return 0.0
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def fit_slopes(bound, dim, two_way, o):
-    """Slopes of velocity and source: pooled within species (of the gas alone for one-way drag), and each species' own.
-
-    They fade in with the number of particles; a species with too few for its own takes the pooled one.
-    """
-    n = len(bound) - 1
-    freedom = 0
-    for f in range(INERTIA, SLOPE):
-        o[n, f] = 0.0
-    for s in range(n if two_way else 1):
-        freedom += max(bound[s + 1] - bound[s] - 1, 0)
-        for f in range(INERTIA, SLOPE):
-            o[n, f] += o[s, f]
-    fit_line(o, n, dim, clip01((freedom - dim) / (3.0 * dim)))
-    for s in range(n):
-        fade = fit_line(o, s, dim, clip01((bound[s + 1] - bound[s] - 1.0 - dim) / (2.0 * dim)))
-        if fade < 1.0:
-            for f in range(SLOPE, CHANGE):
-                o[s, f] += (1.0 - fade) * o[n, f]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.drag import solve_slope
+from discsim.kernels.lines import solve_slope
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.smoothing import SUPPORT, shape
 
