@@ -233,7 +233,7 @@ def test_off_an_open_grid_all_sides_are_alike(dim, scheme):
     for step in range(8):  # the lattice of cells moves with every step
         sim.state.step = step
         before = sim.gas.vel.copy()
-        sim._kick(0.01)
+        sim.operators.kick(0.01)
         pulled = (sim.gas.vel != before).any(axis=1)
         np.testing.assert_array_equal(pulled, np.arange(count) >= 2 * dim)
         np.testing.assert_array_equal(np.isfinite(sim.effects["drag"].stopping_times), pulled)

@@ -14,12 +14,14 @@ from pydantic import Field, StrictBool
 
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
+from discsim.effects.stopping import stopping_columns
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, fill, share
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.laws import Law
 from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
+from discsim.scene.rules import unused_keys
 
 moves = Lazy("discsim.kernels.move")
 heat_of_drag = Lazy("discsim.drag.heat")
@@ -64,8 +66,8 @@ class Keys(Table):
 
 class Effect(base.Effect):
     keys = Keys
-    name = "drag"
-    acts_on = ()  # it is the kick
+    is_kick = needs_grid = slow_kernels = True
+    acts_on = ()
 
     def __init__(self, scene, state):
         self.scene, self.drag = scene, scene.drag
@@ -81,6 +83,10 @@ class Effect(base.Effect):
         self.size[: self.dim] = scene.space.size
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
         self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
+
+    @classmethod
+    def unused(cls, scene):
+        return sum(unused_keys(scene.drag.scheme).values(), ())
 
     def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
@@ -144,6 +150,9 @@ class Effect(base.Effect):
         self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
         dust.vel = vel
         return self.stopping_times
+
+    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
+        return stopping_columns(state, self.current_stopping_times(state))
 
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         dust = state.dust

@@ -31,7 +31,6 @@ class Keys(Table):
 class Effect(base.Effect):
     keys = Keys
     several = True
-    name = "dust"
     acts_on = ()
 
     def __init__(self, scene, state):

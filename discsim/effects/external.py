@@ -20,7 +20,6 @@ class Keys(Table):
 
 class Effect(base.Effect):
     keys = Keys
-    name = "external"
 
     def __init__(self, scene, state):
         self.constant = {"gas": np.array(scene.external.gas), "dust": np.array(scene.external.dust)}

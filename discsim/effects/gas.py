@@ -61,7 +61,6 @@ class Keys(Table):
 
 class Effect(base.Effect):
     keys = Keys
-    name = "gas"
     acts_on = ("gas",)
 
     def __init__(self, scene, state):

@@ -53,8 +53,7 @@ class Effect(base.Effect):
     """
 
     keys = Keys
-    name = "self_gravity"
-    shared = True
+    shared = needs_grid = True
     softer = "a longer self_gravity.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:

@@ -24,7 +24,6 @@ class Keys(Table):
 
 class Effect(base.Effect):
     keys = Keys
-    name = "star"
     shared = True
     softer = "a larger star.accretion_radius or star.softening"
 

@@ -28,7 +28,7 @@ def random_stream(scene: Scene, species: str) -> np.random.Generator:
 
 def setup(scene: Scene) -> Start:
     """The scene's initial condition."""
-    if scene.on_cells:
+    if scene.model.cells:
         from discsim.initial import cells
 
         return cells.START
@@ -46,7 +46,6 @@ def make_state(scene: Scene, given: Given) -> State:
             **_common("dust", arrays, gas.count if gas is not None else 0),
             species=species,
             immobile=arrays.get("immobile"),
-            density=np.zeros(len(species)) if scene.on_cells else None,
         )
     return State(scene, gas, dust, None)
 

@@ -98,7 +98,7 @@ def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_b
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
         float(sum(effect.potential_energy(state) for effect in effects.values())),
         state.ledger.accreted_gas, state.ledger.accreted_dust,
-        float(getattr(effects.get("drag"), "uncoupled", 0.0)),
+        float(max((effect.uncoupled for effect in effects.values()), default=0.0)),
     ]  # fmt: skip
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from discsim.effects import effect_classes
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast, known_runs
 from discsim.preview.memory import too_much
 from discsim.scene import Scene
 from discsim.scene.fields import Table, measure_of
-from discsim.scene.rules import OF_CELLS, OF_SPH, unused_keys
 from discsim.scene.units import Units, clock
 
 
@@ -51,14 +51,11 @@ def _unit_lines(units: Units) -> Iterator[str]:
 
 
 def _effect_lines(scene: Scene) -> Iterator[str]:
+    classes = effect_classes(scene)
     for name in scene.effects:
         first, _, second = name.partition(".")
-        skip: tuple[str, ...] = ()
-        if name == "drag" and scene.drag:
-            skip = OF_CELLS if scene.background else sum(unused_keys(scene.drag.scheme).values(), ())
-        elif scene.on_cells:
-            skip = {"gas": OF_SPH, "dust": ("offset", "placement")}[name]
-        table = getattr(getattr(scene, first), second) if second else getattr(scene, first)
+        skip = classes[name].unused(scene) if name in classes else ()
+        table = getattr(scene.table(first), second) if second else scene.table(first)
         for one in table if isinstance(table, tuple) else (table,):
             yield f"{name:<18} {_parameters(scene.units, one, skip)}"
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from discsim.effects import effect_classes
 from discsim.exact import gresho
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.initial import lattice
@@ -240,8 +241,7 @@ def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
 
 def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
     """Side of the grid's cells and their number along each axis; None where the run has no grid."""
-    of_drag = scene.drag is not None and not scene.background and not scene.on_cells
-    if not scene.self_gravity and not of_drag:
+    if not any(effect.needs_grid for effect in effect_classes(scene).values()):
         return None
     first = (scene.gas,) if scene.gas else scene.dust or ()
     cell, shape = grid_cells(scene, sum(particle_count(scene, species) for species in first))

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fractions import Fraction
@@ -20,6 +20,7 @@ from numba import config
 from numba.core import caching, event
 
 from discsim import __version__
+from discsim.effects.base import Effect
 from discsim.kernels import cache
 from discsim.numerics.state import Gas, State
 from discsim.output.checkpoint import CheckpointError, read_checkpoint
@@ -332,7 +333,7 @@ class _Run:
         """The next snapshot, with its row and the costs until now."""
         sim = self.sim
         with sim.synchronised() as state:
-            extra = {"dust": _stopping(state, sim.effects["drag"])} if "drag" in sim.effects else {}
+            extra = columns(state, sim.effects.values())
             gas = _with_present_pressure(self.scene, state.gas)
             write_snapshot(self._snapshot(self.snapshots), self.scene, state.time, gas, state.dust, extra)
             self._add_row()
@@ -409,14 +410,13 @@ def of_numba_cache(fault: BaseException) -> bool:
     return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)
 
 
-def _stopping(state: State, drag: Any) -> dict[str, Array]:
-    """Stopping times and, about a star, Stokes numbers t_stop Omega_K of the dust."""
-    found = {"stopping_time": drag.current_stopping_times(state)}
-    star = state.scene.star
-    if star is not None and state.dust is not None:
-        squared = (state.dust.pos**2).sum(axis=1) + star.softening**2
-        found["stokes"] = found["stopping_time"] * np.sqrt(star.mass / squared**1.5)
-    return found
+def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Array]]:
+    """What effects add to a snapshot of a synchronised state, by species and name."""
+    extra: dict[str, dict[str, Array]] = {}
+    for effect in effects:
+        for species, arrays in effect.columns(state).items():
+            extra[species] = extra.get(species, {}) | arrays
+    return extra
 
 
 def _with_present_pressure(scene: Scene, gas: Gas | None) -> Gas | None:

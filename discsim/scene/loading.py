@@ -18,19 +18,20 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.parts import EFFECTS
+from discsim.parts import EFFECTS, MODELS
 from discsim.scene import fields, tables, tomltext
 from discsim.scene.fields import models_in, shown
 from discsim.scene.rules import Draft, Problem, broken_rules
-from discsim.scene.tables import ON_CELLS, REQUIRED, TABLES, optional_tables, removable
+from discsim.scene.tables import REQUIRED, TABLES, optional_tables, removable
 from discsim.scene.units import ECHOED, UnitError, Units, clipped
 
 if TYPE_CHECKING:
-    from discsim.effects.background import Keys as Background
     from discsim.effects.drag import Keys as Drag
     from discsim.effects.dust import Keys as Dust
     from discsim.effects.external import Keys as External
     from discsim.effects.gas import Keys as Gas
+    from discsim.effects.given_disc import Keys as Background
+    from discsim.effects.models import GasModel
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
 else:  # imported only where a scene has them
@@ -79,9 +80,14 @@ class Scene(BaseModel):
         return self.space.boundary == "open"
 
     @property
+    def model(self) -> GasModel:
+        """What the gas is made of."""
+        return next(model for model in MODELS.values() if model.is_of(self))
+
+    @property
     def on_cells(self) -> bool:
         """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
-        return self.drag is not None and self.drag.scheme in ON_CELLS
+        return self.model.cells
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
-"""One-way drag in a given gas disc (`[background]`): no SPH, no cells, no grid.
+"""The gas as a given disc (`[background]`), and dust in it with one-way drag: no SPH, no cells, no grid.
 
 Sigma ~ r^-p, c_s^2 ~ r^-q, turning in balance, Omega_g^2 r = GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick
-relaxes each particle exactly to its steady drift there (`kernels/background.py`). It limits no step.
+relaxes each particle exactly to its steady drift there (`kernels/background.py`), and limits no step. Dust moves with
+its radial velocity and angular momentum (eq. 1 there), so that circles stay circles.
 """
 
 from typing import Any
@@ -9,13 +10,15 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from discsim.effects import base
+from discsim.effects import base, dust
+from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
 from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import Law
 from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
+from discsim.scene.rules import OF_CELLS
 
 kernels = Lazy("discsim.kernels.background")
 EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat)
@@ -30,16 +33,31 @@ class Keys(Table):
     eos: EosWithoutHeat = Field(description="equation of state")
 
 
-class Effect(base.Effect):
+class Background(base.Effect):
+    """The table alone: it says of what the drag is made, and moves nothing."""
+
     keys = Keys
-    name = "drag"
-    acts_on = ()  # it is the kick
+    runs = False
+
+
+class Dust(dust.Effect):
+    def move(self, state: State, dt: float) -> None:
+        share(kernels.drift_dust, state.dust.count, state.dust.pos, state.dust.vel, dt)
+
+
+class Drag(base.Effect):
+    is_kick = True
+    acts_on = ()
 
     def __init__(self, scene, state):
         self.law = Law(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
         self.star = scene.star
         self.disc = GivenDisc(scene)
+
+    @classmethod
+    def unused(cls, scene):
+        return OF_CELLS
 
     def kick(self, state: State, dt: float) -> None:
         self._relax(state, state.dust.vel, dt)
@@ -48,10 +66,13 @@ class Effect(base.Effect):
         """Stopping times of the dust where it is now (n,); changes no velocity."""
         return self._relax(state, state.dust.vel.copy(), 0.0)
 
+    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
+        return stopping_columns(state, self.current_stopping_times(state))
+
     def drift(self, state: State) -> np.ndarray:
         """Radial and azimuthal velocity (n, 2) of the dust's steady drift, the latter beyond Kepler's."""
-        dust, out = state.dust, np.empty_like(state.dust.vel)
-        share(kernels.path_velocities, dust.count, dust.pos, dust.species, *self._disc, out)
+        grains, out = state.dust, np.empty_like(state.dust.vel)
+        share(kernels.path_velocities, grains.count, grains.pos, grains.species, *self._disc, out)
         return out
 
     @property
@@ -61,7 +82,7 @@ class Effect(base.Effect):
         return *law, self.star.mass, self.star.softening, self.disc.laws
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
-        dust = state.dust
-        times = np.empty(dust.count)
-        share(kernels.kick_dust, dust.count, dust.pos, vel, dust.acc, dust.species, *self._disc, state.lag, dt, times)
+        p = state.dust
+        times = np.empty(p.count)
+        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, *self._disc, state.lag, dt, times)
         return times
