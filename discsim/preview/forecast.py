@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.output.files import written
 from discsim.physics import profile
 from discsim.preview.derived import gas_step, grid, grid_bytes, local, particle_count
 from discsim.scene import Scene
@@ -136,8 +137,7 @@ def learn(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> 
     path = _store()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".part")
-        temporary.write_text(json.dumps({"runs": others[-OTHERS:] + own[-KEPT:]}, indent=1) + "\n")
-        os.replace(temporary, path)
+        with written(path) as temporary:
+            temporary.write_text(json.dumps({"runs": others[-OTHERS:] + own[-KEPT:]}, indent=1) + "\n")
     except OSError:
         return
