@@ -39,14 +39,15 @@ from rich.progress import Progress
 from rich.table import Table
 
 from discsim import Simulation
-from discsim.drag import SCHEMES
 from discsim.exact import nsh
+from discsim.parts import SCHEMES
 
 ASPECT, SIGMA, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 1e-4, 0.5, 1.55, 0.2, 0.12, 10
 CASES = "0.01:0.1,0.01:0.01,1:0.1,1:0.01,0.01:0.001,0.01:1,1:0.001,1:1"
 STOKES = (1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4, 1e6)
 SIZES = ("1 um", "1 mm", "10 cm", "1 m", "3 m", "10 m", "100 m", "1 km")
 PLACES = ("inner", "middle", "outer")
+OF_PARTICLES = [name for name, scheme in SCHEMES.items() if not scheme.on_grid]
 COLUMNS = (
     "eps",
     "stokes",
@@ -310,7 +311,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, default=Path("drift"))
     parser.add_argument("--gas", choices=("sph", "background"), default="sph")
     parser.add_argument("--cases", default=CASES, help="eps:St, separated by commas")
-    parser.add_argument("--schemes", type=some_of(SCHEMES, "scheme"), default="tsc,idic-linear,idic")
+    parser.add_argument("--schemes", type=some_of(OF_PARTICLES, "scheme"), default="tsc,idic-linear,idic")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--particles", type=int, default=100_000)
     parser.add_argument("--dust", type=int, default=100_000)

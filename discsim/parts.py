@@ -108,6 +108,7 @@ SCHEMES = Parts(
         "emsi-ppm": "discsim.drag.emsi_ppm:SCHEME",
     },
 )
+USUAL_SCHEME = "tsc"  # where a scene names none, and what warnings of another recommend
 
 # Initial conditions, kinds of `initial`.
 STARTS = Parts(

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from drags import ON_GRID
 
 from discsim import SceneError, Simulation, read_snapshot
 from discsim.output.history import history_row
@@ -27,7 +28,7 @@ from discsim.run import runner
 from discsim.run.simulation import PhysicsError
 from discsim.scene import fields, load_scene
 from discsim.scene.rules import EOS_OF
-from discsim.scene.tables import ON_CELLS, TABLES, Run, Space
+from discsim.scene.tables import TABLES, Run, Space
 
 PATIENCE = 180  # seconds, those in which kernels compile among them
 STEPS = 3
@@ -76,7 +77,7 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
 
     # Schemes and kernels change slowly with the seed: most of the time goes into compiling them.
     scheme = schemes[seed // 20 % len(schemes)]
-    on_cells = scheme in ON_CELLS
+    on_cells = scheme in ON_GRID
     kind = pick(("box", "wave", "shock")) if on_cells else pick(STARTS)
     dimensions = 1 if on_cells or kind in LINES else 2 if kind in PLANES else pick((1, 2))
     given_disc = kind == "disc" and chance(0.2)

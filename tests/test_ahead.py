@@ -3,11 +3,11 @@
 import sys
 
 import pytest
+from drags import OF_PARTICLES
 from numba.core.registry import CPUDispatcher
 from test_runner import DISC, SHOCK, WAVE
 
 from discsim import Simulation
-from discsim.drag import SCHEMES
 from discsim.run import ahead
 from discsim.scene import load_scene
 
@@ -29,7 +29,7 @@ def scene_of(text, changes, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "changes"),
-    [(WAVE, [f"drag.scheme={scheme}"]) for scheme in SCHEMES]
+    [(WAVE, [f"drag.scheme={scheme}"]) for scheme in OF_PARTICLES]
     + [(DISC, [f"drag.scheme={scheme}"]) for scheme in ("tsc", "idic-linear")]
     + [(DISC, ["drag.direction=one-way"]), (DISC, ["gas.eos.kind=adiabatic", "gas.eos.gamma=1.4"])],
 )

@@ -1,9 +1,9 @@
 """A process that compiles its kernels gives the bits of one that finds them compiled, in whatever order they come."""
 
 import pytest
+from drags import OF_PARTICLES, ON_GRID
 from test_runner import DISC, SHOCK, WAVE, bits_of
 
-from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.scene import load_scene
 
 
@@ -12,10 +12,10 @@ def test_a_cold_start_gives_the_same_bits(tmp_path):
     """Sums whose order the compiler chooses are where it could differ: what was compiled alone is optimised anew where
     it is called from, and the linker takes the copy that it meets first.
     """
-    texts = {f"wave {scheme}": (WAVE, [f"drag.scheme={scheme}"]) for scheme in SCHEMES}
-    texts |= {f"disc {scheme}": (DISC, [f"drag.scheme={scheme}"]) for scheme in SCHEMES}
+    texts = {f"wave {scheme}": (WAVE, [f"drag.scheme={scheme}"]) for scheme in OF_PARTICLES}
+    texts |= {f"disc {scheme}": (DISC, [f"drag.scheme={scheme}"]) for scheme in OF_PARTICLES}
     on_cells = WAVE.replace("smoothing_length = 0.025\n", "")
-    texts |= {f"wave {scheme}": (on_cells, [f"drag.scheme={scheme}"]) for scheme in GRID_SCHEMES}
+    texts |= {f"wave {scheme}": (on_cells, [f"drag.scheme={scheme}"]) for scheme in ON_GRID}
     texts["shock"] = (SHOCK, [])
     paths = []
     for name, (text, changes) in texts.items():

@@ -12,9 +12,10 @@ from scipy.integrate import solve_ivp
 
 from discsim import Simulation
 from discsim.exact import dustybox
+from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK
 from discsim.kernels.background import path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
-from discsim.kernels.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, hastening, stopping_time
+from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.preview.derived import derived
 from discsim.scene import load_scene

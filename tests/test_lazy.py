@@ -29,6 +29,7 @@ DRAG = {
     "discsim.effects.drag",
     "discsim.drag",
     "discsim.drag.cells",
+    "discsim.drag.nodes",
     "discsim.drag.tsc",
     "discsim.kernels.drag",
     "discsim.kernels.laws",
@@ -59,7 +60,13 @@ GRID = {
 # The files of effects have the keys of their tables, which a scene on a fixed grid has too.
 OF_PARTICLES = (
     GAS - {"discsim.effects.gas"}
-    | {"discsim.drag.cells", "discsim.drag.tsc", "discsim.kernels.levels", "discsim.kernels.nodes"}
+    | {
+        "discsim.drag.cells",
+        "discsim.drag.nodes",
+        "discsim.drag.tsc",
+        "discsim.kernels.levels",
+        "discsim.kernels.nodes",
+    }
     | {"discsim.numerics.grid", "discsim.kernels.grid"}
 )
 SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}

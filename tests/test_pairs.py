@@ -8,16 +8,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES
 from numba.core.codegen import get_host_cpu_features
 
 from discsim import Simulation
-from discsim.drag import SCHEMES as ALL_SCHEMES
 from discsim.drag.cloud import guess_h
 from discsim.drag.pairs import pair_up
 from discsim.exact import dustybox, dustywave
 from discsim.kernels.pairs import hump_norm, limited
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
-from discsim.scene.rules import BETWEEN_PAIRS, INTERPOLATING
 
 SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
@@ -248,12 +247,12 @@ def test_the_order_of_particles_does_not_matter(scheme):
 SAME = """
 import hashlib
 from discsim import Simulation, threads
-from discsim.drag import SCHEMES
+from drags import OF_PARTICLES
 from test_pairs import cloud, scene
 threads.share.__kwdefaults__["least"] = 101  # as with 40 times the particles
 for dimensions in (1, 2):
     given = cloud(dimensions, boundary="periodic", n=(600, 701))
-    for scheme in SCHEMES:
+    for scheme in OF_PARTICLES:
         tables = scene(
             {"law": "constant", "K": 30.0, "scheme": scheme}, 600, [{"particles": 1, "ratio": 0.5}] * 2,
             dimensions=dimensions, run={"threads": 1},
@@ -277,7 +276,7 @@ def test_threads_do_not_change_a_bit():
         env={**os.environ, "NUMBA_NUM_THREADS": "3"},
     )  # fmt: skip
     found = done.stdout.splitlines()
-    assert len(found) == 3 * 2 * len(ALL_SCHEMES) and len(set(found)) == 2 * len(ALL_SCHEMES), done.stdout
+    assert len(found) == 3 * 2 * len(OF_PARTICLES) and len(set(found)) == 2 * len(OF_PARTICLES), done.stdout
 
 
 PIECES = """

@@ -7,9 +7,9 @@ import csv
 
 import numpy as np
 import pytest
+from drags import ON_GRID
 
 from discsim import Simulation, load_scene, read_snapshot
-from discsim.drag import GRID_SCHEMES
 from discsim.exact import dustybox, dustyshock, dustywave, riemann
 from discsim.run.runner import run_scene
 from discsim.run.simulation import PhysicsError
@@ -19,7 +19,7 @@ ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4}
 TINY = 1e-12  # dust too light to matter, or drag too weak
 
-every_scheme = pytest.mark.parametrize("scheme", GRID_SCHEMES)
+every_scheme = pytest.mark.parametrize("scheme", ON_GRID)
 
 
 def scene(initial, cells, until, coefficient, scheme="emsi-ppm", ratio=1.0, eos=ISOTHERMAL, run=None, **drag):

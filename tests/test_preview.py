@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.drag import cells, tsc
+from discsim.drag import cells, nodes
 from discsim.kernels import blocks
 from discsim.numerics.layout import LEVELS
 from discsim.preview.check import report
@@ -61,7 +61,7 @@ def sorted_blocks(monkeypatch):
     def first_blocks(sim):
         found = []
         sort = cells.sort_into_blocks
-        for module in (cells, tsc):
+        for module in (cells, nodes):
             monkeypatch.setattr(module, "sort_into_blocks", lambda *a, **k: found.append(sort(*a, **k)) or found[-1])
         sim.step()
         return found[0]

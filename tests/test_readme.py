@@ -7,15 +7,14 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from drags import NOT_CONSERVING, OF_PARTICLES, ON_GRID
 
 from discsim import load_scene
-from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.exact import __path__ as exact_path
 from discsim.output.history import COLUMNS
 from discsim.parts import EFFECTS
 from discsim.preview.reference import effects_text, with_reference
 from discsim.scene.fields import models_in
-from discsim.scene.rules import NOT_CONSERVING
 from discsim.scene.tables import TABLES
 from discsim.scene.units import Units
 
@@ -106,10 +105,10 @@ def test_names_are_complete():
     effects = TEXT.split("## Effects and their equations")[1].split("### The step")[0]
     for name in (*EFFECTS, "gas.viscosity", "gas.conductivity"):
         assert f"(`[{name}]`" in effects
-    for name in SCHEMES:
+    for name in OF_PARTICLES:
         kept = "not conserved" if name in NOT_CONSERVING else "exact for each (cell|node|pair)"
         assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
-    for name in GRID_SCHEMES:
+    for name in ON_GRID:
         kept = "not conserved unless eps = 1" if name in NOT_CONSERVING else "exact for each cell"
         assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
     solutions = TEXT.split("### Exact solutions")[1].split("\n\n")[1]

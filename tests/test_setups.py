@@ -4,16 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES, ON_GRID
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene
 from discsim.cli import app
-from discsim.drag import GRID_SCHEMES, SCHEMES
 from discsim.parts import EFFECTS
 from discsim.preview.derived import dust_masses, gas_mass
 from discsim.scene import fields
-from discsim.scene.rules import BETWEEN_PAIRS, INTERPOLATING
-from discsim.scene.tables import ON_CELLS, TABLES, removable
+from discsim.scene.tables import TABLES, removable
 
 SETUPS = sorted((Path(__file__).parents[1] / "setups").glob("*.toml"))
 FEW = {"gas.particles": 1500, "dust.particles": 1500, "space.cells": 64}
@@ -227,8 +226,7 @@ def dragged(dimensions, law, **drag):
 def test_every_drag_law_is_stepped_here():
     assert set(LAWS) == set(choices(TABLES["drag"], "law"))
     # Those of the fixed grid are in tests/test_ppm.py.
-    assert set(GRID_SCHEMES) == set(ON_CELLS)
-    assert {*SCHEMES, *GRID_SCHEMES} == set(choices(TABLES["drag"], "scheme"))
+    assert {*OF_PARTICLES, *ON_GRID} == set(choices(TABLES["drag"], "scheme"))
 
 
 every_drag = pytest.mark.parametrize(
@@ -237,7 +235,7 @@ every_drag = pytest.mark.parametrize(
 )
 
 
-CONSERVING = [name for name in SCHEMES if name not in INTERPOLATING]
+CONSERVING = [name for name in OF_PARTICLES if name not in INTERPOLATING]
 INTEGRATED = [(name, {"integration": way}) for name in CONSERVING for way in choices(TABLES["drag"], "integration")]
 
 
@@ -260,7 +258,7 @@ def test_two_way_drag_conserves_momentum(dimensions, law, scheme, more):
 
 
 @every_drag
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", OF_PARTICLES)
 def test_one_way_drag_leaves_the_gas_alone(dimensions, law, scheme):
     source = dragged(dimensions, law, scheme=scheme, direction="one-way")
     sim, alone = Simulation(load_scene(source)), Simulation(load_scene(source, without=("drag", "dust")))

@@ -63,7 +63,7 @@ def result(copy, script):
 
 def change(copy, old, new):
     """Another law of drag, with the size and the times of its file as they were."""
-    laws = copy / "kernels" / "laws.py"
+    laws = copy / "formulas" / "laws.py"
     text, times = laws.read_text(), laws.stat()
     assert old in text and len(old) == len(new)
     laws.write_text(text.replace(old, new))

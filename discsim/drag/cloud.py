@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discsim.kernels.laws import CONSTANT
+from discsim.formulas.laws import CONSTANT
 from discsim.numerics.sph import Sph
 
 Array = np.ndarray

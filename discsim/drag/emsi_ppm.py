@@ -12,17 +12,23 @@ Stoyanovskaya et al. 2018 (arXiv:1811.06522), from its abstract and name: drag i
 differs from a splitting is ours, as are the stages and the exponential. Frictional heat closes the energy of a cell.
 """
 
-from discsim.kernels.drag_grid import relax_together
-from discsim.numerics.ppm import STAGES
+from discsim.drag.base import NO_CELLS, NO_KERNEL, Scheme
+from discsim.drag.fixed_grid import RULES
+from discsim.parts import Lazy
+
+kernels, ppm = Lazy("discsim.kernels.drag_grid"), Lazy("discsim.numerics.ppm")
 
 
 def advance(drag, tube, cells, dt):
     now = cells
-    for part in STAGES:
+    for part in ppm.STAGES:
         after = tube.moved(cells, now, part * dt)
-        relax_together(
+        kernels.relax_together(
             drag.law.code, drag.law.grains[0], tube.sound_speed(now), cells, now, after, part * dt, drag.exponential,
             tube.adiabatic, drag.heating,
         )  # fmt: skip
         now = after
     return now
+
+
+SCHEME = Scheme(advance=advance, unused=NO_CELLS | NO_KERNEL, rules=RULES)

@@ -10,17 +10,24 @@ waves, by about (k h)^2 a t_stop. One-way drag takes its short steps within the 
 
 import numpy as np
 
-from discsim.drag.interpolation import fastest, follow
-from discsim.drag.pairs import pair_up, short_steps
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
+from discsim.parts import Lazy
+
+interpolation, pairs = Lazy("discsim.drag.interpolation"), Lazy("discsim.drag.pairs")
 
 
 def relax(drag, state, dt, gas_vel, heat):
-    found = pair_up(drag, state, whole=True)
-    steps = short_steps(drag, dt, 0.0 if drag.two_way else fastest(drag, state, found))
+    found = pairs.pair_up(drag, state, whole=True)
+    steps = pairs.short_steps(drag, dt, 0.0 if drag.two_way else interpolation.fastest(drag, state, found))
     for _ in range(steps):
-        follow(drag, state, found, dt / steps, gas_vel, heat, implicit=False)
+        interpolation.follow(drag, state, found, dt / steps, gas_vel, heat, implicit=False)
 
 
 def limit(drag, state):
     with np.errstate(divide="ignore"):
-        return 1.0 / np.float64(fastest(drag, state, pair_up(drag, state, whole=True)))
+        return 1.0 / np.float64(interpolation.fastest(drag, state, pairs.pair_up(drag, state, whole=True)))
+
+
+UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
+# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+SCHEME = Scheme(relax, limit=limit, conserves=False, damps=True, unused=UNUSED)

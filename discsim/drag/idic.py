@@ -6,8 +6,17 @@ k h_cell / sqrt(24), whatever K; in a Keplerian shear it is a viscosity. Its cel
 smear its staircase over the particles.
 """
 
-from discsim.drag.cells import relax_in_blocks
+from discsim.drag.base import NO_KERNEL, Cells, Scheme
+from discsim.numerics.layout import leaf_of_cells, least_in_cells
+from discsim.parts import Lazy
+
+cells = Lazy("discsim.drag.cells")
 
 
 def relax(drag, state, dt, gas_vel, heat):
-    relax_in_blocks(drag, state, dt, gas_vel, heat, linear=False)
+    cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=False)
+
+
+# Drag at eps ~ 1 wants this much dust for the noise of its loading.
+CELLS = Cells(lambda scene, mean, least: leaf_of_cells(scene, least), (8, 30), (8, 30), least=least_in_cells)
+SCHEME = Scheme(relax, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0)

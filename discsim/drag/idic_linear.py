@@ -6,8 +6,15 @@ origin moves with every step, which removes what is left of their lattice: first
 a star velocities are taken relative to circular orbits (`drag/frame.py`). Momentum is exact in each cell.
 """
 
-from discsim.drag.cells import relax_in_blocks
+from discsim.drag.base import NO_KERNEL, Scheme
+from discsim.drag.idic import CELLS
+from discsim.parts import Lazy
+
+cells = Lazy("discsim.drag.cells")
 
 
 def relax(drag, state, dt, gas_vel, heat):
-    relax_in_blocks(drag, state, dt, gas_vel, heat, linear=True)
+    cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=True)
+
+
+SCHEME = Scheme(relax, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0)

@@ -8,9 +8,16 @@ divided by the sum of their weights. First order and stable at any step, but a s
 velocities of gas and dust at eps = 1, and damps waves, by about (k h)^2 a step.
 """
 
-from discsim.drag.interpolation import follow
-from discsim.drag.pairs import pair_up
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
+from discsim.parts import Lazy
+
+interpolation, pairs = Lazy("discsim.drag.interpolation"), Lazy("discsim.drag.pairs")
 
 
 def relax(drag, state, dt, gas_vel, heat):
-    follow(drag, state, pair_up(drag, state, whole=True), dt, gas_vel, heat, implicit=True)
+    interpolation.follow(drag, state, pairs.pair_up(drag, state, whole=True), dt, gas_vel, heat, implicit=True)
+
+
+UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
+# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+SCHEME = Scheme(relax, conserves=False, damps=True, unused=UNUSED)

@@ -25,9 +25,11 @@ dust are held together less than they should be.
 
 import numpy as np
 
-from discsim.drag.pairs import exchange, note_times, pair_up
-from discsim.kernels import pairs as kernels
+from discsim.drag.base import NO_CELLS, Scheme
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
+
+kernels, between = Lazy("discsim.kernels.pairs"), Lazy("discsim.drag.pairs")
 
 FLAT = np.empty((0, 0, 0))
 IN_TURN = np.empty(0, np.uint32)  # the order of the pairs by dust particle
@@ -40,8 +42,8 @@ def relax(drag, state, dt, gas_vel, heat):
 def relax_each_pair(drag, state, dt, gas_vel, heat, slopes):
     """Relax the slip of each pair; `slopes(sph, points, vel)` of each species take it to a common point."""
     gas = state.gas
-    found = pair_up(drag, state, whole=True, hump=drag.drag.kernel == "double-hump")
-    note_times(drag, state.dust, found)
+    found = between.pair_up(drag, state, whole=True, hump=drag.drag.kernel == "double-hump")
+    between.note_times(drag, state.dust, found)
 
     def impulse(pairs, vel, gas_seen, pushed):
         cloud = pairs.cloud
@@ -55,7 +57,7 @@ def relax_each_pair(drag, state, dt, gas_vel, heat, slopes):
         if drag.two_way:
             hold_back(pairs, gas, pull, pushed)
 
-    exchange(drag, state, found, dt, gas_vel, heat, impulse, at_once=False)
+    between.exchange(drag, state, found, dt, gas_vel, heat, impulse, at_once=False)
 
 
 def hold_back(pairs, gas, pull, pushed):
@@ -69,3 +71,7 @@ def hold_back(pairs, gas, pull, pushed):
     share(kernels.most_shares, *of_dust, pairs.gas, one, other, both)
     share(kernels.most_shares, *of_gas, pairs.dust, other, one, gas_both)
     share(kernels.hold_back, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)
+
+
+# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+SCHEME = Scheme(relax, damps=True, unused=NO_CELLS)

@@ -12,29 +12,35 @@ the gas.
 
 import numpy as np
 
-from discsim.drag.pairs import exchange, fastest, note_times, pair_up, short_steps
-from discsim.kernels.pairs import push_explicitly
+from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Scheme
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
+
+kernels, between = Lazy("discsim.kernels.pairs"), Lazy("discsim.drag.pairs")
 
 
 def relax(drag, state, dt, gas_vel, heat):
-    gas, found = state.gas, pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
-    note_times(drag, state.dust, found)
-    steps = short_steps(drag, dt, 0.0 if drag.two_way else fastest(drag, gas, found))
+    gas, found = state.gas, between.pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
+    between.note_times(drag, state.dust, found)
+    steps = between.short_steps(drag, dt, 0.0 if drag.two_way else between.fastest(drag, gas, found))
     short = dt / steps
 
     def impulse(pairs, vel, gas_seen, pushed):
         cloud = pairs.cloud
         share(
-            push_explicitly, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.h,
+            kernels.push_explicitly, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.h,
             cloud.mass, vel, gas_seen, short, pushed,
         )  # fmt: skip
 
     for _ in range(steps):
-        exchange(drag, state, found, short, gas_vel, heat, impulse, at_once=True)
+        between.exchange(drag, state, found, short, gas_vel, heat, impulse, at_once=True)
 
 
 def limit(drag, state):
-    found = pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
+    found = between.pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
     with np.errstate(divide="ignore"):
-        return 1.0 / np.float64(fastest(drag, state.gas, found))
+        return 1.0 / np.float64(between.fastest(drag, state.gas, found))
+
+
+# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+SCHEME = Scheme(relax, limit=limit, damps=True, unused=NO_CELLS | OWN_INTEGRATION)

@@ -23,6 +23,7 @@ from discsim.numerics.neighbours import LEAST, candidates, sort_into_cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.sph import Sph
 from discsim.numerics.threads import share
+from discsim.parts import USUAL_SCHEME
 
 Array = np.ndarray
 IN_A_CELL = 16.0  # dust particles that look for gas together
@@ -166,7 +167,7 @@ def short_steps(drag, dt: float, rate: float) -> int:
     if not dt * rate <= MOST_STEPS:
         raise FloatingPointError(
             f'drag.scheme "{drag.drag.scheme}" would make {dt * rate:.2g} explicit steps of a stopping time in one; '
-            'expected a scheme without any, like "tsc", or a shorter run.timestep'
+            f'expected a scheme without any, like "{USUAL_SCHEME}", or a shorter run.timestep'
         )
     return max(1, ceil(dt * rate))
 

@@ -11,10 +11,12 @@ as in lab14, whose bound on the energy is one for slips that are alike at both p
 
 import numpy as np
 
+from discsim.drag.base import NO_CELLS, Scheme
 from discsim.drag.lab14 import relax_each_pair
-from discsim.kernels.slopes import slope_driver
-from discsim.numerics.neighbours import LEAST, candidates
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
+
+kernels, neighbours = Lazy("discsim.kernels.slopes"), Lazy("discsim.numerics.neighbours")
 
 
 def relax(drag, state, dt, gas_vel, heat):
@@ -24,9 +26,12 @@ def relax(drag, state, dt, gas_vel, heat):
 def slopes_of(sph, points, vel):
     """Slopes (n, d, d) of a velocity that gas or a cloud of dust has."""
     cells = sph.cells_of(points)
-    slope = np.empty((points.count, sph.dim, sph.dim))
+    slope, fit = np.empty((points.count, sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)
     share(
-        slope_driver(sph.kernel, sph.dim), len(cells.filled), points.pos, vel, points.mass, points.h, slope, cells,
-        least=LEAST, each=candidates(cells, cells, mutual=False),
+        fit, len(cells.filled), points.pos, vel, points.mass, points.h, slope, cells,
+        least=neighbours.LEAST, each=neighbours.candidates(cells, cells, mutual=False),
     )  # fmt: skip
     return slope
+
+
+SCHEME = Scheme(relax, unused=NO_CELLS)

@@ -14,15 +14,22 @@ decaying, changes sign with each step. Semi-implicit operator splitting of the c
 (arXiv:1811.06522), from its abstract and name. Frictional heat is the loss of energy of the slip.
 """
 
-from discsim.kernels.drag_grid import relax_apart
-from discsim.numerics.ppm import STAGES
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
+from discsim.drag.fixed_grid import RULES
+from discsim.parts import Lazy
+
+kernels, ppm = Lazy("discsim.kernels.drag_grid"), Lazy("discsim.numerics.ppm")
 
 
 def advance(drag, tube, cells, dt):
     now = cells
-    for part in STAGES:
+    for part in ppm.STAGES:
         now = tube.moved(cells, now, part * dt)
-    relax_apart(
+    kernels.relax_apart(
         drag.law.code, drag.law.grains[0], tube.sound_speed(now), now, dt, tube.adiabatic, drag.heating
     )  # fmt: skip
     return now
+
+
+UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
+SCHEME = Scheme(advance=advance, conserves=False, unused=UNUSED, rules=RULES)

@@ -4,17 +4,13 @@ Fluxes and drag are solved together by the schemes sios-ppm and emsi-ppm, so tha
 there is nothing to kick. It limits no step.
 """
 
-from importlib import import_module
-
 import numpy as np
 
-from discsim.drag import GRID_SCHEMES
 from discsim.effects import base
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
-from discsim.parts import Lazy
-from discsim.physics.laws import Law
-from discsim.scene.rules import unused_keys
+from discsim.parts import SCHEMES, Lazy
+from discsim.physics.laws import SceneLaw
 
 kernels = Lazy("discsim.kernels.drag_grid")
 ppm = Lazy("discsim.numerics.ppm")
@@ -25,18 +21,18 @@ class Effect(base.Effect):
     acts_on = ()
 
     def __init__(self, scene, state):
-        self.scheme = import_module(GRID_SCHEMES[scene.drag.scheme])
-        self.law = Law(scene)
+        self.advance = SCHEMES[scene.drag.scheme].advance
+        self.law = SceneLaw(scene)
         self.exponential = scene.drag.integration == "exponential"
         self.heating = scene.drag.heating
         self.tube = ppm.Tube(scene, state)
 
     @classmethod
     def unused(cls, scene):
-        return sum(unused_keys(scene.drag.scheme).values(), ())
+        return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
     def move(self, state: State, dt: float) -> None:
-        self.tube.write(state, self.scheme.advance(self, self.tube, self.tube.read(state), dt))
+        self.tube.write(state, self.advance(self, self.tube, self.tube.read(state), dt))
 
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Stopping times of the dust in each cell (n,)."""

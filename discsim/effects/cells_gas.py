@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from discsim.drag.fixed_grid import OF_SPH
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.physics.eos import pressure_and_sound_speed
-from discsim.scene.rules import OF_SPH
 
 
 class Effect(base.Effect):

@@ -1,32 +1,33 @@
 """Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved together.
 
 Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is
-right at any step. Schemes are in `discsim/drag`, laws in `kernels/laws.py`. Two-way drag of an explicit scheme limits
+right at any step. Schemes are in `discsim/drag`, laws in `formulas/laws.py`. Two-way drag of an explicit scheme limits
 the step to about t_stop / max(1, eps); any other drag limits none.
 """
 
-from collections.abc import Callable
-from importlib import import_module
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, StrictBool
 
+from discsim.drag.base import Scheme
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, fill, share
-from discsim.parts import LAWS, SCHEMES, Lazy
-from discsim.physics.laws import Law
+from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
+from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
-from discsim.scene.rules import unused_keys
+from discsim.scene.rules import Draft, Problem
 
 moves = Lazy("discsim.kernels.move")
 heat_of_drag = Lazy("discsim.drag.heat")
 LawName: Any = word_of(LAWS)
 SchemeName: Any = word_of(SCHEMES)
+OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys that only particles' gas has a use for
 
 
 class Keys(Table):
@@ -47,7 +48,7 @@ class Keys(Table):
     )
     direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
     scheme: SchemeName = Field(
-        "tsc", description="how gas and dust exchange momentum; -ppm: gas and dust as fluids on a fixed 1D grid"
+        USUAL_SCHEME, description="how gas and dust exchange momentum; -ppm: gas and dust as fluids on a fixed 1D grid"
     )
     kernel: Literal["gas", "double-hump"] = Field(
         "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
@@ -64,18 +65,74 @@ class Keys(Table):
     )
 
 
+def _partners(draft: Draft) -> Iterator[Problem]:
+    for table in ("gas", "dust"):
+        if not draft.has(table) and not (table == "gas" and draft.has("background")):
+            also = " or [background]" if table == "gas" else ""
+            yield ("drag",), f"there is drag, but no {table}; expected a table [{table}]{also}, or no [drag]"
+
+
+def _words(laws: list[str]) -> str:
+    return " or ".join(f'"{name}"' for name in laws)
+
+
+def _keys_of_the_law(draft: Draft) -> Iterator[Problem]:
+    law = draft.drag.law
+    for key in dict.fromkeys(part.key for part in LAWS.values() if part.key):
+        laws = [name for name in LAWS if LAWS[name].key == key]
+        given = getattr(draft.drag, key) is not None
+        if law in laws and not given:
+            yield ("drag", key), f'missing; law "{law}" needs it'
+        elif law not in laws and given:
+            yield ("drag", key), f'goes with law {_words(laws)}, but drag.law is "{law}"; expected one of the two'
+    if draft.drag.supersonic and not LAWS[law].of_grains:
+        words = _words([name for name in LAWS if LAWS[name].of_grains])
+        yield ("drag", "supersonic"), f'law "{law}" knows no speed; expected {words}'
+    if draft.drag.mean_free_column is not None and not LAWS[law].by_column:
+        words = _words([name for name in LAWS if LAWS[name].by_column])
+        yield ("drag", "mean_free_column"), f'law "{law}" has no use for it; expected {words}'
+
+
+def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
+    if draft.has("background"):
+        for key in OF_CELLS:
+            if draft.gives("drag", key):
+                yield ("drag", key), "a [background] has no drag cells; expected no such key"
+        return
+    scheme = draft.drag.scheme
+    for why, keys in SCHEMES[scheme].unused.items():
+        for key in keys:
+            if draft.gives("drag", key):
+                yield ("drag", key), f'scheme "{scheme}" has {why}; expected no such key'
+
+
+def _one_cell(draft: Draft) -> Iterator[Problem]:
+    if draft.drag.cell is not None and draft.drag.cell_length is not None:
+        yield ("drag", "cell_length"), "drag.cell is there too; expected one of the two"
+
+
+def _heating(draft: Draft) -> Iterator[Problem]:
+    if not draft.drag.heating:
+        return
+    if draft.gas and not draft.eos.holds_heat:
+        yield ("drag", "heating"), f'the gas is "{draft.eos_kind}", which keeps no heat; expected false'
+    if draft.drag.direction == "one-way":
+        yield ("drag", "heating"), "one-way drag leaves the gas alone; expected false"
+
+
 class Effect(base.Effect):
     keys = Keys
     is_kick = needs_grid = slow_kernels = True
     acts_on = ()
+    rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _one_cell, _heating)
 
     def __init__(self, scene, state):
         self.scene, self.drag = scene, scene.drag
         self.two_way = self.drag.direction == "two-way"
         self.dim = scene.space.dimensions
-        self.scheme = import_module(SCHEMES.module(self.drag.scheme))
+        self.scheme: Scheme = SCHEMES[self.drag.scheme]
         self.exponential = self.drag.integration == "exponential"
-        self.law = Law(scene)
+        self.law = SceneLaw(scene)
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
         self.soft, self.hard = SOFT, 8.0 if self.dim == 1 else 4.0
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
@@ -86,7 +143,7 @@ class Effect(base.Effect):
 
     @classmethod
     def unused(cls, scene):
-        return sum(unused_keys(scene.drag.scheme).values(), ())
+        return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
     def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
@@ -108,8 +165,7 @@ class Effect(base.Effect):
         self.uncoupled = float(mass_of(mass) / mass.sum())
 
     def limit(self, state: State) -> float:
-        explicit = hasattr(self.scheme, "limit")
-        if not explicit or not self.two_way or state.gas.count == 0 or state.dust.count == 0:
+        if self.scheme.limit is None or not self.two_way or state.gas.count == 0 or state.dust.count == 0:
             return np.inf
         return self.scheme.limit(self, state)
 
@@ -157,6 +213,7 @@ class Effect(base.Effect):
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
+        assert self.scheme.relax is not None
         self.scheme.relax(self, state, dt, gas_vel, heat)
         if resting is not None:
             dust.vel[dust.immobile] = resting

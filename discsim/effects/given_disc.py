@@ -11,14 +11,14 @@ import numpy as np
 from pydantic import Field
 
 from discsim.effects import base, dust
+from discsim.effects.drag import OF_CELLS
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
 from discsim.physics.given_disc import GivenDisc
-from discsim.physics.laws import Law
+from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
-from discsim.scene.rules import OF_CELLS
 
 kernels = Lazy("discsim.kernels.background")
 EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat)
@@ -50,7 +50,7 @@ class Drag(base.Effect):
     acts_on = ()
 
     def __init__(self, scene, state):
-        self.law = Law(scene)
+        self.law = SceneLaw(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
         self.star = scene.star
         self.disc = GivenDisc(scene)

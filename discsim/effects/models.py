@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from discsim.parts import SCHEMES
 from discsim.physics.given_disc import GivenDisc
-from discsim.scene.tables import ON_CELLS
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -38,7 +38,7 @@ GIVEN_DISC = GasModel(
 )
 
 FIXED_CELLS = GasModel(
-    is_of=lambda scene: scene.drag is not None and scene.drag.scheme in ON_CELLS,
+    is_of=lambda scene: scene.drag is not None and SCHEMES[scene.drag.scheme].on_grid,
     stand_ins={name: f"discsim.effects.cells_{name}:Effect" for name in ("gas", "dust", "drag")},
     cells=True,
 )

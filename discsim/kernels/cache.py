@@ -41,17 +41,18 @@ class CacheError(Exception):
 
 
 class Locator(InTreeCacheLocator):
-    """Of functions of the files in `sources`: the directory `name` within the place that numba finds for them."""
+    """Of functions of the files in `sources`: the directory `name` within the place that numba finds for the first."""
 
-    sources, name = "", ""
+    sources: ClassVar[tuple[str, ...]] = ()
+    name = ""
     found: ClassVar[dict[str, str]] = {}  # by NUMBA_CACHE_DIR
 
     @classmethod
     def from_function(cls, py_func, py_file):
-        if os.path.dirname(os.path.abspath(py_file)) != cls.sources:
+        if os.path.dirname(os.path.abspath(py_file)) not in cls.sources:
             return None
         if config.CACHE_DIR not in cls.found:
-            path = cls._directory(py_func, py_file)
+            path = cls._directory(py_func, os.path.join(cls.sources[0], os.path.basename(py_file)))
             if not path:
                 return None
             cls.found[config.CACHE_DIR] = path
@@ -80,13 +81,18 @@ class Locator(InTreeCacheLocator):
 
 
 def follow(sources: Path, target: str) -> None:
-    """Let kernels in the files of a directory, compiled for processors like `target`, be kept by what they are."""
+    """Let kernels in the files of a directory, and of the formulas beside it, be kept by what they are.
+
+    target: the processors that they are compiled for.
+    """
     made = hashlib.sha256(repr((sys.version, numba.__version__, llvmlite.__version__, numpy.__version__)).encode())
     made.update(target.encode())
-    for file in (*sorted(sources.glob("*.py")), *sorted((sources.parent / "formulas").glob("*.py"))):
+    directories = (sources, sources.parent / "formulas")
+    for file in (file for directory in directories for file in sorted(directory.glob("*.py"))):
         content = file.read_bytes()
         made.update(f"{file.name} {len(content)} ".encode() + content)
-    Locator.sources, Locator.name = os.path.abspath(sources), f"kernels-{made.hexdigest()[:20]}"
+    Locator.sources = tuple(os.path.abspath(directory) for directory in directories)
+    Locator.name = f"kernels-{made.hexdigest()[:20]}"
     CompileResultCacheImpl._locator_classes = [Locator, *LOCATORS]
 
 

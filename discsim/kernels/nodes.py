@@ -30,9 +30,10 @@ of a particle beside the line of its own species in its cell decays at the speci
 import numpy as np
 from numba import njit
 
+from discsim.formulas.laws import EPSTEIN
 from discsim.kernels.drag import solve_slope
 from discsim.kernels.frame import kepler, sense_at
-from discsim.kernels.laws import EPSTEIN, stopping_time
+from discsim.kernels.laws import stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
 

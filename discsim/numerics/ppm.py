@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.kernels import ppm
+from discsim.parts import EOS
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
@@ -43,7 +44,7 @@ class Tube:
         # Open ends: the last cells' states go on.
         self.inside = beyond % count if self.periodic else np.clip(beyond, 0, count - 1)
         eos: Any = scene.gas.eos
-        self.adiabatic = eos.kind == "adiabatic"
+        self.adiabatic = EOS[eos.kind].holds_heat
         self.gamma = eos.gamma if self.adiabatic else 0.0
         self.isothermal_speed = 0.0 if self.adiabatic else eos.sound_speed
 

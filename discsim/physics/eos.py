@@ -1,4 +1,4 @@
-"""Equations of state: pressure and sound speed of the gas, and the sound speed that a disc starts with.
+"""Equations of state: pressure and sound speed of the gas, the sound speed that it starts with, and what it holds.
 
 isothermal          P = c_s^2 rho
 locally-isothermal  P = c_s^2 rho,  c_s^2 = (H/r)_0^2 (G M / r_0) (r / r_0)^-q
@@ -8,18 +8,21 @@ polytropic          P = K rho^gamma,  c_s^2 = gamma P / rho
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from discsim.parts import EOS
 from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
+from discsim.scene.rules import BRINGS_PRESSURE, Draft, Problem, Rule
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+Pair = tuple[Array, Array]
 
 
 def _not_isothermal(value: float) -> float:
@@ -68,18 +71,196 @@ class Polytropic(Table):
     mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
 
 
-@dataclass(frozen=True)
+def _needs_star(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("star"):
+        yield ("gas", "eos", "kind"), "H/r needs a star to orbit; expected a table [star] too"
+
+
+def _one_temperature(draft: Draft) -> Iterator[Problem]:
+    eos = draft.gas.eos
+    if eos.sound_speed is not None and eos.aspect_ratio is not None:
+        yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
+    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.kind not in (*BRINGS_PRESSURE, ""):
+        yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
+    if eos.aspect_ratio is not None and not draft.has("star"):
+        yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
+
+
+def _q_of_the_mass(draft: Draft) -> Iterator[Problem]:
+    if getattr(draft.initial, "toomre_q", None) is not None and draft.gas.eos.gamma == 3.0:
+        wrong = "Q does not depend on the mass of a polytropic disc with gamma = 3"
+        yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
+
+
 class Eos:
-    """An equation of state: its keys, and whether the gas holds heat, an energy u of its own."""
+    """An equation of state, here P = c_s^2 rho with c_s a function of radius; others override what differs.
+
+    Radii, densities, pressures and speeds are arrays (n,) in code units; `eos` is the table that a scene gives.
+    """
 
     keys: type[Table]
-    holds_heat: bool = False
+    holds_heat = False  # whether the gas has an energy u of its own
+    closes_energy = False  # whether the total energy of a run is to stay what it is
+    on_grid = False  # whether fluids on a fixed grid may have it
+    rules: tuple[Rule, ...] = ()  # what a scene whose [gas] has it must have
+
+    def thermal_speed(self, scene: Scene, r: Array) -> Array:
+        """sqrt(P / rho) at radius `r` that the scene's temperature asks for; of adiabatic gas the initial one."""
+        return _speed_of_temperature(scene, r)
+
+    def sound_speed(self, scene: Scene, r: Array, density: Array) -> Array:
+        """sqrt(dP/drho) at radius `r` and a density, the temperature being what it is there."""
+        return self.thermal_speed(scene, r)
+
+    def wave_speed(self, scene: Scene, r: Array, density: Array) -> Array:
+        """Speed of sound waves, as the gas of a run has it."""
+        return self.sound_speed(scene, r, density)
+
+    def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
+        """`wave_speed` at the start, of whatever kind; None where the table does not say, as where it has no radius."""
+        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        if getattr(eos, "sound_speed", None) is not None:
+            return np.full_like(density, eos.sound_speed)
+        if getattr(eos, "aspect_ratio", None) is not None and scene.star and r is not None:
+            return self.wave_speed(scene, r, density)
+        return None
+
+    def heat_ratio(self, eos: Any) -> float:
+        """(wave speed / thermal speed)^2 where density and temperature vary together: gamma of adiabatic gas."""
+        return 1.0
+
+    def pressure_and_sound_speed(
+        self, scene: Scene, pos: Array, density: Array, u: Array | None
+    ) -> tuple[Array, Array]:
+        """P and c_s from positions (n, d), densities and specific internal energies."""
+        speed = self.thermal_speed(scene, radius(pos))
+        return speed * speed * density, speed
+
+    def initial_energy(self, scene: Scene, r: Array) -> Array | None:
+        """Specific internal energy at the start; None for gas that holds none."""
+        return None
+
+    def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
+        """Thermal energy of the gas: of what it holds where it holds any, else the work that compressed it."""
+        return 0.0
+
+    def toomre_power(self, eos: Any) -> float:
+        """n in Q ~ Sigma^-n, at a radius."""
+        return 1.0
+
+    def temperature_slope(self, eos: Any) -> float:
+        """q in (1/Sigma) dP/dr = (d ln Sigma / d ln r - q) c_s^2 / r, beyond that of the density."""
+        return eos.temperature_index if getattr(eos, "aspect_ratio", None) is not None else 0.0
+
+    def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
+        """(c_s^2 at radius 1, q, f) of a disc of this gas with Sigma = sigma r^-p about a star:
+
+        c_s^2 ~ r^-q, and the pull of the pressure -(1/Sigma) dP/dr = f c_s^2 / r.
+        """
+        return eos.sound_speed**2, 0.0, p
 
 
-ISOTHERMAL = Eos(Isothermal)
-LOCALLY_ISOTHERMAL = Eos(LocallyIsothermal)
-ADIABATIC = Eos(Adiabatic, holds_heat=True)
-POLYTROPIC = Eos(Polytropic)
+class IsothermalGas(Eos):
+    keys = Isothermal
+    on_grid = True
+
+
+class LocallyIsothermalGas(Eos):
+    keys = LocallyIsothermal
+    rules = (_needs_star,)
+
+    def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
+        q, r0 = eos.temperature_index, eos.reference_radius
+        return eos.aspect_ratio**2 * star.mass / r0 * r0**q, q, p + q
+
+
+class AdiabaticGas(Eos):
+    """A given sound speed is the adiabatic one, an aspect ratio the isothermal one."""
+
+    keys = Adiabatic
+    holds_heat = closes_energy = on_grid = True
+    rules = (_one_temperature,)
+
+    def thermal_speed(self, scene: Scene, r: Array) -> Array:
+        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        speed = _speed_of_temperature(scene, r)
+        return speed if eos.aspect_ratio is not None else speed / np.sqrt(eos.gamma)
+
+    def wave_speed(self, scene: Scene, r: Array, density: Array) -> Array:
+        return self.thermal_speed(scene, r) * np.sqrt(scene.gas.eos.gamma)  # type: ignore[union-attr]
+
+    def heat_ratio(self, eos: Any) -> float:
+        return eos.gamma
+
+    def pressure_and_sound_speed(
+        self, scene: Scene, pos: Array, density: Array, u: Array | None
+    ) -> tuple[Array, Array]:
+        gamma = scene.gas.eos.gamma  # type: ignore[union-attr]
+        pressure = (gamma - 1.0) * density * u
+        with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
+            return pressure, np.sqrt(gamma * pressure / density)
+
+    def initial_energy(self, scene: Scene, r: Array) -> Array | None:
+        return self.thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)  # type: ignore[union-attr]
+
+    def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
+        return float((mass * u).sum())
+
+
+class PolytropicGas(Eos):
+    keys = Polytropic
+    closes_energy = True
+    rules = (_q_of_the_mass,)
+
+    def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
+        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1.0))
+
+    def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
+        return self.sound_speed(scene, r, density)
+
+    def pressure_and_sound_speed(
+        self, scene: Scene, pos: Array, density: Array, u: Array | None
+    ) -> tuple[Array, Array]:
+        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        pressure = eos.constant * density**eos.gamma
+        return pressure, np.sqrt(eos.gamma * pressure / density)
+
+    def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
+        return float((mass * eos.constant * density ** (eos.gamma - 1.0)).sum() / (eos.gamma - 1.0))
+
+    def toomre_power(self, eos: Any) -> float:
+        return 0.5 * (3.0 - eos.gamma)
+
+    def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
+        # dP/dSigma is gamma K Sigma^(gamma - 1).
+        return eos.gamma * eos.constant * sigma ** (eos.gamma - 1), p * (eos.gamma - 1), p
+
+
+ISOTHERMAL = IsothermalGas()
+LOCALLY_ISOTHERMAL = LocallyIsothermalGas()
+ADIABATIC = AdiabaticGas()
+POLYTROPIC = PolytropicGas()
+
+
+def eos_of(scene: Scene) -> Eos:
+    """The equation of state of a scene's gas."""
+    return EOS[scene.gas.eos.kind]  # type: ignore[union-attr]
+
+
+def initial_energy(scene: Scene, r: Array) -> Array | None:
+    """Specific internal energy (n,) of the gas at the start; None for gas that holds none."""
+    return eos_of(scene).initial_energy(scene, r)
+
+
+def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
+    """P and c_s, (n,) each, from positions, densities and specific internal energies."""
+    return eos_of(scene).pressure_and_sound_speed(scene, pos, density, u)
+
+
+def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:
+    """Thermal energy of the gas: of what it holds where it holds any, 0 for (locally) isothermal gas."""
+    return eos_of(scene).thermal_energy(scene.gas.eos, mass, density, u)  # type: ignore[union-attr]
 
 
 def radius(pos: Array) -> Array:
@@ -87,47 +268,12 @@ def radius(pos: Array) -> Array:
     return np.sqrt(np.einsum("ij,ij->i", pos, pos))
 
 
-def thermal_speed(scene: Scene, r: Array | float) -> Array:
-    """sqrt(P / rho) at radius `r` that the scene's temperature asks for (n,); the initial one for adiabatic gas.
-
-    For adiabatic gas a given sound speed is the adiabatic one, an aspect ratio the isothermal one.
-    """
-    eos: Any = scene.gas.eos
+def _speed_of_temperature(scene: Scene, r: Array) -> Array:
+    """The sound speed that the table has at radius `r`: c_s ~ r^(-q/2) by an aspect ratio, or everywhere the same."""
+    eos: Any = scene.gas.eos  # type: ignore[union-attr]
     r = np.asarray(r, dtype=float)
-    if getattr(eos, "aspect_ratio", None) is not None:
-        r0 = eos.reference_radius
-        at_r0 = eos.aspect_ratio * np.sqrt(scene.star.mass / r0)
-        return at_r0 * (np.maximum(r, 1e-12 * r0) / r0) ** (-0.5 * eos.temperature_index)
-    speed = np.full(r.shape, eos.sound_speed)
-    return speed / np.sqrt(eos.gamma) if eos.kind == "adiabatic" else speed
-
-
-def initial_energy(scene: Scene, r: Array) -> Array | None:
-    """Specific internal energy (n,) of adiabatic gas at the start; None for gas without one."""
-    if scene.gas.eos.kind != "adiabatic":
-        return None
-    return thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)
-
-
-def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
-    """P and c_s, (n,) each, from positions, densities and specific internal energies."""
-    eos: Any = scene.gas.eos
-    if eos.kind == "adiabatic":
-        pressure = (eos.gamma - 1.0) * density * u
-        with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
-            return pressure, np.sqrt(eos.gamma * pressure / density)
-    if eos.kind == "polytropic":
-        pressure = eos.constant * density**eos.gamma
-        return pressure, np.sqrt(eos.gamma * pressure / density)
-    speed = thermal_speed(scene, radius(pos))
-    return speed * speed * density, speed
-
-
-def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:
-    """Thermal energy of the gas: of what it holds where it holds any, 0 for (locally) isothermal gas."""
-    eos: Any = scene.gas.eos
-    if eos.kind == "adiabatic":
-        return float((mass * u).sum())
-    if eos.kind == "polytropic":
-        return float((mass * eos.constant * density ** (eos.gamma - 1.0)).sum() / (eos.gamma - 1.0))
-    return 0.0
+    if getattr(eos, "aspect_ratio", None) is None:
+        return np.full(r.shape, eos.sound_speed)
+    r0 = eos.reference_radius
+    at_r0 = eos.aspect_ratio * np.sqrt(scene.star.mass / r0)  # type: ignore[union-attr]
+    return at_r0 * (np.maximum(r, 1e-12 * r0) / r0) ** (-0.5 * eos.temperature_index)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.parts import EOS
+
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
@@ -22,14 +24,7 @@ class GivenDisc:
         given: Any = scene.background
         eos, p = given.eos, given.surface_density_index
         sigma = given.surface_density * given.reference_radius**p
-        if eos.kind == "polytropic":
-            # dP/dSigma is gamma K Sigma^(gamma - 1).
-            speed2, q, f = eos.gamma * eos.constant * sigma ** (eos.gamma - 1), p * (eos.gamma - 1), p
-        elif eos.kind == "isothermal":
-            speed2, q, f = eos.sound_speed**2, 0.0, p
-        else:
-            q, r0 = eos.temperature_index, eos.reference_radius
-            speed2, f = eos.aspect_ratio**2 * scene.star.mass / r0 * r0**q, p + q
+        speed2, q, f = EOS[eos.kind].power_law(eos, scene.star, sigma, p)
         self.laws = np.array([sigma, p, speed2, q, f])
 
     def surface_density(self, r: Array) -> Array:

@@ -1,15 +1,19 @@
-"""What the laws of the stopping time (`kernels/laws.py`) take from a scene."""
+"""Laws of the stopping time: what each takes from a scene and demands of it. Formulas are in `formulas/laws.py`."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.parts import Lazy
+from discsim.formulas import laws as formulas
+from discsim.parts import LAWS, Lazy
 from discsim.physics import profile
 from discsim.physics.grains import epstein_stopping_time, mean_free_column
+from discsim.scene.rules import Draft, Problem, Rule
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -18,31 +22,137 @@ kernels = Lazy("discsim.kernels.laws")
 Array = np.ndarray
 
 
+@dataclass(frozen=True)
 class Law:
-    """The scene's law; `grains` (populations, 5) is what it needs of them, `nonlinear` whether the slip changes it."""
+    """A law of the stopping time: one of the forms in `formulas/laws.py`, and where its value comes from."""
+
+    form: int
+    value: Callable[
+        [Scene, Any], float
+    ]  # of a population in a scene: K, t_stop, St or s rho_s c_s / c, as the form has it
+    key: str = ""  # of [drag], which the law needs and others that have not this key refuse
+    of_grains: bool = False  # whether dust has to have a grain's size and density
+    orbits: tuple[int, ...] = ()  # dimensions of space in which it is defined on circles about a star alone
+    rules: tuple[Rule, ...] = ()  # what a scene with this law must have
+    # In gas and dust at rest that are uniform, where it is defined there: eps / t_stop from [drag], eps and rho_g, ...
+    uniform_rate: Callable[[Any, float, float], float] | None = None
+    uniform_time: Callable[[Any], float] | None = None  # ... and t_stop from [drag], whatever the gas
+
+    @property
+    def by_column(self) -> bool:
+        """Whether the gas's mean free path counts, and with it the slip."""
+        return self.form == formulas.EPSTEIN_STOKES
+
+
+class SceneLaw:
+    """The scene's law as kernels take it; `grains` (populations, 5) is what it needs of each population.
+
+    code: the form. nonlinear: whether the slip changes the stopping time.
+    """
 
     def __init__(self, scene: Scene):
-        self.drag: Any = scene.drag
-        self.code = kernels.LAWS[self.drag.law]
-        self.nonlinear = self.drag.supersonic or self.code == kernels.EPSTEIN_STOKES
+        drag: Any = scene.drag
+        law: Law = LAWS[drag.law]
+        self.code = law.form
+        self.nonlinear = drag.supersonic or law.by_column
         self.populations = len(scene.dust or ())
         self.several = True if self.populations > 1 else None  # None: not compiled
-        self.grains = np.array([self._grain(scene, population) for population in scene.dust or ()])
-
-    def _grain(self, scene: Scene, population: Any) -> list[float]:
-        drag = self.drag
-        if drag.law in ("epstein", "epstein-stokes"):
-            # t_stop c_s rho_g, all of it that is the grain's.
-            value = epstein_stopping_time(population.grain_size, population.grain_density, 1.0, 1.0, drag.convention)
-        elif drag.law == "stokes-over-density":
-            value = drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
-        else:
-            value = {"constant": drag.K, "stopping-time": drag.t_stop}.get(drag.law, drag.stokes)
-        if self.code != kernels.EPSTEIN_STOKES:
-            return [value, kernels.KWOK * drag.supersonic, 0.0, 0.0, 0.0]
-        thermal = population.grain_size * population.grain_density / value
-        return [value, kernels.KWOK * drag.supersonic, population.grain_size, mean_free_column(scene), thermal]
+        self.grains = np.array([_grain(scene, law, population) for population in scene.dust or ()])
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:
         """Stopping time at vanishing slip of a population in gas of given density, sound speed and Omega (n,)."""
         return kernels.stopping_times(self.code, self.grains[population], ratio, density, sound, omega)
+
+
+def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
+    value, faster = law.value(scene, population), formulas.KWOK * scene.drag.supersonic  # type: ignore[union-attr]
+    if not law.by_column:
+        return [value, faster, 0.0, 0.0, 0.0]
+    thermal = population.grain_size * population.grain_density / value
+    return [value, faster, population.grain_size, mean_free_column(scene), thermal]
+
+
+def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Array | None) -> list[Array]:
+    """Stopping time at vanishing slip of each population in gas of given density, sound speed and Omega (n,).
+
+    For few places. None where a scene does not define one, and no entry then where the law needs it.
+    """
+    if scene.drag is None:
+        return []
+    law: Law = LAWS[scene.drag.law]
+    if (omega is None and scene.space.dimensions in law.orbits) or (sound is None and law.of_grains):
+        return []
+    unknown = np.full(len(density), np.nan)
+    places = np.transpose([density, unknown if sound is None else sound, 0.0 * density if omega is None else omega])
+    ratios = [population.ratio for population in scene.dust or ()]
+    return [
+        np.array([formulas.stopping_time(law.form, grain, ratio, *place) for place in places])
+        for grain, ratio in zip(SceneLaw(scene).grains, ratios, strict=True)
+    ]
+
+
+def _of_grain(scene: Scene, population: Any) -> float:
+    """t_stop c_s rho_g, all of it that is the grain's."""
+    convention = scene.drag.convention  # type: ignore[union-attr]
+    return epstein_stopping_time(population.grain_size, population.grain_density, 1.0, 1.0, convention)
+
+
+def _of_key(key: str) -> Callable[[Scene, Any], float]:
+    return lambda scene, population: getattr(scene.drag, key)
+
+
+def _over_density(scene: Scene, population: Any) -> float:
+    """Of Epstein's law with grains that have the Stokes number at the reference density."""
+    return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)  # type: ignore[union-attr]
+
+
+def _grains(draft: Draft) -> Iterator[Problem]:
+    for i, dust in enumerate(draft.dust or ()):
+        for key in ("grain_size", "grain_density"):
+            if getattr(dust, key) is None:
+                yield ("dust", i, key), f'missing; drag.law "{draft.drag.law}" needs it'
+
+
+def _height(draft: Draft) -> Iterator[Problem]:
+    if draft.dimensions == 2 and not draft.has("star"):
+        yield (
+            ("drag", "law"),
+            "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star; expected [star] too",
+        )
+
+
+def _column(draft: Draft) -> Iterator[Problem]:
+    if draft.drag.mean_free_column is None and draft.in_code_units:
+        yield ("drag", "mean_free_column"), f'missing; in code units law "{draft.drag.law}" needs it'
+
+
+def _star(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("star"):
+        yield ("drag", "law"), "t_stop = stokes / Omega needs a star to orbit; expected a table [star] too"
+
+
+def _disc(draft: Draft) -> Iterator[Problem]:
+    if not (draft.has("star") and (draft.kind == "disc" or draft.has("background"))):
+        yield (
+            ("drag", "law"),
+            "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
+            '"disc" or [background], and [star]',
+        )
+
+
+EPSTEIN = Law(formulas.EPSTEIN, _of_grain, of_grains=True, orbits=(2,), rules=(_grains, _height))
+EPSTEIN_STOKES = Law(
+    formulas.EPSTEIN_STOKES, _of_grain, of_grains=True, orbits=(2,), rules=(_grains, _height, _column)
+)  # fmt: skip
+CONSTANT = Law(
+    formulas.CONSTANT, _of_key("K"), "K", uniform_rate=lambda drag, ratio, density: drag.K / density
+)  # fmt: skip
+STOPPING_TIME = Law(
+    formulas.STOPPING_TIME,
+    _of_key("t_stop"),
+    "t_stop",
+    uniform_rate=lambda drag, ratio, density: ratio / drag.t_stop,
+    uniform_time=lambda drag: drag.t_stop,
+)
+STOKES_NUMBER = Law(formulas.STOKES_NUMBER, _of_key("stokes"), "stokes", orbits=(1, 2), rules=(_star,))
+STOKES_OVER_DENSITY = Law(formulas.EPSTEIN, _over_density, "stokes", orbits=(1, 2), rules=(_disc,))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.physics.eos import thermal_speed
+from discsim.physics.eos import eos_of
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -50,8 +50,7 @@ def scale(scene: Scene) -> float:
         return start.mass / float(cumulative(start, r)[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         q = wave_speed(scene, r, shape(start, r)) * kepler_omega(scene, r) / (np.pi * shape(start, r))
-    eos: Any = scene.gas.eos
-    power = 0.5 * (3.0 - eos.gamma) if eos.kind == "polytropic" else 1.0  # Q ~ Sigma_ref^-power
+    power = eos_of(scene).toomre_power(scene.gas.eos)  # type: ignore[union-attr]
     return (float(np.nanmin(q)) / start.toomre_q) ** (1.0 / power)
 
 
@@ -62,16 +61,12 @@ def reference_density(scene: Scene) -> float:
 
 def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
     """sqrt(dP/dSigma) of the gas at radius `r` and surface density `density`, isothermal but for a polytrope."""
-    eos: Any = scene.gas.eos
-    if eos.kind == "polytropic":
-        return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1.0))
-    return thermal_speed(scene, r)
+    return eos_of(scene).sound_speed(scene, r, density)
 
 
 def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
     """Speed of sound waves, as the gas of a run has it: of adiabatic gas the adiabatic one."""
-    speed, eos = sound_speed(scene, r, density), scene.gas.eos  # type: ignore[union-attr]
-    return speed * np.sqrt(eos.gamma) if eos.kind == "adiabatic" else speed
+    return eos_of(scene).wave_speed(scene, r, density)
 
 
 def kepler_omega(scene: Scene, r: Array | float) -> Array:
@@ -91,11 +86,8 @@ def pressure_acceleration(scene: Scene, r: Array) -> Array:
     as if it fell over H.
     """
     start: Any = scene.initial
-    eos: Any = scene.gas.eos
     speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2
-    slope = start.surface_density_index
-    if getattr(eos, "aspect_ratio", None) is not None:
-        slope += eos.temperature_index
+    slope = start.surface_density_index + eos_of(scene).temperature_slope(scene.gas.eos)  # type: ignore[union-attr]
     out = slope * speed2 / r
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:

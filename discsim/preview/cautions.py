@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from discsim.drag.base import Scheme
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.layout import LOADED
+from discsim.parts import SCHEMES, USUAL_SCHEME
 from discsim.preview.derived import (
     Local,
     drag_cell_counts,
@@ -25,11 +27,6 @@ from discsim.preview.derived import (
 from discsim.scene import Scene
 from discsim.scene.rules import KERNEL_KEYS
 
-# Shot noise of the dust loading: drag at eps ~ 1 wants these counts of gas and dust in a cell. A node of tsc has those
-# of nine cells: with two of each in a cell, placed evenly, the drift is right to .4% (analysis/drift_cost.py). Of dust
-# placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
-FEW = {"idic": (8, 30), "idic-linear": (8, 30), "tsc": (2, 2)}
-RANDOM = {"tsc": (3, 9)}
 # In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
 # One grain in a cell cures that.
 LONELY = (0, 0.25)
@@ -37,8 +34,6 @@ LONELY = (0, 0.25)
 # spreads and falls in whatever h is, a tenth of the gas may do with less, but none with an h above H.
 FINE, COARSE, EDGE = 0.5, 1.0, 0.1
 HEAVY = 3.0  # Toomre's Q, above which nothing is amplified (Toomre 1981), and a softening cannot change that
-EXPLICIT = ("mk", "esph")
-OVERDAMPING = ("mk", "esph", "isph", "lab14")  # Laibe & Price (2012), sec. 4; the cure of Price & Laibe (2020) apart
 ROOM = 1.15  # half of space over the outer radius of a disc
 CLUMP = 6  # kernels' particles that a collapsing mass wants (Nelson 2006, abstract)
 CELLS = 4  # of the grid, that it is to span
@@ -174,24 +169,26 @@ def _scheme_warnings(scene: Scene, at: Local) -> Iterator[str]:
     drag = scene.drag
     if drag is None or at.h is None or at.sound_speed is None:
         return
+    scheme: Scheme = SCHEMES[drag.scheme]
     for time in stopping_times(scene, at):
-        if drag.scheme in EXPLICIT:
+        if scheme.explicit:
             loaded = max(1.0, sum(dust.ratio for dust in scene.dust or ()))
             short = gas_step(scene, at) / (time / loaded)
             worst = int(np.argmax(short))
             if short[worst] > 1:
                 yield (
                     f'drag.scheme "{drag.scheme}" is explicit: {at.where(worst)} its steps are {short[worst]:.2g} '
-                    'times shorter than the gas\'s: take "tsc"'
+                    f'times shorter than the gas\'s: take "{USUAL_SCHEME}"'
                 )
-        if drag.scheme in OVERDAMPING:
+        if scheme.damps:
             ratio = resolution(scene, at.h) / (at.sound_speed * time)
             worst = int(np.argmax(ratio))
             if ratio[worst] > 1:
                 more = ratio[worst] ** scene.space.dimensions
                 yield (
                     f"h is {ratio[worst]:.2g} times c_s t_stop {at.where(worst)}, above 1, where "
-                    f'drag.scheme "{drag.scheme}" damps too much: take "tsc", or gas.particles {more:.2g} times as many'
+                    f'drag.scheme "{drag.scheme}" damps too much: take "{USUAL_SCHEME}", or gas.particles '
+                    f"{more:.2g} times as many"
                 )
 
 
@@ -215,7 +212,8 @@ def _count_warnings(scene: Scene, at: Local) -> Iterator[str]:
         return
     counts, dim = drag_cell_counts(scene, at, side), scene.space.dimensions
     even = all(dust.placement == "even" for dust in scene.dust or ())
-    wanted = ((FEW if even else FEW | RANDOM)[scene.drag.scheme]) if dim == 2 else LONELY
+    cells = SCHEMES[scene.drag.scheme].cells
+    wanted = (cells.few if even else cells.few_random) if dim == 2 else LONELY
     for name, count, few in zip(("gas", "dust"), counts, wanted, strict=True):
         least = count[count > 0].min(initial=few)  # where a population is absent nothing is to be counted
         if least < few:

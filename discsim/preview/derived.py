@@ -13,30 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from discsim.drag.base import Cells
 from discsim.effects import effect_classes
 from discsim.exact import gresho
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.initial import lattice
-from discsim.numerics.layout import (
-    NEAREST,
-    SOFT,
-    grid_cells,
-    leaf_of_cells,
-    leaf_of_nodes,
-    least_in_cells,
-    leaves,
-    side_of_blocks,
-)
-from discsim.physics import profile
+from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
+from discsim.parts import SCHEMES
+from discsim.physics import laws, profile
+from discsim.physics.eos import eos_of
 from discsim.physics.given_disc import GivenDisc
-from discsim.physics.grains import epstein_stopping_time, mean_free_column
 from discsim.scene import Scene
-from discsim.scene.rules import OF_GRAINS
 from discsim.scene.units import Units
 
 Array = np.ndarray
-
-IN_CELLS = ("idic", "idic-linear", "tsc")  # schemes whose drag is that of the particles in a cell
 
 
 @dataclass(frozen=True)
@@ -98,8 +88,8 @@ def local(scene: Scene) -> Local:
 def _local(scene: Scene, places: list[str], radius: Array | None, density: Array) -> Local:
     omega = profile.kepler_omega(scene, radius) if scene.star and radius is not None else None
     sound = _sound_speed(scene, radius, density)
-    gamma = scene.gas.eos.gamma if scene.gas and scene.gas.eos.kind == "adiabatic" else 1.0
-    thermal = None if sound is None else sound / math.sqrt(gamma)
+    ratio = eos_of(scene).heat_ratio(scene.gas.eos) if scene.gas else 1.0
+    thermal = None if sound is None else sound / math.sqrt(ratio)
     return Local(places, radius, density, sound, thermal, omega, _smoothing(scene, density))
 
 
@@ -139,31 +129,7 @@ def dust_masses(scene: Scene) -> list[float]:
 
 def stopping_times(scene: Scene, at: Local) -> list[Array]:
     """Stopping time of each population at the places of `at`; no entry where it is not defined."""
-    drag = scene.drag
-    if drag is None:
-        return []
-    times = []
-    for dust in scene.dust or ():
-        if drag.law == "constant" and drag.K is not None:
-            times.append(dust.ratio * at.density / drag.K)
-        elif drag.law == "stopping-time" and drag.t_stop is not None:
-            times.append(np.full_like(at.density, drag.t_stop))
-        elif drag.law == "stokes-number" and at.omega is not None:
-            times.append(drag.stokes / at.omega)
-        elif drag.law == "stokes-over-density" and at.omega is not None:
-            times.append(drag.stokes / at.omega * profile.reference_density(scene) / at.density)
-        elif drag.law in OF_GRAINS and at.sound_speed is not None:
-            volume = at.density
-            if at.omega is not None:
-                volume = at.density * at.omega / (math.sqrt(2 * math.pi) * at.sound_speed)
-            elif scene.space.dimensions == 2:
-                continue
-            grain = (dust.grain_size, dust.grain_density)
-            time = epstein_stopping_time(*grain, at.sound_speed, volume, drag.convention)
-            if drag.law == "epstein-stokes":
-                time = time * np.maximum(1.0, 4 * dust.grain_size * volume / (9 * mean_free_column(scene)))
-            times.append(time)
-    return times
+    return laws.stopping_times(scene, at.density, at.sound_speed, at.omega)
 
 
 def derived(scene: Scene) -> list[tuple[str, str]]:
@@ -268,27 +234,22 @@ def particle_count(scene: Scene, species: Any) -> int:
 
 def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     """Sides of the drag cells at the places of `at` at the start, but for those that grow for want of one species."""
-    found = grid(scene)
-    if not scene.drag or scene.drag.scheme not in IN_CELLS or not scene.gas or at.h is None or found is None:
+    found, drag = grid(scene), scene.drag
+    cells: Cells | None = SCHEMES[drag.scheme].cells if drag else None
+    if drag is None or cells is None or not scene.gas or at.h is None or found is None:
         return None
     cell, shape = found
-    nodes, of_h = scene.drag.scheme == "tsc", scene.drag.cell
-    if of_h:
-        mean, least = _range_of_h(scene, at)
-        wanted = leaf_of_nodes(of_h, mean, least) if nodes else leaf_of_cells(scene, least)
-    else:
-        wanted = scene.drag.cell_length
+    wanted = cells.leaf(scene, *_range_of_h(scene, at)) if drag.cell else drag.cell_length
+    assert wanted is not None
     periodic = scene.space.boundary == "periodic"
     leaf, _ = leaves(wanted, cell, shape, periodic, particle_count(scene, scene.gas))
-    if not of_h:
-        side = np.full_like(at.h, leaf)
-        limit = side
-    else:
-        limit = of_h * at.h
-        side = side_of_blocks(leaf, NEAREST * limit if nodes else limit)
-    if not nodes:
+    side = limit = np.full_like(at.h, leaf)
+    if drag.cell:
+        limit = drag.cell * at.h
+        side = side_of_blocks(leaf, cells.share * limit)
+    if cells.least is not None:
         counts = drag_cell_counts(scene, at, side)
-        few = np.any([count < fewest for count, fewest in zip(counts, least_in_cells(scene), strict=True)], axis=0)
+        few = np.any([count < fewest for count, fewest in zip(counts, cells.least(scene), strict=True)], axis=0)
         side = np.where(few & (2 * side <= SOFT * limit), 2 * side, side)
     return side
 
@@ -348,14 +309,8 @@ def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | 
         return GivenDisc(scene).sound_speed(radius)
     if scene.gas is None:
         return None
-    eos: Any = scene.gas.eos
-    if eos.kind == "polytropic":
-        return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1))
-    if getattr(eos, "sound_speed", None) is not None:
-        return np.full_like(density, eos.sound_speed)
-    if eos.aspect_ratio is not None and scene.star and radius is not None:
-        return profile.wave_speed(scene, radius, density)
-    return _given_speed(scene, density)
+    speed = eos_of(scene).start_speed(scene, radius, density)
+    return _given_speed(scene, density) if speed is None else speed
 
 
 def _given_speed(scene: Scene, density: Array) -> Array | None:

@@ -1,8 +1,9 @@
 """What a run will take: number of steps, CPU time and memory, from stored figures and the last long runs here.
 
 The figures below are CPU nanoseconds of a particle, cell or neighbour in a step, from `python analysis/throughput.py`
-(those of pairs and of a given disc from `costs.csv` of runs with such a scheme and with [background]); another machine
-differs by a factor, which long runs that have ended leave for the next forecast (`learn`).
+(those of pairs and of a given disc from `costs.csv` of runs with such a scheme and with [background]), that of drag in
+the file of each scheme; another machine differs by a factor, which long runs that have ended leave for the next
+forecast (`learn`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any, NamedTuple
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.output.files import written
+from discsim.parts import SCHEMES
 from discsim.physics import profile
 from discsim.preview.derived import gas_step, grid, grid_bytes, local, particle_count
 from discsim.scene import Scene
@@ -24,8 +26,6 @@ from discsim.scene import Scene
 GAS, NEIGHBOUR = 300.0, 27.0  # a gas particle, and each of its neighbours
 DUST, STAR = 2.0, 6.0  # moving a particle of dust, the star's pull on any
 CELL, MOVED = 58.0, 21.0  # a cell of self-gravity, and a particle that it deposits and pulls
-DRAG = {"tsc": 500.0, "idic-linear": 100.0, "idic": 90.0}  # of a particle of either kind
-PAIRS = 3000.0  # the same in schemes between pairs
 BACKGROUND = 150.0  # a particle in a given disc
 SHRINK = 0.85  # of the smooth start's shortest step is what noise and spreading edges leave
 BYTES = {"gas": 600, "dust": 180}  # a particle, with what a step needs
@@ -90,7 +90,7 @@ def _step_nanoseconds(scene: Scene, gas: int, dust: int, cells: int) -> float:
     if scene.background:
         total += BACKGROUND * dust
     elif scene.drag:
-        total += DRAG.get(scene.drag.scheme, PAIRS) * both
+        total += SCHEMES[scene.drag.scheme].nanoseconds * both
     return total
 
 

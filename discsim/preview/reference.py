@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import textwrap
 from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple, get_origin
@@ -16,7 +17,6 @@ import discsim
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.scene import fields
 from discsim.scene.fields import Default, Table, measure_of, models_in
-from discsim.scene.rules import NOT_CONSERVING
 from discsim.scene.tables import TABLES
 
 SETUP_TABLES = ("units", "run", "space", "initial")
@@ -62,14 +62,15 @@ def scene_markdown() -> str:
 
 def docstring(module: str) -> str:
     """The docstring of a module, which is its equation, without importing it."""
-    source = _HOME / (module.replace(".", "/") + ".py")
-    return ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
+    found = find_spec(module)
+    assert found is not None and found.origin is not None
+    return ast.get_docstring(ast.parse(Path(found.origin).read_text(encoding="utf-8"))) or ""
 
 
 def _schemes() -> Iterator[str]:
     for name in SCHEMES:
         yield ""
-        yield f'  scheme = "{name}"' + (": momentum is not conserved" if name in NOT_CONSERVING else "")
+        yield f'  scheme = "{name}"' + ("" if SCHEMES[name].conserves else ": momentum is not conserved")
         yield from _indented(docstring(SCHEMES.module(name)).removeprefix(f"{name}: "), "    ")
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.parts import EFFECTS, MODELS
+from discsim.parts import EFFECTS, EOS, MODELS
 from discsim.scene import tables, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
@@ -204,8 +204,9 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
             drag["cell_length"] = drag.pop("cell")
         if "cell_length" not in drag:
             drag.setdefault("cell", dimensions)
-        adiabatic = value_at(data, "gas", "eos", "kind") == "adiabatic"
-        drag.setdefault("heating", adiabatic and drag.get("direction") != "one-way")
+        kind = value_at(data, "gas", "eos", "kind")
+        hot = isinstance(kind, str) and kind in EOS and EOS[kind].holds_heat
+        drag.setdefault("heating", hot and drag.get("direction") != "one-way")
     if isinstance(filled.get("dust"), dict):
         filled["dust"] = [filled["dust"]]
     if own_particles:

@@ -12,20 +12,12 @@ from math import ceil, erf, exp, log10, pi, sqrt
 from typing import Any
 
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.parts import EFFECTS, STARTS
+from discsim.parts import EFFECTS, EOS, LAWS, SCHEMES, STARTS
 from discsim.scene.fields import LARGEST, MOST_SNAPSHOTS
-from discsim.scene.tables import ON_CELLS
 
 Problem = tuple[tuple[str | int, ...], str]
 Rule = Callable[["Draft"], Iterator[Problem]]
 
-OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys of the drag that only its cells use
-OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity")  # keys of the gas that only particles use
-BETWEEN_PAIRS = ("mk", "lab14", "reconstructed")  # drag schemes: what a pair exchanges is equal and opposite
-INTERPOLATING = ("esph", "isph")
-NOT_CONSERVING = (*INTERPOLATING, "sios-ppm")  # drag schemes that do not conserve momentum
-LAWS_OF_KEY = {"K": ("constant",), "t_stop": ("stopping-time",), "stokes": ("stokes-number", "stokes-over-density")}
-OF_GRAINS = ("epstein", "epstein-stokes")
 # Which equations of state a start goes with, where not all.
 EOS_OF = {
     "shock": ("adiabatic", "isothermal"),
@@ -79,6 +71,11 @@ class Draft:
     def eos_kind(self) -> str:
         return self.gas.eos.kind if self.gas else ""
 
+    @property
+    def eos(self) -> Any:
+        """The equation of state of [gas] (`physics/eos.py`)."""
+        return EOS[self.eos_kind] if self.gas else None
+
 
 def broken_rules(draft: Draft) -> list[Problem]:
     """Every problem between the tables of `draft`: by the rules here, and by those of the parts that it names."""
@@ -98,6 +95,12 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
     with suppress(Faulty):
         if draft.kind:
             yield from STARTS[draft.kind].rules
+    with suppress(Faulty):
+        if draft.eos:
+            yield from draft.eos.rules
+    with suppress(Faulty):
+        if draft.drag:
+            yield from (*SCHEMES[draft.drag.scheme].rules, *LAWS[draft.drag.law].rules)
 
 
 def _someone_is_there(draft: Draft) -> Iterator[Problem]:
@@ -220,9 +223,6 @@ def _toomre_q(draft: Draft) -> Iterator[Problem]:
         for table in ("gas", "star"):
             if not draft.has(table):
                 yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
-        if draft.eos_kind == "polytropic" and draft.gas.eos.gamma == 3.0:
-            wrong = "Q does not depend on the mass of a polytropic disc with gamma = 3"
-            yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 
 def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
@@ -284,24 +284,6 @@ def _star_space(draft: Draft) -> Iterator[Problem]:
         yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
 
 
-def _locally_isothermal(draft: Draft) -> Iterator[Problem]:
-    if draft.eos_kind == "locally-isothermal" and not draft.has("star"):
-        yield ("gas", "eos", "kind"), "H/r needs a star to orbit; expected a table [star] too"
-
-
-def _adiabatic_start(draft: Draft) -> Iterator[Problem]:
-    if draft.eos_kind != "adiabatic":
-        return
-    eos = draft.gas.eos
-    both = eos.sound_speed is not None and eos.aspect_ratio is not None
-    if both:
-        yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
-    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.kind not in (*BRINGS_PRESSURE, ""):
-        yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
-    if eos.aspect_ratio is not None and not draft.has("star"):
-        yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
-
-
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
     if draft.gas and draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
         yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
@@ -342,13 +324,6 @@ def _dust_place(draft: Draft) -> Iterator[Problem]:
             yield ("dust", i, "outer"), "in the disc's hole, where there is no gas; expected more than initial.inner"
 
 
-def _drag_partners(draft: Draft) -> Iterator[Problem]:
-    for table in ("gas", "dust"):
-        if draft.has("drag") and not draft.has(table) and not (table == "gas" and draft.has("background")):
-            also = " or [background]" if table == "gas" else ""
-            yield ("drag",), f"there is drag, but no {table}; expected a table [{table}]{also}, or no [drag]"
-
-
 def _background(draft: Draft) -> Iterator[Problem]:
     if not draft.has("background"):
         return
@@ -363,135 +338,8 @@ def _background(draft: Draft) -> Iterator[Problem]:
         yield ("run", "integrator"), 'dust in a [background] needs "kdk"'
     if draft.drag and draft.drag.direction != "one-way":
         yield ("drag", "direction"), 'nothing moves a [background]; expected direction = "one-way"'
-    for key in OF_CELLS:
-        if draft.gives("drag", key):
-            yield ("drag", key), "a [background] has no drag cells; expected no such key"
     if draft.initial and draft.kind == "disc" and draft.initial.toomre_q is not None:
         yield ("initial", "toomre_q"), "there is no [gas] to have a Q; expected mass or surface_density"
-
-
-def _fixed_grid(draft: Draft) -> Iterator[Problem]:
-    """Gas and dust as fluids: one column of cells, and nothing that is made for particles."""
-    if not draft.drag or draft.drag.scheme not in ON_CELLS:
-        return
-    scheme = f'drag.scheme = "{draft.drag.scheme}"'
-    if draft.space and draft.dimensions != 1:
-        yield ("space", "dimensions"), f"{scheme} is a fixed grid along a line; expected 1"
-    for table in ("star", "self_gravity", "external", "background"):
-        if draft.has(table):
-            yield (table,), f"does not go with {scheme}, whose forces are pressure and drag; expected no such table"
-    for key in OF_SPH:
-        if draft.gives("gas", key):
-            yield ("gas", key), f"{scheme} has no SPH particles; expected no such key"
-    if draft.drag.supersonic or draft.drag.law == "epstein-stokes":
-        key = "supersonic" if draft.drag.supersonic else "law"
-        yield ("drag", key), f"{scheme} has no drag that depends on the slip; expected another law"
-    if draft.drag.direction != "two-way":
-        yield ("drag", "direction"), f'{scheme} moves gas and dust together; expected "two-way"'
-    if draft.run and draft.run.integrator != "kdk":
-        yield ("run", "integrator"), f"{scheme} has steps of its own; expected no such key"
-    if draft.kind not in ("box", "wave", "shock", ""):
-        yield ("initial", "kind"), f"{scheme} has no such start; expected box, wave or shock"
-
-
-def _fixed_grid_cells(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag or draft.drag.scheme not in ON_CELLS or not draft.gas:
-        return
-    scheme, cells = f'drag.scheme = "{draft.drag.scheme}"', draft.gas.particles
-    if draft.eos_kind not in ("isothermal", "adiabatic"):
-        yield ("gas", "eos", "kind"), f'{scheme} has no such gas; expected "isothermal" or "adiabatic"'
-    if draft.space and draft.space.cells not in (None, cells):
-        yield ("space", "cells"), f"the cells of {scheme} are the gas.particles; expected {cells}, or no such key"
-    if draft.dust and len(draft.dust) > 1:
-        yield ("dust",), f"{scheme} moves one population of dust; expected one"
-    for i, dust in enumerate(draft.dust or ()):
-        if dust.particles != cells:
-            wrong = f"{scheme} has gas and dust in the same cells"
-            yield ("dust", i, "particles"), f"{wrong}; expected {cells}, as many as gas.particles"
-        if dust.offset or dust.placement != "even":
-            key = "offset" if dust.offset else "placement"
-            yield ("dust", i, key), f"{scheme} has gas and dust in the same cells; expected no such key"
-
-
-def _drag_law(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag:
-        return
-    law = draft.drag.law
-    for key, laws in LAWS_OF_KEY.items():
-        given = getattr(draft.drag, key) is not None
-        if law in laws and not given:
-            yield ("drag", key), f'missing; law "{law}" needs it'
-        elif law not in laws and given:
-            words = " or ".join(f'"{name}"' for name in laws)
-            yield ("drag", key), f'goes with law {words}, but drag.law is "{law}"; expected one of the two'
-    if draft.drag.supersonic and law not in OF_GRAINS:
-        yield ("drag", "supersonic"), f'law "{law}" knows no speed; expected "epstein" or "epstein-stokes"'
-    column = draft.drag.mean_free_column
-    if law != "epstein-stokes" and column is not None:
-        yield ("drag", "mean_free_column"), f'law "{law}" has no use for it; expected "epstein-stokes"'
-    if law == "epstein-stokes" and column is None and draft.in_code_units:
-        yield ("drag", "mean_free_column"), 'missing; in code units law "epstein-stokes" needs it'
-
-
-def _drag_orbits(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag:
-        return
-    law, star = draft.drag.law, draft.has("star")
-    if law == "stokes-number" and not star:
-        yield ("drag", "law"), "t_stop = stokes / Omega needs a star to orbit; expected a table [star] too"
-    elif law == "stokes-over-density" and not (star and (draft.kind == "disc" or draft.has("background"))):
-        yield (
-            ("drag", "law"),
-            "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
-            '"disc" or [background], and [star]',
-        )
-    elif law in OF_GRAINS and draft.dimensions == 2 and not star:
-        yield (
-            ("drag", "law"),
-            "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star; expected [star] too",
-        )
-
-
-def _grains(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag or draft.drag.law not in OF_GRAINS:
-        return
-    for i, dust in enumerate(draft.dust or ()):
-        for key in ("grain_size", "grain_density"):
-            if getattr(dust, key) is None:
-                yield ("dust", i, key), f'missing; drag.law "{draft.drag.law}" needs it'
-
-
-def unused_keys(scheme: str) -> dict[str, tuple[str, ...]]:
-    """Keys of the drag that a scheme does not use, by what it is that makes them idle."""
-    return {
-        "no such drag cells": ("cell", "cell_length") if scheme in BETWEEN_PAIRS + INTERPOLATING + ON_CELLS else (),
-        "no kernel of its own": ("kernel",) if scheme not in BETWEEN_PAIRS else (),
-        "an integration of its own": ("integration",) if scheme in ("mk", *NOT_CONSERVING) else (),
-    }
-
-
-def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag or draft.has("background"):
-        return
-    scheme = draft.drag.scheme
-    for why, keys in unused_keys(scheme).items():
-        for key in keys:
-            if draft.gives("drag", key):
-                yield ("drag", key), f'scheme "{scheme}" has {why}; expected no such key'
-
-
-def _drag_cell(draft: Draft) -> Iterator[Problem]:
-    if draft.drag and draft.drag.cell is not None and draft.drag.cell_length is not None:
-        yield ("drag", "cell_length"), "drag.cell is there too; expected one of the two"
-
-
-def _drag_heating(draft: Draft) -> Iterator[Problem]:
-    if not draft.drag or not draft.drag.heating:
-        return
-    if draft.gas and draft.eos_kind != "adiabatic":
-        yield ("drag", "heating"), f'the gas is "{draft.eos_kind}", which keeps no heat; expected false'
-    if draft.drag.direction == "one-way":
-        yield ("drag", "heating"), "one-way drag leaves the gas alone; expected false"
 
 
 def _self_gravity_in_1d(draft: Draft) -> Iterator[Problem]:
@@ -555,22 +403,11 @@ RULES: tuple[Rule, ...] = (
     _layer_reaches,
     _wave_direction,
     _star_space,
-    _locally_isothermal,
-    _adiabatic_start,
     _fixed_smoothing,
     _neighbours,
     _conductivity,
     _dust_place,
-    _drag_partners,
     _background,
-    _fixed_grid,
-    _fixed_grid_cells,
-    _drag_law,
-    _drag_orbits,
-    _grains,
-    _drag_cell,
-    _keys_of_the_scheme,
-    _drag_heating,
     _self_gravity_in_1d,
     _self_gravity_kernel,
     _self_gravity_sources,

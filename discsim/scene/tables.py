@@ -92,8 +92,6 @@ def _type_of(name: str) -> Any:
 
 TABLES = Tables()
 REQUIRED = ("run", "space", "initial")
-# Drag schemes of gas and dust that are fluids on a fixed grid, their particles its cells.
-ON_CELLS = ("sios-ppm", "emsi-ppm")
 
 
 def optional_tables(model: type[Table]) -> list[str]:

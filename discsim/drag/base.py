@@ -1,0 +1,77 @@
+"""What a drag scheme is: how it kicks gas and dust, and what a scene, a forecast and warnings have to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.scene.rules import Rule
+
+if TYPE_CHECKING:
+    from discsim.numerics.ppm import Tube
+    from discsim.numerics.state import State
+    from discsim.scene import Scene
+
+Array = np.ndarray
+Keys = dict[str, tuple[str, ...]]
+
+# Keys of [drag] that a scheme may have no use for, by why.
+NO_CELLS: Keys = {"no such drag cells": ("cell", "cell_length")}
+NO_KERNEL: Keys = {"no kernel of its own": ("kernel",)}
+OWN_INTEGRATION: Keys = {"an integration of its own": ("integration",)}
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The drag cells of a scheme: their sides, and how many particles they want.
+
+    leaf(scene, h_mean, h_least): wanted side of the leaves that cells are made of, from the geometric mean of the gas's
+    smoothing lengths and the least of them. share: of the wanted side that a cell has at least.
+    few: gas and dust particles that a cell of two dimensions wants, where eps ~ 1 and dust is placed evenly, and
+    few_random, where any is placed at random. least(scene): those below which cells grow, if empty ones are not all
+    that do.
+    """
+
+    leaf: Callable[[Scene, float, float], float]
+    few: tuple[float, float]
+    few_random: tuple[float, float]
+    share: float = 1.0
+    least: Callable[[Scene], tuple[int, int]] | None = None
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A drag scheme, either of particles (`relax`) or of fluids on a fixed grid (`advance`).
+
+    relax(drag, state, dt, gas_vel, heat) kicks gas and dust over dt, accelerations and drag together: dust in place,
+    the gas in `gas_vel` (n, d), for one-way drag a copy that nobody reads afterwards. It writes `drag.stopping_times`
+    of the dust and `drag.uncoupled`, and if `heat` has entries the heat per mass of each gas particle.
+
+    advance(drag, tube, cells, dt) returns what the `cells` (5, n) of a `ppm.Tube` hold dt later: fluxes are the
+    accelerations there.
+
+    limit(drag, state): of an explicit scheme, the longest stable step.
+    """
+
+    relax: Callable[[Any, State, float, Array, Array], None] | None = None
+    advance: Callable[[Any, Tube, Array, float], Array] | None = None
+    limit: Callable[[Any, State], float] | None = None
+    conserves: bool = True  # momentum
+    damps: bool = False  # waves, too much where h > c_s t_stop
+    unused: Keys = field(default_factory=dict)  # keys of [drag], by why
+    cells: Cells | None = None  # where drag is that of the particles in a cell
+    nanoseconds: float = 3000.0  # CPU time of a particle of either kind in a step: those of pairs
+    rules: tuple[Rule, ...] = ()  # what a scene with this scheme must have
+
+    @property
+    def explicit(self) -> bool:
+        """Whether stopping times limit the step."""
+        return self.limit is not None
+
+    @property
+    def on_grid(self) -> bool:
+        """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
+        return self.advance is not None
