@@ -20,14 +20,13 @@ from typing import Any
 import numpy as np
 from drags import ON_GRID
 
-from discsim import SceneError, Simulation, read_snapshot
+from discsim import SceneError, Simulation, parts, read_snapshot
 from discsim.output.history import history_row
 from discsim.output.snapshot import write_snapshot
 from discsim.preview.check import report
 from discsim.run import runner
 from discsim.run.simulation import PhysicsError
 from discsim.scene import fields, load_scene
-from discsim.scene.rules import EOS_OF
 from discsim.scene.tables import TABLES, Run, Space
 
 PATIENCE = 180  # seconds, those in which kernels compile among them
@@ -97,7 +96,7 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
     if kind == "settling" or chance(0.15):
         scene["external"] = _filled(rng, TABLES["external"], 0.5, ("vertical_frequency",))
     if not given_disc and chance(0.93):
-        kinds = EOS_OF.get(kind, tuple(GASES))
+        kinds = parts.STARTS[kind].eos or tuple(GASES)
         eos = pick(kinds, lambda name: "star" in scene or name != "locally-isothermal")
         scene["gas"] = _filled(rng, GAS, 0.1) | {"eos": _gas_of(rng, eos, "star" in scene)}
         if not on_cells:

@@ -5,8 +5,8 @@ import pytest
 
 from discsim import Simulation
 from discsim.exact import gresho, sedov, settling
+from discsim.initial.blast import front
 from discsim.scene import SceneError
-from discsim.study.errors import front
 
 
 def layer(stop, until, law="stopping-time", particles=120, gas=None):

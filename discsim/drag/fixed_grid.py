@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from discsim.parts import EOS, LAWS
-from discsim.scene.rules import Draft, Problem
+from discsim.scene.rules import Draft, Problem, kinds_with
 
 OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity")  # keys of the gas that only particles use
-STARTS = ("box", "wave", "shock")  # that `initial/cells.py` makes
 
 
 def _tables(draft: Draft) -> Iterator[Problem]:
@@ -28,8 +27,8 @@ def _tables(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "direction"), f'{scheme} moves gas and dust together; expected "two-way"'
     if draft.run and draft.run.integrator != "kdk":
         yield ("run", "integrator"), f"{scheme} has steps of its own; expected no such key"
-    if draft.kind not in (*STARTS, ""):
-        *some, last = STARTS
+    if draft.start and not draft.start.cells:
+        *some, last = kinds_with(lambda start: start.cells)
         yield ("initial", "kind"), f"{scheme} has no such start; expected {', '.join(some)} or {last}"
 
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,13 +27,29 @@ def random_stream(scene: Scene, species: str) -> np.random.Generator:
     return np.random.default_rng([scene.run.seed, SPECIES.index(species)])
 
 
-def setup(scene: Scene) -> Start:
+def start_of(scene: Scene) -> Start:
     """The scene's initial condition."""
+    return STARTS[scene.initial.kind]
+
+
+def make_particles(scene: Scene) -> Given:
+    """Arrays by species of the scene's initial condition. Raises ValueError where the scene's numbers make none."""
     if scene.model.cells:
         from discsim.initial import cells
 
-        return cells.START
-    return STARTS[scene.initial.kind]
+        return cells.particles(scene)
+    return start_of(scene).particles(scene)
+
+
+def joined(parts: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """The arrays of several groups of particles, one after another."""
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+def populations(scene: Scene, make: Callable[[Any], dict[str, Any]]) -> dict[str, np.ndarray]:
+    """The arrays of all populations of dust, each made by `make(population)`, with `species` (n,), their numbers."""
+    parts = [make(population) for population in scene.dust or ()]
+    return joined([part | {"species": np.full(len(part["mass"]), number)} for number, part in enumerate(parts)])
 
 
 def make_state(scene: Scene, given: Given) -> State:

@@ -1,24 +1,111 @@
-"""What an initial condition is, whatever its kind."""
+"""What an initial condition is, whatever its kind: all that is asked of it, from its keys to its exact solution."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+
+from discsim.initial.measure import ErrorMeasure
 from discsim.scene.fields import Table
 from discsim.scene.rules import Rule
+
+Array = np.ndarray
+Arrays = dict[str, Array]  # of one species: pos (n, d), vel (n, d), mass (n,), ...
+Curve = tuple[Array, Array, Array]  # places, densities and velocities (n,) of a species
+
+
+@dataclass(frozen=True)
+class Places:
+    """The gas of a start at some places, arrays (n,) in code units.
+
+    names: for sentences, like "midplane"; "everywhere" for the only one. radius: from the origin, of a start that has
+    one. pressure: of a start that brings its own.
+    """
+
+    names: list[str]
+    density: Array
+    radius: Array | None = None
+    pressure: Array | None = None
 
 
 @dataclass(frozen=True)
 class Start:
-    """An initial condition: the keys of `[initial]` with its kind, and what makes its particles.
+    """An initial condition: the keys of `[initial]` with its kind, what makes its particles, and what follows from it.
 
-    particles(scene): arrays by species, pos, vel (n, dimensions), mass (n,), and where it matters density (n,) (a first
-    guess for h), u (n,), species and immobile (n,). settle(state, effects): velocities, once forces are known.
+    Functions take the validated Scene; numbers are in code units.
+
+    What is made:
+        particles(scene): arrays by species, pos, vel (n, d), mass (n,), and where it matters density (n,), a first
+            guess for h, u (n,), species and immobile (n,).
+        settle(state, effects): velocities, once forces are known.
+        cells(scene, x, dx): the same on a fixed grid of cells at x (n,), dx wide: density (n,), velocities (n,) by
+            species, and u (n,) or None. None: there is no such start on a grid.
+    What it goes with, of which the rules of scenes are made:
+        dimensions, boundary (None: any), eos (kinds of equations of state; None: any, and no gas).
+        brings_pressure: it needs no temperature of the equation of state.
+        column: whether its density in one dimension is a surface density, as self-gravity there needs.
+        reach: a key of a length, and how many of it half a side of space has to hold.
+        rules: what else a scene with it must have.
+    What a preview shows:
+        kernel: the smoothing kernel of its gas where the scene names none (None: as of any scene).
+        places(scene): its gas at a few places that tell most.
+        masses(scene, population): mass of its gas, where a population of dust (None: of all) is. None: places has one
+            density, that of all space.
+        spread(scene): places all over the gas, and weights (n,) of the gas there, by mass up to a factor. None: places,
+            each weighing the same.
+        on_lattice: whether particles that are placed evenly are whole rows and columns, as many as fit.
+        edges(scene): inner and outer radius, of a start about the origin. None: radii mean nothing to it.
+        reference_density(scene): Sigma at the radius that laws of drag refer to. None: it has no such radius.
+        known_step: whether the gas of `places` sets the step, so that a run's time can be forecast.
+        warnings(scene): what will run, but perhaps not as meant.
+    What its answer is:
+        measure(scene): its error against the exact solution; None where this scene has none.
+        exact_with: effects beside gas, dust and drag that the exact solution knows.
+        uniform: whether nothing moves but by drag, so that only rounding errors could grow in long steps.
+        curves(scene, time, x): exact curves by species, in 1D at x (n,), else at the distances x from the middle of
+            space; of species that have one in this scene. A start may choose other places than x.
+        around: in 2D, the velocity that its figure shows against that distance; None: it shows none.
     """
 
     keys: type[Table]
     particles: Callable[[Any], dict[str, dict[str, Any]]]
+    places: Callable[[Any], Places]
     settle: Callable[[Any, dict[str, Any]], None] | None = None
-    rules: tuple[Rule, ...] = ()  # what a scene with this start must have
+    cells: Callable[[Any, Array, float], tuple[Array, Arrays, Array | None]] | None = None
+    dimensions: tuple[int, ...] = (1, 2)
+    boundary: Literal["open", "periodic"] | None = "periodic"
+    eos: tuple[str, ...] | None = None
+    brings_pressure: bool = False
+    column: bool = False
+    reach: tuple[str, float] | None = None
+    rules: tuple[Rule, ...] = ()
+    kernel: str | None = None
+    masses: Callable[[Any, Any], float] | None = None
+    spread: Callable[[Any], tuple[Places, Array]] | None = None
+    on_lattice: bool = True
+    edges: Callable[[Any], tuple[float, float]] | None = None
+    reference_density: Callable[[Any], float] | None = None
+    known_step: bool = True
+    warnings: Callable[[Any], Iterator[str]] | None = None
+    measure: Callable[[Any], ErrorMeasure | None] | None = None
+    exact_with: tuple[str, ...] = ()
+    uniform: bool = False
+    curves: Callable[[Any, float, Array], dict[str, Curve]] | None = None
+    around: Literal["radial", "azimuthal"] | None = None
+
+    def mass(self, scene: Any, population: Any = None) -> float:
+        """Mass of the gas where a population of dust is, or of all of it (mass over area in one dimension)."""
+        if self.masses is not None:
+            return self.masses(scene, population)
+        return float(self.places(scene).density[0]) * math.prod(scene.space.size)
+
+    def all_over(self, scene: Any) -> tuple[Places, Array]:
+        """Places all over the gas, and weights (n,) of the gas there, by mass up to a factor."""
+        if self.spread is not None:
+            return self.spread(scene)
+        places = self.places(scene)
+        return places, np.ones_like(places.density)

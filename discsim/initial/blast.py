@@ -10,7 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from discsim.initial.base import Start
-from discsim.initial.lattice import uniform
+from discsim.initial.lattice import everywhere, uniform
+from discsim.initial.measure import ErrorMeasure
 from discsim.physics.eos import initial_energy
 from discsim.scene.fields import Density, Length, Measure, Table
 
@@ -46,4 +47,65 @@ def particles(scene):
     return out
 
 
-START = Start(Blast, particles)
+def places(scene):
+    return everywhere(scene.initial.density)
+
+
+def _load(scene):
+    """Mass of all dust over the gas's; None where the dust does not move with the gas, as it has to."""
+    ratio = sum(dust.ratio for dust in scene.dust or ())
+    return None if ratio and (scene.drag is None or scene.drag.direction == "one-way") else ratio
+
+
+def measure(scene):
+    ratio = _load(scene)
+    if ratio is None:
+        return None
+    from discsim.exact import sedov  # imports scipy
+
+    def errors(sim):
+        start = scene.initial
+        exact = sedov.shock_radius(sim.time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
+        width = min(scene.space.size) * sim.gas.count**-0.5
+        return {kind: abs(front(p, width) / exact - 1.0) for kind, p in sim.state.species.items()}
+
+    return ErrorMeasure("radius of the shock against the exact one", errors)
+
+
+def front(particles, width):
+    """Radius of a blast's shock: where the mean density of rings `width` wide is half way up its jump, from outside."""
+    r = np.sqrt((particles.pos**2).sum(axis=1))
+    edges = np.arange(0.0, np.abs(particles.pos).max(), width)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    density = np.histogram(r, edges, weights=particles.mass)[0] / np.pi / (edges[1:] ** 2 - edges[:-1] ** 2)
+    ahead = density[-3:].mean()
+    peak = int(np.argmax(density))
+    out = peak + int(np.argmax(density[peak:] < 0.5 * (density[peak] + ahead)))
+    return float(np.interp(0.5 * (density[peak] + ahead), density[[out, out - 1]], middle[[out, out - 1]]))
+
+
+def curves(scene, time, r):
+    start, ratio = scene.initial, _load(scene)
+    if time == 0.0 or ratio is None:
+        return {}
+    from discsim.exact import sedov  # imports scipy
+
+    heavy = sedov.solution(r, time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
+    gas = {"gas": (r, heavy.density / (1.0 + ratio), heavy.velocity)}
+    return gas | ({"dust": (r, heavy.density * ratio / (1.0 + ratio), heavy.velocity)} if ratio else {})
+
+
+START = Start(
+    Blast,
+    particles,
+    places,
+    dimensions=(2,),
+    boundary=None,
+    eos=("adiabatic",),
+    brings_pressure=True,
+    reach=("radius", 1.0),
+    known_step=False,  # its heat sets the step, and spreads
+    measure=measure,
+    curves=curves,
+    around="radial",
+)

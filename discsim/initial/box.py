@@ -6,7 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from discsim.initial.base import Start
-from discsim.initial.lattice import uniform
+from discsim.initial.lattice import everywhere, uniform
+from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.scene.fields import Density, Table, VelocityVector
 
 
@@ -27,4 +28,36 @@ def particles(scene):
     return out
 
 
-START = Start(Box, particles)
+def cells(scene, x, dx):
+    start = scene.initial
+    vel = {"gas": np.full_like(x, start.gas_velocity[0]), "dust": np.full_like(x, start.dust_velocity[0])}
+    return np.full_like(x, start.density), vel, None
+
+
+def places(scene):
+    return everywhere(scene.initial.density)
+
+
+def measure(scene):
+    """Over the slip at the start."""
+    drag = scene.drag
+    if not scene.gas or len(scene.dust or ()) != 1 or drag is None or drag.law not in ("constant", "stopping-time"):
+        return None
+    from discsim.exact import dustybox  # imports scipy
+
+    def exact(sim, kind):
+        start, ratio = scene.initial, scene.dust[0].ratio
+        gas, dust = np.array(start.gas_velocity, dtype=float), np.array(start.dust_velocity, dtype=float)
+        pulls = [np.array(getattr(scene.external, name, 0.0 * gas)) for name in ("gas", "dust")]
+        coefficient = drag.K / start.density if drag.law == "constant" else ratio / drag.t_stop
+        if drag.direction == "one-way":
+            # Gas that does not feel the dust is as good as infinitely heavy.
+            coefficient, ratio = coefficient * 1e-12 / ratio, 1e-12
+        found = dustybox.velocities(sim.time, gas, dust, 1.0, ratio, coefficient, pulls[0], pulls[1])
+        exact = found[kind == "dust"]
+        return exact, exact - (dust - gas)
+
+    return ErrorMeasure("particle velocities against the exact relaxation", velocity_errors(exact))
+
+
+START = Start(Box, particles, places, cells=cells, measure=measure, exact_with=("external",), uniform=True)

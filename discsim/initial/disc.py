@@ -7,22 +7,26 @@ one-way dust at those for a ratio of zero.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from math import log10
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from discsim.exact import nsh
-from discsim.initial import SPECIES, random_stream
-from discsim.initial.base import Start
+from discsim.initial import SPECIES, populations, random_stream
+from discsim.initial.base import Places, Start
 from discsim.physics import profile
-from discsim.scene.fields import Length, Mass, Number, SurfaceDensity, Table
+from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
     from discsim.scene import Scene
+    from discsim.scene.rules import Draft, Problem
 
 Array = np.ndarray
+ROOM = 1.15  # half of space over the outer radius of a disc
 
 
 class Disc(Table):
@@ -52,14 +56,17 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
         stream = random_stream(scene, "gas")
         out["gas"] = _species(scene, stream, scene.gas.particles, start.inner, start.outer, 1.0, "even")
     if scene.dust is not None:
-        stream = random_stream(scene, "dust")
-        parts = []
-        for number, p in enumerate(scene.dust):
-            inner, outer = max(p.inner or 0.0, start.inner), min(p.outer or np.inf, start.outer)
-            part = _species(scene, stream, p.particles, inner, outer, p.ratio, p.placement)
-            parts.append(part | {"species": np.full(p.particles, number)})
-        out["dust"] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+        own = random_stream(scene, "dust")
+        out["dust"] = populations(
+            scene,
+            lambda dust: _species(scene, own, dust.particles, *_range(start, dust), dust.ratio, dust.placement),
+        )
     return out
+
+
+def _range(start: Any, population: Any) -> tuple[float, float]:
+    """Radii between which a population of dust is."""
+    return max(population.inner or 0.0, start.inner), min(population.outer or np.inf, start.outer)
 
 
 def _species(scene, stream, count, inner, outer, ratio, placement) -> dict[str, Array]:
@@ -185,4 +192,132 @@ def _mean_gravity(state: State, effects: dict):
     return lambda radius: pull(radius) + np.interp(radius, centre, mean)
 
 
-START = Start(Disc, particles, settle)
+# Rules
+
+
+def has_edges_in_space(draft: Draft) -> Iterator[Problem]:
+    disc = draft.initial
+    if disc.outer <= disc.inner:
+        yield ("initial", "outer"), "the outer edge is not outside the inner one; expected outer > inner"
+    elif draft.space and min(draft.space.size) < 2 * disc.outer:
+        share = min(draft.space.size) / (2 * disc.outer)
+        yield (
+            ("space", "size"),
+            f"the grid is smaller than the disc: its half side is {share:.3g} of initial.outer; "
+            "expected more than 1 (1.3 leaves room to spread)",
+        )
+    elif disc.inner_taper + disc.outer_taper > disc.outer - disc.inner:
+        wide = (disc.inner_taper + disc.outer_taper) / (disc.outer - disc.inner)
+        key = "inner_taper" if disc.inner_taper > disc.outer_taper else "outer_taper"
+        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected 1 at most"
+
+
+def has_finite_powers(draft: Draft) -> Iterator[Problem]:
+    """Powers of the radius stay within floats all over a disc."""
+    gas = draft.gas or draft.background
+    laws = [("initial", draft.initial, "surface_density_index")]
+    if draft.has("background"):
+        laws.append(("background", draft.background, "surface_density_index"))
+    if gas and hasattr(gas.eos, "temperature_index"):
+        laws.append(("gas" if draft.gas else "background", gas.eos, "temperature_index"))
+    for table, law, key in laws:
+        index, where = getattr(law, key), law.reference_radius
+        if max(abs(index * log10(r / where)) for r in (draft.initial.inner, draft.initial.outer)) > log10(LARGEST):
+            path = (table, "eos", key) if key == "temperature_index" else (table, key)
+            yield path, f"{index:g} takes powers of the radius beyond {LARGEST:g} in the disc; expected a lesser slope"
+
+
+def has_one_mass(draft: Draft) -> Iterator[Problem]:
+    scales = ("mass", "toomre_q", "surface_density")
+    given = [key for key in scales if getattr(draft.initial, key) is not None]
+    if len(given) != 1:
+        wrong = "{} are there together".format(" and ".join(given)) if given else "the disc has no mass"
+        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
+
+
+def needs_a_centre(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("star") and not draft.has("self_gravity"):
+        yield (
+            ("initial", "kind"),
+            "nothing holds the disc together; expected a table [star] or [self_gravity]",
+        )
+
+
+def has_a_q(draft: Draft) -> Iterator[Problem]:
+    if draft.initial.toomre_q is None:
+        return
+    for table in ("gas", "star"):
+        if not draft.has(table):
+            yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
+    if draft.has("background"):
+        yield ("initial", "toomre_q"), "there is no [gas] to have a Q; expected mass or surface_density"
+
+
+def has_dust_within(draft: Draft) -> Iterator[Problem]:
+    for i, dust in enumerate(draft.dust or ()):
+        if dust.offset:
+            yield ("dust", i, "offset"), "a disc has no gas spacing; expected another kind"
+        if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
+            continue  # that is told of any dust
+        if dust.inner is not None and dust.inner >= draft.initial.outer:
+            yield ("dust", i, "inner"), "beyond the disc, where there is no gas; expected less than initial.outer"
+        elif dust.outer is not None and dust.outer <= draft.initial.inner:
+            yield ("dust", i, "outer"), "in the disc's hole, where there is no gas; expected more than initial.inner"
+
+
+# Previews
+
+
+def edges(scene: Scene) -> tuple[float, float]:
+    start: Any = scene.initial
+    return start.inner, start.outer
+
+
+def places(scene: Scene) -> Places:
+    """Where the tapers end, and the middle."""
+    start: Any = scene.initial
+    inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper
+    radius = np.array([inner, (start.inner + start.outer) / 2, outer])
+    names = [scene.units.show(r, "length") for r in radius]
+    return Places(names, profile.surface_density(scene, radius), radius)
+
+
+def spread(scene: Scene) -> tuple[Places, Array]:
+    r = profile.radii(scene.initial)
+    weight = r * profile.shape(scene.initial, r)
+    r, weight = r[weight > 0], weight[weight > 0]
+    return Places([], profile.surface_density(scene, r), r), weight
+
+
+def mass(scene: Scene, population: Any) -> float:
+    inner, outer = edges(scene) if population is None else _range(scene.initial, population)
+    radius = np.linspace(inner, max(inner, outer), profile.SAMPLES)
+    return profile.scale(scene) * float(profile.cumulative(scene.initial, radius)[-1])
+
+
+def warnings(scene: Scene) -> Iterator[str]:
+    half, outer = 0.5 * min(scene.space.size), scene.initial.outer
+    if half < ROOM * outer and not scene.background:
+        wanted = scene.units.show(2 * ROOM * outer, "length")
+        yield (
+            f"space.size leaves {half / outer - 1:.2g} of the disc's radius about it, below {ROOM - 1:.2g}: "
+            f"what spreads leaves the grid; raise it to {wanted}"
+        )
+
+
+START = Start(
+    Disc,
+    particles,
+    places,
+    settle=settle,
+    dimensions=(2,),
+    boundary="open",
+    rules=(has_edges_in_space, has_finite_powers, has_one_mass, needs_a_centre, has_a_q, has_dust_within),
+    kernel="quintic",  # quieter for its cost (analysis/noise.py)
+    masses=mass,
+    spread=spread,
+    on_lattice=False,
+    edges=edges,
+    reference_density=profile.scale,
+    warnings=warnings,
+)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.initial import random_stream
+from discsim.initial import populations, random_stream
+from discsim.initial.base import Places
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -46,17 +47,23 @@ def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
         out["gas"] = _species(pos, mass)
     if scene.dust is not None:
         stream = random_stream(scene, "dust")
-        parts = []
-        for number, population in enumerate(scene.dust):
+
+        def grains(population: Any) -> dict[str, Array]:
             if population.placement == "random":
                 pos = stream.random((population.particles, len(size))) * np.array(size)
             else:
                 pos = lattice(size, population.particles, population.offset, spacing)
-            parts.append(_species(pos, mass * population.ratio) | {"species": np.full(len(pos), number)})
-        out["dust"] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+            return _species(pos, mass * population.ratio)
+
+        out["dust"] = populations(scene, grains)
     for arrays in out.values():
         arrays["density"] = np.full(len(arrays["mass"]), density)
     return out
+
+
+def everywhere(density: float, pressure: Array | None = None) -> Places:
+    """The places of a start whose gas has one density."""
+    return Places(["everywhere"], np.array([density]), pressure=pressure)
 
 
 def _species(pos: Array, mass: float) -> dict[str, Array]:

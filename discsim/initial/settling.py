@@ -7,20 +7,24 @@ Gaussian: the gas is moved into it, since the sound of a layer out of balance wo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from discsim.initial import random_stream
-from discsim.initial.base import Start
+from discsim.initial import joined, populations, random_stream
+from discsim.initial.base import Places, Start
+from discsim.initial.measure import ErrorMeasure
 from discsim.parts import Lazy
 from discsim.scene.fields import Default, Density, Length, Table
 
 if TYPE_CHECKING:
+    from discsim.initial.base import Curve
     from discsim.numerics.state import State
     from discsim.scene import Scene
+    from discsim.scene.rules import Draft, Problem
 
 linalg = Lazy("scipy.linalg")  # slow to import, as are kernels
 special = Lazy("scipy.special")
@@ -30,6 +34,7 @@ MARGIN = 2.0  # of the support radius: what moves must not see where the immobil
 ROUNDING = 1e-12  # of Omega^2 H: a force that cannot be balanced better
 BALANCED = 1e-7  # of Omega^2 H: well below the fall of grains with t_stop Omega = 1e-5
 ROUNDS = 20
+SAMPLES = 20_001  # heights at which a preview looks
 
 
 class Settling(Table):
@@ -42,16 +47,16 @@ class Settling(Table):
     )
 
 
-def scale_height(scene: Scene) -> float:
+def scale_height(scene: Scene | Draft) -> float:
     """H = c_s / Omega of the scene's layer."""
     given: Any = scene
     return given.gas.eos.sound_speed / given.external.vertical_frequency
 
 
-def extent(scene: Scene) -> float:
+def extent(scene: Scene | Draft) -> float:
     """Height of the ends of what moves."""
-    start: Any = scene.initial
-    return start.vertical_extent or 0.5 * scene.space.size[0]
+    given: Any = scene
+    return given.initial.vertical_extent or 0.5 * given.space.size[0]
 
 
 def column(scene: Scene) -> float:
@@ -69,16 +74,17 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
     gas["density"] = given.initial.density * _gaussian(scene, gas["pos"][:, 0])
     if scene.dust is None:
         return {"gas": gas}
-    stream, parts = random_stream(scene, "dust"), []
-    for number, population in enumerate(scene.dust):
+    stream = random_stream(scene, "dust")
+
+    def grains(population: Any) -> dict[str, Array]:
         n = population.particles
         if population.placement == "random":
             share = stream.random(n)
         else:
             share = (np.arange(n) + 0.5) / n + population.offset / count
-        part = _species(_heights(scene, share), total * population.ratio / n)
-        parts.append(part | {"species": np.full(n, number)})
-    return {"gas": gas, "dust": {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}}
+        return _species(_heights(scene, share), total * population.ratio / n)
+
+    return {"gas": gas, "dust": populations(scene, grains)}
 
 
 def _species(height: Array, mass: float | Array) -> dict[str, Array]:
@@ -106,7 +112,7 @@ def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
     above = top + spacing * beyond
     ends = np.concatenate([-above[::-1], above])
     end = _species(ends, given.initial.density * _gaussian(scene, ends) * spacing)
-    whole = {key: np.concatenate([gas[key], end[key]]) for key in gas}
+    whole = joined([gas, end])
     whole["immobile"] = np.arange(len(whole["mass"])) >= len(gas["mass"])
     return whole
 
@@ -161,4 +167,94 @@ def _newton_step(forces: Callable[[Array], Array], force: Array, spacing: Array,
     return linalg.solve_banded((band, band), jacobian, -force)
 
 
-START = Start(Settling, particles, settle)
+def needs_gravity(draft: Draft) -> Iterator[Problem]:
+    if not (draft.external and draft.external.vertical_frequency > 0):
+        path = ("external", "vertical_frequency") if draft.has("external") else ("external",)
+        yield path, "missing; the layer's weight is -Omega^2 z with Omega = external.vertical_frequency > 0"
+
+
+def reaches_its_ends(draft: Draft) -> Iterator[Problem]:
+    """Particles of equal mass are far apart where the layer ends: at most ten lengths over which it falls by e."""
+    if not (draft.gas and draft.space and draft.external):
+        return
+    if draft.eos_kind != "isothermal" or draft.external.vertical_frequency == 0.0:
+        return
+    height = scale_height(draft)
+    top = extent(draft) / height
+    if top > 30.0:
+        wrong = f"a layer {2.0 * top:.3g} scale heights thick has no gas at its ends"
+        yield ("initial", "vertical_extent"), f"{wrong}; expected some scale heights c_s / Omega = {height:.3g}"
+        return
+    share = math.sqrt(2.0 * math.pi) * math.erf(top / math.sqrt(2.0))
+    needed = math.ceil(0.1 * share * top * math.exp(0.5 * top * top))
+    if draft.gas.particles < needed:
+        wrong = f"too few for a layer that reaches to {top:.3g} scale heights, where next to none would be"
+        yield ("gas", "particles"), f"{wrong}; expected {needed} at least, or a smaller initial.vertical_extent"
+
+
+def places(scene: Scene) -> Places:
+    start: Any = scene.initial
+    ends = start.density * math.exp(-0.5 * (extent(scene) / scale_height(scene)) ** 2)
+    return Places(["midplane", "ends"], np.array([start.density, ends]))
+
+
+def spread(scene: Scene) -> tuple[Places, Array]:
+    weight = _gaussian(scene, np.linspace(0.0, extent(scene), SAMPLES))
+    return Places([], scene.initial.density * weight), weight
+
+
+def mass(scene: Scene, population: Any) -> float:
+    return column(scene)
+
+
+def measure(scene: Scene) -> ErrorMeasure | None:
+    if scene.drag is None or scene.drag.law != "stopping-time" or len(scene.dust or ()) > 1:
+        return None
+    from discsim.exact import settling  # imports scipy
+
+    def errors(sim: Any) -> dict[str, float]:
+        given: Any = scene
+        start = particles(scene)["dust"]["pos"][:, 0]
+        time, frequency = given.drag.t_stop, given.external.vertical_frequency
+        height, _ = settling.trajectories(sim.time, start, lambda z: np.full_like(z, time), frequency)
+        where = np.argsort(sim.dust.ids)
+        way = np.abs(height - start)
+        return {"dust": float(np.sqrt(((sim.dust.pos[where, 0] - height) ** 2).mean()) / way.max())}
+
+    return ErrorMeasure("heights of the grains against their equation of motion, over the longest way", errors)
+
+
+def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
+    """The gas at rest, and dust of one population and a known stopping time."""
+    from discsim.exact import settling  # imports scipy
+
+    given: Any = scene
+    height, midplane = scale_height(scene), given.initial.density
+    x = np.linspace(-extent(scene), extent(scene), len(x))
+    exact = {"gas": (x, settling.gas_density(x, midplane, height), np.zeros_like(x))}
+    if given.drag is None or given.drag.law != "stopping-time" or len(given.dust) > 1:
+        return exact
+    times = np.full_like(x, given.drag.t_stop)
+    z, u = settling.trajectories(time, x, lambda at: times[: len(at)], given.external.vertical_frequency)
+    # Grains keep their mass: the density grows as their distance falls.
+    rho = given.dust[0].ratio * settling.gas_density(x, midplane, height) / np.abs(np.gradient(z, x))
+    return exact | {"dust": (z, rho, u)}
+
+
+START = Start(
+    Settling,
+    particles,
+    places,
+    settle=settle,
+    dimensions=(1,),
+    boundary="open",
+    eos=("isothermal",),
+    reach=("vertical_extent", 1.0),
+    rules=(needs_gravity, reaches_its_ends),
+    kernel="wendland-c4",  # it feels every wave of a stretched layer, so that there is a balance
+    masses=mass,
+    spread=spread,
+    measure=measure,
+    exact_with=("external",),
+    curves=curves,
+)

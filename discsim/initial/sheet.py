@@ -6,7 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from discsim.initial.base import Start
-from discsim.initial.lattice import stretch, uniform
+from discsim.initial.lattice import everywhere, stretch, uniform
+from discsim.initial.measure import ErrorMeasure
 from discsim.scene.fields import Count, Number, SurfaceDensity, Table
 
 
@@ -31,4 +32,28 @@ def particles(scene):
     return out
 
 
-START = Start(Sheet, particles)
+def places(scene):
+    return everywhere(scene.initial.surface_density)
+
+
+def measure(scene):
+    if scene.dust or not scene.gas or scene.gas.eos.kind != "isothermal":
+        return None
+    if scene.self_gravity and scene.self_gravity.kernel != "plummer":
+        return None
+    from discsim.exact import sheet  # imports scipy
+
+    def errors(sim):
+        start, gravity = scene.initial, scene.self_gravity
+        k = 2.0 * np.pi * start.wavenumber / scene.space.size[0]
+        pull = (start.surface_density, scene.gas.eos.sound_speed) + ((gravity.softening,) if gravity else (0.0, 0.0))
+        # One of the two is 0: it grows or it swings.
+        grown = np.cosh(sheet.growth_rate(k, *pull) * sim.time) * np.cos(sheet.frequency(k, *pull) * sim.time)
+        exact = start.amplitude * float(grown)
+        mode = 2.0 * (np.exp(-1j * k * sim.gas.pos[:, 0]) * sim.gas.mass).sum() / sim.gas.mass.sum()
+        return {"gas": float(abs(mode * 1j - exact) / max(abs(exact), start.amplitude))}
+
+    return ErrorMeasure("amplitude of the density wave against the exact one", errors)
+
+
+START = Start(Sheet, particles, places, column=True, measure=measure, exact_with=("self_gravity",))

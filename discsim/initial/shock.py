@@ -9,28 +9,30 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from discsim.initial.base import Start
+from discsim.initial import joined, populations
+from discsim.initial.base import Places, Start
+from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.parts import Lazy
-from discsim.scene.fields import Measure, Table, Velocity
+from discsim.scene.fields import Measure, Table, Velocity, Words
 
 smoothing = Lazy("discsim.kernels.smoothing")  # slow to import
 MARGIN = 2.0  # of the support radius: live particles must not see where the immobile ones end
+State = Annotated[
+    tuple[
+        Annotated[float, Field(gt=0), Measure("density")],
+        Annotated[float, Field(gt=0), Measure("pressure")],
+        Velocity,
+    ],
+    Words("density, pressure, velocity"),
+]
 
 
 class Shock(Table):
     """Two states meeting at 0 of [-size/2, size/2]."""
 
     kind: Literal["shock"] = "shock"
-    left: tuple[
-        Annotated[float, Field(gt=0), Measure("density")],
-        Annotated[float, Field(gt=0), Measure("pressure")],
-        Velocity,
-    ] = Field((1.0, 1.0, 0.0), description="gas [density, pressure, velocity] at x < 0")
-    right: tuple[
-        Annotated[float, Field(gt=0), Measure("density")],
-        Annotated[float, Field(gt=0), Measure("pressure")],
-        Velocity,
-    ] = Field((0.125, 0.1, 0.0), description="gas [density, pressure, velocity] at x > 0")
+    left: State = Field((1.0, 1.0, 0.0), description="gas [density, pressure, velocity] at x < 0")
+    right: State = Field((0.125, 0.1, 0.0), description="gas [density, pressure, velocity] at x > 0")
 
 
 def _side(density, mass, half, sign, margin, offset):
@@ -49,28 +51,90 @@ def particles(scene):
 
     def tube(count, ratio, offset):
         mass = total / count
-        parts: dict[str, list[np.ndarray]] = {"pos": [], "vel": [], "density": [], "u": []}
+        parts = []
         for sign, (density, pressure, velocity) in states.items():
             h = fixed or eta * total / scene.gas.particles / density
             x = _side(density, mass, half, sign, MARGIN * support * h, offset)
-            parts["pos"].append(x)
-            parts["vel"].append(np.full(len(x), velocity))
-            parts["density"].append(np.full(len(x), density))
+            side = {"pos": x, "vel": np.full(len(x), velocity), "density": np.full(len(x), density)}
             if scene.gas.eos.kind == "adiabatic":
-                parts["u"].append(np.full(len(x), pressure / (scene.gas.eos.gamma - 1.0) / density))
-        out = {key: np.concatenate(values) for key, values in parts.items() if values}
+                side["u"] = np.full(len(x), pressure / (scene.gas.eos.gamma - 1.0) / density)
+            parts.append(side)
+        out = joined(parts)
         out["immobile"] = np.abs(out["pos"]) > half
         out["mass"] = np.full(len(out["pos"]), ratio * mass)
         return out | {"pos": out["pos"][:, None], "vel": out["vel"][:, None]}
 
     out = {"gas": tube(scene.gas.particles, 1.0, 0.0)}
     if scene.dust is not None:
-        parts = []
-        for number, population in enumerate(scene.dust):
-            part = tube(population.particles, population.ratio, population.offset)
-            parts.append(part | {"species": np.full(len(part["mass"]), number)})
-        out["dust"] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+        out["dust"] = populations(scene, lambda dust: tube(dust.particles, dust.ratio, dust.offset))
     return out
 
 
-START = Start(Shock, particles)
+def cells(scene, x, dx):
+    """Means of the cells: the one that the jump is in has its share of both sides."""
+    left, right = scene.initial.left, scene.initial.right
+    share = np.clip(0.5 - x / dx, 0.0, 1.0)
+    density = share * left[0] + (1.0 - share) * right[0]
+    vel = (share * left[0] * left[2] + (1.0 - share) * right[0] * right[2]) / density
+    u = None
+    if scene.gas.eos.kind == "adiabatic":
+        u = (share * left[1] + (1.0 - share) * right[1]) / (scene.gas.eos.gamma - 1.0) / density
+    return density, {"gas": vel, "dust": vel}, u
+
+
+def places(scene):
+    left, right = scene.initial.left, scene.initial.right
+    return Places(["left", "right"], np.array([left[0], right[0]]), pressure=np.array([left[1], right[1]]))
+
+
+def mass(scene, population):
+    return (scene.initial.left[0] + scene.initial.right[0]) * scene.space.size[0] / 2
+
+
+def spread(scene):
+    found = places(scene)
+    return found, found.density
+
+
+def measure(scene):
+    if scene.gas is None or scene.gas.eos.kind != "adiabatic" or len(scene.dust or ()) > 1:
+        return None
+    if scene.dust and (scene.drag is None or scene.drag.direction == "one-way"):
+        return None
+    from discsim.exact import dustyshock  # imports scipy
+
+    def exact(sim, kind):
+        start = scene.initial
+        ratio = scene.dust[0].ratio if scene.dust else 0.0
+        x = sim.state.species[kind].pos[:, 0]
+        flow = dustyshock.solution(x, sim.time, ratio, start.left, start.right, scene.gas.eos.gamma)
+        return flow.velocity[:, None], 0.0
+
+    limit = ", in the limit of strong drag" if scene.dust else ""
+    return ErrorMeasure(f"particle velocities against the exact shock tube{limit}", velocity_errors(exact))
+
+
+def curves(scene, time, x):
+    start = scene.initial
+    if scene.gas.eos.kind != "adiabatic" or time == 0.0 or scene.drag is not None or scene.dust:
+        return {}
+    from discsim.exact import riemann  # imports scipy
+
+    flow = riemann.solution(x, time, start.left, start.right, scene.gas.eos.gamma)
+    return {"gas": (x, flow.density, flow.velocity)}
+
+
+START = Start(
+    Shock,
+    particles,
+    places,
+    cells=cells,
+    dimensions=(1,),
+    boundary="open",
+    eos=("adiabatic", "isothermal"),
+    brings_pressure=True,
+    masses=mass,
+    spread=spread,
+    measure=measure,
+    curves=curves,
+)

@@ -7,7 +7,8 @@ from pydantic import Field
 
 from discsim.exact import gresho
 from discsim.initial.base import Start
-from discsim.initial.lattice import uniform
+from discsim.initial.lattice import everywhere, uniform
+from discsim.initial.measure import ErrorMeasure
 from discsim.scene.fields import Density, Length, Table, Velocity, VelocityVector
 
 
@@ -40,4 +41,44 @@ def _about_middle(scene, pos):
     return away, np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-300)
 
 
-START = Start(Vortex, particles)
+def places(scene):
+    start = scene.initial
+    return everywhere(start.density, gresho.pressure(np.zeros(1), start.density, start.speed, start.radius))
+
+
+def measure(scene):
+    if scene.dust:
+        return None
+
+    def errors(sim):
+        start, size = scene.initial, np.array(scene.space.size)
+        frame = np.array(start.velocity)
+        away = (sim.gas.pos - 0.5 * size - frame * sim.time + 0.5 * size) % size - 0.5 * size
+        vel = sim.gas.vel - frame
+        r = np.hypot(*away.T)
+        turning = (away[:, 0] * vel[:, 1] - away[:, 1] * vel[:, 0]) / r
+        inside = r < 2.0 * start.radius
+        return {"gas": float(np.abs(turning - gresho.speed(r, start.speed, start.radius))[inside].mean() / start.speed)}
+
+    return ErrorMeasure("mean azimuthal velocity within the vortex against the exact one", errors)
+
+
+def curves(scene, time, r):
+    start = scene.initial
+    if scene.dust:
+        return {}
+    return {"gas": (r, np.full_like(r, start.density), gresho.speed(r, start.speed, start.radius))}
+
+
+START = Start(
+    Vortex,
+    particles,
+    places,
+    dimensions=(2,),
+    eos=("adiabatic",),
+    brings_pressure=True,
+    reach=("radius", 2.0),
+    measure=measure,
+    curves=curves,
+    around="azimuthal",
+)

@@ -9,7 +9,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.initial.base import Start
-from discsim.initial.lattice import stretch, uniform
+from discsim.initial.lattice import everywhere, stretch, uniform
+from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.scene.fields import Count, Measure, Number, Table, VelocityVector, units_of
 
 _ALONG_X = (1, 0)
@@ -45,4 +46,62 @@ def particles(scene):
     return out
 
 
-START = Start(Wave, particles)
+def cells(scene, x, dx):
+    start = scene.initial
+    waves = start.wavenumber * start.direction[0]
+    wave = start.amplitude * np.sin(2.0 * np.pi * waves / scene.space.size[0] * x)
+    vel = start.velocity[0] + np.sign(waves) * wave
+    return 1.0 + wave, {"gas": vel, "dust": vel}, None
+
+
+def places(scene):
+    return everywhere(1.0)
+
+
+def measure(scene):
+    drag, eos = scene.drag, scene.gas.eos if scene.gas else None
+    if eos is None or eos.kind != "isothermal":
+        return None
+    coupled = drag is not None and drag.direction == "two-way" and drag.law in ("constant", "stopping-time")
+    if scene.dust and (not coupled or len(scene.dust) > 1):
+        return None
+    from discsim.exact import dustywave  # imports scipy
+
+    def exact(sim, kind):
+        start = scene.initial
+        size = np.array(scene.space.size)
+        wavevector = start.wavenumber * np.array(start.direction) / size
+        waves = float(np.linalg.norm(wavevector))
+        along, frame = wavevector / waves, np.array(start.velocity)
+        ratio = scene.dust[0].ratio if scene.dust else 1e-30
+        coefficient = 0.0
+        if scene.dust:
+            coefficient = drag.K if drag.law == "constant" else ratio / drag.t_stop
+        place = sim.state.species[kind].pos @ along - sim.time * (frame @ along)
+        wave = dustywave.solution(place, sim.time, coefficient, ratio, eos.sound_speed, start.amplitude, waves)
+        return frame + np.outer(getattr(wave, f"{kind}_velocity"), along), frame
+
+    return ErrorMeasure("particle velocities against the exact wave", velocity_errors(exact))
+
+
+def curves(scene, time, x):
+    """Where the drag is that of the exact wave: one population, one K, both ways."""
+    start, drag = scene.initial, scene.drag
+    if scene.gas is None or scene.gas.eos.kind != "isothermal" or drag is None:
+        return {}
+    if drag.law != "constant" or drag.direction != "two-way" or len(scene.dust) > 1:
+        return {}
+    from discsim.exact import dustywave  # imports scipy
+
+    sound, ratio = scene.gas.eos.sound_speed, scene.dust[0].ratio
+    whole = (start.wavenumber, scene.space.size[0], start.velocity[0])
+    wave = dustywave.solution(x, time, drag.K, ratio, sound, start.amplitude, *whole)
+    return {"gas": (x, wave.gas_density, wave.gas_velocity), "dust": (x, wave.dust_density, wave.dust_velocity)}
+
+
+def needs_a_direction(draft):
+    if not any(draft.initial.direction):
+        yield ("initial", "direction"), "all zeros; expected whole waves along one side at least"
+
+
+START = Start(Wave, particles, places, cells=cells, rules=(needs_a_direction,), measure=measure, curves=curves)

@@ -15,7 +15,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from discsim.initial.base import Curve, Start
 from discsim.output.snapshot import Snapshot, SnapshotParticles, range_of_mass, read_snapshot
+from discsim.parts import STARTS
 from discsim.scene import load_scene
 
 Array = np.ndarray
@@ -51,14 +53,27 @@ def _in(snap: Snapshot, dimension: str) -> tuple[float, str]:
     return float(snap.units.quantity(1.0, dimension).to_value(name)), f" [{written}]"
 
 
+def _start(snap: Snapshot) -> Start | None:
+    """What the run started with; None where that was the caller's own particles."""
+    return STARTS.get(snap.tables.get("initial", {}).get("kind"))
+
+
 def _centred(snap: Snapshot) -> bool:
     """Whether the scene has a centre about which a radial profile says something."""
-    return "star" in snap.tables or snap.tables.get("initial", {}).get("kind") in ("disc", "ring")
+    start = _start(snap)
+    return "star" in snap.tables or (start is not None and start.edges is not None)
 
 
-def _about(snap: Snapshot) -> bool:
-    """Whether the middle of the box is the centre of an exact solution."""
-    return snap.tables.get("initial", {}).get("kind") in ("blast", "vortex")
+def _around(snap: Snapshot) -> str | None:
+    """The velocity to show against the distance from the middle of the box, where that is the centre of a start."""
+    start = _start(snap)
+    return start.around if start is not None else None
+
+
+def _exact(snap: Snapshot, x: Array) -> dict[str, Curve]:
+    """Places, densities and velocities by species, for the scenes with a known answer; empty for others."""
+    start = _start(snap)
+    return start.curves(load_scene(snap.tables), snap.time, x) if start is not None and start.curves else {}
 
 
 def _window(snap: Snapshot) -> tuple[Array, Array]:
@@ -73,7 +88,8 @@ def _window(snap: Snapshot) -> tuple[Array, Array]:
 
 def _maps(snap: Snapshot) -> Figure:
     kinds = snap.species
-    below = 2 if _about(snap) else int(_centred(snap))
+    around = _around(snap)
+    below = 2 if around else int(_centred(snap))
     heights = [1.0] + [0.55] * below
     width = 5.6 * len(kinds) + 0.4
     figure = Figure(figsize=(width, 4.9 + 3.0 * below), layout="constrained")
@@ -81,8 +97,8 @@ def _maps(snap: Snapshot) -> Figure:
     window = _window(snap)
     for column, (kind, particles) in enumerate(kinds.items()):
         _map(figure, figure.add_subplot(grid[0, column]), snap, kind, particles, window)
-    if _about(snap):
-        _radial(figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :]), snap)
+    if around:
+        _radial(figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :]), snap, around == "azimuthal")
     elif _centred(snap):
         _profile(figure.add_subplot(grid[1, :]), snap, window[1][0] / 1.1)
     return figure
@@ -134,20 +150,20 @@ def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     axes.legend(frameon=False)
 
 
-def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
-    """Density, and the velocity that the exact solution has, of the particles against the distance from the middle."""
+def _radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
+    """Density and velocity, azimuthal where it `turns`, else radial, of the particles against the distance from the
+    middle; over the exact solution where there is one."""
     scene: Any = load_scene(snap.tables)
     length, length_unit = _in(snap, "length")
     density, density_unit = _in(snap, "density")
     velocity, velocity_unit = _in(snap, "velocity")
     middle, outer = (snap.lower + snap.upper) / 2, (snap.upper - snap.lower).min() / 2
     boost = np.array(getattr(scene.initial, "velocity", (0.0, 0.0)))
-    turns = scene.initial.kind == "vortex"
     for kind, particles in snap.species.items():
         # Rings some spacings wide.
         edges = np.linspace(0, outer, int(np.clip(0.3 * particles.count**0.5, 10, _RINGS)) + 1)
         away, vel = particles.pos - middle, particles.vel - boost
-        if turns:  # the middle moves with the boost
+        if boost.any():  # the middle moves with it
             away = (away - boost * snap.time + outer) % (2 * outer) - outer
         r = np.sqrt((away**2).sum(axis=1))
         mass, _ = np.histogram(r, edges, weights=particles.mass)
@@ -156,10 +172,7 @@ def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
         across = away[:, 0] * vel[:, 1] - away[:, 1] * vel[:, 0] if turns else (away * vel).sum(axis=1)
         below.plot(length * r, velocity * across / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
     x = np.linspace(0, outer, 1000)
-    for kind, (rho, v) in _exact_radial(scene, snap.time, x).items():
-        style = _exact_style(kind)
-        above.plot(length * x, density * rho, **style)
-        below.plot(length * x, velocity * v, **style)
+    _plot_exact(above, below, snap, x)
     above.set(ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length), ylim=(0, None))
     name = "azimuthal" if turns else "radial"
     below.set(xlabel=f"r{length_unit}", ylabel=f"{name} velocity{velocity_unit}", xlim=(0, outer * length))
@@ -168,25 +181,13 @@ def _radial(above: Axes, below: Axes, snap: Snapshot) -> None:
     above.legend(frameon=False)
 
 
-def _exact_style(kind: str) -> dict[str, Any]:
-    return {"color": "black", "lw": 0.8, "ls": {"gas": "-", "dust": "--"}[kind], "label": f"{kind}, exact"}
-
-
-def _exact_radial(scene: Any, time: float, r: Array) -> dict[str, tuple[Array, Array]]:
-    """Densities and velocities by kind at radii r (n,); of dust where it is to move with the gas."""
-    from discsim.exact import gresho, sedov
-
-    start = scene.initial
-    if start.kind == "vortex":
-        if scene.dust:
-            return {}
-        return {"gas": (np.full_like(r, start.density), gresho.speed(r, start.speed, start.radius))}
-    ratio = sum(population.ratio for population in scene.dust or ())
-    if time == 0.0 or (ratio and (scene.drag is None or scene.drag.direction == "one-way")):
-        return {}
-    heavy = sedov.solution(r, time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
-    gas = {"gas": (heavy.density / (1.0 + ratio), heavy.velocity)}
-    return gas | ({"dust": (heavy.density * ratio / (1.0 + ratio), heavy.velocity)} if ratio else {})
+def _plot_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
+    """Exact densities and velocities at places or distances x (n,)."""
+    length, density, velocity = (_in(snap, name)[0] for name in ("length", "density", "velocity"))
+    for kind, (at, rho, v) in _exact(snap, x).items():
+        style: dict[str, Any] = {"color": "black", "lw": 0.8, "ls": {"gas": "-", "dust": "--"}[kind]}
+        above.plot(length * at, density * rho, label=f"{kind}, exact", **style)
+        below.plot(length * at, velocity * v, **style)
 
 
 def _lines(snap: Snapshot) -> Figure:
@@ -204,10 +205,7 @@ def _lines(snap: Snapshot) -> Figure:
         above.plot(length * x, density * rho, ".", ms=3, color=COLOURS[kind], label=kind)
         points = length * particles.pos[:, 0]
         below.plot(points, velocity * particles.vel[:, 0], ".", ms=3, color=COLOURS[kind], label=kind)
-    for kind, (x, rho, v) in _exact(snap).items():
-        style = _exact_style(kind)
-        above.plot(length * x, density * rho, **style)
-        below.plot(length * x, velocity * v, **style)
+    _plot_exact(above, below, snap, np.linspace(snap.lower[0], snap.upper[0], 1000))
     above.set(ylabel=rf"$\rho${density_unit}")
     below.set(xlabel=f"x{length_unit}", ylabel=f"velocity{velocity_unit}")
     above.set_xlim(min(ends), max(ends))  # walls of immobile particles are beyond
@@ -216,62 +214,6 @@ def _lines(snap: Snapshot) -> Figure:
         axes.ticklabel_format(useOffset=False)
     above.legend(frameon=False)
     return figure
-
-
-def _exact(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
-    """Places, densities and velocities by kind, for the scenes with a known answer; empty for others."""
-    kind = snap.tables.get("initial", {}).get("kind")
-    if kind == "settling":
-        return _exact_settling(snap)
-    if kind not in ("wave", "shock"):
-        return {}
-    from discsim.exact import dustywave, riemann
-
-    scene: Any = load_scene(snap.tables)
-    eos, drag = scene.gas and scene.gas.eos.kind, scene.drag
-    x = np.linspace(snap.lower[0], snap.upper[0], 1000)
-    ratio = sum(population.ratio for population in scene.dust or ())
-    if kind == "shock" and eos == "adiabatic" and snap.time > 0 and drag is None and not ratio:
-        flow = riemann.solution(x, snap.time, scene.initial.left, scene.initial.right, scene.gas.eos.gamma)
-        return {"gas": (x, flow.density, flow.velocity)}
-    if kind == "wave" and eos == "isothermal" and drag is not None and _is_linear(scene):
-        wave = dustywave.solution(
-            x,
-            snap.time,
-            drag.K,
-            ratio,
-            scene.gas.eos.sound_speed,
-            scene.initial.amplitude,
-            scene.initial.wavenumber,
-            scene.space.size[0],
-            scene.initial.velocity[0],
-        )
-        gas = (x, wave.gas_density, wave.gas_velocity)
-        return {"gas": gas, "dust": (x, wave.dust_density, wave.dust_velocity)}
-    return {}
-
-
-def _exact_settling(snap: Snapshot) -> dict[str, tuple[Array, Array, Array]]:
-    """The gas at rest, and dust of one population and a known stopping time."""
-    from discsim.exact import settling
-    from discsim.initial.settling import extent, scale_height
-
-    scene: Any = load_scene(snap.tables)
-    height, midplane = scale_height(scene), scene.initial.density
-    x = np.linspace(-extent(scene), extent(scene), 1000)
-    exact = {"gas": (x, settling.gas_density(x, midplane, height), np.zeros_like(x))}
-    if scene.drag is None or scene.drag.law != "stopping-time" or len(scene.dust) > 1:
-        return exact
-    times = np.full_like(x, scene.drag.t_stop)
-    z, u = settling.trajectories(snap.time, x, lambda at: times[: len(at)], scene.external.vertical_frequency)
-    # Grains keep their mass: the density grows as their distance falls.
-    rho = scene.dust[0].ratio * settling.gas_density(x, midplane, height) / np.abs(np.gradient(z, x))
-    return exact | {"dust": (z, rho, u)}
-
-
-def _is_linear(scene: Any) -> bool:
-    """Whether the drag is that of the exact wave: one population, one K, both ways."""
-    return scene.drag.law == "constant" and scene.drag.direction == "two-way" and len(scene.dust) == 1
 
 
 def _density_1d(particles: SnapshotParticles) -> tuple[Array, Array]:

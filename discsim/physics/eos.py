@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field
 
 from discsim.parts import EOS
 from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
-from discsim.scene.rules import BRINGS_PRESSURE, Draft, Problem, Rule
+from discsim.scene.rules import Draft, Problem, Rule
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -80,7 +80,7 @@ def _one_temperature(draft: Draft) -> Iterator[Problem]:
     eos = draft.gas.eos
     if eos.sound_speed is not None and eos.aspect_ratio is not None:
         yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
-    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.kind not in (*BRINGS_PRESSURE, ""):
+    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not draft.start.brings_pressure:
         yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
     if eos.aspect_ratio is not None and not draft.has("star"):
         yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"

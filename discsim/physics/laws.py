@@ -13,7 +13,7 @@ from discsim.formulas import laws as formulas
 from discsim.parts import LAWS, Lazy
 from discsim.physics import profile
 from discsim.physics.grains import epstein_stopping_time, mean_free_column
-from discsim.scene.rules import Draft, Problem, Rule
+from discsim.scene.rules import Draft, Problem, Rule, kinds_with
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -132,11 +132,13 @@ def _star(draft: Draft) -> Iterator[Problem]:
 
 
 def _disc(draft: Draft) -> Iterator[Problem]:
-    if not (draft.has("star") and (draft.kind == "disc" or draft.has("background"))):
+    known = draft.has("background") or (draft.start and draft.start.reference_density)
+    if not (draft.has("star") and known):
+        kinds = " or ".join(f'"{name}"' for name in kinds_with(lambda start: start.reference_density))
         yield (
             ("drag", "law"),
             "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
-            '"disc" or [background], and [star]',
+            f"{kinds} or [background], and [star]",
         )
 
 

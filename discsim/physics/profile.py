@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.parts import STARTS
 from discsim.physics.eos import eos_of
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def scale(scene: Scene) -> float:
 
 def reference_density(scene: Scene) -> float:
     """Sigma at the reference radius of the scene's disc, given or started with."""
-    return scene.background.surface_density if scene.background else scale(scene)
+    return scene.background.surface_density if scene.background else STARTS[scene.initial.kind].reference_density(scene)
 
 
 def sound_speed(scene: Scene, r: Array, density: Array) -> Array:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.base import Scheme
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.initial import start_of
 from discsim.numerics.layout import LOADED
 from discsim.parts import SCHEMES, USUAL_SCHEME
 from discsim.preview.derived import (
@@ -27,6 +28,9 @@ from discsim.preview.derived import (
 from discsim.scene import Scene
 from discsim.scene.rules import KERNEL_KEYS
 
+if TYPE_CHECKING:
+    from discsim.drag.base import Scheme
+
 # In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
 # One grain in a cell cures that.
 LONELY = (0, 0.25)
@@ -34,7 +38,6 @@ LONELY = (0, 0.25)
 # spreads and falls in whatever h is, a tenth of the gas may do with less, but none with an h above H.
 FINE, COARSE, EDGE = 0.5, 1.0, 0.1
 HEAVY = 3.0  # Toomre's Q, above which nothing is amplified (Toomre 1981), and a softening cannot change that
-ROOM = 1.15  # half of space over the outer radius of a disc
 CLUMP = 6  # kernels' particles that a collapsing mass wants (Nelson 2006, abstract)
 CELLS = 4  # of the grid, that it is to span
 
@@ -44,7 +47,7 @@ def warnings(scene: Scene) -> list[str]:
     if scene.initial is None:
         return []
     at = local(scene)
-    kinds = (_gas_warnings, _step_warnings, _edge_warnings, _gravity_warnings, _collapse_warnings, _drag_warnings)
+    kinds = (_gas_warnings, _step_warnings, _start_warnings, _gravity_warnings, _collapse_warnings, _drag_warnings)
     return [line for kind in (*kinds, _scheme_warnings, _midplane_warnings) for line in kind(scene, at)]
 
 
@@ -126,16 +129,10 @@ def _midplane_warnings(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
-def _edge_warnings(scene: Scene, at: Local) -> Iterator[str]:
-    if scene.initial is None or scene.initial.kind != "disc" or scene.background:
-        return
-    half, outer = 0.5 * min(scene.space.size), scene.initial.outer
-    if half < ROOM * outer:
-        wanted = scene.units.show(2 * ROOM * outer, "length")
-        yield (
-            f"space.size leaves {half / outer - 1:.2g} of the disc's radius about it, below {ROOM - 1:.2g}: "
-            f"what spreads leaves the grid; raise it to {wanted}"
-        )
+def _start_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    told = start_of(scene).warnings
+    if told is not None:
+        yield from told(scene)
 
 
 def _collapse_warnings(scene: Scene, at: Local) -> Iterator[str]:

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import Cells
 from discsim.effects import effect_classes
-from discsim.exact import gresho
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.initial import lattice
+from discsim.initial import lattice, start_of
+from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
 from discsim.parts import SCHEMES
 from discsim.physics import laws, profile
@@ -25,6 +24,9 @@ from discsim.physics.eos import eos_of
 from discsim.physics.given_disc import GivenDisc
 from discsim.scene import Scene
 from discsim.scene.units import Units
+
+if TYPE_CHECKING:
+    from discsim.drag.base import Cells
 
 Array = np.ndarray
 
@@ -60,37 +62,20 @@ class Local:
 
 
 def local(scene: Scene) -> Local:
-    """The gas at the edges (within the tapers) and the middle of a disc, or in the states of another start."""
-    start: Any = scene.initial
-    radius = None
-    if start.kind == "disc":
-        inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper  # where tapers end
-        radius = np.array([inner, (start.inner + start.outer) / 2, outer])
-        density = profile.surface_density(scene, radius)
-        if scene.background:
-            density = GivenDisc(scene).surface_density(radius)
-        places = [scene.units.show(r, "length") for r in radius]
-    elif start.kind == "shock":
-        density = np.array([start.left[0], start.right[0]])
-        places = ["left", "right"]
-    elif start.kind == "settling":
-        from discsim.initial import settling  # imports the kernels
-
-        ends = start.density * math.exp(-0.5 * (settling.extent(scene) / settling.scale_height(scene)) ** 2)
-        density = np.array([start.density, ends])
-        places = ["midplane", "ends"]
-    else:
-        density = np.array([_uniform_density(start)])
-        places = ["everywhere"]
-    return _local(scene, places, radius, density)
+    """The gas at the places that its start is told by."""
+    places = start_of(scene).places(scene)
+    if scene.background and places.radius is not None:
+        places = replace(places, density=GivenDisc(scene).surface_density(places.radius))
+    return _local(scene, places)
 
 
-def _local(scene: Scene, places: list[str], radius: Array | None, density: Array) -> Local:
+def _local(scene: Scene, places: Places) -> Local:
+    radius, density = places.radius, places.density
     omega = profile.kepler_omega(scene, radius) if scene.star and radius is not None else None
-    sound = _sound_speed(scene, radius, density)
+    sound = _sound_speed(scene, places)
     ratio = eos_of(scene).heat_ratio(scene.gas.eos) if scene.gas else 1.0
     thermal = None if sound is None else sound / math.sqrt(ratio)
-    return Local(places, radius, density, sound, thermal, omega, _smoothing(scene, density))
+    return Local(places.names, radius, density, sound, thermal, omega, _smoothing(scene, density))
 
 
 def gas_step(scene: Scene, at: Local) -> Array:
@@ -102,29 +87,12 @@ def gas_step(scene: Scene, at: Local) -> Array:
 
 def gas_mass(scene: Scene) -> float:
     """Total mass of the gas (the mass that the dust's ratio refers to, where there is no gas)."""
-    start: Any = scene.initial
-    if start.kind == "disc":
-        return _disc_mass(scene, start.inner, start.outer)
-    if start.kind == "shock":
-        return (start.left[0] + start.right[0]) * scene.space.size[0] / 2
-    if start.kind == "settling":
-        from discsim.initial import settling  # imports the kernels
-
-        return settling.column(scene)
-    return _uniform_density(start) * math.prod(scene.space.size)
+    return start_of(scene).mass(scene)
 
 
 def dust_masses(scene: Scene) -> list[float]:
     """Total mass of each population of dust."""
-    start: Any = scene.initial
-    masses = []
-    for dust in scene.dust or ():
-        whole = gas_mass(scene)
-        if start.kind == "disc":
-            inner, outer = max(dust.inner or 0.0, start.inner), min(dust.outer or math.inf, start.outer)
-            whole = _disc_mass(scene, inner, max(inner, outer))
-        masses.append(dust.ratio * whole)
-    return masses
+    return [dust.ratio * start_of(scene).mass(scene, dust) for dust in scene.dust or ()]
 
 
 def stopping_times(scene: Scene, at: Local) -> list[Array]:
@@ -227,7 +195,7 @@ def particle_count(scene: Scene, species: Any) -> int:
     Without the immobile ones that continue a tube or a layer.
     """
     on_lattice = species.placement == "even" if hasattr(species, "placement") else True
-    if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or scene.initial.kind == "disc":
+    if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or not start_of(scene).on_lattice:
         return species.particles
     return math.prod(lattice.shape(scene.space.size, species.particles))
 
@@ -239,7 +207,7 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     if drag is None or cells is None or not scene.gas or at.h is None or found is None:
         return None
     cell, shape = found
-    wanted = cells.leaf(scene, *_range_of_h(scene, at)) if drag.cell else drag.cell_length
+    wanted = cells.leaf(scene, *_range_of_h(scene)) if drag.cell else drag.cell_length
     assert wanted is not None
     periodic = scene.space.boundary == "periodic"
     leaf, _ = leaves(wanted, cell, shape, periodic, particle_count(scene, scene.gas))
@@ -273,56 +241,24 @@ def _present(population: Any, at: Local) -> Array | float:
     return 1.0 * ((at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf)))
 
 
-def _range_of_h(scene: Scene, at: Local) -> tuple[float, float]:
+def _range_of_h(scene: Scene) -> tuple[float, float]:
     """The geometric mean of the smoothing lengths of all gas particles, and the least of them."""
-    start: Any = scene.initial
-    h, weight = at.h, np.ones_like(at.density)
-    if start.kind == "disc":
-        r = profile.radii(start)
-        weight = r * profile.shape(start, r)
-        h, weight = _smoothing(scene, profile.surface_density(scene, r)[weight > 0]), weight[weight > 0]
-    elif start.kind == "shock":
-        weight = at.density
-    elif start.kind == "settling":
-        from discsim.initial import settling  # imports the kernels
-
-        z = np.linspace(0.0, settling.extent(scene), profile.SAMPLES)
-        weight = np.exp(-0.5 * (z / settling.scale_height(scene)) ** 2)
-        h = _smoothing(scene, start.density * weight)
+    places, weight = start_of(scene).all_over(scene)
+    h = _smoothing(scene, places.density)
     assert h is not None
     return float(np.exp(np.average(np.log(h), weights=weight))), float(h.min())
 
 
-def _uniform_density(start: Any) -> float:
-    if start.kind == "sheet":
-        return start.surface_density
-    return getattr(start, "density", 1.0)
-
-
-def _disc_mass(scene: Scene, inner: float, outer: float) -> float:
-    radius = np.linspace(inner, outer, profile.SAMPLES)
-    return profile.scale(scene) * float(profile.cumulative(scene.initial, radius)[-1])
-
-
-def _sound_speed(scene: Scene, radius: Array | None, density: Array) -> Array | None:
+def _sound_speed(scene: Scene, places: Places) -> Array | None:
+    radius, density = places.radius, places.density
     if scene.background and radius is not None:
         return GivenDisc(scene).sound_speed(radius)
     if scene.gas is None:
         return None
     speed = eos_of(scene).start_speed(scene, radius, density)
-    return _given_speed(scene, density) if speed is None else speed
-
-
-def _given_speed(scene: Scene, density: Array) -> Array | None:
-    """Where the start itself has a pressure."""
-    start: Any = scene.initial
-    if start.kind == "shock":
-        pressure = np.array([start.left[1], start.right[1]])
-    elif start.kind == "vortex":
-        pressure = gresho.pressure(np.zeros(1), start.density, start.speed, start.radius)
-    else:
-        return None
-    return np.sqrt(getattr(scene.gas.eos, "gamma", 1.0) * pressure / density)
+    if speed is not None or places.pressure is None:
+        return speed
+    return np.sqrt(getattr(scene.gas.eos, "gamma", 1.0) * places.pressure / density)
 
 
 def _smoothing(scene: Scene, density: Array) -> Array | None:
@@ -341,10 +277,8 @@ def resolution(scene: Scene, h: Array) -> Array:
 
 def resolution_by_mass(scene: Scene) -> tuple[Array, Array]:
     """h/H of the gas of a disc (n,), rising, and the share of the gas with less than each (n,)."""
-    r = profile.radii(scene.initial)
-    weight = r * profile.shape(scene.initial, r)
-    r, weight = r[weight > 0], weight[weight > 0]
-    at = _local(scene, [], r, profile.surface_density(scene, r))
+    places, weight = start_of(scene).all_over(scene)
+    at = _local(scene, places)
     assert at.h is not None and at.scale_height is not None
     ratio = resolution(scene, at.h) / at.scale_height
     order = np.argsort(ratio, kind="stable")

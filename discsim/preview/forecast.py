@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.initial import start_of
 from discsim.output.files import written
 from discsim.parts import SCHEMES
 from discsim.physics import profile
@@ -67,15 +68,15 @@ def forecast(scene: Scene) -> Forecast | None:
 
 
 def _steps(scene: Scene) -> float | None:
-    at, run = local(scene), scene.run
+    at, run, start = local(scene), scene.run, start_of(scene)
     if run.timestep is not None:
         return run.until / run.timestep
-    if scene.initial is not None and scene.initial.kind == "blast":
-        return None  # its heat sets the step, and spreads
+    if not start.known_step:
+        return None
     if scene.gas and at.h is not None and at.sound_speed is not None:
         return run.until / (run.courant * SHRINK * float(gas_step(scene, at).min()))
-    if scene.star and scene.initial is not None and scene.initial.kind == "disc":
-        return run.until / run.courant * float(profile.kepler_omega(scene, scene.initial.inner))
+    if scene.star and start.edges is not None:
+        return run.until / run.courant * float(profile.kepler_omega(scene, start.edges(scene)[0]))
     return None
 
 

@@ -130,8 +130,9 @@ def key_row(model: type[Table], key: str) -> tuple[str, str, str, str]:
 def _value_words(model: type[Table], key: str) -> str:
     field = model.model_fields[key]
     measure = measure_of(field)
-    if "left" in model.model_fields:
-        return "density, pressure, velocity"
+    for entry in field.metadata:
+        if isinstance(entry, fields.Words):
+            return entry.words
     if measure:
         return measure.name.replace("_", " ") or "number"
     choices = fields.choices_in(field.annotation)

@@ -20,7 +20,7 @@ import numpy as np
 
 from discsim.effects import load_effects
 from discsim.effects.base import Effect
-from discsim.initial import make_state, own, setup
+from discsim.initial import make_particles, make_state, own, start_of
 from discsim.numerics.state import Dust, Gas, Ledger, State
 from discsim.numerics.threads import use_threads
 from discsim.output.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
@@ -58,7 +58,7 @@ class Simulation:
         try:
             self.state = make_state(scene, _made(scene) if given is None else given)
             effects = load_effects(scene, self.state)
-            settle = None if particles is not None else setup(scene).settle
+            settle = None if particles is not None else start_of(scene).settle
             if settle is not None:
                 with np.errstate(**OVERFLOWS):
                     settle(self.state, effects)
@@ -283,4 +283,4 @@ OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of 
 
 def _made(scene: Scene) -> dict[str, dict[str, Any]]:
     with np.errstate(**OVERFLOWS):
-        return setup(scene).particles(scene)
+        return make_particles(scene)

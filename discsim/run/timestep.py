@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from discsim.initial import start_of
 from discsim.numerics.state import State
 from discsim.run.forces import Limits, PhysicsError
 
@@ -43,9 +44,9 @@ def _check_fixed(state: State, limits: Limits, left: float) -> None:
 
 
 def _over_before_it_grows(state: State, limits: Limits, left: float) -> bool:
-    """Whether rounding errors stay small in the few steps of a uniform box, whose drag is exact at any length."""
-    run, start = state.scene.run, state.scene.initial
-    if start is None or start.kind != "box" or run.timestep is None:
+    """Whether rounding errors stay small in the few steps of uniform gas, whose drag is exact at any length."""
+    run = state.scene.run
+    if state.scene.initial is None or not start_of(state.scene).uniform or run.timestep is None:
         return False
     steps = math.ceil((run.until if left == math.inf else state.time + left) / run.timestep - 1e-9)
     # A step of x times the limit multiplies them by x^2 at most.

@@ -74,6 +74,13 @@ class Default:
 
 
 @dataclass(frozen=True)
+class Words:
+    """Words for the values of a key, where its type does not say them."""
+
+    words: str
+
+
+@dataclass(frozen=True)
 class Measure:
     """The dimension of a float, or of a tuple with one float a dimension ("x" and "y").
 

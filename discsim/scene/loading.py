@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.parts import EFFECTS, EOS, MODELS
+from discsim.parts import EFFECTS, EOS, MODELS, STARTS
 from discsim.scene import tables, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 else:  # imported only where a scene has them
     Background = Drag = Dust = External = Gas = SelfGravity = Star = Any
 
-# Of starts that want another kernel than the cubic: quieter for its cost (analysis/noise.py); one that feels every wave
-# of a stretched layer, so that it has a balance.
-KERNEL_OF = {"disc": "quintic", "settling": "wendland-c4"}
 
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
 
@@ -193,7 +190,8 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
     gas = filled.get("gas")
     if isinstance(gas, dict):
         # An eta alone is the cubic's.
-        kernel = KERNEL_OF.get(str(value_at(data, "initial", "kind")))
+        start = STARTS.get(str(value_at(data, "initial", "kind")))
+        kernel = start.kernel if start is not None else None
         if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
             gas.setdefault("kernel", kernel)
         smoothing = SMOOTHING.get(str(gas.get("kernel")), SMOOTHING["cubic"])

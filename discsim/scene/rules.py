@@ -8,25 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from math import ceil, erf, exp, log10, pi, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, LAWS, SCHEMES, STARTS
-from discsim.scene.fields import LARGEST, MOST_SNAPSHOTS
+from discsim.scene.fields import MOST_SNAPSHOTS
+
+if TYPE_CHECKING:
+    from discsim.initial.base import Start
 
 Problem = tuple[tuple[str | int, ...], str]
 Rule = Callable[["Draft"], Iterator[Problem]]
 
-# Which equations of state a start goes with, where not all.
-EOS_OF = {
-    "shock": ("adiabatic", "isothermal"),
-    "blast": ("adiabatic",),
-    "vortex": ("adiabatic",),
-    "settling": ("isothermal",),
-}
-BRINGS_PRESSURE = ("shock", "blast", "vortex")  # starts that need no temperature of the eos
-REACH = {"blast": ("radius", 1.0), "vortex": ("radius", 2.0), "settling": ("vertical_extent", 1.0)}
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}
 
 
@@ -57,6 +50,11 @@ class Draft:
     @property
     def kind(self) -> str:
         return self.initial.kind if self.initial else ""
+
+    @property
+    def start(self) -> Start | None:
+        """What the scene starts with; None where that is the caller's own particles."""
+        return STARTS[self.kind] if self.kind else None
 
     @property
     def dimensions(self) -> int:
@@ -93,8 +91,8 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
         if draft.has(name):
             yield from EFFECTS[name].rules
     with suppress(Faulty):
-        if draft.kind:
-            yield from STARTS[draft.kind].rules
+        if draft.start:
+            yield from draft.start.rules
     with suppress(Faulty):
         if draft.eos:
             yield from draft.eos.rules
@@ -147,86 +145,20 @@ def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
 
 
 def _boundary_of_the_start(draft: Draft) -> Iterator[Problem]:
-    if not draft.space:
-        return
-    wanted = "open" if draft.kind in ("disc", "shock", "settling") else "periodic"
-    if draft.kind not in ("", "blast") and draft.space.boundary != wanted:
+    wanted = draft.start.boundary if draft.start else None
+    if draft.space and wanted not in (None, draft.space.boundary):
         found = draft.space.boundary
         yield ("space", "boundary"), f'"{found}" does not go with a {draft.kind}; expected "{wanted}"'
 
 
 def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
-    wanted = {"disc": 2, "shock": 1, "settling": 1, "blast": 2, "vortex": 2}.get(draft.kind, draft.dimensions)
-    if draft.dimensions != wanted:
-        yield (
-            ("space", "dimensions"),
-            f"{draft.dimensions} does not go with a {draft.kind}; expected {wanted}",
-        )
-
-
-def _disc_edges(draft: Draft) -> Iterator[Problem]:
-    if draft.kind != "disc":
-        return
-    disc = draft.initial
-    if disc.outer <= disc.inner:
-        yield ("initial", "outer"), "the outer edge is not outside the inner one; expected outer > inner"
-    elif draft.space and min(draft.space.size) < 2 * disc.outer:
-        share = min(draft.space.size) / (2 * disc.outer)
-        yield (
-            ("space", "size"),
-            f"the grid is smaller than the disc: its half side is {share:.3g} of initial.outer; "
-            "expected more than 1 (1.3 leaves room to spread)",
-        )
-    elif disc.inner_taper + disc.outer_taper > disc.outer - disc.inner:
-        wide = (disc.inner_taper + disc.outer_taper) / (disc.outer - disc.inner)
-        key = "inner_taper" if disc.inner_taper > disc.outer_taper else "outer_taper"
-        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected 1 at most"
-
-
-def _power_laws(draft: Draft) -> Iterator[Problem]:
-    """Powers of the radius stay within floats all over a disc."""
-    if draft.kind != "disc":
-        return
-    gas = draft.gas or draft.background
-    laws = [("initial", draft.initial, "surface_density_index")]
-    if draft.has("background"):
-        laws.append(("background", draft.background, "surface_density_index"))
-    if gas and hasattr(gas.eos, "temperature_index"):
-        laws.append(("gas" if draft.gas else "background", gas.eos, "temperature_index"))
-    for table, law, key in laws:
-        index, where = getattr(law, key), law.reference_radius
-        if max(abs(index * log10(r / where)) for r in (draft.initial.inner, draft.initial.outer)) > log10(LARGEST):
-            path = (table, "eos", key) if key == "temperature_index" else (table, key)
-            yield path, f"{index:g} takes powers of the radius beyond {LARGEST:g} in the disc; expected a lesser slope"
-
-
-def _disc_mass(draft: Draft) -> Iterator[Problem]:
-    if draft.kind != "disc":
-        return
-    scales = ("mass", "toomre_q", "surface_density")
-    given = [key for key in scales if getattr(draft.initial, key) is not None]
-    if len(given) != 1:
-        wrong = "{} are there together".format(" and ".join(given)) if given else "the disc has no mass"
-        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
-
-
-def _disc_needs_a_centre(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "disc" and not draft.has("star") and not draft.has("self_gravity"):
-        yield (
-            ("initial", "kind"),
-            "nothing holds the disc together; expected a table [star] or [self_gravity]",
-        )
-
-
-def _toomre_q(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "disc" and draft.initial.toomre_q is not None:
-        for table in ("gas", "star"):
-            if not draft.has(table):
-                yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
+    if draft.start and draft.dimensions not in draft.start.dimensions:
+        wanted = " or ".join(map(str, draft.start.dimensions))
+        yield ("space", "dimensions"), f"{draft.dimensions} does not go with a {draft.kind}; expected {wanted}"
 
 
 def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
-    allowed = EOS_OF.get(draft.kind)
+    allowed = draft.start.eos if draft.start else None
     if allowed is None:
         return
     if not draft.has("gas"):
@@ -237,51 +169,34 @@ def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
 
 
 def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
-    if not draft.space:
+    if not draft.space or not draft.start or not draft.start.reach:
         return
-    key, reach = REACH.get(draft.kind, ("", 0.0))
+    key, reach = draft.start.reach
     half = 0.5 * min(draft.space.size)
-    length = reach * (getattr(draft.initial, key) or 0.0) if key else 0.0
+    length = reach * (getattr(draft.initial, key) or 0.0)
     if length > half * (1 + 1e-9):
         share = half / length
         of = f"{reach:g} initial.{key}" if reach > 1 else f"initial.{key}"
         yield ("space", "size"), f"half a side is {share:.3g} of {of}, which it is to hold; expected 1 at least"
 
 
-def _layer_needs_gravity(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "settling" and not (draft.external and draft.external.vertical_frequency > 0):
-        path = ("external", "vertical_frequency") if draft.has("external") else ("external",)
-        yield path, "missing; the layer's weight is -Omega^2 z with Omega = external.vertical_frequency > 0"
-
-
-def _layer_reaches(draft: Draft) -> Iterator[Problem]:
-    """Particles of equal mass are far apart where the layer ends: at most ten lengths over which it falls by e."""
-    if draft.kind != "settling" or not (draft.gas and draft.space and draft.external):
-        return
-    if draft.eos_kind != "isothermal" or draft.external.vertical_frequency == 0.0:
-        return
-    height = draft.gas.eos.sound_speed / draft.external.vertical_frequency
-    top = (draft.initial.vertical_extent or 0.5 * draft.space.size[0]) / height
-    if top > 30.0:
-        wrong = f"a layer {2.0 * top:.3g} scale heights thick has no gas at its ends"
-        yield ("initial", "vertical_extent"), f"{wrong}; expected some scale heights c_s / Omega = {height:.3g}"
-        return
-    needed = ceil(0.1 * sqrt(2.0 * pi) * erf(top / sqrt(2.0)) * top * exp(0.5 * top * top))
-    if draft.gas.particles < needed:
-        wrong = f"too few for a layer that reaches to {top:.3g} scale heights, where next to none would be"
-        yield ("gas", "particles"), f"{wrong}; expected {needed} at least, or a smaller initial.vertical_extent"
-
-
-def _wave_direction(draft: Draft) -> Iterator[Problem]:
-    if draft.kind == "wave" and not any(draft.initial.direction):
-        yield ("initial", "direction"), "all zeros; expected whole waves along one side at least"
-
-
 def _star_space(draft: Draft) -> Iterator[Problem]:
-    if draft.has("star") and draft.dimensions == 1:
+    if not draft.has("star"):
+        return
+    if draft.dimensions == 1:
         yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
-    elif draft.has("star") and draft.space and draft.space.boundary == "periodic" and draft.kind != "disc":
+    elif (
+        draft.has("star")
+        and draft.space
+        and draft.space.boundary == "periodic"
+        and not (draft.start and draft.start.edges)
+    ):
         yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
+
+
+def kinds_with(which: Callable[[Start], Any]) -> list[str]:
+    """The kinds of starts of which something is true, for a message."""
+    return [name for name, start in STARTS.items() if which(start)]
 
 
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
@@ -311,17 +226,12 @@ def _conductivity(draft: Draft) -> Iterator[Problem]:
 
 def _dust_place(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
-        if draft.kind == "disc" and dust.offset:
-            yield ("dust", i, "offset"), "a disc has no gas spacing; expected another kind"
         for key in ("inner", "outer"):
-            if draft.kind not in ("disc", "") and getattr(dust, key) is not None:
-                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a disc"
+            if draft.start and not draft.start.edges and getattr(dust, key) is not None:
+                kinds = " or ".join(kinds_with(lambda start: start.edges))
+                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a {kinds}"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
-        elif draft.kind == "disc" and dust.inner is not None and dust.inner >= draft.initial.outer:
-            yield ("dust", i, "inner"), "beyond the disc, where there is no gas; expected less than initial.outer"
-        elif draft.kind == "disc" and dust.outer is not None and dust.outer <= draft.initial.inner:
-            yield ("dust", i, "outer"), "in the disc's hole, where there is no gas; expected more than initial.inner"
 
 
 def _background(draft: Draft) -> Iterator[Problem]:
@@ -338,8 +248,6 @@ def _background(draft: Draft) -> Iterator[Problem]:
         yield ("run", "integrator"), 'dust in a [background] needs "kdk"'
     if draft.drag and draft.drag.direction != "one-way":
         yield ("drag", "direction"), 'nothing moves a [background]; expected direction = "one-way"'
-    if draft.initial and draft.kind == "disc" and draft.initial.toomre_q is not None:
-        yield ("initial", "toomre_q"), "there is no [gas] to have a Q; expected mass or surface_density"
 
 
 def _self_gravity_in_1d(draft: Draft) -> Iterator[Problem]:
@@ -349,16 +257,15 @@ def _self_gravity_in_1d(draft: Draft) -> Iterator[Problem]:
 
 def _self_gravity_of_columns(draft: Draft) -> Iterator[Problem]:
     """In code units a number may stand for either density, and own particles bring whatever they are meant to."""
-    if (
-        draft.has("self_gravity")
-        and draft.dimensions == 1
-        and draft.kind in ("box", "wave")
-        and not draft.in_code_units
-    ):
+    start = draft.start
+    if not draft.has("self_gravity") or draft.dimensions != 1 or draft.in_code_units or not start or start.column:
+        return
+    if 1 in start.dimensions and start.boundary == "periodic":  # what does not go with either is told already
         wrong = (
             f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
         )
-        yield ("self_gravity",), f'{wrong}; expected initial.kind = "sheet", or space.dimensions = 2'
+        kinds = " or ".join(f'"{name}"' for name in kinds_with(lambda start: start.column))
+        yield ("self_gravity",), f"{wrong}; expected initial.kind = {kinds}, or space.dimensions = 2"
 
 
 def _self_gravity_kernel(draft: Draft) -> Iterator[Problem]:
@@ -392,16 +299,8 @@ RULES: tuple[Rule, ...] = (
     _cells_of_a_rectangle,
     _boundary_of_the_start,
     _dimensions_of_the_start,
-    _disc_edges,
-    _power_laws,
-    _disc_mass,
-    _disc_needs_a_centre,
-    _toomre_q,
     _gas_of_the_start,
     _room_for_the_start,
-    _layer_needs_gravity,
-    _layer_reaches,
-    _wave_direction,
     _star_space,
     _fixed_smoothing,
     _neighbours,

@@ -1,0 +1,206 @@
+"""Starts: one of another package is as good as one of our own, and none is known beside its own file."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import discsim
+from discsim import Simulation
+from discsim.cli import app
+from discsim.parts import STARTS
+from discsim.preview.derived import gas_mass, local
+from discsim.run.runner import run_scene
+from discsim.scene import SceneError, load_scene, loading, tables
+from discsim.study.errors import measure_of
+
+PART = '''
+"""A stream: uniform gas that moves along x."""
+
+from typing import Literal
+
+import numpy as np
+
+from discsim.initial.base import Start
+from discsim.initial.lattice import everywhere, uniform
+from discsim.initial.measure import ErrorMeasure, velocity_errors
+from discsim.scene.fields import Table, Velocity
+
+
+class Stream(Table):
+    """Gas that moves."""
+
+    kind: Literal["stream"] = "stream"
+    speed: Velocity = 1.0
+
+
+def particles(scene):
+    out = uniform(scene, 2.0)
+    out["gas"]["vel"] += scene.initial.speed
+    return out
+
+
+def measure(scene):
+    # Against twice its speed: the error is a half.
+    exact = velocity_errors(lambda sim, kind: (np.array([[2.0 * scene.initial.speed]]), 0.0))
+    return ErrorMeasure("velocities against those of another stream", exact)
+
+
+def warnings(scene):
+    if scene.initial.speed > 1.0:
+        yield f"initial.speed = {scene.initial.speed:g} is fast: lower it to 1"
+
+
+def is_slow(draft):
+    if draft.initial.speed > 10.0:
+        yield ("initial", "speed"), "too fast; expected 10 at most"
+
+
+START = Start(
+    Stream,
+    particles,
+    lambda scene: everywhere(2.0),
+    dimensions=(1,),
+    eos=("isothermal",),
+    rules=(is_slow,),
+    kernel="quintic",
+    warnings=warnings,
+    measure=measure,
+    exact_with=("external",),
+)
+'''
+
+SCENE = """\
+units.system = "code"
+run = {until = 0.1, snapshots = 2}
+space = {dimensions = 1, size = 1, boundary = "periodic"}
+initial = {kind = "stream", speed = 2}
+gas = {particles = 30, eos = {kind = "isothermal", sound_speed = 1}}
+"""
+
+
+@pytest.fixture
+def forget():
+    """What is remembered of the starts that there are."""
+
+    def forgotten():
+        STARTS.__dict__.pop("homes", None)
+        tables._type_of.cache_clear()
+        loading._adapter.cache_clear()
+
+    forgotten()
+    yield
+    forgotten()
+
+
+@pytest.fixture
+def stream(forget, tmp_path, monkeypatch):
+    """The file of a scene that starts with a stream, from an installed package."""
+    site = tmp_path / "site"
+    info = site / "streams-1.dist-info"
+    info.mkdir(parents=True)
+    (site / "streams.py").write_text(PART)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: streams\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[discsim.starts]\nstream = streams:START\n")
+    monkeypatch.syspath_prepend(site)
+    path = tmp_path / "stream.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_a_start_of_another_package_is_checked(stream):
+    done = CliRunner().invoke(app, ["check", str(stream)])
+    assert done.exit_code == 0, done.output
+    assert re.search(r"mass of the gas +2\n", done.output) and "at   " in done.output and "everywhere" in done.output
+    assert "initial.speed = 2 is fast" in done.output
+    done = CliRunner().invoke(app, ["effects"])
+    assert 'initial.kind = "stream": Gas that moves.' in done.output and "speed " in done.output
+    scene = load_scene(stream)
+    assert scene.gas.kernel == "quintic" and gas_mass(scene) == 2.0 and local(scene).density == [2.0]
+
+
+def test_its_rules_hold(stream):
+    wrong = ["initial.speed=11", 'space.boundary="open"', 'gas.eos={kind="polytropic", gamma=2, constant=1}']
+    with pytest.raises(SceneError) as found:
+        load_scene(stream, wrong)
+    told = "\n".join(found.value.problems)
+    for words in (
+        "initial.speed: too fast; expected 10 at most",
+        '"open" does not go with a stream; expected "periodic"',
+        '"polytropic" does not go with a stream; expected "isothermal"',
+    ):
+        assert words in told
+
+
+def test_it_runs_and_resumes_to_the_same_bits(stream, tmp_path):
+    scene = load_scene(stream)
+    straight, other = Simulation(scene), Simulation(scene)
+    for _ in range(3):
+        straight.step()
+    other.step()
+    other.save(tmp_path / "checkpoint.h5")
+    resumed = Simulation(scene)
+    resumed.restore(tmp_path / "checkpoint.h5")
+    for _ in range(2):
+        resumed.step()
+    assert straight.gas.pos.tobytes() == resumed.gas.pos.tobytes() and straight.time == resumed.time
+    # Rounding of forces that cancel, over some steps.
+    np.testing.assert_allclose(straight.gas.vel, 2.0, rtol=1e-12)
+    out = tmp_path / "run"
+    assert run_scene(scene, out, quiet=True) == 0 and (out / "last_state.png").stat().st_size > 5000
+    assert run_scene(scene, out, resume=True, quiet=True) == 0
+
+
+def test_a_cost_study_measures_its_error(stream, tmp_path):
+    out = tmp_path / "study"
+    done = CliRunner().invoke(app, ["cost", str(stream), "--vary", "gas.particles=20,30", "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "velocities against those of another stream" in done.output
+    with (out / "cost.csv").open(newline="") as file:
+        assert [float(row["error"]) for row in csv.DictReader(file)] == pytest.approx([0.5, 0.5], rel=1e-9)
+    # The exact solution knows external accelerations, but no self-gravity.
+    measure = measure_of(load_scene(stream, ["external.gas=0.1"]))
+    assert measure is not None and measure.words == "velocities against those of another stream"
+    assert measure_of(load_scene(stream, ["self_gravity.softening=0.1"])) is None
+
+
+def test_without_its_package_the_kind_is_unknown(forget, tmp_path):
+    path = tmp_path / "stream.toml"
+    path.write_text(SCENE)
+    with pytest.raises(SceneError, match='"stream"'):
+        load_scene(path)
+
+
+def test_no_other_file_names_a_start():
+    home = Path(discsim.__file__).parent
+    quoted = re.compile(r"[\"'](" + "|".join(STARTS) + r")[\"']")
+    named = [
+        f"{file.relative_to(home)}:{number}: {line.strip()}"
+        for file in sorted(home.rglob("*.py"))
+        if file.parent.name != "initial" and file != home / "parts.py"
+        for number, line in enumerate(file.read_text().splitlines(), 1)
+        if quoted.search(line)
+    ]
+    assert named == []
+
+
+def test_a_start_is_named_in_its_own_file_alone():
+    home = Path(discsim.__file__).parent / "initial"
+    for kind in STARTS:
+        own = STARTS.module(kind).rpartition(".")[2]
+        naming = {file.stem for file in home.glob("*.py") if re.search(rf"[\"']{kind}[\"']", file.read_text())}
+        assert naming == {own}
+
+
+@pytest.mark.parametrize("kind", list(STARTS))
+def test_what_a_start_says_is_consistent(kind):
+    start = STARTS[kind]
+    assert start.keys.model_fields["kind"].default == kind and start.keys.__doc__
+    assert start.reach is None or start.reach[0] in start.keys.model_fields
+    # Only a scene in one dimension is on cells, and only what is exact can be drawn over the middle of space.
+    assert start.cells is None or 1 in start.dimensions
+    assert start.around is None or (start.curves is not None and start.dimensions == (2,))
+    assert not start.exact_with or start.measure is not None
