@@ -1,5 +1,6 @@
 """Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, moved, never diffused."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -9,6 +10,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Measure, Number, Particles, Table
+from discsim.scene.rules import Draft, Problem, kinds_with
 
 moves = Lazy("discsim.kernels.move")
 
@@ -28,8 +30,19 @@ class Keys(Table):
     placement: Literal["even", "random"] = Field("even", description="of the particles at the start")
 
 
+def _within_radii(draft: Draft) -> Iterator[Problem]:
+    for i, dust in enumerate(draft.dust or ()):
+        for key in ("inner", "outer"):
+            if draft.start and not draft.start.edges and getattr(dust, key) is not None:
+                kinds = " or ".join(kinds_with(lambda start: start.edges))
+                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a {kinds}"
+        if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
+            yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
+
+
 class Effect(base.Effect):
     keys = Keys
+    rules = (_within_radii,)
     several = True
     acts_on = ()
 

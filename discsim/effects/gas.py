@@ -5,17 +5,20 @@ Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after M
 h is a third of quintic-h's.
 """
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from discsim.effects import base
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import copied, fill, share
 from discsim.parts import EOS, Lazy
 from discsim.physics.eos import pressure_and_sound_speed
 from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
+from discsim.scene.rules import Draft, Problem
 
 moves = Lazy("discsim.kernels.move")
 kernels = Lazy("discsim.kernels.sph")
@@ -59,8 +62,34 @@ class Keys(Table):
     conductivity: Conductivity | None = None
 
 
+def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
+    if draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
+        yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
+    elif draft.space and (draft.gas.smoothing_length or 0.0) > 2 * max(draft.space.size):
+        times = draft.gas.smoothing_length / max(draft.space.size)
+        yield ("gas", "smoothing_length"), f"{times:.3g} times as long as space.size; expected at most twice it"
+
+
+def _neighbours(draft: Draft) -> Iterator[Problem]:
+    if draft.gas.smoothing_length is not None:
+        return
+    kernel = SMOOTHING[draft.gas.kernel]
+    least = kernel.least_eta[draft.dimensions - 1]
+    if draft.gas.eta < least:
+        wrong = f'{draft.gas.eta:g} leaves a particle of kernel "{draft.gas.kernel}" without neighbours'
+        usual = kernel.eta[draft.dimensions - 1]
+        yield ("gas", "eta"), f"{wrong}; expected more than {least:g}, like {usual:g}"
+
+
+def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
+    if draft.gas.conductivity and not draft.eos.holds_heat:
+        words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
+        yield ("gas", "conductivity"), f'conducts heat, but the gas is "{draft.eos_kind}"; expected kind = {words}'
+
+
 class Effect(base.Effect):
     keys = Keys
+    rules = (_fixed_smoothing, _neighbours, _heat_to_conduct)
     acts_on = ("gas",)
 
     def __init__(self, scene, state):

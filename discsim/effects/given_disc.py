@@ -5,6 +5,7 @@ relaxes each particle exactly to its steady drift there (`kernels/background.py`
 its radial velocity and angular momentum (eq. 1 there), so that circles stay circles.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from discsim.parts import EOS, Lazy
 from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
+from discsim.scene.rules import Draft, Problem
 
 kernels = Lazy("discsim.kernels.background")
 EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat)
@@ -33,10 +35,25 @@ class Keys(Table):
     eos: EosWithoutHeat = Field(description="equation of state")
 
 
+def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
+    if draft.has("gas"):
+        yield ("background",), "[gas] is there too; expected one of the two: SPH gas, or gas as a given disc"
+    for table, why in (("dust", "moves in it"), ("star", "it turns about"), ("drag", "couples dust to it")):
+        if not draft.has(table):
+            yield ("background",), f"nothing {why}; expected a table [{table}] too"
+    if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
+        yield ("space",), 'a [background] is a disc; expected dimensions = 2 and boundary = "open"'
+    if draft.run and draft.run.integrator != "kdk":
+        yield ("run", "integrator"), 'dust in a [background] needs "kdk"'
+    if draft.drag and draft.drag.direction != "one-way":
+        yield ("drag", "direction"), 'nothing moves a [background]; expected direction = "one-way"'
+
+
 class Background(base.Effect):
     """The table alone: it says of what the drag is made, and moves nothing."""
 
     keys = Keys
+    rules = (_alone_about_a_star,)
     runs = False
 
 

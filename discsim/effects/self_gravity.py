@@ -13,6 +13,7 @@ grid as one point with that kernel.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from discsim.effects import base
 from discsim.numerics.state import Particles, State
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Table
+from discsim.scene.rules import Draft, Problem, kinds_with
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
@@ -45,6 +47,57 @@ class Keys(Table):
     sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 
+KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # the length that each kernel has
+
+
+def _boundary_of_a_line(draft: Draft) -> Iterator[Problem]:
+    if draft.dimensions == 1 and draft.space and draft.space.boundary == "open":
+        yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
+
+
+def _sheets(draft: Draft) -> Iterator[Problem]:
+    """In code units a number may stand for either density, and own particles bring whatever they are meant to."""
+    start = draft.start
+    if draft.dimensions != 1 or draft.in_code_units or not start or start.column:
+        return
+    if 1 in start.dimensions and start.boundary == "periodic":  # what does not go with either is told already
+        wrong = (
+            f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
+        )
+        kinds = " or ".join(f'"{name}"' for name in kinds_with(lambda start: start.column))
+        yield ("self_gravity",), f"{wrong}; expected initial.kind = {kinds}, or space.dimensions = 2"
+
+
+def _length_of_the_kernel(draft: Draft) -> Iterator[Problem]:
+    kernel = draft.self_gravity.kernel
+    needed = KERNEL_KEYS[kernel]
+    unsaid = not draft.gives("self_gravity", "kernel")
+    if unsaid and draft.self_gravity.thickness is not None:
+        yield ("self_gravity", "thickness"), 'nothing uses it; expected kernel = "thin-disc" beside it'
+    elif getattr(draft.self_gravity, needed) is None:
+        yield ("self_gravity", needed), f'missing; kernel "{kernel}" needs it'
+
+
+def _sources(draft: Draft) -> Iterator[Problem]:
+    sources = draft.self_gravity.sources
+    if len(set(sources)) < len(sources):
+        yield ("self_gravity", "sources"), "a source is there twice; expected each once"
+    for name in sources:
+        if draft.gives("self_gravity", "sources") and not draft.has(name):
+            yield ("self_gravity", "sources"), f'"{name}" is to attract, but there is no table [{name}]'
+
+
+def _enough_cells(draft: Draft) -> Iterator[Problem]:
+    space = draft.space
+    if not space or space.boundary == "periodic" or not space.cells:
+        return
+    if min(space.size) / max(space.size) * space.cells < 5:
+        yield (
+            ("space", "cells"),
+            "self-gravity differentiates over five cells; expected 5 at least along each side",
+        )
+
+
 class Effect(base.Effect):
     """Adds the attraction of the species in `self_gravity.sources` to every species.
 
@@ -53,6 +106,7 @@ class Effect(base.Effect):
     """
 
     keys = Keys
+    rules = (_boundary_of_a_line, _sheets, _length_of_the_kernel, _sources, _enough_cells)
     shared = needs_grid = True
     softer = "a longer self_gravity.softening"
 

@@ -4,6 +4,8 @@ What comes within the accretion radius is removed at the end of the step; its ma
 to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the innermost particle.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from pydantic import Field
 
@@ -12,6 +14,7 @@ from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Mass, Table
+from discsim.scene.rules import Draft, Problem
 
 kernels = Lazy("discsim.kernels.star")
 
@@ -22,8 +25,16 @@ class Keys(Table):
     softening: Length = Field(0.0, ge=0, description="Plummer length")
 
 
+def _at_the_centre(draft: Draft) -> Iterator[Problem]:
+    if draft.dimensions == 1:
+        yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
+    elif draft.space and draft.space.boundary == "periodic" and not (draft.start and draft.start.edges):
+        yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
+
+
 class Effect(base.Effect):
     keys = Keys
+    rules = (_at_the_centre,)
     shared = True
     softer = "a larger star.accretion_radius or star.softening"
 

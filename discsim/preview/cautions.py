@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.effects.self_gravity import KERNEL_KEYS
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.initial import start_of
 from discsim.numerics.layout import LOADED
@@ -26,7 +27,6 @@ from discsim.preview.derived import (
     stopping_times,
 )
 from discsim.scene import Scene
-from discsim.scene.rules import KERNEL_KEYS
 
 if TYPE_CHECKING:
     from discsim.drag.base import Scheme
