@@ -12,11 +12,13 @@ import typer
 
 from discsim import RARELY
 from discsim.run.directory import DirectoryError, directory_fault, held
+from discsim.shipped import ShippedError, copy_setup, scene_file
+from discsim.shipped import setups as shipped_setups
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-WRONG_INPUT = 2
+NOT_WRITTEN, WRONG_INPUT = 1, 2
 
 app = typer.Typer(
     add_completion=False,
@@ -26,7 +28,25 @@ app = typer.Typer(
     help="2D circumstellar discs: SPH gas, particle-in-cell dust, FFT gravity, implicit drag-in-cell.",
 )
 
-SceneArgument = Annotated[Path, typer.Argument(help="Scene file (TOML).", metavar="SCENE.toml", readable=False)]
+
+def _refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise SystemExit(status)
+
+
+def _scene_file(given: Path) -> Path:
+    try:
+        return scene_file(given)
+    except ShippedError as error:
+        _refuse(str(error))
+
+
+SceneArgument = Annotated[
+    Path,
+    typer.Argument(
+        help="Scene file (TOML), or the name of a setup.", metavar="SCENE.toml", readable=False, callback=_scene_file
+    ),
+]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
 ]
@@ -123,6 +143,32 @@ def cost(
 
 
 @app.command()
+def setups() -> None:
+    """List the setups that come with discsim: name, title, what it is and how long it takes."""
+    for each in shipped_setups().values():
+        takes = each.notes["How long"].partition(",")[0].rstrip(".")
+        typer.echo(f"{each.name:<18} {each.title} ({takes})\n{'':<18} {each.about}")
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of a setup, as `discsim setups` lists them.")],
+    file: Annotated[
+        Path | None, typer.Argument(help="New scene file [NAME.toml].", metavar="[FILE.toml]", readable=False)
+    ] = None,
+) -> None:
+    """Copy a setup that comes with discsim, as the start of a scene of one's own."""
+    path = file or Path(f"{name}.toml")
+    try:
+        copy_setup(name, path)
+    except ShippedError as error:
+        _refuse(str(error))
+    except OSError as error:
+        _refuse(f"{path}: cannot be written: {error.strerror}", NOT_WRITTEN)
+    typer.echo(f"{path}: a copy of the setup {name}; run it with: discsim run {path}")
+
+
+@app.command()
 def effects() -> None:
     """List every effect: its equation, its keys with units and defaults."""
     from discsim.preview.reference import effects_text
@@ -137,11 +183,6 @@ def _load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene
         return load_scene(path, overrides, without)
     except SceneError as error:
         _refuse(str(error))
-
-
-def _refuse(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise SystemExit(WRONG_INPUT)
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from discsim import Simulation
+from discsim.physics.given_disc import GivenDisc
 from discsim.scene import SceneError, load_scene
 
 
@@ -100,6 +101,30 @@ def test_epstein_in_the_given_density():
     r = np.sqrt((sim.dust.pos**2).sum(axis=1))
     # t = s rho_s sqrt(2 pi) / (Sigma Omega).
     np.testing.assert_allclose(found, 2e-6 * np.sqrt(2 * np.pi) / (1e-4 / r * r**-1.5), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("eos", "pressure"),
+    [
+        ({"kind": "isothermal", "sound_speed": 0.03}, lambda r, sigma: 0.03**2 * sigma),
+        (
+            {"kind": "locally-isothermal", "aspect_ratio": 0.03, "temperature_index": 0.4},
+            lambda r, sigma: 0.03**2 * r**-0.4 * sigma,
+        ),
+        ({"kind": "polytropic", "gamma": 1.5, "constant": 0.1}, lambda r, sigma: 0.1 * sigma**1.5),
+    ],
+    ids=lambda eos: eos["kind"] if isinstance(eos, dict) else "",
+)
+def test_given_gas_of_any_kind_is_in_balance(eos, pressure):
+    """Its f c_s^2 / r is -(1/Sigma) dP/dr; c_s^2 = dP/dSigma where that is all that changes P."""
+    disc = GivenDisc(load_scene(scene(background={"surface_density": 0.01, "surface_density_index": 1.3, "eos": eos})))
+    r, dr = np.array([0.5, 1.0, 3.0]), 1e-5
+    sigma = disc.surface_density(r)
+    np.testing.assert_allclose(sigma, 0.01 * r**-1.3)
+    slope = (pressure(r + dr, disc.surface_density(r + dr)) - pressure(r - dr, disc.surface_density(r - dr))) / (2 * dr)
+    np.testing.assert_allclose(disc.laws[4] * disc.sound_speed(r) ** 2 / r, -slope / sigma, rtol=1e-8)  # dr^2 / r^2
+    stiffness = (pressure(r, 1.0001 * sigma) - pressure(r, 0.9999 * sigma)) / (0.0002 * sigma)
+    np.testing.assert_allclose(disc.sound_speed(r) ** 2, stiffness, rtol=1e-8)
 
 
 def test_nothing_of_the_gas_is_made():

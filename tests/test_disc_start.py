@@ -5,6 +5,7 @@ import pytest
 
 from discsim import Simulation, load_scene
 from discsim.exact import nsh
+from discsim.initial.disc import perturbed
 from discsim.physics import profile
 
 ASPECT = 0.05
@@ -107,3 +108,62 @@ def test_the_start_is_held_by_the_pressure_of_its_tapers():
     expected = -slope / profile.surface_density(scene, r)
     # Of the difference, step^2, and its rounding, 1e-16 / step.
     np.testing.assert_allclose(profile.pressure_acceleration(scene, r), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_a_perturbation_is_that_of_the_density():
+    """The modes m = 2 to 6 of a ring's density have the amplitude that is asked for, and no other has any."""
+    amplitude, angle = 1e-6, 2 * np.pi * np.arange(64) / 64
+    scene = load_scene("setups/stable_disc.toml", [f"initial.perturbation={amplitude}"])
+    moved = perturbed(scene, np.full(64, 0.5 * (scene.initial.inner + scene.initial.outer)), angle)
+    modes = [2 * abs(np.exp(-1j * m * moved).mean()) for m in range(1, 9)]
+    # What is left is of second order: 8^2 / 2 times the square of all the modes' angles together, 1.5 amplitude.
+    np.testing.assert_allclose(modes, amplitude * np.array([0, 1, 1, 1, 1, 1, 0, 0]), atol=100 * amplitude**2)
+
+
+def test_the_start_turns_in_the_pull_of_star_and_disc():
+    """A cold disc of a tenth of the star's mass: v^2 / r is both pulls, the disc's the mean over a ring."""
+    sim = Simulation(
+        {
+            "units": {"system": "code"},
+            "run": {"until": 1.0},
+            "space": {"size": 8.0, "cells": 64},
+            "initial": {"kind": "disc", "mass": 0.1, "inner": 1.0, "outer": 3.0},
+            "gas": {"particles": 4000, "eos": {"kind": "locally-isothermal", "aspect_ratio": 1e-3}},
+            "star": {"mass": 1.0},
+            "self_gravity": {"softening": 0.2},
+        }
+    )
+    pos, vel = sim.gas.pos, sim.gas.vel
+    r = np.sqrt((pos**2).sum(axis=1))
+    of_star, of_disc = (-(sim.acceleration(name)[0] * pos).sum(axis=1) / r for name in ("star", "self_gravity"))
+    turn = (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) ** 2 / r**3
+    rings = np.digitize(r, np.linspace(1.0, 3.0, 9)[1:-1])
+    left, pull = (np.bincount(rings, values) for values in (turn - of_star, of_disc))
+    # Means over rings a cell wide, between which the start interpolates: off most at the inner edge.
+    np.testing.assert_allclose(left, pull, atol=0.05 * np.abs(pull).max())
+    assert of_disc.max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("eos", "sound"),
+    [
+        ({"kind": "polytropic", "gamma": 1.5, "constant": 0.02}, lambda r, sigma: np.sqrt(0.03 * sigma**0.5)),
+        ({"kind": "adiabatic", "gamma": 1.5, "aspect_ratio": 0.1}, lambda r, sigma: np.sqrt(1.5) * 0.1 * r**-0.25),
+    ],
+    ids=["polytropic", "adiabatic"],
+)
+def test_the_least_toomre_q_of_any_gas(eos, sound):
+    """c_s Omega / (pi Sigma) is nowhere below what the scene asks for, c_s of sound waves; T ~ r^-1/2 by default."""
+    scene = load_scene(
+        {
+            "units": {"system": "code"},
+            "run": {"until": 1.0},
+            "space": {"size": 8.0},
+            "initial": {"kind": "disc", "toomre_q": 1.7, "inner": 1.0, "outer": 3.0},
+            "gas": {"particles": 100, "eos": eos},
+            "star": {"mass": 1.0},
+        }
+    )
+    r = profile.radii(scene.initial)
+    sigma = profile.surface_density(scene, r)
+    assert (sound(r, sigma) * r**-1.5 / (np.pi * sigma)).min() == pytest.approx(1.7, rel=1e-9)  # a formula: to rounding

@@ -214,6 +214,86 @@ def test_dust_far_from_gas_stays_uncoupled():
     assert {width for width, *_ in sides(number).values()} >= {2}
 
 
+@pytest.mark.parametrize("dimensions", [1, 2])
+def test_what_is_left_of_a_particle_decays_at_its_own_rate(dimensions):
+    """In one cell whose gas and dust have no mean velocity: gas by exp(-eps dt / t_stop), dust by exp(-dt / t_stop)."""
+    rng = np.random.default_rng(4)
+    start = {}
+    for name, mass in (("gas", 1.0), ("dust", 0.3)):
+        vel = rng.normal(size=(36, dimensions))
+        start[name] = {
+            "pos": rng.random((36, dimensions)), "vel": vel - vel.mean(axis=0), "mass": np.full(36, mass / 36)
+        }  # fmt: skip
+    sim = Simulation(
+        {
+            "units": {"system": "code"},
+            "run": {"until": 1.0},
+            "space": {"dimensions": dimensions, "size": 1.0, "boundary": "periodic", "cells": 8},
+            "gas": {"particles": 36, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+            "dust": {"particles": 36, "ratio": 0.3},
+            "drag": {"law": "stopping-time", "t_stop": 0.4, "scheme": "idic", "cell_length": 1.0},
+        },
+        particles=start,
+    )
+    sim._prepare()
+    sim._kick(0.7)
+    for p, name, share in ((sim.gas, "gas", 0.3), (sim.dust, "dust", 1.0)):
+        order = np.argsort(p.ids)
+        np.testing.assert_allclose(p.vel[order], start[name]["vel"] * np.exp(-share * 0.7 / 0.4), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("scheme", "bound"), [("idic-linear", 1e-12), ("tsc", 0.02)])
+def test_what_is_left_beside_a_line_does_so_too(scheme, bound):
+    """Velocities +1, -1, -1, +1, sixteen in a cell, no mean, no slope; clouds feel the second moment, 4 / 16^2."""
+    place = ((np.arange(128) + 0.5) / 128)[:, None]
+    tooth = np.tile([1.0, -1.0, -1.0, 1.0], 32)[:, None]
+    sim = Simulation(
+        {
+            "units": {"system": "code"},
+            "run": {"until": 1.0},
+            "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic", "cells": 8},
+            "gas": {"particles": 128, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+            "dust": {"particles": 128, "ratio": 0.3},
+            "drag": {"law": "stopping-time", "t_stop": 0.4, "scheme": scheme, "cell_length": 0.125},
+        },
+        particles={
+            "gas": {"pos": place, "vel": tooth, "mass": np.full(128, 1 / 128)},
+            "dust": {"pos": place, "vel": tooth, "mass": np.full(128, 0.3 / 128)},
+        },
+    )
+    sim._prepare()
+    sim._kick(0.7)
+    for p, share in ((sim.gas, 0.3), (sim.dust, 1.0)):
+        np.testing.assert_allclose(p.vel[np.argsort(p.ids)] * tooth, np.exp(-share * 0.7 / 0.4), rtol=bound)
+
+
+@pytest.mark.parametrize("direction", ["one-way", "two-way"])
+def test_a_wave_of_slip_stops_to_fourth_order_in_the_cell(direction):
+    """At steps far beyond t_stop: what the clouds of nodes smooth away, of second order, they give back (`sharpen`)."""
+    place = ((np.arange(256) + 0.5) / 256)[:, None]
+    wave, left = np.sin(2 * np.pi * place), []
+    for cells in (8, 16):
+        sim = Simulation(
+            {
+                "units": {"system": "code"},
+                "run": {"until": 1.0},
+                "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic", "cells": cells},
+                "gas": {"particles": 256, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+                "dust": {"particles": 256, "ratio": 1.0},
+                "drag": {"law": "stopping-time", "t_stop": 1.0, "direction": direction, "cell_length": 1 / cells},
+            },
+            particles={
+                "gas": {"pos": place, "vel": -wave if direction == "two-way" else 0.0 * wave, "mass": np.ones(256)},
+                "dust": {"pos": place, "vel": wave, "mass": np.ones(256)},
+            },
+        )
+        sim._prepare()
+        sim._kick(100.0)
+        left.append(np.abs(sim.dust.vel).max())
+    # Measured 14, and .0014 of the wave at 16 cells.
+    assert left[0] > 12 * left[1] and left[1] < 0.002
+
+
 @pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "idic"])
 @pytest.mark.parametrize("dim", [1, 2])
 def test_off_an_open_grid_all_sides_are_alike(dim, scheme):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
+from discsim.effects.gas import NEIGHBOUR
 from discsim.preview.check import report
 from discsim.preview.forecast import forecast, known_runs, learn, slowness
 from discsim.run.runner import run_scene
@@ -50,6 +51,17 @@ def test_every_effect_costs(store):
     more = forecast(load_scene("setups/dusty_disc.toml", ["gas.particles=400000"]))
     assert more.steps == pytest.approx(2 * whole.steps, rel=1e-6)  # half the spacing
     assert forecast(load_scene("setups/dusty_wave.toml")) is None
+
+
+@pytest.mark.parametrize(("kernel", "reach"), [("cubic", 2.0), ("quintic", 3.0)])
+def test_neighbours_cost_by_their_number(kernel, reach, store):
+    """Even gas has pi (reach eta)^2 particles within the support of a kernel, whose h is eta times their distance."""
+    few, many = (
+        forecast(load_scene("setups/gas_disc.toml", [f"gas.kernel={kernel}", f"gas.eta={eta}", "gas.particles=1000"]))
+        for eta in (1.2, 1.5)
+    )
+    more = np.pi * reach**2 * (1.5**2 - 1.2**2)
+    assert many.step_seconds - few.step_seconds == pytest.approx(1000 * 1e-9 * NEIGHBOUR * more)
 
 
 def run_here(scene, slow, cpu=100.0, wall=None):

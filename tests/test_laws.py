@@ -17,7 +17,7 @@ from discsim.kernels.background import path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
-from discsim.preview.derived import derived
+from discsim.preview.derived import derived, local, stopping_times
 from discsim.scene import load_scene
 
 SUPERSONIC, BOULDER = np.array([1.0, KWOK, 0.0, 0.0, 0.0]), np.array([1.0, KWOK, 1.0, 1e-3, 1.0])
@@ -53,6 +53,19 @@ def test_epstein_goes_over_into_stokes():
     # In dense gas Stokes' drag no longer depends on the density.
     dense = [stopping_time(EPSTEIN_STOKES, grain, 1.0, rho, 1.0, 0.0) for rho in (10.0, 100.0)]
     assert dense[0] == pytest.approx(dense[1], rel=1e-14) and dense[0] == pytest.approx(2.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("speed", [0.01, 1.0, 100.0])
+@pytest.mark.parametrize("kind", GRAINS)
+def test_drag_in_a_disc_is_that_in_the_gas_of_its_midplane(kind, speed):
+    """Sigma about a star is gas of the density Sigma Omega / (sqrt(2 pi) c_s), whatever the slip."""
+    (law, grain), rho, sound, omega = GRAINS[kind], 0.3, 2.0, 0.7
+    sigma = math.sqrt(2 * math.pi) * rho * sound / omega
+    times = [
+        stopping_time(law, grain, 1.0, density, sound, turn) / hastening(law, grain, density, sound, turn, speed)
+        for density, turn in ((sigma, omega), (rho, 0.0))
+    ]
+    assert times[0] == pytest.approx(times[1], rel=1e-12)  # rounding
 
 
 def test_supersonic_limits():
@@ -204,6 +217,14 @@ def test_grains_of_all_sizes_stop_as_they_must(size, direction, scheme):
     # 1e-6 of the slip at the start.
     np.testing.assert_allclose(sim.gas.vel[:, 0], gas[0] if direction == "two-way" else 0.0, rtol=0, atol=1e-6 * start)
     np.testing.assert_allclose(sim.dust.vel[:, 0], dust[0], rtol=0, atol=1e-6 * start)
+
+
+@pytest.mark.parametrize("size", ["1 mm", "10 cm", "10 m"])
+def test_the_preview_knows_both_regimes(size):
+    """`discsim check` has a formula of its own, at no slip: that of the same grains in astropy's units, to rounding."""
+    scene = load_scene(box(size))
+    (found,) = stopping_times(scene, local(scene))
+    assert found == pytest.approx(1 / rate_of(size, scene.units)(0.0), rel=1e-12)
 
 
 @pytest.mark.parametrize("scheme", ["mk", "lab14", "reconstructed", "esph", "isph"])

@@ -372,6 +372,10 @@ def test_a_jump_within_a_cell():
     sim = Simulation(scene({"kind": "shock"}, 5, 1.0, 1.0, eos=ADIABATIC))
     np.testing.assert_allclose(sim.gas.mass, np.array([1.0, 1.0, 0.5625, 0.125, 0.125]) / 5)
     np.testing.assert_allclose(sim.gas.u[2], 0.5 * (1.0 + 0.1) / 0.4 / 0.5625)
+    # Two streams: their momentum, not their mean velocity.
+    start = {"kind": "shock", "left": [1.0, 1.0, 2.0], "right": [0.125, 0.1, -1.0]}
+    sim = Simulation(scene(start, 5, 1.0, 1.0, eos=ADIABATIC))
+    assert momentum(sim) == pytest.approx(2 * 0.5 * (1.0 * 2.0 - 0.125 * 1.0))  # of gas and dust alike
 
 
 def test_gas_without_any_heat_left_ends_the_run():

@@ -1,41 +1,57 @@
-"""The README says what the code does: keys, setups, scenes, commands, columns."""
+"""The README and the pages of docs/ say what the code does: keys, setups, scenes, commands, columns."""
 
+import importlib.util
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import matplotlib
 import pytest
 from drags import NOT_CONSERVING, OF_PARTICLES, ON_GRID
+from typer.testing import CliRunner
 
-from discsim import load_scene
+from discsim import Simulation, load_scene
+from discsim.cli import app
 from discsim.exact import __path__ as exact_path
 from discsim.output.history import COLUMNS
 from discsim.parts import EFFECTS
-from discsim.preview.reference import effects_text, with_reference
+from discsim.preview.reference import effects_text, scene_markdown
 from discsim.scene.fields import models_in
 from discsim.scene.tables import TABLES
 from discsim.scene.units import Units
 
 HOME = Path(__file__).parents[1]
-TEXT = (HOME / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", TEXT, re.S | re.M)
+FOUND = [HOME / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+FOUND += sorted(HOME.glob("docs/*.md")) + sorted(HOME.glob("docs/[!_]*/*.md"))
+FILES = {str(path.relative_to(HOME)): path for path in FOUND}
+PAGES = {name: path.read_text(encoding="utf-8") for name, path in FILES.items()}
+TEXT = PAGES["README.md"]
+OF_EXTRAS = ("mypy", "pre-commit", "ruff", "sphinx-build")  # commands that come with them
+LINKS = [(name, link) for name, text in PAGES.items() for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text)]
 
 
-def blocks(language):
-    return [text for name, text in BLOCKS if name == language]
+def blocks(language, *names):
+    """The blocks of code in a language, of some pages or of all."""
+    found = [each for page in names or PAGES for each in re.findall(r"^```(.*)\n((?s:.*?))^```$", PAGES[page], re.M)]
+    return [text for name, text in found if name == language]
 
 
 def test_keys_are_those_of_the_code():
-    assert with_reference(TEXT) == TEXT, "run: python -m discsim.preview.reference"
+    """The page includes what the build makes of the tables."""
+    made = "_generated/keys.md"
+    assert f"```{{include}} {made}\n```" in PAGES["docs/keys.md"]
+    script = (HOME / "docs/pages.py").read_text(encoding="utf-8")
+    assert '"keys.md": reference.scene_markdown()' in script
 
 
 def test_every_table_has_its_keys_on_the_page_and_in_the_command():
     """Told from the tables themselves, not from the list that the generator goes through."""
-    told = "\n" + effects_text()
+    told, page = "\n" + effects_text(), scene_markdown()
     for name, annotation in TABLES.items():
-        part = TEXT.split(f"`[{name}]`", 1)[1]
+        part = page.split(f"`[{name}]`", 1)[1]
         assert f"\n[{name}]\n" in told
         for model in models_in(annotation):
             for key, field in model.model_fields.items():
@@ -44,13 +60,36 @@ def test_every_table_has_its_keys_on_the_page_and_in_the_command():
 
 
 def test_every_setup_is_named_and_exists():
-    named = set(re.findall(r"setups/\w+\.toml", TEXT))
-    assert named == {f"setups/{path.name}" for path in (HOME / "setups").glob("*.toml")}
+    there = {path.stem for path in (HOME / "setups").glob("*.toml")}
+    assert sorted(re.findall(r"\[`(\w+)`\]\(#\1\)", PAGES["docs/gallery.md"])) == sorted(there)
+    for name, text in PAGES.items():
+        assert set(re.findall(r"setups/(\w+)\.toml", text)) <= there, name
+        assert set(re.findall(r"discsim (?:run|check|cost|new) ([a-z_]+)(?![\w./])", text)) <= there, name
 
 
-@pytest.mark.parametrize("link", re.findall(r"\]\(([^)#:]+)\)", TEXT))
-def test_links_lead_somewhere(link):
-    assert (HOME / link).is_file()
+def test_the_gallery_runs_setups_as_they_can_be():
+    """Each change that makes a run of the gallery short leaves a scene that loads."""
+    spec = importlib.util.spec_from_file_location("gallery", HOME / "docs/gallery.py")
+    gallery = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(gallery)
+    for name, changes in gallery.SMALLER.items():
+        assert load_scene(HOME / f"setups/{name}.toml", changes)
+    for name, picture in gallery.SHIPPED.items():
+        assert (HOME / f"setups/{name}.toml").is_file() and (HOME / "analysis/figures" / picture).is_file()
+    entries = gallery.markdown(quick=True)
+    for name, each in gallery.setups().items():
+        assert f"\n## {each.title}\n" in "\n" + entries and f"`discsim run {name}`" in entries
+
+
+@pytest.mark.parametrize("name, link", LINKS, ids=lambda text: text)
+def test_links_lead_somewhere(name, link):
+    assert (FILES[name].parent / link).is_file()
+
+
+def test_files_that_are_named_exist():
+    for name, text in PAGES.items():
+        for path in re.findall(r"\b((?:discsim|tests|analysis|setups|docs)/[\w/]+\.(?:py|toml|md|png))", text):
+            assert (HOME / path).is_file() or "NAME" in path, (name, path)
 
 
 @pytest.mark.parametrize("text", blocks("toml"), ids=lambda text: tomllib.loads(text)["title"])
@@ -61,7 +100,7 @@ def test_scene_is_valid(text, tmp_path):
 
 
 def test_examples_of_quantities_have_their_dimension():
-    rows = re.findall(r'^\| ([a-z ,-]+) \| (.*`".*) \|$', TEXT.split("## Scene reference")[1], re.M)
+    rows = re.findall(r'^\| ([a-z ,-]+) \| (.*`".*) \|$', PAGES["docs/scene.md"], re.M)
     assert len(rows) == 7
     for name, texts in rows:
         quantities = re.findall(r'`"([^"]*)"`', texts)
@@ -78,19 +117,19 @@ def test_examples_of_quantities_have_their_dimension():
 def test_commands_install_what_the_project_declares():
     project = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     commands = [line for text in blocks("sh") for line in text.splitlines()]
-    assert len([line for line in commands if "pip install" in line]) == 2
+    assert len([text for text in blocks("sh", "README.md") if text.startswith("python3 -m venv .venv && ")]) == 2
     assert f"Python {project['requires-python'].removeprefix('>=')} or later" in TEXT
     for line in commands:
         for extra in re.findall(r"\.\[(\w+)\]", line):
             assert extra in project["optional-dependencies"]
-        for script in re.findall(r"\.venv/bin/(\w+)", line):
-            assert script in {*project["scripts"], "pip", "python"}
+        for script in re.findall(r"\.venv/bin/([\w-]+)", line):
+            assert script in {*project["scripts"], "activate", "pip", "python", *OF_EXTRAS}
         for path in re.findall(r"(?:setups|analysis)/\S+", line):
             assert (HOME / path).is_file()
 
 
 def test_options_are_those_of_the_commands():
-    usage = next(text for text in blocks("") if text.startswith("discsim run"))
+    usage = next(text for text in blocks("", "docs/commands.md") if text.startswith("discsim run"))
     for line in usage.splitlines():
         command = line.split()[1]
         shown = subprocess.run(
@@ -100,23 +139,66 @@ def test_options_are_those_of_the_commands():
 
 
 def test_names_are_complete():
-    columns = TEXT.split("Columns of `history.csv`:")[1].split("\n\n")[0]
+    columns = PAGES["docs/output.md"].split("Columns of `history.csv`:")[1].split("\n\n")[0]
     assert tuple(re.findall(r"`(\w+)`", columns)) == COLUMNS
-    effects = TEXT.split("## Effects and their equations")[1].split("### The step")[0]
+    physics = "".join(text for name, text in PAGES.items() if name.startswith("docs/physics/"))
     for name in (*EFFECTS, "gas.viscosity", "gas.conductivity"):
-        assert f"(`[{name}]`" in effects
+        assert f"`[{name}]`" in physics and (f"```{{docstring}} {name}\n" in physics or "." in name)
+    effects = PAGES["docs/physics/drag.md"]
+    for name in (*OF_PARTICLES, *ON_GRID):
+        assert f"\n### `{name}`\n\n```{{docstring}} {name}\n" in effects
     for name in OF_PARTICLES:
         kept = "not conserved" if name in NOT_CONSERVING else "exact for each (cell|node|pair)"
         assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
     for name in ON_GRID:
         kept = "not conserved unless eps = 1" if name in NOT_CONSERVING else "exact for each cell"
         assert re.search(rf"^\| `{name}`.*\| {kept} \|$", effects, re.M)
-    solutions = TEXT.split("### Exact solutions")[1].split("\n\n")[1]
+    solutions = PAGES["docs/physics/exact.md"].split("# Exact solutions")[1].split("\n\n")[1]
     files = {path.stem for path in Path(exact_path[0]).glob("[!_]*.py")}
     assert set(re.findall(r"`(\w+)`", solutions)) == files
 
 
-@pytest.mark.parametrize("text", blocks("python")[:2], ids=["simulation", "own particles"])
+@pytest.mark.parametrize(
+    "text",
+    blocks("python", "README.md") + blocks("python", "docs/api.md")[:2],
+    ids=["readme", "simulation", "own particles"],
+)
 def test_python_runs(text, monkeypatch):
     monkeypatch.chdir(HOME)
     exec("import discsim\n" + text, {})
+
+
+def test_arrays_have_the_shapes_that_are_told(monkeypatch):
+    sim = Simulation(load_scene(HOME / "setups/disc.toml", ["gas.particles=50", "dust.particles=20", "space.cells=16"]))
+    rows = re.findall(r"^\| `([\w.]+)` \| (\(n.*?\)) \|", PAGES["docs/api.md"], re.M)
+    assert len(rows) == 11
+    for name, shape in rows:
+        kind, _, array = name.rpartition(".")
+        for each in (kind,) if kind else ("gas", "dust"):
+            found, n = getattr(getattr(sim, each), array), {"gas": 50, "dust": 20}[each]
+            if array == "u":
+                assert found is None  # no adiabatic gas
+            else:
+                assert found.shape == {"(n, d)": (n, 2), "(n,)": (n,)}[shape], name
+
+
+def test_the_tutorial_is_followed(tmp_path, monkeypatch):
+    """Its commands from `new` to the last picture, with few particles and a short time."""
+    monkeypatch.chdir(tmp_path)
+    few = ["gas.particles=300", "dust.particles=200", "space.cells=32", "run.until=3 yr"]
+    lines = [line for text in blocks("sh", "docs/tutorial.md") for line in text.splitlines()]
+    followed = [line.split() for line in lines if re.match("discsim (?!cost)", line) and " -o " not in line]
+    assert [words[1] for words in followed] == ["setups", "new", "check", "run"]
+    for _, verb, *words in followed:
+        done = CliRunner().invoke(app, [verb, *words, *(f"--set={change}" for change in few if verb == "run")])
+        assert done.exit_code == 0, done.stderr
+    (text,) = blocks("python", "docs/tutorial.md")
+    with matplotlib.rc_context({"backend": "agg"}):
+        exec(text, {})
+    assert (tmp_path / "dust.png").is_file() and (tmp_path / "runs/my/last_state.png").is_file()
+    for line in lines:
+        if "--set" in line or "--without" in line:
+            words = shlex.split(line)
+            changes = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+            without = [words[i + 1] for i, word in enumerate(words) if word == "--without"]
+            assert load_scene(tmp_path / words[2], changes, without)

@@ -171,6 +171,10 @@ def test_layout(disc):
             "Coordinates", "Masses", "Densities", "SmoothingLengths", "InternalEnergies", "ParticleIDs",
             "Velocities", "SoundSpeeds", "Temperatures",
         }  # fmt: skip
+        # Readers make the pressure of ideal gas from its energy.
+        gas_file, index = file["PartType0"], file["HydroScheme"].attrs["Adiabatic index"][0]
+        made = (index - 1) * gas_file["Densities"][()] * gas_file["InternalEnergies"][()]
+        np.testing.assert_allclose(made, gas_file["Pressures"], rtol=1e-12)
         assert "DustDensities" in file["PartType3"]
         assert "Densities" not in file["PartType3"]
         for part, particles in (("PartType0", gas), ("PartType3", dust)):

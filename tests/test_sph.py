@@ -242,6 +242,21 @@ def test_viscosity_acts_on_approach_only():
         assert push[0] < 0 < push[1] if speed > 0 else (push == 0).all()
 
 
+@pytest.mark.parametrize(("alpha", "beta"), [(0.7, 0.0), (0.0, 1.9), (1.0, 2.0)])
+def test_viscosity_of_a_pair(alpha, beta):
+    """dv/dt = -m (-alpha c w + beta w^2) / rho dW/dr, eq. (5), of two that approach at w = -1.2, c = 0.5."""
+    h, distance, speed = 0.1, 0.08, 1.2
+    vel = np.array([[0.5 * speed], [-0.5 * speed]])
+    viscosity = {"alpha": alpha, "beta": beta, "switch": "none"}
+    pos = np.array([[0.5], [0.5 + distance]])
+    sim = simulation(pos, 1, "periodic", vel=vel, cs=0.5, smoothing_length=h, viscosity=viscosity)
+    value, slope = w("cubic", 1, np.array([0.0, distance / h]))
+    rho = 0.5 * 2 / (3 * h) * value.sum()
+    push = 0.5 * (alpha * 0.5 * speed + beta * speed**2) / rho * 2 / (3 * h**2) * slope[1]
+    found = sim.effects["gas"].viscous_acceleration(sim.state)
+    np.testing.assert_allclose(found[:, 0], [push, -push], rtol=1e-12)  # a sum of one
+
+
 def lattice(n):
     x = (np.arange(n) + 0.5) / n
     return np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -263,6 +278,19 @@ def test_balsara_switches_off_in_shear_alone():
     assert pushes["shear", "none"] > 0.03 * pushes["compression", "none"]
     assert pushes["shear", "balsara"] < 1e-10 * pushes["shear", "none"]
     assert pushes["compression", "balsara"] == pytest.approx(pushes["compression", "none"], rel=1e-3)
+
+
+@pytest.mark.parametrize("rate", [(1.0, -0.3, 2.0, 0.5), (0.2, 1.0, 1.0, 0.0), (0.2, -1.0, 1.0, 0.0)])
+def test_balsara_tells_rotation_from_strain(rate):
+    """|div v| and |curl v| of a linear flow, v_x = a x + b y and v_y = c x + d y: |a + d| and |c - b|."""
+    a, b, c, d = rate
+    pos = lattice(16)
+    x, y = pos.T - 0.5
+    vel = np.stack([a * x + b * y, c * x + d * y], axis=1)
+    sim = simulation(pos, 2, "open", vel=vel, viscosity={"switch": "balsara"})
+    middle = np.abs(sim.gas.pos - 0.5).max(axis=1) < 0.2  # whose neighbours are all there
+    for found, expected in zip(sim.effects["gas"].sph.shear, (abs(a + d), abs(c - b)), strict=True):
+        np.testing.assert_allclose(found[middle], expected, atol=0.05)  # the sums of a lattice are off by some percent
 
 
 def test_viscosity_of_all_pairs_makes_no_pressure():
@@ -331,3 +359,14 @@ def test_conduction_of_a_pair():
     speed = 0.7 * math.sqrt(abs(pressure[0] - pressure[1]) / rho)
     rate = 0.5 * speed * (u[0] - u[1]) * 2 / (3 * h**2) * slope[1] / rho
     np.testing.assert_allclose(sim.gas.heating_rate, [rate, -rate], rtol=1e-12)
+
+
+def test_the_longest_step_of_conduction_swaps_a_pair():
+    """Heat alone takes both in it to the energy of the particle that they meet, and never beyond."""
+    u = np.array([1.0, 3.0])
+    sim = simulation(
+        np.array([[0.45], [0.55]]), 1, "periodic", u=u, eos={"kind": "adiabatic", "gamma": 1.4}, smoothing_length=0.1,
+        conductivity={"alpha": 50.0},
+    )  # fmt: skip
+    # No sum but that over the pair: to rounding.
+    np.testing.assert_allclose(u + sim.effects["gas"].limit(sim.state) * sim.gas.heating_rate, u[::-1], rtol=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from discsim.parts import EOS, LAWS
-from discsim.scene.rules import Draft, Problem, kinds_with
+from discsim.scene.rules import Draft, Problem, kinds
 
 OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity")  # keys of the gas that only particles use
 
@@ -28,7 +28,7 @@ def _tables(draft: Draft) -> Iterator[Problem]:
     if draft.run and draft.run.integrator != "kdk":
         yield ("run", "integrator"), f"{scheme} has steps of its own; expected no such key"
     if draft.start and not draft.start.cells:
-        *some, last = kinds_with(lambda start: start.cells)
+        *some, last = kinds(lambda start: start.cells)
         yield ("initial", "kind"), f"{scheme} has no such start; expected {', '.join(some)} or {last}"
 
 

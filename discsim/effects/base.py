@@ -7,7 +7,8 @@ an event runs once the particles have moved. Each effect may limit the step, and
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from discsim.scene.fields import Table
 from discsim.scene.rules import Rule
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
@@ -25,6 +27,14 @@ moves = Lazy("discsim.kernels.move")
 # Steps between reorderings of a species' arrays. A particle's place in memory decides the order of sums, so that
 # reordering must depend on the number of the step alone.
 SORT_EVERY = 16
+
+
+class Counts(NamedTuple):
+    """How many particles of gas and dust a scene has, and cells of its grid."""
+
+    gas: int
+    dust: int
+    cells: int
 
 
 class Effect:
@@ -57,6 +67,21 @@ class Effect:
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         """Keys of its table that mean nothing in this scene."""
         return ()
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterable[str]:
+        """What will run, but perhaps not as meant: each with its number and what to change."""
+        return ()
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: Counts) -> float:
+        """CPU time of a step, in the measure of `preview/forecast.py`."""
+        return 0.0
+
+    @classmethod
+    def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
+        """What it keeps on a grid of this shape."""
+        return 0
 
     def accelerate(self, state: State) -> None:
         """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""

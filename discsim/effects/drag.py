@@ -142,6 +142,10 @@ class Effect(base.Effect):
         self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
 
     @classmethod
+    def nanoseconds(cls, scene, counts):
+        return SCHEMES[scene.drag.scheme].nanoseconds * (counts.gas + counts.dust)
+
+    @classmethod
     def unused(cls, scene):
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 

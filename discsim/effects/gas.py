@@ -5,8 +5,11 @@ Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after M
 h is a third of quintic-h's.
 """
 
+from __future__ import annotations
+
+import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -20,12 +23,17 @@ from discsim.physics.eos import pressure_and_sound_speed
 from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
 moves = Lazy("discsim.kernels.move")
 kernels = Lazy("discsim.kernels.sph")
 sums = Lazy("discsim.numerics.sph")
 AnyEos: Any = kinds_of(EOS.values())
 
 
+PARTICLE, NEIGHBOUR = 300.0, 27.0  # CPU nanoseconds in a step: of a particle, and of each of its neighbours
 MOST_ETA = 30.0  # thousands of neighbours
 
 
@@ -87,6 +95,45 @@ def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
         yield ("gas", "conductivity"), f'conducts heat, but the gas is "{draft.eos_kind}"; expected kind = {words}'
 
 
+# h over H: sound, and viscosity in shear, want half of one. Of a disc's edge, where h/H is largest and what is near it
+# spreads and falls in whatever h is, a tenth of the gas may do with less, but none with an h above H.
+FINE, COARSE, EDGE = 0.5, 1.0, 0.1
+
+
+def _coarse(scene: Scene, at: Local) -> Iterator[str]:
+    if at.resolution is None or at.scale_height is None:
+        return
+    ratio = at.resolution / at.scale_height
+    worst = int(np.argmax(ratio))
+    where = f"h/H = {ratio[worst]:.2g} {at.where(worst)}"
+    by_mass, below = at.by_mass()
+    coarse = 1.0 - float(np.interp(FINE, by_mass, below))
+    most = float(np.interp(1.0 - EDGE, below, by_mass))  # of all gas but the coarsest
+    needed = scene.gas.particles * max(ratio[worst] / COARSE, most / FINE) ** 2
+    if ratio[worst] > COARSE:
+        yield f"{where}, above {COARSE:g}: raise gas.particles to about {needed:.2g}"
+    elif coarse > EDGE:
+        yield (
+            f"{where}, and above {FINE} for {coarse:.0%} of the gas, more than {EDGE:.0%}: "
+            f"raise gas.particles to about {needed:.2g}"
+        )
+
+
+def _long_step(scene: Scene, at: Local) -> Iterator[str]:
+    """A step of the scene's own that is beyond the gas's."""
+    dt = scene.run.timestep
+    if dt is None or at.step is None:
+        return
+    most = at.step
+    worst = int(np.argmin(most))
+    if dt > most[worst]:
+        given, best = (scene.units.show(time, "time") for time in (dt, most[worst]))
+        yield (
+            f"run.timestep = {given} is {dt / most[worst]:.2g} times what sound allows {at.where(worst)}: "
+            f"lower it to {best}, or leave it out"
+        )
+
+
 class Effect(base.Effect):
     keys = Keys
     rules = (_fixed_smoothing, _neighbours, _heat_to_conduct)
@@ -96,6 +143,16 @@ class Effect(base.Effect):
         self.scene = scene
         self.sph = sums.Sph(scene)
         self._limit = np.inf
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        yield from _coarse(scene, at)
+        yield from _long_step(scene, at)
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        neighbours = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
+        return counts.gas * (PARTICLE + NEIGHBOUR * neighbours)
 
     def accelerate(self, state: State) -> None:
         gas = state.gas

@@ -13,6 +13,7 @@ grid as one point with that kernel.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -20,14 +21,16 @@ import numpy as np
 from pydantic import Field
 
 from discsim.effects import base
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Particles, State
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Table
-from discsim.scene.rules import Draft, Problem, kinds_with
+from discsim.scene.rules import Draft, Problem, kinds
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
     from discsim.numerics.poisson import Kernel
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 numba = Lazy("numba")
@@ -47,6 +50,7 @@ class Keys(Table):
     sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 
+CELL, MOVED = 58.0, 21.0  # CPU nanoseconds in a step: of a cell, and of a particle that it deposits and pulls
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # the length that each kernel has
 
 
@@ -64,8 +68,8 @@ def _sheets(draft: Draft) -> Iterator[Problem]:
         wrong = (
             f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
         )
-        kinds = " or ".join(f'"{name}"' for name in kinds_with(lambda start: start.column))
-        yield ("self_gravity",), f"{wrong}; expected initial.kind = {kinds}, or space.dimensions = 2"
+        words = " or ".join(f'"{name}"' for name in kinds(lambda start: start.column))
+        yield ("self_gravity",), f"{wrong}; expected initial.kind = {words}, or space.dimensions = 2"
 
 
 def _length_of_the_kernel(draft: Draft) -> Iterator[Problem]:
@@ -98,6 +102,65 @@ def _enough_cells(draft: Draft) -> Iterator[Problem]:
         )
 
 
+HEAVY = 3.0  # Toomre's Q, above which nothing is amplified (Toomre 1981), and a softening cannot change that
+CLUMP = 6  # kernels' particles that a collapsing mass wants (Nelson 2006, abstract)
+CELLS = 4  # of the grid, that it is to span
+
+
+def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
+    kernel = scene.self_gravity.kernel
+    name = KERNEL_KEYS[kernel]
+    length = getattr(scene.self_gravity, name)
+    shown = scene.units.show(length, "length")
+    for other in set(KERNEL_KEYS.values()) - {name}:
+        if getattr(scene.self_gravity, other) is not None:
+            yield f'self_gravity.{other} is not used by kernel "{kernel}": leave it out'
+    cell = at.cell
+    if length < cell:
+        needed = math.ceil(max(scene.space.size) / length)
+        yield (
+            f"self_gravity.{name} = {shown} is {length / cell:.2g} of a grid cell: "
+            f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
+        )
+    if at.scale_height is not None and at.toomre_q is not None:
+        # A softening is to be below H wherever self-gravity counts; a thickness is to be H somewhere.
+        counts = at.toomre_q <= max(HEAVY, at.toomre_q.min())
+        softest = np.where(counts, at.scale_height, np.inf).argmin()
+        worst = int(softest if kernel == "plummer" else at.scale_height.argmax())
+        height = at.scale_height[worst]
+        if length > height:
+            yield (
+                f"self_gravity.{name} = {shown} is {length / height:.2g} H {at.where(worst)}, above 1: "
+                f"lower it to {scene.units.show(height, 'length')}"
+            )
+
+
+def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
+    """What collapses, 2 c_s^2 / (G Sigma) wide and pi c_s^4 / (G^2 Sigma) heavy (Nelson 2006, sec. 2), where Q < 2."""
+    if not scene.gas or at.sound_speed is None or at.h is None or scene.space.dimensions == 1:
+        return
+    length = 2 * at.sound_speed**2 / at.density
+    mass = math.pi * at.sound_speed**4 / at.density
+    heavy = np.ones(len(at.density), bool) if at.toomre_q is None else at.toomre_q < 2
+    if not heavy.any():
+        return
+    worst = int(np.argmin(np.where(heavy, mass, np.inf)))
+    where = at.where(worst)
+    reach = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
+    held = mass[worst] / (reach * at.particle_mass)
+    if held < CLUMP:
+        yield (
+            f"a mass that collapses {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
+            f"raise gas.particles {CLUMP / held:.2g} times"
+        )
+    cell = at.cell
+    if length[worst] < CELLS * cell:
+        yield (
+            f"what collapses {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
+            f"raise space.cells {CELLS * cell / length[worst]:.2g} times"
+        )
+
+
 class Effect(base.Effect):
     """Adds the attraction of the species in `self_gravity.sources` to every species.
 
@@ -126,6 +189,22 @@ class Effect(base.Effect):
         self.outside = 0
         self._field: _Field | None = None
         self._strongest: dict[str, float] = {}
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        yield from _unresolved(scene, at)
+        yield from _coarse_collapse(scene, at)
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        return CELL * counts.cells + MOVED * (counts.gas + counts.dust)
+
+    @classmethod
+    def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
+        """Density, potential and its gradient, and their transforms."""
+        pad = 1 if scene.space.boundary == "periodic" else 2
+        columns = pad * shape[-1] // 2 + 1
+        return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
     def accelerate(self, state: State) -> None:
         self._field = field = self._make_field(state)

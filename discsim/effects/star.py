@@ -18,6 +18,8 @@ from discsim.scene.rules import Draft, Problem
 
 kernels = Lazy("discsim.kernels.star")
 
+PULL = 6.0  # CPU nanoseconds of a particle in a step
+
 
 class Keys(Table):
     mass: Mass = Field(gt=0, description="fixed at the origin")
@@ -41,6 +43,10 @@ class Effect(base.Effect):
     def __init__(self, scene, state):
         self.star = scene.star
         self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
+
+    @classmethod
+    def nanoseconds(cls, scene, counts):
+        return PULL * (counts.gas + counts.dust)
 
     def accelerate(self, state: State) -> None:
         for particles in state.species.values():

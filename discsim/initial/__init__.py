@@ -78,12 +78,12 @@ def _common(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.nda
 
 
 def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
-    from discsim.physics.eos import initial_energy, radius
+    from discsim.physics.eos import eos_of, initial_energy, radius
 
     common = _common("gas", given, 0)
     n, dim = common["pos"].shape
     u = given.get("u")
-    if scene.gas.eos.kind == "adiabatic":
+    if eos_of(scene).holds_heat:
         u = np.array(u, float) if u is not None else initial_energy(scene, radius(common["pos"]))
     else:
         u = None

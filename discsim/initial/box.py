@@ -8,6 +8,7 @@ from pydantic import Field
 from discsim.initial.base import Start
 from discsim.initial.lattice import everywhere, uniform
 from discsim.initial.measure import ErrorMeasure, velocity_errors
+from discsim.parts import LAWS
 from discsim.scene.fields import Density, Table, VelocityVector
 
 
@@ -41,7 +42,8 @@ def places(scene):
 def measure(scene):
     """Over the slip at the start."""
     drag = scene.drag
-    if not scene.gas or len(scene.dust or ()) != 1 or drag is None or drag.law not in ("constant", "stopping-time"):
+    rate = LAWS[drag.law].uniform_rate if drag else None
+    if not scene.gas or len(scene.dust or ()) != 1 or rate is None:
         return None
     from discsim.exact import dustybox  # imports scipy
 
@@ -49,7 +51,7 @@ def measure(scene):
         start, ratio = scene.initial, scene.dust[0].ratio
         gas, dust = np.array(start.gas_velocity, dtype=float), np.array(start.dust_velocity, dtype=float)
         pulls = [np.array(getattr(scene.external, name, 0.0 * gas)) for name in ("gas", "dust")]
-        coefficient = drag.K / start.density if drag.law == "constant" else ratio / drag.t_stop
+        coefficient = rate(drag, ratio, start.density)
         if drag.direction == "one-way":
             # Gas that does not feel the dust is as good as infinitely heavy.
             coefficient, ratio = coefficient * 1e-12 / ratio, 1e-12

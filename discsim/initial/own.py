@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.initial import SPECIES, Given
+from discsim.physics.eos import eos_of
 from discsim.scene import SceneError, near, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.units import UnitError
@@ -85,7 +86,7 @@ def _species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array], lis
     faults = [f"has an unknown array {shown(key)}; expected {_words(known)}{near(str(key), known)}"
               for key in given if key not in known]  # fmt: skip
     faults += [f"{key} is missing{why}" for key, why in _missing(scene, name, given)]
-    if "u" in given and name == "gas" and scene.gas.eos.kind != "adiabatic":
+    if "u" in given and name == "gas" and not eos_of(scene).holds_heat:
         faults.append(f'u is given, but the gas is "{scene.gas.eos.kind}", which holds no heat; expected no such array')
     arrays: dict[str, Array] = {}
     count = None
@@ -108,7 +109,7 @@ def _missing(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tupl
     if name == "dust" and len(scene.dust) > 1 and "species" not in given:
         yield "species", f"; expected the number of each particle's population, 0 to {len(scene.dust) - 1}"
     eos: Any = scene.gas.eos if scene.gas else None
-    if name == "gas" and eos.kind == "adiabatic" and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):
+    if name == "gas" and eos_of(scene).holds_heat and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):
         yield "u", "; expected energies, or gas.eos.sound_speed or gas.eos.aspect_ratio in the scene"
 
 

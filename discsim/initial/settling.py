@@ -17,7 +17,7 @@ from pydantic import Field
 from discsim.initial import joined, populations, random_stream
 from discsim.initial.base import Places, Start
 from discsim.initial.measure import ErrorMeasure
-from discsim.parts import Lazy
+from discsim.parts import LAWS, Lazy
 from discsim.scene.fields import Default, Density, Length, Table
 
 if TYPE_CHECKING:
@@ -208,14 +208,15 @@ def mass(scene: Scene, population: Any) -> float:
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    if scene.drag is None or scene.drag.law != "stopping-time" or len(scene.dust or ()) > 1:
+    known = LAWS[scene.drag.law].uniform_time if scene.drag else None
+    if known is None or len(scene.dust or ()) > 1:
         return None
     from discsim.exact import settling  # imports scipy
 
     def errors(sim: Any) -> dict[str, float]:
         given: Any = scene
         start = particles(scene)["dust"]["pos"][:, 0]
-        time, frequency = given.drag.t_stop, given.external.vertical_frequency
+        time, frequency = known(given.drag), given.external.vertical_frequency
         height, _ = settling.trajectories(sim.time, start, lambda z: np.full_like(z, time), frequency)
         where = np.argsort(sim.dust.ids)
         way = np.abs(height - start)
@@ -232,9 +233,10 @@ def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
     height, midplane = scale_height(scene), given.initial.density
     x = np.linspace(-extent(scene), extent(scene), len(x))
     exact = {"gas": (x, settling.gas_density(x, midplane, height), np.zeros_like(x))}
-    if given.drag is None or given.drag.law != "stopping-time" or len(given.dust) > 1:
+    known = LAWS[given.drag.law].uniform_time if given.drag else None
+    if known is None or len(given.dust) > 1:
         return exact
-    times = np.full_like(x, given.drag.t_stop)
+    times = np.full_like(x, known(given.drag))
     z, u = settling.trajectories(time, x, lambda at: times[: len(at)], given.external.vertical_frequency)
     # Grains keep their mass: the density grows as their distance falls.
     rho = given.dust[0].ratio * settling.gas_density(x, midplane, height) / np.abs(np.gradient(z, x))

@@ -13,6 +13,7 @@ from discsim.initial import joined, populations
 from discsim.initial.base import Places, Start
 from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.parts import Lazy
+from discsim.physics.eos import eos_of
 from discsim.scene.fields import Measure, Table, Velocity, Words
 
 smoothing = Lazy("discsim.kernels.smoothing")  # slow to import
@@ -56,7 +57,7 @@ def particles(scene):
             h = fixed or eta * total / scene.gas.particles / density
             x = _side(density, mass, half, sign, MARGIN * support * h, offset)
             side = {"pos": x, "vel": np.full(len(x), velocity), "density": np.full(len(x), density)}
-            if scene.gas.eos.kind == "adiabatic":
+            if eos_of(scene).holds_heat:
                 side["u"] = np.full(len(x), pressure / (scene.gas.eos.gamma - 1.0) / density)
             parts.append(side)
         out = joined(parts)
@@ -77,7 +78,7 @@ def cells(scene, x, dx):
     density = share * left[0] + (1.0 - share) * right[0]
     vel = (share * left[0] * left[2] + (1.0 - share) * right[0] * right[2]) / density
     u = None
-    if scene.gas.eos.kind == "adiabatic":
+    if eos_of(scene).holds_heat:
         u = (share * left[1] + (1.0 - share) * right[1]) / (scene.gas.eos.gamma - 1.0) / density
     return density, {"gas": vel, "dust": vel}, u
 
@@ -97,7 +98,7 @@ def spread(scene):
 
 
 def measure(scene):
-    if scene.gas is None or scene.gas.eos.kind != "adiabatic" or len(scene.dust or ()) > 1:
+    if scene.gas is None or not eos_of(scene).holds_heat or len(scene.dust or ()) > 1:
         return None
     if scene.dust and (scene.drag is None or scene.drag.direction == "one-way"):
         return None
@@ -116,7 +117,7 @@ def measure(scene):
 
 def curves(scene, time, x):
     start = scene.initial
-    if scene.gas.eos.kind != "adiabatic" or time == 0.0 or scene.drag is not None or scene.dust:
+    if not eos_of(scene).holds_heat or time == 0.0 or scene.drag is not None or scene.dust:
         return {}
     from discsim.exact import riemann  # imports scipy
 

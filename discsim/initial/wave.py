@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from discsim.initial.base import Start
 from discsim.initial.lattice import everywhere, stretch, uniform
 from discsim.initial.measure import ErrorMeasure, velocity_errors
+from discsim.parts import LAWS
 from discsim.scene.fields import Count, Measure, Number, Table, VelocityVector, units_of
 
 _ALONG_X = (1, 0)
@@ -62,8 +63,8 @@ def measure(scene):
     drag, eos = scene.drag, scene.gas.eos if scene.gas else None
     if eos is None or eos.kind != "isothermal":
         return None
-    coupled = drag is not None and drag.direction == "two-way" and drag.law in ("constant", "stopping-time")
-    if scene.dust and (not coupled or len(scene.dust) > 1):
+    rate = LAWS[drag.law].uniform_rate if drag and drag.direction == "two-way" else None
+    if scene.dust and (rate is None or len(scene.dust) > 1):
         return None
     from discsim.exact import dustywave  # imports scipy
 
@@ -74,9 +75,7 @@ def measure(scene):
         waves = float(np.linalg.norm(wavevector))
         along, frame = wavevector / waves, np.array(start.velocity)
         ratio = scene.dust[0].ratio if scene.dust else 1e-30
-        coefficient = 0.0
-        if scene.dust:
-            coefficient = drag.K if drag.law == "constant" else ratio / drag.t_stop
+        coefficient = rate(drag, ratio, 1.0) if scene.dust else 0.0
         place = sim.state.species[kind].pos @ along - sim.time * (frame @ along)
         wave = dustywave.solution(place, sim.time, coefficient, ratio, eos.sound_speed, start.amplitude, waves)
         return frame + np.outer(getattr(wave, f"{kind}_velocity"), along), frame
@@ -85,17 +84,18 @@ def measure(scene):
 
 
 def curves(scene, time, x):
-    """Where the drag is that of the exact wave: one population, one K, both ways."""
+    """Where the drag is that of the exact wave: one population, one rate, both ways."""
     start, drag = scene.initial, scene.drag
     if scene.gas is None or scene.gas.eos.kind != "isothermal" or drag is None:
         return {}
-    if drag.law != "constant" or drag.direction != "two-way" or len(scene.dust) > 1:
+    rate = LAWS[drag.law].uniform_rate
+    if rate is None or drag.direction != "two-way" or len(scene.dust) > 1:
         return {}
     from discsim.exact import dustywave  # imports scipy
 
     sound, ratio = scene.gas.eos.sound_speed, scene.dust[0].ratio
     whole = (start.wavenumber, scene.space.size[0], start.velocity[0])
-    wave = dustywave.solution(x, time, drag.K, ratio, sound, start.amplitude, *whole)
+    wave = dustywave.solution(x, time, rate(drag, ratio, 1.0), ratio, sound, start.amplitude, *whole)
     return {"gas": (x, wave.gas_density, wave.gas_velocity), "dust": (x, wave.dust_density, wave.dust_velocity)}
 
 

@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from discsim import __version__
 from discsim.initial.base import Curve, Start
 from discsim.output.snapshot import Snapshot, SnapshotParticles, range_of_mass, read_snapshot
 from discsim.parts import STARTS
@@ -34,7 +35,7 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
     figure = _lines(snap) if snap.dimensions == 1 else _maps(snap)
     figure.suptitle(_title(snap))
     FigureCanvasAgg(figure)
-    figure.savefig(Path(out_png), dpi=130)
+    figure.savefig(Path(out_png), dpi=130, metadata={"Software": f"discsim {__version__}"})
 
 
 def _title(snap: Snapshot) -> str:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import h5py
 import numpy as np
 
+from discsim import __version__
 from discsim.output.files import written
 
 _CHUNK = 1 << 16  # entries; a chunk is read and checked as a whole
@@ -54,8 +55,9 @@ def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> 
 
 
 def mark(file: h5py.File, kind: str) -> None:
-    """Say what the file is, for `reading`."""
+    """Say what the file is, for `reading`, and which version of discsim wrote it."""
     file.attrs["discsim"] = np.bytes_(kind)
+    file.attrs["version"] = np.bytes_(__version__)
 
 
 def put(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:

@@ -13,7 +13,7 @@ from discsim.formulas import laws as formulas
 from discsim.parts import LAWS, Lazy
 from discsim.physics import profile
 from discsim.physics.grains import epstein_stopping_time, mean_free_column
-from discsim.scene.rules import Draft, Problem, Rule, kinds_with
+from discsim.scene.rules import Draft, Problem, Rule, kinds
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -132,13 +132,13 @@ def _star(draft: Draft) -> Iterator[Problem]:
 
 
 def _disc(draft: Draft) -> Iterator[Problem]:
-    known = draft.has("background") or (draft.start and draft.start.reference_density)
-    if not (draft.has("star") and known):
-        kinds = " or ".join(f'"{name}"' for name in kinds_with(lambda start: start.reference_density))
+    in_a_disc = draft.has("background") or (draft.start and draft.start.reference_density)
+    if not (draft.has("star") and in_a_disc):
+        words = " or ".join(f'"{kind}"' for kind in kinds(lambda start: start.reference_density))
         yield (
             ("drag", "law"),
             "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
-            f"{kinds} or [background], and [star]",
+            f"{words} or [background], and [star]",
         )
 
 

@@ -1,6 +1,6 @@
 """The reference of effects and keys, made from what runs: module docstrings and the tables' own fields.
 
-`python -m discsim.preview.reference` writes the keys into the README.
+`python -m discsim.preview.reference` prints the keys as Markdown, as the documentation has them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from discsim.scene.tables import TABLES
 SETUP_TABLES = ("units", "run", "space", "initial")
 COLUMNS = ("key", "value", "default", "meaning")
 WIDTHS = (22, 20, 18, 46)
-BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
 _HOME = Path(discsim.__file__).parent.parent
 
 
@@ -49,12 +48,17 @@ def effects_text() -> str:
 
 
 def scene_markdown() -> str:
-    """The tables of a scene and their keys, for the README."""
+    """The tables of a scene and their keys, for the documentation."""
     lines: list[str] = []
     for name in (*SETUP_TABLES, *EFFECTS):
         for part in _parts(name, TABLES[name]):
             heading = f"`[{part.table}]`" + (f" with `kind = {part.kind}`" if part.kind else "")
-            lines += ["", f"{heading}: {part.about}" if part.about else heading, ""]
+            lines += [
+                "",
+                f"{'##' if part.table == name else '###'} {heading}",
+                "",
+                *([part.about, ""] if part.about else []),
+            ]
             lines += [_cells(COLUMNS), _cells("-" * len(COLUMNS))]
             lines += [_cells((f"`{key}`", *rest)) for key, *rest in part.rows]
     return "\n".join(lines[1:])
@@ -163,15 +167,5 @@ def _default_words(field: Any) -> str:
     return fields.shown(field.default)
 
 
-def with_reference(readme: str) -> str:
-    """The text of the README with its part between the markers made anew. Raises ValueError without them."""
-    before, begin, rest = readme.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not end:
-        raise ValueError(f"no {BEGIN} ... {END} in the text")
-    return f"{before}{begin}\n\n{scene_markdown()}\n\n{end}{after}"
-
-
 if __name__ == "__main__":
-    page = _HOME / "README.md"
-    page.write_text(with_reference(page.read_text(encoding="utf-8")), encoding="utf-8")
+    print(scene_markdown())

@@ -166,7 +166,7 @@ def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
         yield ("space", "size"), f"half a side is {share:.3g} of {of}, which it is to hold; expected 1 at least"
 
 
-def kinds_with(which: Callable[[Start], Any]) -> list[str]:
+def kinds(which: Callable[[Start], Any]) -> list[str]:
     """The kinds of starts of which something is true, for a message."""
     return [name for name, start in STARTS.items() if which(start)]
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from rich.console import Console
 
+from discsim import __version__
 from discsim.output.files import written
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
@@ -152,6 +153,7 @@ class Study:
                 lines.clear()
 
         log = self.directory / "cost.log"
+        say(f"discsim {__version__}")
         say(f"{title}: {len(self.points)} combinations, {self.repeat} of each, into {self.directory}")
         self.run(say, parallel)
         self.write()

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from discsim import __version__
 from discsim.study.points import label_of
 
 if TYPE_CHECKING:
@@ -48,4 +49,4 @@ def cost_figure(study: Study, path: Path) -> None:
         axes.set_title(f"against {label_of(study.reference.settings)}", fontsize=9)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     axes.legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=150, metadata={"Software": f"discsim {__version__}"})

@@ -13,6 +13,7 @@ import numpy as np
 from discsim.initial import start_of
 from discsim.initial.measure import ErrorMeasure
 from discsim.output.history import COLUMNS, history_row
+from discsim.physics.eos import eos_of
 from discsim.run.simulation import Simulation
 
 Array = np.ndarray
@@ -74,7 +75,7 @@ def totals(sim: Simulation) -> dict[str, float]:
         "moved": moved,
         "spun": spun,
         "closed": float(sim.scene.space.dimensions == 2 or sim.scene.space.boundary == "periodic"),
-        "held": float(sim.gas is None or sim.gas.u is not None or sim.scene.gas.eos.kind == "polytropic"),
+        "held": float(sim.gas is None or eos_of(sim.scene).closes_energy),
         "size": abs(row["kinetic_gas"]) + abs(row["kinetic_dust"]) + abs(row["thermal"]) + abs(row["potential"]),
     }
 

