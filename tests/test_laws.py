@@ -12,12 +12,15 @@ from scipy.integrate import solve_ivp
 
 from discsim import Simulation
 from discsim.exact import dustybox
+from discsim.formulas import laws as formulas
 from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK
 from discsim.kernels.background import path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
-from discsim.preview.derived import derived, local, stopping_times
+from discsim.parts import LAWS
+from discsim.physics.laws import stopping_times
+from discsim.preview.derived import derived, local
 from discsim.scene import load_scene
 
 SUPERSONIC, BOULDER = np.array([1.0, KWOK, 0.0, 0.0, 0.0]), np.array([1.0, KWOK, 1.0, 1e-3, 1.0])
@@ -43,6 +46,42 @@ def test_stokes_drag_is_half_the_coefficient_times_the_ram_pressure(speed, coeff
     time = stopping_time(EPSTEIN_STOKES, grain, 1.0, rho, sound, 0.0)
     time /= hastening(EPSTEIN_STOKES, grain, rho, sound, 0.0, speed)
     assert time == pytest.approx(mass * speed / force, rel=1e-12)
+
+
+@pytest.mark.parametrize("form", range(5))
+def test_kernels_and_previews_have_one_formula(form):
+    """The same bits, compiled or not: previews call the formula itself."""
+    stream = np.random.default_rng(form)
+    for omega in (0.0, 1.7):
+        for numbers in 10.0 ** stream.uniform(-3, 3, (50, 9)):
+            grain, (ratio, density, sound, speed) = numbers[:5], numbers[5:]
+            if form != formulas.STOKES_NUMBER or omega > 0.0:
+                given = form, grain, ratio, density, sound, omega
+                assert formulas.stopping_time(*given) == stopping_time(*given)
+            given = form, grain, density, sound, omega, speed
+            # Its power 0.4 is that of another library: an ulp or so.
+            assert formulas.hastening(*given) == pytest.approx(hastening(*given), rel=1e-15)
+
+
+@pytest.mark.parametrize(("law", "given"), [("constant", {"K": 3.0}), ("stopping-time", {"t_stop": 0.3})])
+def test_the_rate_of_a_uniform_law_is_that_of_its_stopping_time(law, given):
+    """eps / t_stop, which exact solutions take; one that no gas changes says its time too."""
+    scene = load_scene(uniform(law, **given))
+    (time,) = stopping_times(scene, np.array([2.0]), np.ones(1), None)
+    assert LAWS[law].uniform_rate(scene.drag, 0.5, 2.0) == pytest.approx(0.5 / time[0], rel=1e-15)
+    assert LAWS[law].uniform_time is None or LAWS[law].uniform_time(scene.drag) == time[0]
+
+
+def uniform(law, **given):
+    return {
+        "units": {"system": "code"},
+        "run": {"until": 1.0},
+        "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic"},
+        "initial": {"kind": "box"},
+        "gas": {"particles": 10, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
+        "dust": {"particles": 10, "ratio": 0.5},
+        "drag": {"law": law, **given},
+    }
 
 
 def test_epstein_goes_over_into_stokes():
@@ -223,7 +262,8 @@ def test_grains_of_all_sizes_stop_as_they_must(size, direction, scheme):
 def test_the_preview_knows_both_regimes(size):
     """`discsim check` has a formula of its own, at no slip: that of the same grains in astropy's units, to rounding."""
     scene = load_scene(box(size))
-    (found,) = stopping_times(scene, local(scene))
+    at = local(scene)
+    (found,) = stopping_times(scene, at.density, at.sound_speed, at.omega)
     assert found == pytest.approx(1 / rate_of(size, scene.units)(0.0), rel=1e-12)
 
 

@@ -246,7 +246,8 @@ def test_the_order_of_particles_does_not_matter(scheme):
 
 SAME = """
 import hashlib
-from discsim import Simulation, threads
+from discsim import Simulation
+from discsim.numerics import threads
 from drags import OF_PARTICLES
 from test_pairs import cloud, scene
 threads.share.__kwdefaults__["least"] = 101  # as with 40 times the particles
@@ -349,7 +350,7 @@ def test_the_longest_step_of_mk_swaps_a_pair(dimensions):
     law = {"law": "stopping-time", "t_stop": 0.1, "scheme": "mk"}
     sim = Simulation(scene(law, 1, 1, dimensions=dimensions, boundary="open"), particles=given)
     sim._prepare()
-    sim._kick(sim.effects["drag"].limit(sim.state))
+    sim.operators.kick(sim.effects["drag"].limit(sim.state))
     # But for what keeps r r / (r^2 + .001 h^2) finite, .6% of it at h = 1/8.
     assert sim.dust.vel[0, 0] - sim.gas.vel[0, 0] == pytest.approx(-1.0, abs=0.02)
 

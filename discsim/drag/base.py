@@ -28,14 +28,14 @@ OWN_INTEGRATION: Keys = {"an integration of its own": ("integration",)}
 class Cells:
     """The drag cells of a scheme: their sides, and how many particles they want.
 
-    leaf(scene, h_mean, h_least): wanted side of the leaves that cells are made of, from the geometric mean of the gas's
-    smoothing lengths and the least of them. share: of the wanted side that a cell has at least.
+    leaf(scene, h_mean, h_least): wanted side of the leaves that cells are made of, from the gas's smoothing lengths:
+    h_mean() is their geometric mean, made where it is asked for. share: of the wanted side that a cell has at least.
     few: gas and dust particles that a cell of two dimensions wants, where eps ~ 1 and dust is placed evenly, and
     few_random, where any is placed at random. least(scene): those below which cells grow, if empty ones are not all
     that do.
     """
 
-    leaf: Callable[[Scene, float, float], float]
+    leaf: Callable[[Scene, Callable[[], float], float], float]
     few: tuple[float, float]
     few_random: tuple[float, float]
     share: float = 1.0

@@ -11,7 +11,7 @@ from discsim.drag.frame import clockwise, frame
 from discsim.kernels import blocks as kernels
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import relax_blocks
-from discsim.numerics.layout import leaf_of_cells, least_in_cells, leaves
+from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
 
@@ -70,6 +70,14 @@ def lattice(drag, state, wanted: float) -> Lattice:
         # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
         numbers = [(-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in numbers]
     return Lattice(np.array(grid.origin), extent, 0, side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
+
+
+def wanted_leaf(drag, state) -> float:
+    """Side that leaves are to have at least, as the scheme or the scene has it."""
+    if drag.drag.cell_length is not None:
+        return drag.drag.cell_length
+    h = state.gas.h
+    return drag.scheme.cells.leaf(state.scene, lambda: float(np.exp(np.log(h).mean())), float(h.min()))
 
 
 def sort_into_blocks(
@@ -160,11 +168,10 @@ def merge(gas, dust, h_sum, shape, *wanted) -> tuple[Array, Array, Array, Array]
 def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
     """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
     gas, dust = state.gas, state.dust
-    least = least_in_cells(state.scene)
-    wanted = drag.drag.cell_length or leaf_of_cells(state.scene, float(gas.h.min()))
     about_star = frame(drag, state)
     blocks = sort_into_blocks(
-        drag, state, lattice(drag, state, wanted), least, drag.drag.cell or 0.0,
+        drag, state, lattice(drag, state, wanted_leaf(drag, state)), drag.scheme.cells.least(state.scene),
+        drag.drag.cell or 0.0,
         INSIDE if drag.two_way else IGNORE, linear, linear and clockwise(about_star),
     )  # fmt: skip
     times = np.empty((len(blocks.level) + 2, drag.law.populations))

@@ -6,9 +6,17 @@ k h_cell / sqrt(24), whatever K; in a Keplerian shear it is a viscosity. Its cel
 smear its staircase over the particles.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 from discsim.drag.base import NO_KERNEL, Cells, Scheme
-from discsim.numerics.layout import leaf_of_cells, least_in_cells
+from discsim.numerics.layout import LOADED
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
 
 cells = Lazy("discsim.drag.cells")
 
@@ -17,6 +25,22 @@ def relax(drag, state, dt, gas_vel, heat):
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=False)
 
 
-# Drag at eps ~ 1 wants this much dust for the noise of its loading.
-CELLS = Cells(lambda scene, mean, least: leaf_of_cells(scene, least), (8, 30), (8, 30), least=least_in_cells)
+def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
+    assert scene.drag is not None and scene.drag.cell is not None and scene.gas is not None
+    # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
+    fewest = least(scene)[0] ** (1.0 / scene.space.dimensions) / scene.gas.eta
+    return h_least * (max(scene.drag.cell, fewest) if scene.space.dimensions == 2 else scene.drag.cell)
+
+
+def least(scene: Scene) -> tuple[int, int]:
+    """Gas and dust particles below which a cell grows."""
+    assert scene.drag is not None and scene.dust is not None
+    if scene.space.dimensions == 1:
+        return 4, 4
+    # Shot noise in the loading matters at dust-to-gas ratios near one.
+    loaded = sum(population.ratio for population in scene.dust) > LOADED
+    return 8, 30 if loaded and scene.drag.direction == "two-way" else 8
+
+
+CELLS = Cells(leaf, few=(8, 30), few_random=(8, 30), least=least)
 SCHEME = Scheme(relax, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from discsim.drag.cells import Blocks, lattice, sort_into_blocks
+from discsim.drag.cells import Blocks, lattice, sort_into_blocks, wanted_leaf
 from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.drag.frame import Frame, clockwise, frame
 from discsim.kernels import levels
@@ -61,14 +61,11 @@ class Change(NamedTuple):
 
 
 def relax(drag, state, dt: float, gas_vel: Array, heat: Array) -> None:
-    wanted, side = drag.drag.cell_length, drag.scheme.cells
-    if wanted is None:
-        wanted = side.leaf(state.scene, float(np.exp(np.log(state.gas.h).mean())), state.gas.h.min())
-    size = side.share * (drag.drag.cell or 0.0)
+    size = drag.scheme.cells.share * (drag.drag.cell or 0.0)
     # A node has the dust of nine cells.
     dust_wanted = NEAR if drag.two_way else IGNORE
     about_star = frame(drag, state)
-    leaves = lattice(drag, state, wanted)
+    leaves = lattice(drag, state, wanted_leaf(drag, state))
     blocks = sort_into_blocks(drag, state, leaves, (1, 0), size, dust_wanted, True, clockwise(about_star))
     both = _members(drag, state, blocks, gas_vel)
     nodes, cells = _gather(drag, state, blocks, both, about_star)

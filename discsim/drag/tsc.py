@@ -10,24 +10,30 @@ origin moves with every step.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from discsim.drag.base import NO_KERNEL, Cells, Scheme
-from discsim.numerics.layout import NEAREST, leaf_of_nodes
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 nodes = Lazy("discsim.drag.nodes")
+NEAREST = 0.5**0.5  # of the wanted side: what the power of two nearest to it has at least
 
 
 def relax(drag, state, dt, gas_vel, heat):
     nodes.relax(drag, state, dt, gas_vel, heat)
 
 
-def leaf(scene: Scene, h_mean: float, h_least: float) -> float:
-    return leaf_of_nodes(scene.drag.cell, h_mean, h_least)  # type: ignore[union-attr, arg-type]
+def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
+    """Such that the side nearest to `cell` mean h is a power of two of them, and one in the densest gas is as well."""
+    assert scene.drag is not None and scene.drag.cell is not None
+    wanted = scene.drag.cell * h_mean()
+    return wanted * 0.5 ** max(0.0, np.ceil(np.log2(wanted / scene.drag.cell / h_least) - 0.5))
 
 
 # A node has the particles of nine cells: with two of each kind in a cell, placed evenly, the drift is right to .4%

@@ -94,12 +94,12 @@ def _keys_of_the_law(draft: Draft) -> Iterator[Problem]:
 
 
 def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
+    scheme = draft.drag.scheme
     if draft.has("background"):
         for key in OF_CELLS:
             if draft.gives("drag", key):
                 yield ("drag", key), "a [background] has no drag cells; expected no such key"
         return
-    scheme = draft.drag.scheme
     for why, keys in SCHEMES[scheme].unused.items():
         for key in keys:
             if draft.gives("drag", key):

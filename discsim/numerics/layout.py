@@ -1,7 +1,7 @@
 """How large the cells of a run are: those of its grid, and those that drag acts in. Numpy only.
 
-The run and `discsim check` call the same functions. Drag cells are blocks of 2^n by 2^n leaves, and leaves are whole
-cells of the grid in two dimensions (`kernels/blocks.py`).
+The run and `discsim check` call the same functions, and those of a scheme's `Cells` (`drag/base.py`). Drag cells are
+blocks of 2^n by 2^n leaves, and leaves are whole cells of the grid in two dimensions (`kernels/blocks.py`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as kernels/blocks.py has it
-NEAREST = 0.5**0.5  # of tsc: the power of two nearest to the wanted side is at least this share of it
 SOFT = 2.0  # of the wanted side, up to which cells grow for want of particles
 LOADED = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
 
@@ -54,32 +53,6 @@ def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, g
         number = max(1, int(extent / side + 1e-9))
         return extent / number, [number]
     return side, [int(np.ceil(extent / side))]
-
-
-def leaf_of_nodes(cell: float, h_mean: float, h_least: float) -> float:
-    """Wanted side of the leaves of `tsc`: such that the side nearest to `cell` mean h (their geometric mean) is a power
-    of two of them, and one in the densest gas is as well.
-    """
-    wanted = cell * h_mean
-    return wanted * 0.5 ** max(0.0, np.ceil(np.log2(wanted / cell / h_least) - 0.5))
-
-
-def leaf_of_cells(scene: Scene, h_least: float) -> float:
-    """Wanted side of the leaves of `idic` and `idic-linear`, for the least h."""
-    assert scene.drag is not None and scene.gas is not None
-    # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
-    fewest = least_in_cells(scene)[0] ** (1.0 / scene.space.dimensions) / scene.gas.eta
-    return h_least * (max(scene.drag.cell, fewest) if scene.space.dimensions == 2 else scene.drag.cell)
-
-
-def least_in_cells(scene: Scene) -> tuple[int, int]:
-    """Gas and dust particles below which a cell of `idic` and `idic-linear` grows."""
-    assert scene.drag is not None and scene.dust is not None
-    if scene.space.dimensions == 1:
-        return 4, 4
-    # Shot noise in the loading matters at dust-to-gas ratios near one.
-    loaded = sum(population.ratio for population in scene.dust) > LOADED
-    return 8, 30 if loaded and scene.drag.direction == "two-way" else 8
 
 
 def side_of_blocks(leaf: float, wanted: Array) -> Array:

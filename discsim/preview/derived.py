@@ -188,8 +188,10 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     if drag is None or cells is None or not scene.gas or at.h is None or found is None:
         return None
     cell, shape = found
-    wanted = cells.leaf(scene, *_range_of_h(scene)) if drag.cell else drag.cell_length
-    assert wanted is not None
+    wanted = drag.cell_length
+    if wanted is None:
+        mean, least = _range_of_h(scene)
+        wanted = cells.leaf(scene, lambda: mean, least)
     periodic = scene.space.boundary == "periodic"
     leaf, _ = leaves(wanted, cell, shape, periodic, particle_count(scene, scene.gas))
     side = limit = np.full_like(at.h, leaf)
