@@ -259,7 +259,7 @@ def growth(largest: int) -> list[dict[str, Any]]:
 def show_steps(console: Console) -> list[dict[str, Any]]:
     """What sets the steps of the shipped discs, and what steps of each particle's own, in powers of two, would save."""
     from discsim import Simulation, load_scene
-    from discsim.preview.derived import gas_step
+    from discsim.physics.local import longest_step
 
     rows = []
     table = Table("disc", "set by", "at r", "r of the edges", "gas updates saved", "at most, of a step", box=SIMPLE)
@@ -272,7 +272,7 @@ def show_steps(console: Console) -> list[dict[str, Any]]:
             return left[0] == 0
 
         sim.evolve(np.inf, enough)
-        gas, own = sim.gas, gas_step(sim.scene, sim.gas)
+        gas, own = sim.gas, longest_step(sim.scene, sim.gas.h, sim.gas.sound_speed)
         first = int(own.argmin())
         halvings = np.floor(np.log2(own / own[first]))
         saved = 1.0 / np.mean(0.5**halvings)

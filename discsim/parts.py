@@ -35,8 +35,7 @@ class Parts(Mapping[str, Any]):
         return self.homes[name].partition(":")[0]
 
     def __getitem__(self, name: str) -> Any:
-        module, _, attribute = self.homes[name].partition(":")
-        return getattr(import_module(module), attribute)
+        return found_at(self.homes[name])
 
     def __contains__(self, name: object) -> bool:
         return name in self.homes  # without the import that a Mapping would look with
@@ -46,6 +45,12 @@ class Parts(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(self.homes)
+
+
+def found_at(home: str) -> Any:
+    """What is at "module:object"."""
+    module, _, attribute = home.partition(":")
+    return getattr(import_module(module), attribute)
 
 
 class Lazy:
@@ -123,11 +128,30 @@ EFFECTS = Parts(
     "discsim.effects",
     {
         "gas": "discsim.effects.gas:Effect",
-        "background": "discsim.effects.background:Effect",
+        "background": "discsim.effects.given_disc:Background",
         "dust": "discsim.effects.dust:Effect",
         "star": "discsim.effects.star:Effect",
         "self_gravity": "discsim.effects.self_gravity:Effect",
         "external": "discsim.effects.external:Effect",
         "drag": "discsim.effects.drag:Effect",
+    },
+)
+
+# What the gas is made of; the first one that a scene is of.
+MODELS = Parts(
+    "discsim.models",
+    {
+        "given-disc": "discsim.effects.models:GIVEN_DISC",
+        "fixed-cells": "discsim.effects.models:FIXED_CELLS",
+        "sph": "discsim.effects.models:SPH",
+    },
+)
+
+# How a step is put together, words of `run.integrator`.
+INTEGRATORS = Parts(
+    "discsim.integrators",
+    {
+        "kdk": "discsim.run.integrators:kdk",
+        "euler": "discsim.run.integrators:euler",
     },
 )

@@ -287,7 +287,7 @@ def _left(sim: Simulation) -> list[object]:
     """The row of its history, once a snapshot is written and a checkpoint goes on with the same bits."""
     with sim.synchronised() as state, tempfile.TemporaryDirectory() as directory:
         snapshot, checkpoint = Path(directory) / "0000.h5", Path(directory) / "checkpoint.h5"
-        extra = {"dust": runner._stopping(state, sim.effects["drag"])} if "drag" in sim.effects else {}
+        extra = runner.columns(state, sim.effects.values())
         write_snapshot(snapshot, sim.scene, state.time, state.gas, state.dust, extra)
         assert read_snapshot(snapshot).time == state.time
         sim.save(checkpoint)

@@ -35,7 +35,7 @@ def scene_of(text, changes, tmp_path):
 )
 def test_what_is_compiled_ahead_is_what_a_run_asks_for(text, changes, tmp_path):
     scene = scene_of(text, changes, tmp_path)
-    ahead.drag_once(scene)
+    ahead.kick_once(scene)
     before = compiled()
     sim = Simulation(scene)
     for _ in range(2):

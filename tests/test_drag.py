@@ -236,7 +236,7 @@ def test_what_is_left_of_a_particle_decays_at_its_own_rate(dimensions):
         particles=start,
     )
     sim._prepare()
-    sim._kick(0.7)
+    sim.operators.kick(0.7)
     for p, name, share in ((sim.gas, "gas", 0.3), (sim.dust, "dust", 1.0)):
         order = np.argsort(p.ids)
         np.testing.assert_allclose(p.vel[order], start[name]["vel"] * np.exp(-share * 0.7 / 0.4), rtol=0, atol=1e-12)
@@ -262,7 +262,7 @@ def test_what_is_left_beside_a_line_does_so_too(scheme, bound):
         },
     )
     sim._prepare()
-    sim._kick(0.7)
+    sim.operators.kick(0.7)
     for p, share in ((sim.gas, 0.3), (sim.dust, 1.0)):
         np.testing.assert_allclose(p.vel[np.argsort(p.ids)] * tooth, np.exp(-share * 0.7 / 0.4), rtol=bound)
 
@@ -288,7 +288,7 @@ def test_a_wave_of_slip_stops_to_fourth_order_in_the_cell(direction):
             },
         )
         sim._prepare()
-        sim._kick(100.0)
+        sim.operators.kick(100.0)
         left.append(np.abs(sim.dust.vel).max())
     # Measured 14, and .0014 of the wave at 16 cells.
     assert left[0] > 12 * left[1] and left[1] < 0.002
@@ -313,7 +313,7 @@ def test_off_an_open_grid_all_sides_are_alike(dim, scheme):
     for step in range(8):  # the lattice of cells moves with every step
         sim.state.step = step
         before = sim.gas.vel.copy()
-        sim._kick(0.01)
+        sim.operators.kick(0.01)
         pulled = (sim.gas.vel != before).any(axis=1)
         np.testing.assert_array_equal(pulled, np.arange(count) >= 2 * dim)
         np.testing.assert_array_equal(np.isfinite(sim.effects["drag"].stopping_times), pulled)

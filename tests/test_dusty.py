@@ -225,7 +225,7 @@ def test_friction_heats_the_gas(coefficient, scheme):
     sim._prepare()
     for _ in range(40):
         before = powers()
-        sim._kick(dt)
+        sim.operators.kick(dt)
         work += 0.5 * dt * (before + powers())  # a kick's work, at the mean of its velocities
     assert energy() - start == pytest.approx(work, abs=1e-13 * start)
     assert np.ptp(sim.gas.u) < 1e-10
@@ -264,7 +264,7 @@ def test_nodes_heat_the_gas_by_what_is_lost(coefficient):
         return sum(0.5 * (p.mass[:, None] * (p.vel - boost) ** 2).sum() for p in (sim.gas, sim.dust))
 
     before = motion()
-    sim._kick(0.01)
+    sim.operators.kick(0.01)
     heat = sim.gas.u - 10.0
     # Rounding of the boosted velocities: 1e-16 of 100^2, against a loss of .05 and more.
     assert (sim.gas.mass * heat).sum() == pytest.approx(before - motion(), rel=1e-10)

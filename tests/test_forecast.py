@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
+from discsim.effects.gas import NEIGHBOUR
 from discsim.preview.check import report
-from discsim.preview.forecast import NEIGHBOUR, forecast, known_runs, learn, slowness
+from discsim.preview.forecast import forecast, known_runs, learn, slowness
 from discsim.run.runner import run_scene
 
 SMALL = ["gas.particles=20000", "dust.particles=20000", "space.cells=128"]

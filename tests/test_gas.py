@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
+from discsim.effects.stopping import stopping_columns
 from discsim.exact import riemann, sheet
-from discsim.preview.derived import gas_step, local
-from discsim.run.runner import _stopping
+from discsim.preview.derived import local
 from discsim.study.errors import totals
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
@@ -118,7 +118,7 @@ def test_squeezed_quintic_is_the_quintic():
         ends.append([steps, sim.gas.pos, sim.gas.vel, sim.gas.u])
         even = Simulation(scene({"kind": "box"}, gas, 0.5))
         even.step()
-        previewed = gas_step(even.scene, local(even.scene)).item()
+        previewed = local(even.scene).step.item()
         assert even.limit == pytest.approx(previewed, rel=1e-3)  # the lattice's density is off by less
     for quintic, squeezed in zip(*ends, strict=True):
         np.testing.assert_allclose(squeezed, quintic, rtol=1e-9, atol=1e-12)  # rounding, after 20 steps
@@ -359,8 +359,8 @@ def test_stokes_numbers_know_the_softening():
     """t_stop Omega with Omega^2 = M / (r^2 + s^2)^(3/2)."""
     dust, star = SimpleNamespace(pos=np.array([[3.0, 0.0]])), SimpleNamespace(mass=5.0, softening=4.0)
     state = SimpleNamespace(dust=dust, scene=SimpleNamespace(star=star))
-    drag = SimpleNamespace(current_stopping_times=lambda state: np.array([2.0]))
-    assert _stopping(state, drag)["stokes"] == pytest.approx(2.0 * math.sqrt(5.0 / 125.0), rel=1e-14)
+    stokes = stopping_columns(state, np.array([2.0]))["dust"]["stokes"]
+    assert stokes == pytest.approx(2.0 * math.sqrt(5.0 / 125.0), rel=1e-14)
 
 
 def test_sound_speed_of_polytropic_gas():

@@ -17,16 +17,16 @@ def sim(tmp_path):
 
 def interrupt(sim, step, times=1):
     """Ctrl-C between the kick and the drift of the given step."""
-    move = sim._move
+    move = sim.operators.move
 
     def interrupted(dt):
         if sim.state.step == step - 1:
-            sim._move = move
+            sim.operators.move = move
             for _ in range(times):
                 signal.raise_signal(signal.SIGINT)
         move(dt)
 
-    sim._move = interrupted
+    sim.operators.move = interrupted
 
 
 def all_bits(sim):
@@ -92,13 +92,13 @@ def test_a_second_ctrl_c_ends_at_once_and_nothing_goes_on_from_there(tmp_path, s
 def test_ctrl_c_while_somebody_looks_leaves_what_was_there(sim):
     sim.evolve(0.02)
     assert sim.state.lag > 0.0
-    before, kick = all_bits(sim), sim._kick
+    before, kick = all_bits(sim), sim.operators.kick
 
     def interrupted(dt):
         kick(dt)
         signal.raise_signal(signal.SIGINT)
 
-    sim._kick = interrupted
+    sim.operators.kick = interrupted
     with pytest.raises(KeyboardInterrupt), sim.synchronised():
         pass
     assert all_bits(sim) == before

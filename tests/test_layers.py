@@ -71,3 +71,21 @@ def test_no_circle_of_imports():
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         raise AssertionError(" -> ".join(error.args[1])) from None
+
+
+def test_nothing_is_long():
+    """No module above 400 lines, no function above 60, no list of arguments above 15: but for kernels, which inline."""
+    long = []
+    for name, file in modules().items():
+        if name.startswith("discsim.kernels"):
+            continue
+        text = file.read_text()
+        if (lines := len(text.splitlines())) > 400:
+            long.append(f"{name}: {lines} lines")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                length, given = node.end_lineno - node.lineno + 1, node.args
+                taken = len([*given.posonlyargs, *given.args, *given.kwonlyargs])
+                if length > 60 or taken > 15:
+                    long.append(f"{name}.{node.name}: {length} lines, {taken} arguments")
+    assert long == []

@@ -52,9 +52,9 @@ GRID = {
     "discsim.numerics.ppm",
     "discsim.kernels.ppm",
     "discsim.kernels.drag_grid",
-    "discsim.effects.grid_gas",
-    "discsim.effects.grid_dust",
-    "discsim.effects.grid_drag",
+    "discsim.effects.cells_gas",
+    "discsim.effects.cells_dust",
+    "discsim.effects.cells_drag",
     "discsim.drag.emsi_ppm",
 }
 # The files of effects have the keys of their tables, which a scene on a fixed grid has too.

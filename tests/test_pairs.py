@@ -73,7 +73,7 @@ def kicked(scheme, dt=0.01, eos=ISOTHERMAL, given=None, law=None, boundary="open
     sim.state.own_acc["gas"][:] = 0.0
     if sim.gas.u is not None:
         sim.gas.heating_rate[:] = sim.gas.pressure_acc[:] = 0.0
-    return sim, lambda: sim._kick(dt)
+    return sim, lambda: sim.operators.kick(dt)
 
 
 def both(sim):
@@ -331,13 +331,13 @@ def test_explicit_steps_are_stable_up_to_the_limit(scheme):
     sim, _ = kicked(scheme)
     limit, before = sim.effects["drag"].limit(sim.state), motion(sim)
     for _ in range(30):
-        sim._kick(limit)
+        sim.operators.kick(limit)
         assert motion(sim) < before
         before = motion(sim)
     box = {"kind": "box", "gas_velocity": 1.0, "dust_velocity": -1.0}
     sim = Simulation(scene({"law": "stopping-time", "t_stop": 0.1, "scheme": scheme}, initial=box))
     sim._prepare()
-    sim._kick(2.5 * sim.effects["drag"].limit(sim.state))
+    sim.operators.kick(2.5 * sim.effects["drag"].limit(sim.state))
     assert motion(sim) > 2.0
 
 
@@ -350,7 +350,7 @@ def test_the_longest_step_of_mk_swaps_a_pair(dimensions):
     law = {"law": "stopping-time", "t_stop": 0.1, "scheme": "mk"}
     sim = Simulation(scene(law, 1, 1, dimensions=dimensions, boundary="open"), particles=given)
     sim._prepare()
-    sim._kick(sim.effects["drag"].limit(sim.state))
+    sim.operators.kick(sim.effects["drag"].limit(sim.state))
     # But for what keeps r r / (r^2 + .001 h^2) finite, .6% of it at h = 1/8.
     assert sim.dust.vel[0, 0] - sim.gas.vel[0, 0] == pytest.approx(-1.0, abs=0.02)
 
@@ -421,7 +421,7 @@ def test_a_kick_towards_interpolated_velocities(scheme, x):
     sim = Simulation(scene(drag, gas, ratio=0.5, initial=box, external={"gas": 0.7, "dust": -0.4}))
     sim._prepare()
     dt = 0.1 * x
-    sim._kick(dt)
+    sim.operators.kick(dt)
     v, u, gas_x = 0.3, -1.0, 0.5 * x
     if scheme == "isph":
         v, u = v + 0.7 * dt, u - 0.4 * dt

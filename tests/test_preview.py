@@ -9,7 +9,6 @@ from discsim.kernels import blocks
 from discsim.numerics.layout import LEVELS
 from discsim.preview.check import report
 from discsim.preview.derived import derived
-from discsim.run.runner import _stopping
 from discsim.scene import load_scene
 
 DISC = {
@@ -175,7 +174,7 @@ def test_stokes_numbers_of_the_first_snapshot(changes):
     tables = with_keys(DISC, **changes)
     sim = Simulation(load_scene(tables))
     with sim.synchronised() as state:
-        stokes = _stopping(state, sim.effects["drag"])["stokes"]
+        stokes = sim.effects["drag"].columns(state)["dust"]["stokes"]
     r = np.hypot(*sim.dust.pos.T)
     near = np.abs(r - 2.0) < 0.15
     expected = np.polyval(np.polyfit(r[near] - 2.0, stokes[near], 1), 0.0)

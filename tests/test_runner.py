@@ -16,8 +16,9 @@ from rich.console import Console
 
 from discsim import Simulation, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
+from discsim.run.outputs import output_times
 from discsim.run.progress import Progress
-from discsim.run.runner import output_times, run_scene
+from discsim.run.runner import run_scene
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import differences
 from discsim.scene.units import clock

@@ -7,7 +7,7 @@ import pytest
 
 from discsim import Simulation
 from discsim.effects import base
-from discsim.run.costs import Costs
+from discsim.run.operators import Operators
 from discsim.run.simulation import PhysicsError
 
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
@@ -328,7 +328,7 @@ def test_a_place_that_is_none_ends_the_run(place):
 class Push(base.Effect):
     """A constant acceleration of the dust, as an effect of somebody's own."""
 
-    name, acts_on = "push", ("dust",)
+    acts_on = ("dust",)
 
     def accelerate(self, state):
         state.dust.acc[:, 0] += 0.3
@@ -345,8 +345,7 @@ def test_the_relaxation_knows_any_force_on_one_species(scheme):
         "drag": {"law": "stopping-time", "t_stop": 2e-4, "scheme": scheme},
     }  # fmt: skip
     sim, external = Simulation(scene), Simulation(scene | {"external": {"dust": 0.3}})
-    sim.effects = {"push": Push()} | sim.effects
-    sim.costs = Costs(sim.effects)
+    sim.operators = Operators(sim.state, {"push": Push(sim.scene, sim.state)} | sim.effects)
     sim.run()
     external.run()
     slip = sim.dust.vel.mean() - sim.gas.vel.mean()

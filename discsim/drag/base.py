@@ -62,7 +62,6 @@ class Scheme:
     conserves: bool = True  # momentum
     damps: bool = False  # waves, too much where h > c_s t_stop
     unused: Keys = field(default_factory=dict)  # keys of [drag], by why
-    idle: Keys = field(default_factory=dict)  # keys of other tables that mean nothing with it
     cells: Cells | None = None  # where drag is that of the particles in a cell
     nanoseconds: float = 3000.0  # CPU time of a particle of either kind in a step: those of pairs
     rules: tuple[Rule, ...] = ()  # what a scene with this scheme must have

@@ -13,7 +13,7 @@ differs from a splitting is ours, as are the stages and the exponential. Frictio
 """
 
 from discsim.drag.base import NO_CELLS, NO_KERNEL, Scheme
-from discsim.drag.fixed_grid import IDLE, RULES
+from discsim.drag.fixed_grid import RULES
 from discsim.parts import Lazy
 
 kernels, ppm = Lazy("discsim.kernels.drag_grid"), Lazy("discsim.numerics.ppm")
@@ -31,4 +31,4 @@ def advance(drag, tube, cells, dt):
     return now
 
 
-SCHEME = Scheme(advance=advance, unused=NO_CELLS | NO_KERNEL, idle=IDLE, rules=RULES)
+SCHEME = Scheme(advance=advance, unused=NO_CELLS | NO_KERNEL, rules=RULES)

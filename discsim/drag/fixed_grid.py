@@ -8,7 +8,6 @@ from discsim.parts import EOS, LAWS
 from discsim.scene.rules import Draft, Problem, kinds
 
 OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity")  # keys of the gas that only particles use
-IDLE = {"gas": OF_SPH, "dust": ("offset", "placement")}
 
 
 def _tables(draft: Draft) -> Iterator[Problem]:

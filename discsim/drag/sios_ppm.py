@@ -15,7 +15,7 @@ decaying, changes sign with each step. Semi-implicit operator splitting of the c
 """
 
 from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
-from discsim.drag.fixed_grid import IDLE, RULES
+from discsim.drag.fixed_grid import RULES
 from discsim.parts import Lazy
 
 kernels, ppm = Lazy("discsim.kernels.drag_grid"), Lazy("discsim.numerics.ppm")
@@ -32,4 +32,4 @@ def advance(drag, tube, cells, dt):
 
 
 UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
-SCHEME = Scheme(advance=advance, conserves=False, unused=UNUSED, idle=IDLE, rules=RULES)
+SCHEME = Scheme(advance=advance, conserves=False, unused=UNUSED, rules=RULES)

@@ -1,8 +1,14 @@
-"""What an effect may do in a step; each overrides what it needs.
+"""The contract of an effect: what it may do in a step, and what it says of itself; each overrides what it needs.
 
-A force adds to `acc` and moves nothing. The drag *is* the kick: it turns accelerations into velocities together
-with the relaxation. An event runs once the particles have moved. Each may limit the step.
+A force adds to `acc` and moves nothing. The kick turns `acc` into velocities: each species by itself, or one effect
+for all (`is_kick`), which solves the relaxation of gas and dust with the accelerations inside. A move changes places;
+an event runs once the particles have moved. Each effect may limit the step, and the loop knows which did.
 """
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,6 +18,10 @@ from discsim.parts import Lazy
 from discsim.scene.fields import Table
 from discsim.scene.rules import Rule
 
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
 moves = Lazy("discsim.kernels.move")
 
 # Steps between reorderings of a species' arrays. A particle's place in memory decides the order of sums, so that
@@ -19,24 +29,65 @@ moves = Lazy("discsim.kernels.move")
 SORT_EVERY = 16
 
 
-class Effect:
-    """Base of the effects: does nothing and limits nothing."""
+class Counts(NamedTuple):
+    """How many particles of gas and dust a scene has, and cells of its grid."""
 
-    name: str
-    keys: type[Table]  # of its table in a scene
+    gas: int
+    dust: int
+    cells: int
+
+
+class Effect:
+    """Base of the effects: does nothing and limits nothing. Numbers are in code units, arrays have a row a particle.
+
+    A registry (`discsim/parts.py`) gives the name of its table in a scene; `scene.table(name)` is the table.
+    """
+
+    # What it says of its table.
+    keys: type[Table]
     several = False  # whether the table may be a list of them
     rules: tuple[Rule, ...] = ()  # what the table demands of the others
-    # Whom it accelerates: the relaxation of drag has to know what acts on one species alone.
-    acts_on: tuple[str, ...] = ("gas", "dust")
-    # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone.
+    runs = True  # False: other effects act for it, and the table only says how
+
+    # What it says of its part in a step.
+    acts_on: tuple[str, ...] = ("gas", "dust")  # whom it accelerates
+    # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone. What is not
+    # shared reaches the relaxation as `state.own_acc`.
     shared = False
+    is_kick = False  # whether it kicks gas and dust together, in place of each species' own; one in a scene at most
+    needs_grid = False  # whether `state.grid` has to be there
+    slow_kernels = False  # whether its kick takes so long to compile that a second process is to help (run/ahead.py)
     softer = ""  # what to change so that `limit_of` is longer
+    uncoupled = 0.0  # share of the dust mass that it should have coupled to gas at the last kick, and could not
+
+    def __init__(self, scene: Scene, state: State) -> None:
+        """The effect of a run of `scene` from the start `state`. Raises ValueError where the two make none."""
+
+    @classmethod
+    def unused(cls, scene: Scene) -> tuple[str, ...]:
+        """Keys of its table that mean nothing in this scene."""
+        return ()
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterable[str]:
+        """What will run, but perhaps not as meant: each with its number and what to change."""
+        return ()
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: Counts) -> float:
+        """CPU time of a step, in the measure of `preview/forecast.py`."""
+        return 0.0
+
+    @classmethod
+    def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
+        """What it keeps on a grid of this shape."""
+        return 0
 
     def accelerate(self, state: State) -> None:
-        """Add this effect's accelerations to `acc` (and rates to `heating_rate`)."""
+        """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""
 
     def limit(self, state: State) -> float:
-        """The longest step this effect allows, before the Courant factor, in code units."""
+        """The longest step that it allows, before the Courant factor; asked after `accelerate`."""
         return float("inf")
 
     def limit_of(self, state: State, name: str) -> float:
@@ -44,24 +95,28 @@ class Effect:
         return float("inf")
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        """Which of the particles sets `limit_of`, from what this effect gives them."""
+        """Which of the particles sets `limit_of`, from what this effect gives them, `acc` (n, dimensions)."""
         return int((acc**2).sum(axis=1).argmax())
 
     def kick(self, state: State, dt: float) -> None:
-        """Turn accelerations into velocities over dt (the species' own kick, where no drag is solved with it)."""
+        """Turn accelerations into velocities over dt: of its species, or of all where it `is_kick`."""
 
     def move(self, state: State, dt: float) -> None:
-        """Move the effect's particles over dt."""
+        """Move its particles over dt."""
 
     def event(self, state: State) -> None:
-        """Act on the particles after they have moved."""
+        """Act on the particles after they have moved; `state.step` and `state.time` are those they have reached."""
 
     def potential_energy(self, state: State) -> float:
-        """The potential energy that this effect holds, in code units."""
+        """The potential energy that it holds."""
         return 0.0
 
+    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
+        """What snapshots hold beside the arrays of the state, (n,) by species and name; velocities are closed."""
+        return {}
 
-def drift(scene, particles: Particles, dt: float) -> None:
+
+def drift(scene: Scene, particles: Particles, dt: float) -> None:
     """Move at constant velocity over dt; immobile particles stay."""
     if particles.immobile is None:
         share(moves.add_scaled, particles.count, particles.pos, particles.vel, dt)

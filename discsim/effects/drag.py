@@ -14,6 +14,7 @@ from pydantic import Field, StrictBool
 from discsim.drag.base import Scheme
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
+from discsim.effects.stopping import stopping_columns
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, fill, share
@@ -119,19 +120,11 @@ def _heating(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "heating"), "one-way drag leaves the gas alone; expected false"
 
 
-def idle_keys(scene, table: str) -> tuple[str, ...]:
-    """Keys of a scene's table that mean nothing with the drag that it has."""
-    if scene.drag is None or scene.background:
-        return OF_CELLS if scene.drag and table == "drag" else ()
-    scheme: Scheme = SCHEMES[scene.drag.scheme]
-    return sum(scheme.unused.values(), ()) if table == "drag" else scheme.idle.get(table, ())
-
-
 class Effect(base.Effect):
     keys = Keys
-    name = "drag"
+    is_kick = needs_grid = slow_kernels = True
+    acts_on = ()
     rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _one_cell, _heating)
-    acts_on = ()  # it is the kick
 
     def __init__(self, scene, state):
         self.scene, self.drag = scene, scene.drag
@@ -147,6 +140,14 @@ class Effect(base.Effect):
         self.size[: self.dim] = scene.space.size
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
         self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
+
+    @classmethod
+    def nanoseconds(cls, scene, counts):
+        return SCHEMES[scene.drag.scheme].nanoseconds * (counts.gas + counts.dust)
+
+    @classmethod
+    def unused(cls, scene):
+        return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
     def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
@@ -209,6 +210,9 @@ class Effect(base.Effect):
         self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
         dust.vel = vel
         return self.stopping_times
+
+    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
+        return stopping_columns(state, self.current_stopping_times(state))
 
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         dust = state.dust

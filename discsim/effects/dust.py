@@ -1,5 +1,6 @@
 """Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, moved, never diffused."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -9,8 +10,11 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Measure, Number, Particles, Table
+from discsim.scene.rules import Draft, Problem, kinds
 
 moves = Lazy("discsim.kernels.move")
+
+MOVED = 2.0  # CPU nanoseconds of a particle in a step
 
 
 class Keys(Table):
@@ -28,14 +32,28 @@ class Keys(Table):
     placement: Literal["even", "random"] = Field("even", description="of the particles at the start")
 
 
+def _within_radii(draft: Draft) -> Iterator[Problem]:
+    for i, dust in enumerate(draft.dust or ()):
+        for key in ("inner", "outer"):
+            if draft.start and not draft.start.edges and getattr(dust, key) is not None:
+                words = " or ".join(kinds(lambda start: start.edges))
+                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a {words}"
+        if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
+            yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
+
+
 class Effect(base.Effect):
     keys = Keys
+    rules = (_within_radii,)
     several = True
-    name = "dust"
     acts_on = ()
 
     def __init__(self, scene, state):
         self.scene = scene
+
+    @classmethod
+    def nanoseconds(cls, scene, counts):
+        return MOVED * counts.dust
 
     def kick(self, state: State, dt: float) -> None:
         share(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt)

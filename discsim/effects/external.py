@@ -20,11 +20,18 @@ class Keys(Table):
 
 class Effect(base.Effect):
     keys = Keys
-    name = "external"
 
     def __init__(self, scene, state):
         self.constant = {"gas": np.array(scene.external.gas), "dust": np.array(scene.external.dust)}
         self.frequency = scene.external.vertical_frequency
+
+    @classmethod
+    def warnings(cls, scene, at):
+        if scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic":
+            yield (
+                "external.vertical_frequency pulls to the midplane 0, one end of a periodic space, from the other end "
+                'too: set space.boundary to "open", or leave it out'
+            )
 
     def accelerate(self, state: State) -> None:
         for name, particles in state.species.items():

@@ -5,17 +5,27 @@ Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after M
 h is a third of quintic-h's.
 """
 
-from typing import Annotated, Any, Literal
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from discsim.effects import base
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import copied, fill, share
 from discsim.parts import EOS, Lazy
 from discsim.physics.eos import pressure_and_sound_speed
 from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
+from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
 kernels = Lazy("discsim.kernels.sph")
@@ -23,6 +33,7 @@ sums = Lazy("discsim.numerics.sph")
 AnyEos: Any = kinds_of(EOS.values())
 
 
+PARTICLE, NEIGHBOUR = 300.0, 27.0  # CPU nanoseconds in a step: of a particle, and of each of its neighbours
 MOST_ETA = 30.0  # thousands of neighbours
 
 
@@ -59,15 +70,89 @@ class Keys(Table):
     conductivity: Conductivity | None = None
 
 
+def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
+    if draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
+        yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
+    elif draft.space and (draft.gas.smoothing_length or 0.0) > 2 * max(draft.space.size):
+        times = draft.gas.smoothing_length / max(draft.space.size)
+        yield ("gas", "smoothing_length"), f"{times:.3g} times as long as space.size; expected at most twice it"
+
+
+def _neighbours(draft: Draft) -> Iterator[Problem]:
+    if draft.gas.smoothing_length is not None:
+        return
+    kernel = SMOOTHING[draft.gas.kernel]
+    least = kernel.least_eta[draft.dimensions - 1]
+    if draft.gas.eta < least:
+        wrong = f'{draft.gas.eta:g} leaves a particle of kernel "{draft.gas.kernel}" without neighbours'
+        usual = kernel.eta[draft.dimensions - 1]
+        yield ("gas", "eta"), f"{wrong}; expected more than {least:g}, like {usual:g}"
+
+
+def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
+    if draft.gas.conductivity and not draft.eos.holds_heat:
+        words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
+        yield ("gas", "conductivity"), f'conducts heat, but the gas is "{draft.eos_kind}"; expected kind = {words}'
+
+
+# h over H: sound, and viscosity in shear, want half of one. Of a disc's edge, where h/H is largest and what is near it
+# spreads and falls in whatever h is, a tenth of the gas may do with less, but none with an h above H.
+FINE, COARSE, EDGE = 0.5, 1.0, 0.1
+
+
+def _coarse(scene: Scene, at: Local) -> Iterator[str]:
+    if at.resolution is None or at.scale_height is None:
+        return
+    ratio = at.resolution / at.scale_height
+    worst = int(np.argmax(ratio))
+    where = f"h/H = {ratio[worst]:.2g} {at.where(worst)}"
+    by_mass, below = at.by_mass()
+    coarse = 1.0 - float(np.interp(FINE, by_mass, below))
+    most = float(np.interp(1.0 - EDGE, below, by_mass))  # of all gas but the coarsest
+    needed = scene.gas.particles * max(ratio[worst] / COARSE, most / FINE) ** 2
+    if ratio[worst] > COARSE:
+        yield f"{where}, above {COARSE:g}: raise gas.particles to about {needed:.2g}"
+    elif coarse > EDGE:
+        yield (
+            f"{where}, and above {FINE} for {coarse:.0%} of the gas, more than {EDGE:.0%}: "
+            f"raise gas.particles to about {needed:.2g}"
+        )
+
+
+def _long_step(scene: Scene, at: Local) -> Iterator[str]:
+    """A step of the scene's own that is beyond the gas's."""
+    dt = scene.run.timestep
+    if dt is None or at.step is None:
+        return
+    most = at.step
+    worst = int(np.argmin(most))
+    if dt > most[worst]:
+        given, best = (scene.units.show(time, "time") for time in (dt, most[worst]))
+        yield (
+            f"run.timestep = {given} is {dt / most[worst]:.2g} times what sound allows {at.where(worst)}: "
+            f"lower it to {best}, or leave it out"
+        )
+
+
 class Effect(base.Effect):
     keys = Keys
-    name = "gas"
+    rules = (_fixed_smoothing, _neighbours, _heat_to_conduct)
     acts_on = ("gas",)
 
     def __init__(self, scene, state):
         self.scene = scene
         self.sph = sums.Sph(scene)
         self._limit = np.inf
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        yield from _coarse(scene, at)
+        yield from _long_step(scene, at)
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        neighbours = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
+        return counts.gas * (PARTICLE + NEIGHBOUR * neighbours)
 
     def accelerate(self, state: State) -> None:
         gas = state.gas

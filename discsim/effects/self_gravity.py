@@ -13,19 +13,24 @@ grid as one point with that kernel.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from discsim.effects import base
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Particles, State
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Table
+from discsim.scene.rules import Draft, Problem, kinds
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
     from discsim.numerics.poisson import Kernel
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 numba = Lazy("numba")
@@ -45,6 +50,117 @@ class Keys(Table):
     sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 
+CELL, MOVED = 58.0, 21.0  # CPU nanoseconds in a step: of a cell, and of a particle that it deposits and pulls
+KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # the length that each kernel has
+
+
+def _boundary_of_a_line(draft: Draft) -> Iterator[Problem]:
+    if draft.dimensions == 1 and draft.space and draft.space.boundary == "open":
+        yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
+
+
+def _sheets(draft: Draft) -> Iterator[Problem]:
+    """In code units a number may stand for either density, and own particles bring whatever they are meant to."""
+    start = draft.start
+    if draft.dimensions != 1 or draft.in_code_units or not start or start.column:
+        return
+    if 1 in start.dimensions and start.boundary == "periodic":  # what does not go with either is told already
+        wrong = (
+            f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
+        )
+        words = " or ".join(f'"{name}"' for name in kinds(lambda start: start.column))
+        yield ("self_gravity",), f"{wrong}; expected initial.kind = {words}, or space.dimensions = 2"
+
+
+def _length_of_the_kernel(draft: Draft) -> Iterator[Problem]:
+    kernel = draft.self_gravity.kernel
+    needed = KERNEL_KEYS[kernel]
+    unsaid = not draft.gives("self_gravity", "kernel")
+    if unsaid and draft.self_gravity.thickness is not None:
+        yield ("self_gravity", "thickness"), 'nothing uses it; expected kernel = "thin-disc" beside it'
+    elif getattr(draft.self_gravity, needed) is None:
+        yield ("self_gravity", needed), f'missing; kernel "{kernel}" needs it'
+
+
+def _sources(draft: Draft) -> Iterator[Problem]:
+    sources = draft.self_gravity.sources
+    if len(set(sources)) < len(sources):
+        yield ("self_gravity", "sources"), "a source is there twice; expected each once"
+    for name in sources:
+        if draft.gives("self_gravity", "sources") and not draft.has(name):
+            yield ("self_gravity", "sources"), f'"{name}" is to attract, but there is no table [{name}]'
+
+
+def _enough_cells(draft: Draft) -> Iterator[Problem]:
+    space = draft.space
+    if not space or space.boundary == "periodic" or not space.cells:
+        return
+    if min(space.size) / max(space.size) * space.cells < 5:
+        yield (
+            ("space", "cells"),
+            "self-gravity differentiates over five cells; expected 5 at least along each side",
+        )
+
+
+HEAVY = 3.0  # Toomre's Q, above which nothing is amplified (Toomre 1981), and a softening cannot change that
+CLUMP = 6  # kernels' particles that a collapsing mass wants (Nelson 2006, abstract)
+CELLS = 4  # of the grid, that it is to span
+
+
+def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
+    kernel = scene.self_gravity.kernel
+    name = KERNEL_KEYS[kernel]
+    length = getattr(scene.self_gravity, name)
+    shown = scene.units.show(length, "length")
+    for other in set(KERNEL_KEYS.values()) - {name}:
+        if getattr(scene.self_gravity, other) is not None:
+            yield f'self_gravity.{other} is not used by kernel "{kernel}": leave it out'
+    cell = at.cell
+    if length < cell:
+        needed = math.ceil(max(scene.space.size) / length)
+        yield (
+            f"self_gravity.{name} = {shown} is {length / cell:.2g} of a grid cell: "
+            f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
+        )
+    if at.scale_height is not None and at.toomre_q is not None:
+        # A softening is to be below H wherever self-gravity counts; a thickness is to be H somewhere.
+        counts = at.toomre_q <= max(HEAVY, at.toomre_q.min())
+        softest = np.where(counts, at.scale_height, np.inf).argmin()
+        worst = int(softest if kernel == "plummer" else at.scale_height.argmax())
+        height = at.scale_height[worst]
+        if length > height:
+            yield (
+                f"self_gravity.{name} = {shown} is {length / height:.2g} H {at.where(worst)}, above 1: "
+                f"lower it to {scene.units.show(height, 'length')}"
+            )
+
+
+def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
+    """What collapses, 2 c_s^2 / (G Sigma) wide and pi c_s^4 / (G^2 Sigma) heavy (Nelson 2006, sec. 2), where Q < 2."""
+    if not scene.gas or at.sound_speed is None or at.h is None or scene.space.dimensions == 1:
+        return
+    length = 2 * at.sound_speed**2 / at.density
+    mass = math.pi * at.sound_speed**4 / at.density
+    heavy = np.ones(len(at.density), bool) if at.toomre_q is None else at.toomre_q < 2
+    if not heavy.any():
+        return
+    worst = int(np.argmin(np.where(heavy, mass, np.inf)))
+    where = at.where(worst)
+    reach = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
+    held = mass[worst] / (reach * at.particle_mass)
+    if held < CLUMP:
+        yield (
+            f"a mass that collapses {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
+            f"raise gas.particles {CLUMP / held:.2g} times"
+        )
+    cell = at.cell
+    if length[worst] < CELLS * cell:
+        yield (
+            f"what collapses {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
+            f"raise space.cells {CELLS * cell / length[worst]:.2g} times"
+        )
+
+
 class Effect(base.Effect):
     """Adds the attraction of the species in `self_gravity.sources` to every species.
 
@@ -53,8 +169,8 @@ class Effect(base.Effect):
     """
 
     keys = Keys
-    name = "self_gravity"
-    shared = True
+    rules = (_boundary_of_a_line, _sheets, _length_of_the_kernel, _sources, _enough_cells)
+    shared = needs_grid = True
     softer = "a longer self_gravity.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -73,6 +189,22 @@ class Effect(base.Effect):
         self.outside = 0
         self._field: _Field | None = None
         self._strongest: dict[str, float] = {}
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        yield from _unresolved(scene, at)
+        yield from _coarse_collapse(scene, at)
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        return CELL * counts.cells + MOVED * (counts.gas + counts.dust)
+
+    @classmethod
+    def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
+        """Density, potential and its gradient, and their transforms."""
+        pad = 1 if scene.space.boundary == "periodic" else 2
+        columns = pad * shape[-1] // 2 + 1
+        return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
     def accelerate(self, state: State) -> None:
         self._field = field = self._make_field(state)

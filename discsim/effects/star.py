@@ -4,6 +4,8 @@ What comes within the accretion radius is removed at the end of the step; its ma
 to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the innermost particle.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from pydantic import Field
 
@@ -12,8 +14,11 @@ from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Mass, Table
+from discsim.scene.rules import Draft, Problem
 
 kernels = Lazy("discsim.kernels.star")
+
+PULL = 6.0  # CPU nanoseconds of a particle in a step
 
 
 class Keys(Table):
@@ -22,15 +27,26 @@ class Keys(Table):
     softening: Length = Field(0.0, ge=0, description="Plummer length")
 
 
+def _at_the_centre(draft: Draft) -> Iterator[Problem]:
+    if draft.dimensions == 1:
+        yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
+    elif draft.space and draft.space.boundary == "periodic" and not (draft.start and draft.start.edges):
+        yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
+
+
 class Effect(base.Effect):
     keys = Keys
-    name = "star"
+    rules = (_at_the_centre,)
     shared = True
     softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene, state):
         self.star = scene.star
         self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
+
+    @classmethod
+    def nanoseconds(cls, scene, counts):
+        return PULL * (counts.gas + counts.dust)
 
     def accelerate(self, state: State) -> None:
         for particles in state.species.values():

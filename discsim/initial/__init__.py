@@ -34,7 +34,7 @@ def start_of(scene: Scene) -> Start:
 
 def make_particles(scene: Scene) -> Given:
     """Arrays by species of the scene's initial condition. Raises ValueError where the scene's numbers make none."""
-    if scene.on_cells:
+    if scene.model.cells:
         from discsim.initial import cells
 
         return cells.particles(scene)
@@ -63,7 +63,6 @@ def make_state(scene: Scene, given: Given) -> State:
             **_common("dust", arrays, gas.count if gas is not None else 0),
             species=species,
             immobile=arrays.get("immobile"),
-            density=np.zeros(len(species)) if scene.on_cells else None,
         )
     return State(scene, gas, dust, None)
 

@@ -19,7 +19,6 @@ of threads.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -36,6 +35,7 @@ from discsim.kernels.poisson import (
     store_columns,
     tiles_to_rows,
 )
+from discsim.numerics.threads import pool
 
 Array = np.ndarray
 ROWS = 8  # that a plan transforms at once: more would leave the cache between its steps
@@ -103,7 +103,6 @@ class Poisson:
         # Transformed along y; the last tile is filled up with zeros.
         self._tiles = np.empty((-(-(padded[1] // 2 + 1) // TILE), shape[0] + 2 * border, TILE), complex)
         self._workers = [_Worker(padded, border) for _ in range(threads)]
-        self._pool = ThreadPoolExecutor(threads)
 
     def solve(self, surface_density: Array) -> Array:
         """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes; with a border on each side."""
@@ -127,7 +126,7 @@ class Poisson:
         if len(self._workers) == 1:
             take(self._workers[0])
         else:
-            list(self._pool.map(take, self._workers))
+            list(pool(len(self._workers)).map(take, self._workers))
 
 
 class _Worker:

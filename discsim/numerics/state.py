@@ -113,9 +113,15 @@ class State:
     time: float = 0.0
     step: int = 0
     lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due
-    # With drag: what gas and dust at one place do not both feel; no entries where that is nothing.
+    # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)
+
+    def arrive(self, dt: float, until: float = math.inf) -> None:
+        """Count a step of dt, which ends at `until` itself where it does but for rounding."""
+        left = until - self.time
+        self.time = until if abs(dt - left) <= 1e-9 * dt else self.time + dt
+        self.step += 1
 
     @property
     def species(self) -> dict[str, Particles]:

@@ -41,10 +41,15 @@ def share(kernel: Callable, count: int, *arguments, least: int = 4096, each: lis
     parts = [(*edges[k : k + 2], *([] if each is None else [each[k]])) for k in range(pieces)]
     if pieces == 1:
         return [kernel(*parts[0], *arguments)]
+    tasks = [pool(threads).submit(kernel, *part, *arguments) for part in parts]
+    return [task.result() for task in tasks]
+
+
+def pool(threads: int) -> ThreadPoolExecutor:
+    """The pool of so many threads, which all loops share."""
     if threads not in _pools:
         _pools[threads] = ThreadPoolExecutor(threads)
-    tasks = [_pools[threads].submit(kernel, *part, *arguments) for part in parts]
-    return [task.result() for task in tasks]
+    return _pools[threads]
 
 
 def copied(array: np.ndarray) -> np.ndarray:

@@ -9,12 +9,12 @@ import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import h5py
 import numpy as np
 
 from discsim import __version__
+from discsim.output.files import written
 
 _CHUNK = 1 << 16  # entries; a chunk is read and checked as a whole
 
@@ -25,19 +25,13 @@ def create(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
 
     Built in memory: HDF5 itself may crash where the disk is full, a plain write raises OSError.
     """
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     content = io.BytesIO()
     with h5py.File(content, "w", libver=("v110", "v110")) as file:
         yield file
-    try:
-        with temporary.open("wb") as written:
-            written.write(content.getbuffer())
-            written.flush()
-            os.fsync(written.fileno())  # else a power cut may leave the new name with no content
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written(path) as temporary, temporary.open("wb") as plain:
+        plain.write(content.getbuffer())
+        plain.flush()
+        os.fsync(plain.fileno())  # else a power cut may leave the new name with no content
 
 
 @contextmanager

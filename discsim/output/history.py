@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from discsim.output.files import written
 from discsim.physics.eos import thermal_energy
 
 if TYPE_CHECKING:
@@ -38,10 +39,8 @@ class History:
     """The open file. It starts with `rows`, which earlier ones up to a checkpoint are."""
 
     def __init__(self, path: Path, rows: Sequence[Sequence[str]] = ()) -> None:
-        temporary = path.with_name(f".{path.name}.part")
-        with temporary.open("w", newline="", encoding="utf-8") as file:
+        with written(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([COLUMNS, *rows])
-        os.replace(temporary, path)
         self._file = path.open("a", newline="", encoding="utf-8")
         self.count = len(rows)
         self._last = int(rows[-1][0]) if rows else -1
@@ -98,7 +97,7 @@ def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_b
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
         float(sum(effect.potential_energy(state) for effect in effects.values())),
         state.ledger.accreted_gas, state.ledger.accreted_dust,
-        float(getattr(effects.get("drag"), "uncoupled", 0.0)),
+        float(max((effect.uncoupled for effect in effects.values()), default=0.0)),
     ]  # fmt: skip
 
 

@@ -10,16 +10,15 @@ import os
 import tomllib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from discsim.output import hdf5
+from discsim.output.layout import GROUPS, PLAIN_UNITS, write_layout, write_particles
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
-    import h5py
-
     from discsim.numerics.state import Dust, Gas, Particles
     from discsim.scene import Scene
 
@@ -30,38 +29,7 @@ class SnapshotError(Exception):
     """The file is absent, damaged, or no snapshot of ours; the message says which."""
 
 
-class _Field(NamedTuple):
-    dataset: str
-    dimension: str  # of discsim.scene.units; "temperature"; "" for a plain number
-    about: str
-
-
-_COMMON = {
-    "pos": _Field("Coordinates", "length", "positions, shifted into the box"),
-    "vel": _Field("Velocities", "velocity", "velocities"),
-    "mass": _Field("Masses", "mass", "masses"),
-    "ids": _Field("ParticleIDs", "", "identities, kept through a run"),
-    "immobile": _Field("Immobile", "", "1 for boundary particles that never move"),
-}
-_GAS = _COMMON | {
-    "density": _Field("Densities", "density", "SPH density; a surface density in 2D"),
-    "h": _Field("SmoothingLengths", "length", "radius of the support of the kernel"),
-    "u": _Field("InternalEnergies", "specific_energy", "per mass; 3/2 P/rho where the gas has no energy equation"),
-    "pressure": _Field("Pressures", "pressure", "pressure; vertically integrated in 2D"),
-    "sound_speed": _Field("SoundSpeeds", "velocity", "sound speed"),
-    "temperature": _Field("Temperatures", "temperature", "P/rho mu m_H/k_B"),
-}
-_DUST = _COMMON | {
-    "density": _Field("DustDensities", "density", "density of the dust; a surface density in 2D"),
-    "species": _Field("Species", "", "number of the population"),
-    "stopping_time": _Field("StoppingTimes", "time", "stopping time"),
-    "stokes": _Field("StokesNumbers", "", "stopping time times the Keplerian frequency"),
-}
-_GROUPS = {"gas": ("PartType0", _GAS), "dust": ("PartType3", _DUST)}
-_TYPES = 7  # kinds of particles in the layout's header
 _NEIGHBOURS = 12  # that the Gaussian of a map covers
-_PLAIN_UNITS = {"": "", "temperature": "K"}  # the same in every system of code units
-_BASES = ("U_M", "U_L", "U_t", "U_T", "U_I")
 
 
 @dataclass(frozen=True)
@@ -105,8 +73,8 @@ class SnapshotParticles:
         if array is None or name not in self.dimensions_of:
             raise KeyError(f"the snapshot holds no {name!r}")
         dimension = self.dimensions_of[name]
-        if dimension in _PLAIN_UNITS:
-            return u.Quantity(array, _PLAIN_UNITS[dimension])
+        if dimension in PLAIN_UNITS:
+            return u.Quantity(array, PLAIN_UNITS[dimension])
         return self.units.quantity(array, dimension)
 
     def radial_profile(self, edges: Array) -> Array:
@@ -211,7 +179,7 @@ def write_snapshot(
     support = _support(scene)
     with hdf5.create(path) as file:
         hdf5.mark(file, "snapshot")
-        _write_layout(file, scene, time, upper - lower, present)
+        write_layout(file, scene, time, upper - lower, present)
         own = file.create_group("discsim")
         own.attrs["origin"] = lower
         own.attrs["size"] = upper - lower
@@ -225,7 +193,7 @@ def write_snapshot(
             arrays = arrays | {"pos": _into_box(particles.pos, lower, upper)}
             if name == "gas":
                 arrays["h"] = arrays["h"] * support
-            _write_particles(file, name, arrays, scene.units)
+            write_particles(file, name, arrays, scene.units)
 
 
 def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
@@ -237,7 +205,7 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
         system, length, mass = (text.decode() for text in own.attrs["units"])
         units = Units(system, dimensions, length, mass)
         kinds = {}
-        for kind, (group, fields) in _GROUPS.items():
+        for kind, (group, fields) in GROUPS.items():
             if group not in file:
                 continue
             arrays = {name: file[group][f.dataset][()] for name, f in fields.items() if f.dataset in file[group]}
@@ -312,85 +280,3 @@ def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
         specific = scene.units.cgs("specific_energy") * per_mass
         derived["temperature"] = specific * molecule / constants.k_B.cgs.value
     return derived
-
-
-def _exponents(units: Units, dimension: str) -> dict[str, float]:
-    """The exponents of the layout's five base units."""
-    if dimension in _PLAIN_UNITS:
-        return dict.fromkeys(_BASES, 0.0) | ({"U_T": 1.0} if dimension else {})
-    return dict(zip(_BASES, (*units.exponents(dimension), 0.0, 0.0), strict=True))
-
-
-def _write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units: Units) -> None:
-    part, fields = _GROUPS[kind]
-    group = file.create_group(part)
-    order = np.argsort(arrays["ids"], kind="stable")
-    for name, (dataset, dimension, about) in fields.items():
-        if name not in arrays:
-            continue
-        array = arrays[name][order]
-        if dataset == "Velocities":
-            array = np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
-        if dataset == "Immobile":
-            array = array.astype(np.uint8)
-        stored = hdf5.put(group, dataset, array)
-        exponents = _exponents(units, dimension)
-        factor = 1.0 if dimension in _PLAIN_UNITS else units.cgs(dimension)
-        stored.attrs["Description"] = np.bytes_(about)
-        stored.attrs["Conversion factor to CGS (not including cosmological corrections)"] = [factor]
-        stored.attrs["Conversion factor to physical CGS (including cosmological corrections)"] = [factor]
-        stored.attrs["a-scale exponent"] = [0.0]
-        stored.attrs["h-scale exponent"] = [0.0]
-        for base, power in exponents.items():
-            stored.attrs[f"{base} exponent"] = [float(power)]
-
-
-def _write_layout(file: h5py.File, scene: Scene, time: float, side: Array, present: dict[str, Any]) -> None:
-    """The groups that readers of the layout look for, each with the attributes that one of them needs."""
-    units, counts = scene.units, np.zeros(_TYPES, np.int64)
-    for kind, particles in present.items():
-        counts[int(_GROUPS[kind][0][-1])] = particles.count
-    box = np.full(3, side.max())
-    box[: len(side)] = side
-    gas = scene.gas
-    groups: dict[str, dict[str, Any]] = {
-        "Header": {
-            "Code": np.bytes_("SWIFT"),  # the readers know the layout by this name
-            "RunName": np.bytes_((scene.title or "discsim").encode()),
-            "BoxSize": box,
-            "Dimension": [3],
-            "NumPart_ThisFile": counts,
-            "NumPart_Total": counts.astype(np.uint32),
-            "NumPart_Total_HighWord": (counts >> 32).astype(np.uint32),
-            "NumFilesPerSnapshot": [1],
-            "NumPartTypes": [_TYPES],
-            "MassTable": np.zeros(_TYPES),
-            "Flag_Entropy_ICs": [0],
-            "Time": [float(time)],
-            "Redshift": [0.0],
-            "Scale-factor": [1.0],
-            "ThisFile": [0],
-            "OutputType": np.bytes_("FullVolume"),
-        },
-        "Policy": {"cosmological integration": [0]},
-        "Parameters": {"InitialConditions:periodic": np.bytes_(str(int(scene.space.boundary == "periodic")))},
-        "Cosmology": {"Cosmological run": [0], "Redshift": [0.0], "Scale-factor": [1.0], "h": [0.0]},
-        "HydroScheme": {
-            "Scheme": np.bytes_("SPH"),
-            "Kernel function": np.bytes_(gas.kernel if gas else "none"),
-            "Adiabatic index": [float(getattr(gas.eos, "gamma", 5 / 3) if gas else 5 / 3)],
-            "Dimension": [float(scene.space.dimensions)],
-        },
-        "SubgridScheme": {"Chemistry Model": np.bytes_("None"), "Cooling Model": np.bytes_("None")},
-    }
-    unit_values: dict[str, Any] = {
-        "Unit mass in cgs (U_M)": [units.cgs("mass")],
-        "Unit length in cgs (U_L)": [units.cgs("length")],
-        "Unit time in cgs (U_t)": [units.cgs("time")],
-        "Unit current in cgs (U_I)": [1.0],
-        "Unit temperature in cgs (U_T)": [1.0],
-    }
-    for name, attributes in (groups | {"Units": unit_values, "InternalCodeUnits": unit_values}).items():
-        group = file.create_group(name)
-        for key, value in attributes.items():
-            group.attrs[key] = value

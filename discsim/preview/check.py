@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from discsim.effects.drag import idle_keys
+from discsim.effects import effect_classes
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast, known_runs
@@ -51,9 +51,10 @@ def _unit_lines(units: Units) -> Iterator[str]:
 
 
 def _effect_lines(scene: Scene) -> Iterator[str]:
+    classes = effect_classes(scene)
     for name in scene.effects:
         first, _, second = name.partition(".")
-        skip = idle_keys(scene, name)
+        skip = classes[name].unused(scene) if name in classes else ()
         table = getattr(scene.table(first), second) if second else scene.table(first)
         for one in table if isinstance(table, tuple) else (table,):
             yield f"{name:<18} {_parameters(scene.units, one, skip)}"

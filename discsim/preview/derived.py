@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.formulas.smoothing import SMOOTHING
+from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of
 from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
@@ -21,6 +22,7 @@ from discsim.parts import SCHEMES
 from discsim.physics import laws, profile
 from discsim.physics.eos import eos_of
 from discsim.physics.given_disc import GivenDisc
+from discsim.physics.local import Local, longest_step, resolution
 from discsim.scene import Scene
 from discsim.scene.units import Units
 
@@ -28,36 +30,6 @@ if TYPE_CHECKING:
     from discsim.drag.base import Cells
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True)
-class Local:
-    """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them."""
-
-    places: list[str]
-    radius: Array | None
-    density: Array
-    sound_speed: Array | None
-    thermal_speed: Array | None
-    omega: Array | None
-    h: Array | None
-
-    def where(self, number: int) -> str:
-        """One of the places, for a sentence."""
-        place = self.places[number]
-        return place if place == "everywhere" else f"at {place}"
-
-    @property
-    def scale_height(self) -> Array | None:
-        if self.thermal_speed is None or self.omega is None:
-            return None
-        return self.thermal_speed / self.omega
-
-    @property
-    def toomre_q(self) -> Array | None:
-        if self.sound_speed is None or self.omega is None:
-            return None
-        return self.sound_speed * self.omega / (math.pi * self.density)
 
 
 def local(scene: Scene) -> Local:
@@ -74,14 +46,24 @@ def _local(scene: Scene, places: Places) -> Local:
     sound = _sound_speed(scene, places)
     ratio = eos_of(scene).heat_ratio(scene.gas.eos) if scene.gas else 1.0
     thermal = None if sound is None else sound / math.sqrt(ratio)
-    return Local(places.names, radius, density, sound, thermal, omega, _smoothing(scene, density))
+    h = _smoothing(scene, density)
+    fine = None if h is None else resolution(scene, h)
+    step = None if h is None or sound is None else longest_step(scene, h, sound)
+    particle_mass = gas_mass(scene) / particle_count(scene, scene.gas) if scene.gas else None
+    found = grid(scene)
+    return Local(
+        places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_by_mass, scene),
+        particle_mass, found[0] if found else None,
+    )  # fmt: skip
 
 
-def gas_step(scene: Scene, at: Local) -> Array:
-    """The longest step that sound and viscosity allow: h / (c_s (1 + 1.2 alpha)), h as other kernels mean it."""
-    assert at.h is not None and at.sound_speed is not None and scene.gas is not None
-    alpha = scene.gas.viscosity.alpha if scene.gas.viscosity else 0.0
-    return resolution(scene, at.h) / (at.sound_speed * (1.0 + 1.2 * alpha))
+def _by_mass(scene: Scene) -> tuple[Array, Array]:
+    places, weight = start_of(scene).all_over(scene)
+    at = _local(scene, places)
+    assert at.resolution is not None and at.scale_height is not None
+    ratio = at.resolution / at.scale_height
+    order = np.argsort(ratio, kind="stable")
+    return ratio[order], np.cumsum(weight[order]) / weight.sum()
 
 
 def gas_mass(scene: Scene) -> float:
@@ -141,8 +123,8 @@ def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     yield "orbits until the end", _plain(scene.run.until / period)
     if at.scale_height is not None and at.sound_speed is not None:
         yield "H/r", _plain(at.scale_height / at.radius)
-        if scene.gas and at.h is not None:
-            yield "h/H", _plain(resolution(scene, at.h) / at.scale_height)
+        if at.resolution is not None:
+            yield "h/H", _plain(at.resolution / at.scale_height)
             yield "Toomre Q", _plain(at.toomre_q)
 
 
@@ -163,19 +145,20 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
 
 def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     found = grid(scene)
-    # Drag cells of one dimension are no cells of the grid.
-    if found is None or (scene.space.dimensions == 1 and not scene.self_gravity):
+    if found is None:
         return
     cell, shape = found
+    size = grid_bytes(scene, shape)
+    if scene.space.dimensions == 1 and not size:  # drag cells of one dimension are no cells of the grid
+        return
     yield "grid", " x ".join(map(str, shape)) + " cells of " + scene.units.show(cell, "length")
-    if scene.self_gravity:
-        yield "memory of the grid, about", f"{grid_bytes(scene, shape) / 2**20:.3g} MiB"
+    if size:
+        yield "memory of the grid, about", f"{size / 2**20:.3g} MiB"
 
 
 def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
     """Side of the grid's cells and their number along each axis; None where the run has no grid."""
-    of_drag = scene.drag is not None and not scene.background and not scene.on_cells
-    if not scene.self_gravity and not of_drag:
+    if not any(effect.needs_grid for effect in effect_classes(scene).values()):
         return None
     first = (scene.gas,) if scene.gas else scene.dust or ()
     cell, shape = grid_cells(scene, sum(particle_count(scene, species) for species in first))
@@ -183,10 +166,8 @@ def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
 
 
 def grid_bytes(scene: Scene, shape: tuple[int, ...]) -> int:
-    """Bytes of density, potential and its gradient on the grid of self-gravity, and of its transforms."""
-    pad = 1 if scene.space.boundary == "periodic" else 2
-    columns = pad * shape[-1] // 2 + 1
-    return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
+    """Bytes of what effects keep on the grid."""
+    return sum(effect.grid_bytes(scene, shape) for effect in effect_classes(scene).values())
 
 
 def particle_count(scene: Scene, species: Any) -> int:
@@ -270,21 +251,6 @@ def _smoothing(scene: Scene, density: Array) -> Array | None:
         return np.full_like(density, scene.gas.smoothing_length)
     mass = gas_mass(scene) / particle_count(scene, scene.gas)
     return scene.gas.eta * (mass / density) ** (1 / scene.space.dimensions)
-
-
-def resolution(scene: Scene, h: Array) -> Array:
-    """h as other kernels mean it: that of quintic-h is its whole support, 3 h of the quintic."""
-    return h / SMOOTHING[scene.gas.kernel].squeezed if scene.gas else h
-
-
-def resolution_by_mass(scene: Scene) -> tuple[Array, Array]:
-    """h/H of the gas of a disc (n,), rising, and the share of the gas with less than each (n,)."""
-    places, weight = start_of(scene).all_over(scene)
-    at = _local(scene, places)
-    assert at.h is not None and at.scale_height is not None
-    ratio = resolution(scene, at.h) / at.scale_height
-    order = np.argsort(ratio, kind="stable")
-    return ratio[order], np.cumsum(weight[order]) / weight.sum()
 
 
 def _list(units: Units, values: Array, name: str) -> str:

@@ -1,9 +1,9 @@
 """What a run will take: number of steps, CPU time and memory, from stored figures and the last long runs here.
 
-The figures below are CPU nanoseconds of a particle, cell or neighbour in a step, from `python analysis/throughput.py`
-(those of pairs and of a given disc from `costs.csv` of runs with such a scheme and with [background]), that of drag in
-the file of each scheme; another machine differs by a factor, which long runs that have ended leave for the next
-forecast (`learn`).
+The figures are CPU nanoseconds of a particle, cell or neighbour in a step, in the file of each effect and drag scheme,
+from `python analysis/throughput.py` (those of pairs and of a given disc from `costs.csv` of runs with such a scheme and
+with [background]); another machine differs by a factor, which long runs that have ended leave for the next forecast
+(`learn`).
 """
 
 from __future__ import annotations
@@ -16,17 +16,14 @@ import statistics
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from discsim.formulas.smoothing import SMOOTHING
+from discsim.effects import effect_classes
+from discsim.effects.base import Counts
 from discsim.initial import start_of
-from discsim.parts import SCHEMES
+from discsim.output.files import written
 from discsim.physics import profile
-from discsim.preview.derived import gas_step, grid, grid_bytes, local, particle_count
+from discsim.preview.derived import grid, grid_bytes, local, particle_count
 from discsim.scene import Scene
 
-GAS, NEIGHBOUR = 300.0, 27.0  # a gas particle, and each of its neighbours
-DUST, STAR = 2.0, 6.0  # moving a particle of dust, the star's pull on any
-CELL, MOVED = 58.0, 21.0  # a cell of self-gravity, and a particle that it deposits and pulls
-BACKGROUND = 150.0  # a particle in a given disc
 SHRINK = 0.85  # of the smooth start's shortest step is what noise and spreading edges leave
 BYTES = {"gas": 600, "dust": 180}  # a particle, with what a step needs
 BASE = 250e6  # the interpreter with its libraries
@@ -58,12 +55,12 @@ def forecast(scene: Scene) -> Forecast | None:
     gas = particle_count(scene, scene.gas) if scene.gas else 0
     dust = sum(particle_count(scene, population) for population in scene.dust or ())
     memory = BASE + BYTES["gas"] * gas + BYTES["dust"] * dust
-    cells = 0
     found = grid(scene)
-    if scene.self_gravity and found is not None:
-        cells = math.prod(found[1])
+    if found is not None:
         memory += grid_bytes(scene, found[1])
-    return Forecast(steps, 1e-9 * _step_nanoseconds(scene, gas, dust, cells) * slowness(), memory)
+    counts = Counts(gas, dust, math.prod(found[1]) if found is not None else 0)
+    nanoseconds = sum(effect.nanoseconds(scene, counts) for effect in effect_classes(scene).values())
+    return Forecast(steps, 1e-9 * nanoseconds * slowness(), memory)
 
 
 def _steps(scene: Scene) -> float | None:
@@ -72,26 +69,11 @@ def _steps(scene: Scene) -> float | None:
         return run.until / run.timestep
     if not start.known_step:
         return None
-    if scene.gas and at.h is not None and at.sound_speed is not None:
-        return run.until / (run.courant * SHRINK * float(gas_step(scene, at).min()))
+    if at.step is not None:
+        return run.until / (run.courant * SHRINK * float(at.step.min()))
     if scene.star and start.edges is not None:
         return run.until / run.courant * float(profile.kepler_omega(scene, start.edges(scene)[0]))
     return None
-
-
-def _step_nanoseconds(scene: Scene, gas: int, dust: int, cells: int) -> float:
-    both = gas + dust
-    total = DUST * dust + (STAR * both if scene.star else 0.0)
-    if scene.gas:
-        neighbours = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
-        total += gas * (GAS + NEIGHBOUR * neighbours)
-    if scene.self_gravity:
-        total += CELL * cells + MOVED * both
-    if scene.background:
-        total += BACKGROUND * dust
-    elif scene.drag:
-        total += SCHEMES[scene.drag.scheme].nanoseconds * both
-    return total
 
 
 def _store() -> Path:
@@ -137,8 +119,7 @@ def learn(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> 
     path = _store()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".part")
-        temporary.write_text(json.dumps({"runs": others[-OTHERS:] + own[-KEPT:]}, indent=1) + "\n")
-        os.replace(temporary, path)
+        with written(path) as temporary:
+            temporary.write_text(json.dumps({"runs": others[-OTHERS:] + own[-KEPT:]}, indent=1) + "\n")
     except OSError:
         return

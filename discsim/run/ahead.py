@@ -1,7 +1,7 @@
-"""A cold start on two cores: kernels of the drag compile in a second process beside those of all else.
+"""A cold start on two cores: slow kernels of a kick compile in a second process beside those of all else.
 
 numba compiles one function at a time in a process, on however many threads, and finds in its cache what another process
-has compiled. The second one drags some particles of the scene once, enough to say for what types of arguments, and
+has compiled. The second one kicks some particles of the scene once, enough to say for what types of arguments, and
 ends. Whatever it fails at, the first compiles itself.
 """
 
@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from discsim import RARELY
+from discsim.effects import effect_classes
 from discsim.scene import Scene, load_scene
 
 COUNT = 64  # particles of a kind
 
 
 def begin(scene: Scene) -> subprocess.Popen | None:
-    """Start the second process, where there is drag between particles; None elsewhere, and where none can start."""
-    if scene.drag is None or scene.background is not None or scene.on_cells:
+    """Start the second process, where a kick has slow kernels; None elsewhere, and where none can start."""
+    if not any(effect.slow_kernels for effect in effect_classes(scene).values()):
         return None
     nowhere = subprocess.DEVNULL
     try:
@@ -39,19 +40,22 @@ def begin(scene: Scene) -> subprocess.Popen | None:
         return None
 
 
-def drag_once(scene: Scene) -> None:
+def kick_once(scene: Scene) -> None:
     """One kick of a few particles about a point of the scene, whose other forces are left out."""
+    from discsim.run.forces import kick_owner
     from discsim.run.simulation import Simulation
 
     sim = Simulation(scene, particles=some_particles(scene))
     gas = sim.gas
     assert gas is not None
     gas.density[:], gas.sound_speed[:], gas.h[:] = gas.mass / gas.h**scene.space.dimensions, 1.0, gas.h.max()
-    for name in set(sim.effects) - {"drag"}:
+    owner = kick_owner(sim.effects)
+    assert owner is not None
+    for name in set(sim.effects) - {owner}:
         sim.effects[name].accelerate = lambda state: None  # type: ignore[method-assign]
         sim.effects[name].limit = lambda state: math.inf  # type: ignore[method-assign]
-    sim._forces()
-    sim.effects["drag"].kick(sim.state, 1e-3)
+    sim.operators.forces()
+    sim.effects[owner].kick(sim.state, 1e-3)
 
 
 def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
@@ -71,4 +75,4 @@ def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
 
 if __name__ == "__main__":
     gc.set_threshold(*RARELY)
-    drag_once(load_scene(tomllib.loads(sys.argv[1])))
+    kick_once(load_scene(tomllib.loads(sys.argv[1])))

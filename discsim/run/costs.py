@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
-import os
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from discsim.output.files import written
 
 
 class Costs:
@@ -48,10 +49,8 @@ class Costs:
     def write(self, path: Path) -> None:
         """The table as CSV; it appears at `path` whole."""
         shares = self.shares
-        temporary = path.with_name(f".{path.name}.part")
-        with temporary.open("w", newline="") as file:
+        with written(path) as temporary, temporary.open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(["effect", "calls", "cpu_seconds", "share"])
             for name, seconds in self.seconds.items():
                 rows.writerow([name, self.calls[name], f"{seconds:.4f}", f"{shares[name]:.4f}"])
-        os.replace(temporary, path)

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 import numpy as np
 from numba import config
 from numba.core import caching, event
 
 from discsim import __version__
+from discsim.effects.base import Effect
 from discsim.kernels import cache
 from discsim.numerics.state import Gas, State
 from discsim.output.checkpoint import CheckpointError, read_checkpoint
+from discsim.output.files import written
 from discsim.output.history import History, HistoryError, history_row, rows_until
 from discsim.output.snapshot import write_snapshot
 from discsim.physics.eos import pressure_and_sound_speed
@@ -30,11 +28,12 @@ from discsim.preview.cautions import warnings
 from discsim.preview.forecast import learn
 from discsim.run import ahead
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep
+from discsim.run.interrupts import Interrupts
+from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene, SceneError
 from discsim.scene.differences import refuse_another
-from discsim.scene.tables import Run as RunTable
 from discsim.scene.units import clock
 
 Array = np.ndarray
@@ -82,52 +81,6 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
             return 128 + run.interrupts.number
         finally:
             run.close()
-
-
-def output_times(run: RunTable) -> list[float]:
-    """Times of the snapshots after the initial one; the last is the end of the run.
-
-    Multiples are taken of the decimal numbers, so that runs of different lengths meet at the same floats.
-    """
-    until = Fraction(repr(run.until))
-    if run.every is None:
-        return [float(until * k / run.snapshots) for k in range(1, run.snapshots + 1)]
-    every = Fraction(repr(run.every))
-    # An end that is a multiple but for rounding is that multiple: a longer run would land there as well.
-    whole = int(until / every + Fraction(1, 10**9))
-    times = [float(every * k) for k in range(1, whole + 1)]
-    return times if times and np.isclose(times[-1], run.until, rtol=1e-9, atol=0.0) else [*times, run.until]
-
-
-def due_times(run: RunTable, reached: float, put_out: float) -> list[float]:
-    """Times of the snapshots still to come at time `reached`, where that of `put_out` was the last.
-
-    A checkpoint may be of the very step that landed on one, before its snapshot: that is due at once.
-    """
-    near = 1e-9 * reached
-    later = [t for t in output_times(run) if t >= reached - near and t > put_out * (1.0 + 1e-9)]
-    return [reached if abs(t - reached) <= near else t for t in later]
-
-
-class Interrupts:
-    """Ctrl-C and SIGTERM: the first is noted, for the end of a step; the second raises KeyboardInterrupt."""
-
-    def __init__(self) -> None:
-        self.number = 0
-        self._before: dict[int, Any] = {}
-
-    def __enter__(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._note)
-
-    def __exit__(self, *fault: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if self.number:
-            raise KeyboardInterrupt
-        self.number = number
 
 
 class Compilation(event.Listener):
@@ -266,9 +219,8 @@ class _Run:
         sim, folder = self.sim, self.directory / "snapshots"
         rows = self._take_up() if resume else []
         sweep(self.directory)
-        temporary = self.directory / ".scene.toml.part"
-        temporary.write_text(self.scene.text, encoding="utf-8")
-        os.replace(temporary, self.directory / "scene.toml")
+        with written(self.directory / "scene.toml") as temporary:
+            temporary.write_text(self.scene.text, encoding="utf-8")
         folder.mkdir(exist_ok=True)
         for path in folder.glob("*.h5"):
             if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
@@ -332,7 +284,7 @@ class _Run:
         """The next snapshot, with its row and the costs until now."""
         sim = self.sim
         with sim.synchronised() as state:
-            extra = {"dust": _stopping(state, sim.effects["drag"])} if "drag" in sim.effects else {}
+            extra = columns(state, sim.effects.values())
             gas = _with_present_pressure(self.scene, state.gas)
             write_snapshot(self._snapshot(self.snapshots), self.scene, state.time, gas, state.dust, extra)
             self._add_row()
@@ -389,9 +341,8 @@ class _Run:
         """The figure of the last snapshot, which appears whole."""
         from discsim.output.figure import last_state_figure  # slow to import, and needed only here
 
-        temporary = self.directory / ".last_state.part.png"
-        last_state_figure(self._snapshot(self.snapshots - 1), temporary)
-        os.replace(temporary, self.figure)
+        with written(self.figure, ".png") as temporary:
+            last_state_figure(self._snapshot(self.snapshots - 1), temporary)
 
     def _cost(self) -> str:
         """Shares of the effects in their CPU time, and of the time outside of them since the first step."""
@@ -409,14 +360,13 @@ def of_numba_cache(fault: BaseException) -> bool:
     return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)
 
 
-def _stopping(state: State, drag: Any) -> dict[str, Array]:
-    """Stopping times and, about a star, Stokes numbers t_stop Omega_K of the dust."""
-    found = {"stopping_time": drag.current_stopping_times(state)}
-    star = state.scene.star
-    if star is not None and state.dust is not None:
-        squared = (state.dust.pos**2).sum(axis=1) + star.softening**2
-        found["stokes"] = found["stopping_time"] * np.sqrt(star.mass / squared**1.5)
-    return found
+def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Array]]:
+    """What effects add to a snapshot of a synchronised state, by species and name."""
+    extra: dict[str, dict[str, Array]] = {}
+    for effect in effects:
+        for species, arrays in effect.columns(state).items():
+            extra[species] = extra.get(species, {}) | arrays
+    return extra
 
 
 def _with_present_pressure(scene: Scene, gas: Gas | None) -> Gas | None:

@@ -43,8 +43,10 @@ def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
 
 def _parts(value: Any) -> dict[str, Any] | None:
     """The named parts of a scene, a table, units, or a list of tables; None of a plain value."""
+    if isinstance(value, Scene):
+        return {name: entry for name, entry in value if name not in ("text", "path", "others")} | value.others
     if isinstance(value, BaseModel):
-        return {name: entry for name, entry in value if name not in ("text", "path")}
+        return dict(value)
     if isinstance(value, Units):
         return {"system": value.system, "length": value.length_text, "mass": value.mass_text}
     if isinstance(value, tuple) and value and isinstance(value[0], BaseModel):

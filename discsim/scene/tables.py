@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from discsim.parts import EFFECTS, STARTS
+from discsim.parts import EFFECTS, INTEGRATORS, STARTS
 from discsim.scene.fields import (
     MOST_COURANT,
     MOST_SNAPSHOTS,
@@ -23,7 +23,10 @@ from discsim.scene.fields import (
     models_in,
     sides,
     whole,
+    word_of,
 )  # fmt: skip
+
+IntegratorName: Any = word_of(INTEGRATORS)
 
 
 class UnitsTable(Table):
@@ -41,7 +44,7 @@ class Run(Table):
     seed: Count = Field(1, ge=0, description="of one random stream a species")
     courant: Number = Field(0.3, gt=0, le=MOST_COURANT, description="share of each effect's limit on the step")
     timestep: Time | None = Field(None, gt=0, description="fixed step")
-    integrator: Literal["kdk", "euler"] = Field(
+    integrator: IntegratorName = Field(
         "kdk", description='kick-drift-kick, or "euler": forward Euler, positions with the old velocity'
     )
     threads: Annotated[Count | None, Default("all cores")] = Field(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-import os
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +19,7 @@ from typing import Any
 from rich.console import Console
 
 from discsim import __version__
+from discsim.output.files import written
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.units import clock
@@ -197,8 +197,7 @@ class Study:
         keys = [key for each in self.varied for key in each.keys]
         species = sorted({kind for point in self.points for kind in point.errors})
         kept = ("mass", "momentum", "angular_momentum", "energy")
-        temporary = self.directory / ".cost.csv.part"
-        with temporary.open("w", newline="") as file:
+        with written(self.directory / "cost.csv") as temporary, temporary.open("w", newline="") as file:
             rows = csv.writer(file)
             head = ["runs", "cpu_seconds", "cpu_least", "cpu_most", "steps", "updates", "error"]
             rows.writerow([*keys, *head, *(f"error_{kind}" for kind in species), *kept, "front", "status"])
@@ -214,7 +213,6 @@ class Study:
                     row += [None] * (len(head) + len(species) + len(kept) + 1)
                     row.append(point.runs[0]["stopped"] if point.runs else "not run")
                 rows.writerow(row)
-        os.replace(temporary, self.directory / "cost.csv")
 
 
 def one_run(

@@ -310,7 +310,7 @@ def test_a_kick_of_a_warm_disc_loses_no_energy(scheme):
         sim.step()
     before = [(p.vel.copy(), p.acc.copy()) for p in (sim.gas, sim.dust)]
     heat, pressure = -sim.gas.mass @ sim.gas.u, sim.gas.pressure_acc.copy()
-    sim._kick(0.1)
+    sim.operators.kick(0.1)
     heat += sim.gas.mass @ sim.gas.u
     gained, worked, size = heat, 0.0, 0.0
     before[0] = before[0][0], before[0][1] - pressure  # pressure and viscosity work at the expense of the heat

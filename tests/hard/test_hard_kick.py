@@ -47,7 +47,7 @@ def kicked(scheme, particles, coefficient, dt, step=0, law="constant", **drag):
     sim._prepare()
     for rates in (sim.gas.acc, sim.dust.acc, sim.state.own_acc["gas"]):
         rates[:] = 0.0
-    sim._kick(dt)
+    sim.operators.kick(dt)
     return [p.vel[np.argsort(p.ids)] for p in (sim.gas, sim.dust)]
 
 

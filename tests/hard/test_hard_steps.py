@@ -74,7 +74,7 @@ def test_a_step_that_outgrows_its_limit_on_the_way():
     sim = Simulation(tables, particles={"dust": grain})
     sim.run(1.0)
     sim.dust.pos *= 0.15
-    sim._forces()
+    sim.operators.forces()
     with pytest.raises(PhysicsError, match=r"run\.timestep is [\d.]+ times the step that star allows"):
         sim.run()
     assert sim.time == 1.0

@@ -7,11 +7,15 @@ from discsim.numerics.state import State
 
 
 class Effect(base.Effect):
-    name = "dust"
     acts_on = ()
 
     def __init__(self, scene, state):
         self.dx = scene.space.size[0] / state.dust.count
+        state.dust.density = np.zeros(state.dust.count)
+
+    @classmethod
+    def unused(cls, scene):
+        return "offset", "placement"
 
     def accelerate(self, state: State) -> None:
         state.dust.density = state.dust.mass / self.dx

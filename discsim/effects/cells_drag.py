@@ -7,23 +7,29 @@ there is nothing to kick. It limits no step.
 import numpy as np
 
 from discsim.effects import base
-from discsim.kernels.drag_grid import stopping_times
-from discsim.numerics.ppm import Tube
+from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
-from discsim.parts import SCHEMES
+from discsim.parts import SCHEMES, Lazy
 from discsim.physics.laws import SceneLaw
+
+kernels = Lazy("discsim.kernels.drag_grid")
+ppm = Lazy("discsim.numerics.ppm")
 
 
 class Effect(base.Effect):
-    name = "drag"
-    acts_on = ()  # it is the kick
+    is_kick = True  # of nothing: fluxes and drag are one
+    acts_on = ()
 
     def __init__(self, scene, state):
         self.advance = SCHEMES[scene.drag.scheme].advance
         self.law = SceneLaw(scene)
         self.exponential = scene.drag.integration == "exponential"
         self.heating = scene.drag.heating
-        self.tube = Tube(scene, state)
+        self.tube = ppm.Tube(scene, state)
+
+    @classmethod
+    def unused(cls, scene):
+        return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
     def move(self, state: State, dt: float) -> None:
         self.tube.write(state, self.advance(self, self.tube, self.tube.read(state), dt))
@@ -31,4 +37,7 @@ class Effect(base.Effect):
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Stopping times of the dust in each cell (n,)."""
         gas, dust = state.gas, state.dust
-        return stopping_times(self.law.code, self.law.grains[0], gas.density, dust.density, gas.sound_speed)
+        return kernels.stopping_times(self.law.code, self.law.grains[0], gas.density, dust.density, gas.sound_speed)
+
+    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
+        return stopping_columns(state, self.current_stopping_times(state))

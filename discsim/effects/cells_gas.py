@@ -2,19 +2,23 @@
 
 import numpy as np
 
+from discsim.drag.fixed_grid import OF_SPH
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.physics.eos import pressure_and_sound_speed
 
 
 class Effect(base.Effect):
-    name = "gas"
     acts_on = ()
 
     def __init__(self, scene, state):
         self.scene = scene
         self.dx = scene.space.size[0] / state.gas.count
         state.gas.h[:] = self.dx
+
+    @classmethod
+    def unused(cls, scene):
+        return OF_SPH
 
     def accelerate(self, state: State) -> None:
         gas = state.gas

@@ -1,0 +1,15 @@
+"""What snapshots say of the drag, however the gas is modelled."""
+
+import numpy as np
+
+from discsim.numerics.state import State
+
+
+def stopping_columns(state: State, times: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """Stopping times (n,) and, about a star, Stokes numbers t_stop Omega_K of the dust."""
+    found = {"stopping_time": times}
+    star = state.scene.star
+    if star is not None and state.dust is not None:
+        squared = (state.dust.pos**2).sum(axis=1) + star.softening**2
+        found["stokes"] = times * np.sqrt(star.mass / squared**1.5)
+    return {"dust": found}

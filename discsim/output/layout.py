@@ -1,0 +1,132 @@
+"""The HDF5 layout of SWIFT: names and dimensions of datasets, and the attributes that readers look for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from discsim.output import hdf5
+from discsim.scene.units import Units
+
+if TYPE_CHECKING:
+    import h5py
+
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+class Field(NamedTuple):
+    dataset: str
+    dimension: str  # of discsim.scene.units; "temperature"; "" for a plain number
+    about: str
+
+
+COMMON = {
+    "pos": Field("Coordinates", "length", "positions, shifted into the box"),
+    "vel": Field("Velocities", "velocity", "velocities"),
+    "mass": Field("Masses", "mass", "masses"),
+    "ids": Field("ParticleIDs", "", "identities, kept through a run"),
+    "immobile": Field("Immobile", "", "1 for boundary particles that never move"),
+}
+GAS = COMMON | {
+    "density": Field("Densities", "density", "SPH density; a surface density in 2D"),
+    "h": Field("SmoothingLengths", "length", "radius of the support of the kernel"),
+    "u": Field("InternalEnergies", "specific_energy", "per mass; 3/2 P/rho where the gas has no energy equation"),
+    "pressure": Field("Pressures", "pressure", "pressure; vertically integrated in 2D"),
+    "sound_speed": Field("SoundSpeeds", "velocity", "sound speed"),
+    "temperature": Field("Temperatures", "temperature", "P/rho mu m_H/k_B"),
+}
+DUST = COMMON | {
+    "density": Field("DustDensities", "density", "density of the dust; a surface density in 2D"),
+    "species": Field("Species", "", "number of the population"),
+    "stopping_time": Field("StoppingTimes", "time", "stopping time"),
+    "stokes": Field("StokesNumbers", "", "stopping time times the Keplerian frequency"),
+}
+GROUPS = {"gas": ("PartType0", GAS), "dust": ("PartType3", DUST)}
+TYPES = 7  # kinds of particles in the layout's header
+PLAIN_UNITS = {"": "", "temperature": "K"}  # the same in every system of code units
+BASES = ("U_M", "U_L", "U_t", "U_T", "U_I")
+
+
+def _exponents(units: Units, dimension: str) -> dict[str, float]:
+    """The exponents of the layout's five base units."""
+    if dimension in PLAIN_UNITS:
+        return dict.fromkeys(BASES, 0.0) | ({"U_T": 1.0} if dimension else {})
+    return dict(zip(BASES, (*units.exponents(dimension), 0.0, 0.0), strict=True))
+
+
+def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units: Units) -> None:
+    part, fields = GROUPS[kind]
+    group = file.create_group(part)
+    order = np.argsort(arrays["ids"], kind="stable")
+    for name, (dataset, dimension, about) in fields.items():
+        if name not in arrays:
+            continue
+        array = arrays[name][order]
+        if dataset == "Velocities":
+            array = np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
+        if dataset == "Immobile":
+            array = array.astype(np.uint8)
+        stored = hdf5.put(group, dataset, array)
+        exponents = _exponents(units, dimension)
+        factor = 1.0 if dimension in PLAIN_UNITS else units.cgs(dimension)
+        stored.attrs["Description"] = np.bytes_(about)
+        stored.attrs["Conversion factor to CGS (not including cosmological corrections)"] = [factor]
+        stored.attrs["Conversion factor to physical CGS (including cosmological corrections)"] = [factor]
+        stored.attrs["a-scale exponent"] = [0.0]
+        stored.attrs["h-scale exponent"] = [0.0]
+        for base, power in exponents.items():
+            stored.attrs[f"{base} exponent"] = [float(power)]
+
+
+def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, present: dict[str, Any]) -> None:
+    """The groups that readers of the layout look for, each with the attributes that one of them needs."""
+    units, counts = scene.units, np.zeros(TYPES, np.int64)
+    for kind, particles in present.items():
+        counts[int(GROUPS[kind][0][-1])] = particles.count
+    box = np.full(3, side.max())
+    box[: len(side)] = side
+    gas = scene.gas
+    groups: dict[str, dict[str, Any]] = {
+        "Header": {
+            "Code": np.bytes_("SWIFT"),  # the readers know the layout by this name
+            "RunName": np.bytes_((scene.title or "discsim").encode()),
+            "BoxSize": box,
+            "Dimension": [3],
+            "NumPart_ThisFile": counts,
+            "NumPart_Total": counts.astype(np.uint32),
+            "NumPart_Total_HighWord": (counts >> 32).astype(np.uint32),
+            "NumFilesPerSnapshot": [1],
+            "NumPartTypes": [TYPES],
+            "MassTable": np.zeros(TYPES),
+            "Flag_Entropy_ICs": [0],
+            "Time": [float(time)],
+            "Redshift": [0.0],
+            "Scale-factor": [1.0],
+            "ThisFile": [0],
+            "OutputType": np.bytes_("FullVolume"),
+        },
+        "Policy": {"cosmological integration": [0]},
+        "Parameters": {"InitialConditions:periodic": np.bytes_(str(int(scene.space.boundary == "periodic")))},
+        "Cosmology": {"Cosmological run": [0], "Redshift": [0.0], "Scale-factor": [1.0], "h": [0.0]},
+        "HydroScheme": {
+            "Scheme": np.bytes_("SPH"),
+            "Kernel function": np.bytes_(gas.kernel if gas else "none"),
+            "Adiabatic index": [float(getattr(gas.eos, "gamma", 5 / 3) if gas else 5 / 3)],
+            "Dimension": [float(scene.space.dimensions)],
+        },
+        "SubgridScheme": {"Chemistry Model": np.bytes_("None"), "Cooling Model": np.bytes_("None")},
+    }
+    unit_values: dict[str, Any] = {
+        "Unit mass in cgs (U_M)": [units.cgs("mass")],
+        "Unit length in cgs (U_L)": [units.cgs("length")],
+        "Unit time in cgs (U_t)": [units.cgs("time")],
+        "Unit current in cgs (U_I)": [1.0],
+        "Unit temperature in cgs (U_T)": [1.0],
+    }
+    for name, attributes in (groups | {"Units": unit_values, "InternalCodeUnits": unit_values}).items():
+        group = file.create_group(name)
+        for key, value in attributes.items():
+            group.attrs[key] = value

@@ -1,0 +1,68 @@
+"""The gas of a scene at a few places, before any particle is made: what previews show and warnings rest on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.formulas.smoothing import SMOOTHING
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+def resolution(scene: Scene, h: Array) -> Array:
+    """h as other kernels mean it: that of quintic-h is its whole support, 3 h of the quintic."""
+    return h / SMOOTHING[scene.gas.kernel].squeezed if scene.gas else h
+
+
+def longest_step(scene: Scene, h: Array, sound_speed: Array) -> Array:
+    """The longest step that sound and viscosity allow: h / (c_s (1 + 1.2 alpha)), h as other kernels mean it."""
+    alpha = scene.gas.viscosity.alpha if scene.gas and scene.gas.viscosity else 0.0
+    return resolution(scene, h) / (sound_speed * (1.0 + 1.2 * alpha))
+
+
+@dataclass(frozen=True)
+class Local:
+    """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them.
+
+    resolution: of `h`. step: the longest one. by_mass: makes h/H all
+    over the gas (n,), rising, and the share of the gas with less than each (n,). For the whole scene: particle_mass of
+    the gas, and the side of the grid's cells.
+    """
+
+    places: list[str]
+    radius: Array | None
+    density: Array
+    sound_speed: Array | None
+    thermal_speed: Array | None
+    omega: Array | None
+    h: Array | None
+    resolution: Array | None
+    step: Array | None
+    by_mass: Callable[[], tuple[Array, Array]]
+    particle_mass: float | None
+    cell: float | None
+
+    def where(self, number: int) -> str:
+        """One of the places, for a sentence."""
+        place = self.places[number]
+        return place if place == "everywhere" else f"at {place}"
+
+    @property
+    def scale_height(self) -> Array | None:
+        if self.thermal_speed is None or self.omega is None:
+            return None
+        return self.thermal_speed / self.omega
+
+    @property
+    def toomre_q(self) -> Array | None:
+        if self.sound_speed is None or self.omega is None:
+            return None
+        return self.sound_speed * self.omega / (math.pi * self.density)

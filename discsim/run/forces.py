@@ -1,0 +1,89 @@
+"""What the effects give to the particles where these are: accelerations, and the longest steps that they allow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from discsim.effects.base import Effect
+from discsim.numerics.state import State
+from discsim.numerics.threads import copied, fill
+from discsim.run.costs import Costs
+
+Effects = Mapping[str, Effect]
+
+
+class PhysicsError(Exception):
+    """The run cannot go on: something is not finite, or the step has collapsed."""
+
+
+class Limits(NamedTuple):
+    """The longest step, and the effect that sets it; that of one-way dust, which limits no step, apart."""
+
+    step: float = math.inf
+    by: str = ""
+    dust: float = math.inf
+    dust_by: str = ""
+
+
+def kick_owner(effects: Effects) -> str | None:
+    """The effect that kicks gas and dust together; None where each species kicks itself."""
+    return next((name for name, effect in effects.items() if effect.is_kick), None)
+
+
+def accelerate(state: State, effects: Effects, costs: Costs) -> None:
+    """Accelerations of all effects; of what gas and dust at one place do not both feel a copy for the kick's owner."""
+    for p in state.species.values():
+        fill(p.acc, lambda piece: 0.0)
+    own = {name: effect.acts_on for name, effect in effects.items() if not effect.shared}
+    for name in own:
+        _add(state, effects[name], name, costs)
+    owner = kick_owner(effects)
+    if owner is not None:
+        alone = {name for acts_on in own.values() for name in acts_on}
+        with costs(owner):
+            state.own_acc = {name: copied(p.acc) if name in alone else p.acc[:0] for name, p in state.species.items()}
+    for name in effects:
+        if name not in own:
+            _add(state, effects[name], name, costs)
+
+
+def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
+    try:
+        with costs(name):
+            effect.accelerate(state)
+    except FloatingPointError as fault:
+        raise PhysicsError(str(fault)) from fault
+    for p in state.species.values():
+        if p.immobile is not None:
+            p.acc[p.immobile] = 0.0
+
+
+def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
+    """What one effect gives now, (n, dimensions) by species; made on copies, since some settle more than `acc`."""
+    gas, dust = state.gas, state.dust
+    try:
+        state.gas, state.dust = gas and gas.copy(), dust and dust.copy()
+        for p in state.species.values():
+            p.acc[:] = 0.0
+        effect.accelerate(state)
+        return {name: p.acc for name, p in state.species.items()}
+    finally:
+        state.gas, state.dust = gas, dust
+
+
+def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:
+    """What each effect allows, and the least of it."""
+    limits = {name: effect.limit(state) for name, effect in effects.items()}
+    least = Limits(*_least(limits))
+    if state.unnoticed:
+        least = Limits(*least[:2], *_least({name: effect.limit_of(state, "dust") for name, effect in effects.items()}))
+    return limits, least
+
+
+def _least(limits: dict[str, float]) -> tuple[float, str]:
+    name = min(limits, key=limits.__getitem__)
+    return limits[name], name

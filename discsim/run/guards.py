@@ -1,0 +1,110 @@
+"""What stops a run before it makes numbers without a meaning: each guard raises a PhysicsError with the culprit."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from discsim.numerics.state import State
+from discsim.numerics.threads import share
+from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
+
+INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
+# In steps of 1/Omega a circular orbit keeps its energy to 12%, of half of it to 1%; in longer ones grains that come
+# near the star are thrown out.
+LOST = 1.0
+
+
+def coupled(state: State) -> bool:
+    """Whether particles feel each other, so that what is wrong with one spreads."""
+    return state.gas is not None or state.grid is not None
+
+
+def check_inputs(state: State, effects: Effects) -> None:
+    """That what somebody may have changed is finite, before a kick or a search for neighbours spreads it."""
+    for name, p in state.species.items():
+        arrays = {key: values for key in INPUTS if (values := getattr(p, key, None)) is not None}
+        if not math.isfinite(sum(share(partial(_sum, *arrays.values()), p.count))):
+            for key, values in arrays.items():
+                _check_finite(state, effects, name, values, f"in its {key} before the step", made_here=False)
+
+
+def check_kicked(state: State, effects: Effects) -> None:
+    """That velocities and energies are finite after a kick."""
+    for name, p in state.species.items():
+        _check_finite(state, effects, name, p.vel, "in its vel after a kick")
+    if state.gas is not None and state.gas.u is not None:
+        _check_finite(state, effects, "gas", state.gas.u, "in its u after a kick")
+
+
+def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> None:
+    """That accelerations are finite, and that each effect allows a step."""
+    for name, p in state.species.items():
+        _check_finite(state, effects, name, p.acc, "in its acceleration")
+    for name, limit in limits.items():
+        if math.isnan(limit) or limit <= 0.0:
+            raise PhysicsError(f"the step that {name} allows is {limit}{_without_heat(state)}")
+
+
+def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -> None:
+    """That one-way dust, which may not shorten the step, keeps its orbits in one of dt."""
+    if dt <= LOST * limits.dust:
+        return
+    dust, name = state.dust, limits.dust_by
+    assert dust is not None
+    i = effects[name].tightest(dust, acceleration_of(effects[name], state)["dust"])
+    raise PhysicsError(
+        f"a step of {dt:.3g} is {dt / limits.dust:.3g} times the limit that {name} sets for dust particle "
+        f"{dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}: one-way dust does not shorten the step of "
+        f"the gas, and above {LOST:g} its orbit is lost; expected {effects[name].softer}, or a smaller "
+        f"run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
+    )
+
+
+def _without_heat(state: State) -> str:
+    """The coldest gas, where it has lost more heat within a step than it had."""
+    gas = state.gas
+    if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
+        return ""
+    coldest = gas.ids[gas.pressure.argmin()]
+    return f"; gas particle {coldest} has lost more heat in a step than it had: try a smaller run.courant"
+
+
+def _check_finite(
+    state: State, effects: Effects, name: str, values: np.ndarray, where: str, made_here: bool = True
+) -> None:
+    """That all `values` (n, ...) are finite; `made_here` says that it was an effect that made them."""
+    # A sum is finite unless an entry is not (or they overflow, which is as bad), and costs a tenth.
+    if math.isfinite(sum(share(partial(_sum, values), len(values)))):
+        return
+    particles = state.species[name]
+    rows = values.reshape(len(values), -1)
+    right = np.isfinite(rows).all(axis=1)
+    i = int(np.argmax(np.abs(rows).max(axis=1)) if right.all() else np.argmin(right))
+    if made_here and not np.isfinite(particles.pos[i]).all():
+        where, rows, made_here = "in its pos", particles.pos, False
+    value = ", ".join(f"{entry:g}" for entry in rows[i])
+    what = f"{name} particle {particles.ids[i]} is not finite {where} ({value}; step {state.step})"
+    raise PhysicsError(what + (_culprit(state, effects, name, i) if made_here else ""))
+
+
+def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
+    for name, effect in effects.items():
+        try:
+            with np.errstate(all="ignore"):
+                found = acceleration_of(effect, state)[species]
+        except FloatingPointError as fault:
+            return f"; {fault}"
+        if not np.isfinite(found[i]).all():
+            return f"; the first effect to give it an acceleration that is not finite is {name}"
+    return ""
+
+
+def _sum(*arrays: Any) -> float:
+    """The sum of all entries of arrays (n, ...) between two numbers of particles, the last two arguments."""
+    *values, first, last = arrays
+    with np.errstate(all="ignore"):
+        return float(sum(np.add.reduce(array[first:last], axis=None) for array in values))

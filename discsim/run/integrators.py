@@ -1,0 +1,41 @@
+"""How a step is put together, one function an integrator, named in `run.integrator`.
+
+    kdk     kick(dt/2)  drift(dt)  events  forces  kick(dt/2)
+    euler   kick(dt)  drift(dt), with the velocities before the kick  events  forces
+
+A kick turns accelerations into velocities; where an effect owns it, as drag does, it is the exact relaxation of gas and
+dust with the accelerations inside. The closing kick of a step and the opening kick of the next have the same sources,
+and the relaxation composes exactly, so kdk does both at once: between steps `state.lag` says how much of a kick the
+velocities still await. `euler` is the papers' first-order scheme.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from discsim.run.operators import Operators
+
+
+def kdk(step: "Operators", dt: float, until: float) -> None:
+    """From an open closing kick to the next."""
+    state = step.state
+    step.kick(state.lag + 0.5 * dt)
+    step.move(dt)
+    state.lag = 0.5 * dt
+    state.arrive(dt, until)
+    step.events()
+    step.forces()
+
+
+def euler(step: "Operators", dt: float, until: float) -> None:
+    """Velocities with the forces at the old places, places with the old velocities: both of first order."""
+    state = step.state
+    other = {name: p.vel.copy() for name, p in state.species.items()}
+    step.kick(dt)
+    for name, p in state.species.items():
+        p.vel, other[name] = other[name], p.vel
+    step.move(dt)
+    for name, p in state.species.items():
+        p.vel = other[name]
+    state.arrive(dt, until)
+    step.events()
+    step.forces()

@@ -1,0 +1,56 @@
+"""The four operators that a step is made of: kick, move, events and forces of all effects."""
+
+from __future__ import annotations
+
+from discsim.effects.base import Effect
+from discsim.numerics.state import State
+from discsim.run import forces, guards
+from discsim.run.costs import Costs
+from discsim.run.forces import Limits, PhysicsError
+
+
+class Operators:
+    """What the effects of a run do to its state, each at its cost, with a guard behind what they make.
+
+    limits: the steps that the last forces allow.
+    """
+
+    def __init__(self, state: State, effects: dict[str, Effect]) -> None:
+        self.state, self.effects = state, effects
+        self.costs = Costs(effects)
+        self.limits = Limits()
+
+    def kick(self, dt: float) -> None:
+        """Velocities and energies over dt, by the effect that owns the kick, or by each species' own."""
+        if guards.coupled(self.state):
+            guards.check_inputs(self.state, self.effects)
+        owner = forces.kick_owner(self.effects)
+        try:
+            for name in [owner] if owner is not None else self.effects:
+                with self.costs(name):
+                    self.effects[name].kick(self.state, dt)
+        except FloatingPointError as fault:
+            raise PhysicsError(str(fault)) from fault
+        guards.check_kicked(self.state, self.effects)
+
+    def close(self) -> None:
+        """Make the closing kick that the velocities await."""
+        if self.state.lag > 0.0:
+            self.kick(self.state.lag)
+            self.state.lag = 0.0
+
+    def move(self, dt: float) -> None:
+        for name, effect in self.effects.items():
+            with self.costs(name):
+                effect.move(self.state, dt)
+
+    def events(self) -> None:
+        for name, effect in self.effects.items():
+            with self.costs(name):
+                effect.event(self.state)
+
+    def forces(self) -> None:
+        """Accelerations of all effects at the present positions, and the steps that they allow."""
+        forces.accelerate(self.state, self.effects, self.costs)
+        limits, self.limits = forces.limits_of(self.state, self.effects)
+        guards.check_forces(self.state, self.effects, limits)

@@ -1,0 +1,176 @@
+"""What is wrong with a scene, in words: its place, the key, and the nearest right word."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from discsim.scene import fields, tomltext
+from discsim.scene.fields import models_in, shown
+from discsim.scene.rules import Problem
+from discsim.scene.tables import TABLES
+from discsim.scene.units import ECHOED, Units, clipped
+
+KeyPath = tuple[str | int, ...]
+
+
+class SceneError(Exception):
+    """A scene that cannot run; `problems` has one message a fault."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = list(problems)
+
+
+class Origins:
+    """Where each key of a scene comes from: a line of its file, an override, or a dict."""
+
+    def __init__(self, path: Path | None, text: str) -> None:
+        lines = tomltext.positions(text) if path else {}
+        self.places: dict[KeyPath, str] = {key: f"{path}:{line}" for key, line in lines.items()}
+        self.places[()] = f"{path}:1" if path else "scene"
+        self.plain_dict = path is None
+
+    def override(self, key: KeyPath, option: str) -> None:
+        self.places[key] = option
+        if not self.plain_dict:
+            for end in range(1, len(key)):
+                self.places.setdefault(key[:end], option)
+
+    def of(self, key: KeyPath) -> str:
+        """The place of a key, or of the table that it is missing in."""
+        return next(self.places[key[:end]] for end in range(len(key), -1, -1) if key[:end] in self.places)
+
+
+def nearest(word: str, choices: Sequence[str]) -> str | None:
+    """The right word that was meant, perhaps by the last part of its name."""
+    near = get_close_matches(word[:ECHOED].lower(), choices, n=1, cutoff=0.5)
+    leaves = [choice for choice in choices if choice.split(".")[-1] == word]
+    return next(iter(leaves or near), None)
+
+
+def near(word: str, choices: Sequence[str]) -> str:
+    """The hint of a message: the nearest right word, or nothing."""
+    best = nearest(word, choices)
+    return f'; did you mean "{best}"?' if best else ""
+
+
+def name_of(path: KeyPath) -> str:
+    return clipped(".".join(str(part) for part in path))
+
+
+def message(fault: Problem, origins: Origins) -> str:
+    path, wrong = fault
+    name = name_of(path)
+    return f"{origins.of(path)}: {name}: {wrong}" if name else f"{origins.of(path)}: {wrong}"
+
+
+def value_at(data: Any, *path: str | int) -> Any:
+    """The value at `path` of nested tables and lists; None where there is none."""
+    for part in path:
+        in_list = isinstance(data, list) and isinstance(part, int) and part < len(data)
+        if not in_list and not (isinstance(data, dict) and part in data):
+            return None
+        data = data[part]
+    return data
+
+
+def without_echoes(details: list[Any]) -> list[Any]:
+    """A mistyped key is one fault: without "missing" for the key that was meant."""
+    missing = {detail["loc"] for detail in details if detail["type"] == "missing"}
+    for detail in details:
+        if detail["type"] == "extra_forbidden":
+            beside = [str(loc[-1]) for loc in missing if loc[:-1] == detail["loc"][:-1]]
+            missing.discard((*detail["loc"][:-1], nearest(str(detail["loc"][-1]), beside) or ""))
+    return [detail for detail in details if detail["type"] != "missing" or detail["loc"] in missing]
+
+
+def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
+    """One of pydantic's errors in our words, at the path of the key without the tags of unions."""
+    path: KeyPath = (table,)
+    models = models_in(TABLES[table])
+    owner = None
+    for part in detail["loc"]:
+        tagged = [model for model in models if len(models) > 1 and _tag(model) == part]
+        if tagged:
+            models = tagged
+            continue
+        path += (part,)
+        if isinstance(part, str) and models:
+            owner = models[0]
+            field = owner.model_fields.get(part)
+            models = models_in(field.annotation) if field else []
+    field = owner.model_fields.get(str(path[-1])) if owner else None
+    # The last part of the path may be an index that only the vector made of one number has.
+    value = value_at({table: filled}, *path)
+    value = value_at({table: filled}, *path[:-1]) if value is None and isinstance(path[-1], int) else value
+    return _worded(detail, path, owner, field, value, units)
+
+
+def _tag(model: type[fields.Table]) -> str | None:
+    return model.model_fields["kind"].default if "kind" in model.model_fields else None
+
+
+def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, units: Units) -> Problem:
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind == "fault":
+        return path, detail["msg"]
+    if kind == "missing":
+        measure = fields.measure_of(field) if field else None
+        words = f"; expected {units.expected(measure.name)}" if measure and measure.name else ""
+        if measure and units.system == "code":
+            words = "; expected a plain number"
+        meaning = f" ({field.description})" if field and field.description else ""
+        return path, f"missing{meaning}{words}"
+    if kind == "extra_forbidden":
+        keys = list(owner.model_fields)
+        hint = near(str(path[-1]), keys) or _near_elsewhere(str(path[-1]))
+        return path, f"unknown key; expected one of {', '.join(keys)}{hint}"
+    if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found"):
+        return _worded_choice(kind, context, path, value)
+    limits = {
+        "greater_than": ("gt", "more than"),
+        "greater_than_equal": ("ge", "at least"),
+        "less_than_equal": ("le", "at most"),
+        "less_than": ("lt", "less than"),
+    }
+    if kind in limits:
+        key, words = limits[kind]
+        wrong = "is not positive" if (key, context[key]) == ("gt", 0) else "is out of range"
+        return path, f"{shown(value)} {wrong}; expected {words} {context[key]:g}"
+    if kind == "bool_type":
+        return path, f"{shown(value)} is neither true nor false"
+    if kind in ("model_type", "model_attributes_type"):
+        return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
+    return path, f"{shown(value)}: {detail['msg'][0].lower()}{detail['msg'][1:]}"
+
+
+def _worded_choice(kind: str, context: dict[str, Any], path: KeyPath, value: Any) -> Problem:
+    expected = context.get("expected") or context.get("expected_tags") or ""
+    choices = [part.strip(" '") for part in expected.replace(" or ", ", ").split(",")]
+    words = ", ".join(f'"{choice}"' if not choice.isdecimal() else choice for choice in choices)
+    if kind.startswith("union"):
+        if not isinstance(value, dict):
+            return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
+        path, value = (*path, "kind"), value.get("kind")
+        if kind == "union_tag_not_found":
+            union = models_in(
+                TABLES["initial"] if path[0] == "initial" else TABLES[str(path[0])].model_fields["eos"].annotation
+            )
+            tags = [str(_tag(model)) for model in union]
+            return path, "missing; expected one of " + ", ".join(f'"{tag}"' for tag in tags)
+    return path, f"{shown(value)} is unknown; expected one of {words}{near(str(value), choices)}"
+
+
+def _near_elsewhere(key: str) -> str:
+    """The hint where a key of another table has this very name."""
+    for table, annotation in TABLES.items():
+        for model in models_in(annotation):
+            for name, field in model.model_fields.items():
+                if name == key:
+                    return f'; did you mean "{table}.{key}"?'
+                if any(key in inner.model_fields for inner in models_in(field.annotation)):
+                    return f'; did you mean "{table}.{name}.{key}"?'
+    return ""

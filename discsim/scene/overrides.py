@@ -1,0 +1,65 @@
+"""What the command line changes in the tables of a scene: `--set table.key=value` and `--without table`."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from discsim.parts import EFFECTS
+from discsim.scene import tomltext
+from discsim.scene.messages import Origins, near
+from discsim.scene.reading import DEEPEST
+from discsim.scene.tables import removable
+from discsim.scene.units import clipped
+
+_NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+
+
+def changed(
+    data: dict[str, Any], overrides: Sequence[str], without: Sequence[str], origins: Origins
+) -> tuple[list, list, list[str]]:
+    """Apply the command line to `data` in place. Returns values set, tables removed, problems."""
+    values: list[tuple[list[str], Any]] = []
+    problems: list[str] = []
+    for assignment in overrides:
+        name, equals, written = assignment.partition("=")
+        text = clipped(assignment)
+        path = [part.strip() for part in name.split(".")]
+        if not equals or not all(path):
+            problems.append(f'--set {text}: not an assignment; expected table.key=value, like run.until="10 yr"')
+            continue
+        if len(path) > DEEPEST:
+            problems.append(f"--set {text}: nested too deeply; expected table.key=value")
+            continue
+        value = _override_value(written)
+        try:
+            tomltext.with_value(data, path, value)
+        except KeyError as error:
+            problems.append(f"--set {text}: {error.args[0]}")
+            continue
+        values.append((path, value))
+        key = tuple(int(part) if part.isdecimal() else part for part in path)
+        origins.override(key, f"--set {text}")
+    removed = []
+    for name in without:
+        if name not in EFFECTS and name not in (known := removable()):
+            problems.append(
+                f"--without {clipped(name)}: unknown table; expected one of {', '.join(known)}{near(name, known)}"
+            )
+            continue
+        removed.append(name.split("."))
+        tomltext.without_table(data, removed[-1])
+    return values, removed, problems
+
+
+def _override_value(text: str) -> Any:
+    """The value as TOML, as a number that TOML has no word for (.09, 5.), or else as a bare text, so that quotes need
+    not survive the shell."""
+    try:
+        read = tomllib.loads("value = " + text)
+    except (ValueError, RecursionError):
+        bare = text.strip()
+        return float(bare) if _NUMBER.fullmatch(bare) else bare
+    return read["value"] if len(read) == 1 else text.strip()
