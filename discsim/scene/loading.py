@@ -73,11 +73,6 @@ class Scene(BaseModel):
         return next(model for model in map(found_at, MODELS) if model.is_of(self))
 
     @property
-    def on_cells(self) -> bool:
-        """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
-        return self.model.cells
-
-    @property
     def effects(self) -> tuple[str, ...]:
         """The names of the effects that run, in the order of a step."""
         names: list[str] = []
