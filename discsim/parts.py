@@ -137,21 +137,15 @@ EFFECTS = Parts(
     },
 )
 
-# What the gas is made of; the first one that a scene is of.
-MODELS = Parts(
-    "discsim.models",
-    {
-        "given-disc": "discsim.effects.models:GIVEN_DISC",
-        "fixed-cells": "discsim.effects.models:FIXED_CELLS",
-        "sph": "discsim.effects.models:SPH",
-    },
+# What the gas is made of; the first one that a scene is of. Other packages bring none, and no integrators.
+MODELS = (
+    "discsim.effects.models:GIVEN_DISC",
+    "discsim.effects.models:FIXED_CELLS",
+    "discsim.effects.models:SPH",
 )
 
 # How a step is put together, words of `run.integrator`.
-INTEGRATORS = Parts(
-    "discsim.integrators",
-    {
-        "kdk": "discsim.run.integrators:kdk",
-        "euler": "discsim.run.integrators:euler",
-    },
-)
+INTEGRATORS = {
+    "kdk": "discsim.run.integrators:kdk",
+    "euler": "discsim.run.integrators:euler",
+}

@@ -135,7 +135,7 @@ def settle(state: State, effects: dict) -> None:
         # Where gravity points outwards nothing can turn in balance; a start at rest is as good as any.
         keplerian = np.sqrt(np.maximum(gravity(r) * r, 1e-300))
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
-        if scene.background is not None:
+        if scene.model.given is not None:
             radial, lag = effects["drag"].drift(state).T
         elif scene.gas is not None:
             headwind = 0.5 * profile.pressure_acceleration(scene, r) * r / keplerian  # eta v_K
@@ -297,7 +297,7 @@ def mass(scene: Scene, population: Any) -> float:
 
 def warnings(scene: Scene) -> Iterator[str]:
     half, outer = 0.5 * min(scene.space.size), scene.initial.outer
-    if half < ROOM * outer and not scene.background:
+    if half < ROOM * outer and scene.model.given is None:
         wanted = scene.units.show(2 * ROOM * outer, "length")
         yield (
             f"space.size leaves {half / outer - 1:.2g} of the disc's radius about it, below {ROOM - 1:.2g}: "

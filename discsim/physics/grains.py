@@ -26,5 +26,5 @@ def mean_free_column(scene: Any) -> float:
         return scene.drag.mean_free_column
     from astropy import constants
 
-    molecule = (scene.gas or scene.background).eos.mean_molecular_weight * constants.u.cgs.value
+    molecule = scene.table(scene.model.table).eos.mean_molecular_weight * constants.u.cgs.value
     return molecule / 2e-15 / scene.units.cgs("surface_density")

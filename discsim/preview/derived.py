@@ -21,7 +21,6 @@ from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
 from discsim.parts import SCHEMES
 from discsim.physics import laws, profile
 from discsim.physics.eos import eos_of
-from discsim.physics.given_disc import GivenDisc
 from discsim.physics.local import Local, longest_step, resolution
 from discsim.scene import Scene
 from discsim.scene.units import Units
@@ -35,8 +34,8 @@ Array = np.ndarray
 def local(scene: Scene) -> Local:
     """The gas at the places that its start is told by."""
     places = start_of(scene).places(scene)
-    if scene.background and places.radius is not None:
-        places = replace(places, density=GivenDisc(scene).surface_density(places.radius))
+    if scene.model.given is not None and places.radius is not None:
+        places = replace(places, density=scene.model.given(scene).surface_density(places.radius))
     return _local(scene, places)
 
 
@@ -91,7 +90,7 @@ def derived(scene: Scene) -> list[tuple[str, str]]:
     rows.append((f"{density} of the gas", _list(scene.units, at.density, "density")))
     if at.sound_speed is not None:
         rows.append(("sound speed", _list(scene.units, at.sound_speed, "velocity")))
-    if scene.on_cells and scene.gas:
+    if scene.model.cells and scene.gas:
         cell = scene.space.size[0] / scene.gas.particles
         rows.append(("fixed grid", f"{scene.gas.particles} cells of {scene.units.show(cell, 'length')}"))
     if at.h is not None:
@@ -106,12 +105,12 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.gas:
         mass = gas_mass(scene)
         yield "mass of the gas", scene.units.show(mass, name)
-        if not scene.on_cells:
+        if not scene.model.cells:
             yield "mass of a gas particle", scene.units.show(mass / particle_count(scene, scene.gas), name)
     for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
         which = f" {i}" if len(scene.dust or ()) > 1 else ""
         yield f"mass of the dust{which}", scene.units.show(mass, name)
-        if not scene.on_cells:
+        if not scene.model.cells:
             yield f"mass of a dust particle{which}", scene.units.show(mass / particle_count(scene, dust), name)
 
 
@@ -234,8 +233,8 @@ def _range_of_h(scene: Scene) -> tuple[float, float]:
 
 def _sound_speed(scene: Scene, places: Places) -> Array | None:
     radius, density = places.radius, places.density
-    if scene.background and radius is not None:
-        return GivenDisc(scene).sound_speed(radius)
+    if scene.model.given is not None and radius is not None:
+        return scene.model.given(scene).sound_speed(radius)
     if scene.gas is None:
         return None
     speed = eos_of(scene).start_speed(scene, radius, density)
@@ -245,7 +244,7 @@ def _sound_speed(scene: Scene, places: Places) -> Array | None:
 
 
 def _smoothing(scene: Scene, density: Array) -> Array | None:
-    if scene.gas is None or scene.on_cells:
+    if scene.gas is None or scene.model.cells:
         return None
     if scene.gas.smoothing_length is not None:
         return np.full_like(density, scene.gas.smoothing_length)

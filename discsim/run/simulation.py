@@ -24,7 +24,7 @@ from discsim.initial import make_particles, make_state, own, start_of
 from discsim.numerics.state import Dust, Gas, Ledger, State
 from discsim.numerics.threads import use_threads
 from discsim.output.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
-from discsim.parts import INTEGRATORS
+from discsim.parts import INTEGRATORS, found_at
 from discsim.preview.memory import too_much
 from discsim.run import guards
 from discsim.run.costs import Costs
@@ -67,6 +67,7 @@ class Simulation:
         except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
             raise SceneError([f"the start's numbers are too extreme: {error}; expected others"]) from error
         self.operators = Operators(self.state, effects)
+        self._integrate = found_at(INTEGRATORS[scene.run.integrator])
         self._fresh = self._in_midst = False
 
     @property
@@ -268,7 +269,7 @@ class Simulation:
 
     def _advance(self, dt: float, until: float = math.inf) -> None:
         """From an open closing kick to the next."""
-        INTEGRATORS[self.scene.run.integrator](self.operators, dt, until)
+        self._integrate(self.operators, dt, until)
 
 
 def _entry(array: np.ndarray) -> Any:

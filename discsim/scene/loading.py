@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.parts import EFFECTS, EOS, MODELS, STARTS
+from discsim.parts import EFFECTS, EOS, MODELS, STARTS, found_at
 from discsim.scene import tables, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
@@ -70,12 +70,7 @@ class Scene(BaseModel):
     @property
     def model(self) -> GasModel:
         """What the gas is made of."""
-        return next(model for model in MODELS.values() if model.is_of(self))
-
-    @property
-    def on_cells(self) -> bool:
-        """Whether gas and dust are fluids on a fixed grid, and their particles its cells."""
-        return self.model.cells
+        return next(model for model in map(found_at, MODELS) if model.is_of(self))
 
     @property
     def effects(self) -> tuple[str, ...]:
