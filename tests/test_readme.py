@@ -34,8 +34,9 @@ LINKS = [(name, link) for name, text in PAGES.items() for link in re.findall(r"\
 
 
 def blocks(language, *names):
-    """The blocks of code in a language, of some pages or of all."""
-    found = [each for page in names or PAGES for each in re.findall(r"^```(.*)\n((?s:.*?))^```$", PAGES[page], re.M)]
+    """The blocks of code in a language, of some pages or of all but the recipes, which have tests of their own."""
+    pages = names or [page for page in PAGES if not page.startswith("docs/recipes/")]
+    found = [each for page in pages for each in re.findall(r"^```(.*)\n((?s:.*?))^```$", PAGES[page], re.M)]
     return [text for name, text in found if name == language]
 
 

@@ -7,7 +7,7 @@ an event runs once the particles have moved. Each effect may limit the step, and
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -35,6 +35,18 @@ class Counts(NamedTuple):
     gas: int
     dust: int
     cells: int
+
+
+class Column(NamedTuple):
+    """An array (n,) or (n, d) for snapshots, in code units: its name in the file, its dimension, and what it is.
+
+    dimension: one of `discsim.scene.units`, or "" for a plain number.
+    """
+
+    values: np.ndarray
+    dataset: str
+    dimension: str
+    about: str
 
 
 class Effect:
@@ -111,8 +123,11 @@ class Effect:
         """The potential energy that it holds."""
         return 0.0
 
-    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
-        """What snapshots hold beside the arrays of the state, (n,) by species and name; velocities are closed."""
+    def columns(self, state: State) -> Mapping[str, Mapping[str, np.ndarray | Column]]:
+        """What snapshots hold beside the arrays of the state, by species and name; velocities are closed.
+
+        Arrays (n,) of names that the layout knows (`output/layout.py`), and a `Column` of any other.
+        """
         return {}
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from discsim.effects.base import Column
 from discsim.output import hdf5
 from discsim.scene.units import Units
 
@@ -33,7 +35,11 @@ COMMON = {
 GAS = COMMON | {
     "density": Field("Densities", "density", "SPH density; a surface density in 2D"),
     "h": Field("SmoothingLengths", "length", "radius of the support of the kernel"),
-    "u": Field("InternalEnergies", "specific_energy", "per mass; 3/2 P/rho where the gas has no energy equation"),
+    "u": Field(
+        "InternalEnergies",
+        "specific_energy",
+        "per mass; P/rho / (gamma - 1) or 3/2 P/rho without an energy equation",
+    ),
     "pressure": Field("Pressures", "pressure", "pressure; vertically integrated in 2D"),
     "sound_speed": Field("SoundSpeeds", "velocity", "sound speed"),
     "temperature": Field("Temperatures", "temperature", "P/rho mu m_H/k_B"),
@@ -61,15 +67,15 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
     part, fields = GROUPS[kind]
     group = file.create_group(part)
     order = np.argsort(arrays["ids"], kind="stable")
-    for name, (dataset, dimension, about) in fields.items():
-        if name not in arrays:
-            continue
-        array = arrays[name][order]
+    for name, array, (dataset, dimension, about) in _stored(arrays, fields):
+        array = array[order]
         if dataset == "Velocities":
             array = np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
         if dataset == "Immobile":
             array = array.astype(np.uint8)
         stored = hdf5.put(group, dataset, array)
+        if name not in fields:
+            stored.attrs["Name"], stored.attrs["Dimension of discsim"] = np.bytes_(name), np.bytes_(dimension)
         exponents = _exponents(units, dimension)
         factor = 1.0 if dimension in PLAIN_UNITS else units.cgs(dimension)
         stored.attrs["Description"] = np.bytes_(about)
@@ -79,6 +85,20 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
         stored.attrs["h-scale exponent"] = [0.0]
         for base, power in exponents.items():
             stored.attrs[f"{base} exponent"] = [float(power)]
+
+
+def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[str, Array, Field]]:
+    """What a snapshot holds of the arrays of a species: what the layout knows, and columns of effects."""
+    yield from ((name, arrays[name], field) for name, field in fields.items() if name in arrays)
+    for name, column in arrays.items():
+        if isinstance(column, Column):
+            yield name, column.values, Field(*column[1:])
+
+
+def other_columns(group: h5py.Group) -> dict[str, tuple[Array, str]]:
+    """Arrays of a species that the layout does not know, with their dimensions, by name."""
+    others = [stored for stored in group.values() if "Dimension of discsim" in stored.attrs]
+    return {s.attrs["Name"].decode(): (s[()], s.attrs["Dimension of discsim"].decode()) for s in others}
 
 
 def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, present: dict[str, Any]) -> None:

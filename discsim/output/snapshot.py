@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import os
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from discsim.output import hdf5
-from discsim.output.layout import GROUPS, PLAIN_UNITS, write_layout, write_particles
+from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
+    from discsim.effects.base import Column
     from discsim.numerics.state import Dust, Gas, Particles
     from discsim.scene import Scene
 
@@ -55,6 +56,7 @@ class SnapshotParticles:
     species: Array | None = None
     stopping_time: Array | None = None
     stokes: Array | None = None
+    columns: dict[str, Array] = field(default_factory=dict)  # those of effects that other packages bring, by name
 
     @property
     def count(self) -> int:
@@ -69,7 +71,7 @@ class SnapshotParticles:
         """The array `name` as an astropy Quantity. Raises KeyError where it is not stored."""
         from astropy import units as u
 
-        array = getattr(self, name, None)
+        array = self.columns[name] if name in self.columns else getattr(self, name, None)
         if array is None or name not in self.dimensions_of:
             raise KeyError(f"the snapshot holds no {name!r}")
         dimension = self.dimensions_of[name]
@@ -166,7 +168,7 @@ def write_snapshot(
     time: float,
     gas: Gas | None,
     dust: Dust | None,
-    extra: dict[str, dict[str, Array]] | None = None,
+    extra: dict[str, dict[str, Array | Column]] | None = None,
 ) -> None:
     """Write the particles at `time` to `path`, which appears only when it is complete.
 
@@ -189,7 +191,7 @@ def write_snapshot(
         own.attrs["units"] = [np.bytes_(text.encode()) for text in _unit_texts(scene.units)]
         hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
         for name, particles in present.items():
-            arrays = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
+            arrays: dict[str, Any] = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
             arrays = arrays | {"pos": _into_box(particles.pos, lower, upper)}
             if name == "gas":
                 arrays["h"] = arrays["h"] * support
@@ -218,7 +220,10 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             if "immobile" in arrays:
                 arrays["immobile"] = arrays["immobile"].astype(bool)
             known = {name: fields[name].dimension for name in arrays}
-            kinds[kind] = SnapshotParticles(units, known, **arrays)
+            others = other_columns(file[group])
+            known |= {name: dimension for name, (_, dimension) in others.items()}
+            columns = {name: array for name, (array, _) in others.items()}
+            kinds[kind] = SnapshotParticles(units, known, columns=columns, **arrays)
         return Snapshot(
             time=float(file["Header"].attrs["Time"][0]),
             gas=kinds.get("gas"),
@@ -269,9 +274,10 @@ def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
     if kind == "dust" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density
-    derived = {}
+    derived, gamma = {}, getattr(scene.gas.eos, "gamma", None)
     if particles.u is None:
-        derived["u"] = 1.5 * per_mass
+        # What readers make the pressure of, (gamma - 1) rho u, with the index that the file tells them.
+        derived["u"] = 1.5 * per_mass if gamma is None else per_mass / (gamma - 1.0)
     if scene.units.system == "physical":
         from astropy import constants
 

@@ -16,7 +16,7 @@ from numba import config
 from numba.core import caching, event
 
 from discsim import __version__
-from discsim.effects.base import Effect
+from discsim.effects.base import Column, Effect
 from discsim.kernels import cache
 from discsim.numerics.state import Gas, State
 from discsim.output.checkpoint import CheckpointError, read_checkpoint
@@ -360,12 +360,12 @@ def of_numba_cache(fault: BaseException) -> bool:
     return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)
 
 
-def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Array]]:
+def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Array | Column]]:
     """What effects add to a snapshot of a synchronised state, by species and name."""
-    extra: dict[str, dict[str, Array]] = {}
+    extra: dict[str, dict[str, Array | Column]] = {}
     for effect in effects:
         for species, arrays in effect.columns(state).items():
-            extra[species] = extra.get(species, {}) | arrays
+            extra[species] = extra.get(species, {}) | dict(arrays)
     return extra
 
 
