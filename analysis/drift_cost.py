@@ -9,7 +9,8 @@ gas, both starting at the NSH velocities; over NSH is the radial velocity of dus
     sph    the ring of `drift.py` with 12,000 particles of each, St = .1, orbits 1 to 5, for kernels of the gas: `drift`
            is what is seen, at the same place; `of_headwind` is that over the headwind that the gas's noise leaves
 
-`idic` is left out: it is a viscosity that spreads these rings within an orbit (alpha above 1, tests/test_shear.py).
+`idic` is left out: it is a viscosity that spreads these rings within an orbit (alpha above 1,
+tests/drag/test_shear.py).
 Uncertainties are standard errors from ten batches in time. Runs that the folder holds are not made again.
 """
 

@@ -6,8 +6,7 @@ import sys
 from types import ModuleType
 
 import pytest
-from test_scene import DISC, write
-from test_setups import SETUPS
+from scenes import DISC, write
 from typer.testing import CliRunner
 
 import discsim
@@ -18,6 +17,7 @@ from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived, grid_bytes
 from discsim.run.directory import directory_fault
 from discsim.scene import load_scene
+from setups import SETUPS
 
 SHEET = """\
 units.system = "code"

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from test_runner import DISC, SHOCK, WAVE
+from runs import DISC, SHOCK, WAVE
 
 RUN = """
 import json, sys

@@ -1,7 +1,5 @@
 """Every setup, effect, drag scheme and law, kernel, start, equation of state and integrator makes a few steps."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES, ON_GRID
@@ -13,8 +11,8 @@ from discsim.parts import EFFECTS
 from discsim.preview.derived import dust_masses, gas_mass
 from discsim.scene import fields
 from discsim.scene.tables import TABLES, removable
+from setups import SETUPS
 
-SETUPS = sorted((Path(__file__).parents[1] / "setups").glob("*.toml"))
 FEW = {"gas.particles": 1500, "dust.particles": 1500, "space.cells": 64}
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 LOCALLY = {"kind": "locally-isothermal", "aspect_ratio": 0.1}
@@ -140,7 +138,7 @@ NEEDS = {"gas": ("drag",), "dust": ("drag",)}  # what cannot stay without it
 
 
 def test_every_effect_is_stepped_here():
-    assert {*STEPPED, "background"} == set(removable())  # the last is no partner of gas: tests/test_background.py
+    assert {*STEPPED, "background"} == set(removable())  # no partner of gas: effects/test_background.py
     assert set(load_scene(EVERYTHING).effects) == set(STEPPED)
 
 
@@ -225,7 +223,7 @@ def dragged(dimensions, law, **drag):
 
 def test_every_drag_law_is_stepped_here():
     assert set(LAWS) == set(choices(TABLES["drag"], "law"))
-    # Those of the fixed grid are in tests/test_ppm.py.
+    # Those of the fixed grid are in tests/numerics/test_ppm.py.
     assert {*OF_PARTICLES, *ON_GRID} == set(choices(TABLES["drag"], "scheme"))
 
 

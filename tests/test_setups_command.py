@@ -8,11 +8,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from test_setups import SETUPS
 from typer.testing import CliRunner
 
 from discsim import __version__, cli, load_scene, shipped
 from discsim.cli import app
+from setups import SETUPS
 
 HOME = Path(__file__).parents[1]
 

@@ -4,7 +4,7 @@ from importlib import import_module as script
 
 import numpy as np
 import pytest
-from test_problems import blast, fall, vortex
+from problems import blast, fall, vortex
 
 from discsim import Simulation, load_scene
 

@@ -23,9 +23,6 @@ from discsim.scene import Scene
 if TYPE_CHECKING:
     from discsim.drag.base import Scheme
 
-if TYPE_CHECKING:
-    from discsim.drag.base import Scheme
-
 # In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
 # One grain in a cell cures that.
 LONELY = (0, 0.25)

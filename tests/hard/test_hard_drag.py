@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_hard_kick import barycentre, kicked, momentum_and_energy, start
+from kicks import barycentre, kicked, momentum_and_energy, start
 
 from discsim import Simulation
 from discsim.exact import dustybox, dustyshock, dustywave

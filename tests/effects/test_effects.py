@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_runner import assert_same_run
+from runs import assert_same_run
 from typer.testing import CliRunner
 
 import discsim

@@ -2,7 +2,7 @@
 
 import pytest
 from drags import OF_PARTICLES, ON_GRID
-from test_runner import DISC, SHOCK, WAVE, bits_of
+from runs import DISC, SHOCK, WAVE, bits_of
 
 from discsim.scene import load_scene
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from numba import config, njit
 from numba.core import caching
-from test_runner import WAVE, at_step, scene_of
+from runs import WAVE, at_step, scene_of
 
 from discsim.kernels import cache
 from discsim.output.history import History

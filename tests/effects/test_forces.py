@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import forces
 import numpy as np
 import pytest
+from clouds import centred, cloud, scattered
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import dblquad, quad
 from scipy.special import erfcx
-from test_poisson import centred, cloud, scattered
 
 from discsim.effects.self_gravity import Effect
 from discsim.exact import exponential, kuzmin, maclaurin, mestel, ring, stratified

@@ -5,7 +5,7 @@ import sys
 import pytest
 from drags import OF_PARTICLES
 from numba.core.registry import CPUDispatcher
-from test_runner import DISC, SHOCK, WAVE
+from runs import DISC, SHOCK, WAVE
 
 from discsim import Simulation
 from discsim.run import ahead

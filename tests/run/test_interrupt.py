@@ -5,7 +5,7 @@ import signal
 import threading
 
 import pytest
-from test_runner import DISC, SHOCK, WAVE, scene_of, state_bits
+from runs import DISC, SHOCK, WAVE, scene_of, state_bits
 
 from discsim import SceneError, Simulation
 

@@ -10,7 +10,7 @@ import time
 
 import pytest
 from deaths import forked, status_of
-from test_runner import WAVE, assert_same_run, contents, scene_of
+from runs import WAVE, assert_same_run, contents, scene_of
 from typer.testing import CliRunner
 
 from discsim.cli import app

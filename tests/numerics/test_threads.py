@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 from deaths import forked, status_of
-from test_runner import WAVE, scene_of
+from runs import WAVE, scene_of
 
 from discsim import Simulation
 from discsim.numerics.threads import fill

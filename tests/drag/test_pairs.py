@@ -4,12 +4,14 @@ import itertools
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES
 from numba.core.codegen import get_host_cpu_features
+from pairs import ISOTHERMAL, cloud, scene
 
 from discsim import Simulation
 from discsim.drag.cloud import guess_h
@@ -19,39 +21,9 @@ from discsim.kernels.pairs import hump_norm, limited
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
 
 SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
-ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
 every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
 every_pair = pytest.mark.parametrize("scheme", BETWEEN_PAIRS)
-
-
-def scene(drag, gas=40, dust=40, ratio=1.0, dimensions=1, boundary="periodic", **tables):
-    gas = {"particles": gas, "eos": ISOTHERMAL} if isinstance(gas, int) else gas
-    dust = {"particles": dust, "ratio": ratio} if isinstance(dust, int) else dust
-    return {
-        "units": {"system": "code"}, "run": {"until": 1.0} | tables.pop("run", {}),
-        "space": {"dimensions": dimensions, "size": 1.0, "boundary": boundary}, "gas": gas, "dust": dust,
-        "drag": drag, **tables,
-    }  # fmt: skip
-
-
-def cloud(dimensions=2, boost=0.0, order=None, n=(500, 400), boundary="open", field=None):
-    """Gas and two populations of dust at random places; random velocities, or those of `field` at the place."""
-    rng = np.random.default_rng(8)
-    low = -0.3 if boundary == "open" else 0.0
-    given = {}
-    for name, count in zip(("gas", "dust"), n, strict=True):
-        pos = rng.uniform(low, low + (0.6 if boundary == "open" else 1.0), (count, dimensions))
-        vel = rng.normal(size=(count, dimensions))
-        mass = rng.uniform(0.5, 2.0, count) / count
-        given[name] = {"pos": pos, "vel": (vel if field is None else field(pos)) + boost, "mass": mass}
-    given["gas"]["mass"][:] = 1 / n[0]
-    given["gas"]["u"] = np.full(n[0], 10.0)
-    given["dust"]["species"] = rng.integers(0, 2, n[1])
-    if order is not None:
-        for name, arrays in given.items():
-            given[name] = {key: value[order[name]] for key, value in arrays.items()}
-    return given
 
 
 def kicked(scheme, dt=0.01, eos=ISOTHERMAL, given=None, law=None, boundary="open", **drag):
@@ -249,7 +221,7 @@ import hashlib
 from discsim import Simulation
 from discsim.numerics import threads
 from drags import OF_PARTICLES
-from test_pairs import cloud, scene
+from pairs import cloud, scene
 threads.share.__kwdefaults__["least"] = 101  # as with 40 times the particles
 for dimensions in (1, 2):
     given = cloud(dimensions, boundary="periodic", n=(600, 701))
@@ -273,7 +245,8 @@ for dimensions in (1, 2):
 def test_threads_do_not_change_a_bit():
     """Loops of particles and of pairs in pieces of 101 and more, ten steps of every scheme."""
     done = subprocess.run(
-        [sys.executable, "-c", SAME], capture_output=True, text=True, check=True, cwd=os.path.dirname(__file__),
+        [sys.executable, "-c", SAME], capture_output=True, text=True, check=True,
+        cwd=Path(__file__).parents[1] / "helpers",
         env={**os.environ, "NUMBA_NUM_THREADS": "3"},
     )  # fmt: skip
     found = done.stdout.splitlines()

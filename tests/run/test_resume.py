@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from deaths import forked, killed_before, left_by_kills, status_of, watched
-from test_runner import SHOCK, WAVE, assert_same_run, at_step, contents, rows, scene_of
+from runs import SHOCK, WAVE, assert_same_run, at_step, contents, rows, scene_of
 
 from discsim import Simulation, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
@@ -234,7 +234,7 @@ KILLS = {
 @pytest.mark.parametrize("name", KILLS)
 def test_ten_kills_of_a_setup(tmp_path, name):
     """SIGKILL before a file operation of a step, five times of one that lands on an output, and again when resumed."""
-    path = Path(__file__).parents[1] / "setups" / f"{name}.toml"
+    path = Path(__file__).parents[2] / "setups" / f"{name}.toml"
     scene = load_scene(path, [*KILLS[name], ALWAYS, "run.threads=1"])
     straight, stream = tmp_path / "straight", np.random.default_rng(15)
     assert run_scene(scene, straight, quiet=True) == 0

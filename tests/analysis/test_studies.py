@@ -16,7 +16,7 @@ from discsim.output.snapshot import write_snapshot
 from discsim.parts import SCHEMES
 from discsim.scene import load_scene
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SCENE = {
     "units": {"system": "code"},
     "run": {"until": 2.0},

@@ -3,45 +3,18 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from clouds import centred, cloud, gravity, maclaurin_disc, scattered
 
 from discsim import SceneError, Simulation
 from discsim.effects.self_gravity import Effect
 from discsim.exact import maclaurin
 from discsim.numerics.grid import Grid
 from discsim.numerics.poisson import Plummer, Poisson
-from discsim.numerics.state import Particles, State
-
-
-def cloud(pos, mass, dimensions=2):
-    pos = np.ascontiguousarray(pos, dtype=float)
-    zeros = np.zeros((len(pos), dimensions))
-    mass = np.broadcast_to(np.asarray(mass, dtype=float), len(pos)).copy()
-    return Particles(pos=pos, vel=zeros, acc=zeros.copy(), mass=mass, ids=np.arange(len(pos)))
-
-
-def gravity(grid, softening, gas, dust=None, sources=("gas", "dust"), drag=None):
-    """The effect and its state, accelerations made."""
-    table = SimpleNamespace(kernel="plummer", softening=softening, sources=sources)
-    scene = SimpleNamespace(self_gravity=table, drag=drag)
-    state = State(scene=scene, gas=gas, dust=dust, grid=grid)
-    effect = Effect(scene, state)
-    effect.accelerate(state)
-    return effect, state
-
-
-def centred(cells, side):
-    return Grid((-side / 2, -side / 2), side / cells, (cells, cells), periodic=False)
-
-
-def scattered(grid, count, seed):
-    """Particles at random, well off the edges of the grid."""
-    rng = np.random.default_rng(seed)
-    corner, extent = np.array(grid.origin), np.array(grid.shape) * grid.cell
-    return cloud(corner + extent * (0.15 + 0.7 * rng.random((count, 2))), rng.random(count) + 0.1)
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (20, 14), (7, 37), (33, 2)])
@@ -91,14 +64,6 @@ def test_periodic_potential_of_a_wave(shape, waves):
 def test_open_boundaries_need_two_dimensions():
     with pytest.raises(ValueError, match="two dimensions"):
         Poisson((64, 1), 0.1, Plummer(0.1), periodic=False, threads=1)
-
-
-def maclaurin_disc(count):
-    """Equal masses on a golden-angle spiral: the disc's mass within r is 1 - (1 - r^2)^(3/2)."""
-    share = (np.arange(count) + 0.5) / count
-    radius = np.sqrt(1 - (1 - share) ** (2 / 3))
-    angle = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
 def maclaurin_error(cells, softening, count):
@@ -222,11 +187,12 @@ def test_one_way_dust_does_not_limit_the_step():
     assert effect.limit(state) < gas_alone
 
 
+HELPERS = Path(__file__).parents[1] / "helpers"
 THREADS = """
 import hashlib, sys
 sys.path.insert(0, {here!r})
 import numba
-from test_poisson import cloud, gravity, maclaurin_disc
+from clouds import cloud, gravity, maclaurin_disc
 from discsim.numerics.grid import Grid
 for periodic, corner in ((False, -1.3), (True, -1.25)):
     for threads in (1, 2, 2):
@@ -238,7 +204,7 @@ for periodic, corner in ((False, -1.3), (True, -1.25)):
 
 
 def test_the_same_bits_on_any_number_of_threads():
-    script = THREADS.format(here=os.path.dirname(__file__))
+    script = THREADS.format(here=str(HELPERS))
     env = {**os.environ, "NUMBA_NUM_THREADS": "2"}
     run = subprocess.run([sys.executable, "-c", script], env=env, capture_output=True, text=True, check=True)
     lines = run.stdout.split("\n")[:-1]

@@ -3,7 +3,7 @@
 Keys and words are those of `discsim.scene.tables`: new ones take part by themselves. What does not go together is left
 out as the scene's own messages say, so that most scenes run. Look at one with
 
-    python tests/fuzz.py SEED
+    python tests/helpers/fuzz.py SEED
 """
 
 from __future__ import annotations

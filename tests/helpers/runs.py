@@ -1,0 +1,158 @@
+"""Scenes of runs that several tests make, and what a run leaves."""
+
+import csv
+import os
+import subprocess
+import sys
+
+import numpy as np
+
+from discsim import Simulation, read_snapshot
+from discsim.scene import load_scene
+
+DISC = """\
+title = "a disc with everything"
+units.system = "code"
+[run]
+until = 2.5
+every = 0.25
+[space]
+size = 6
+cells = 64
+[initial]
+kind = "disc"
+mass = 0.05
+inner = 0.5
+outer = 2
+[gas]
+particles = 1000
+eos = {kind = "locally-isothermal", aspect_ratio = 0.1, reference_radius = 1}
+viscosity = {alpha = 1.0}
+[dust]
+particles = 1100
+ratio = 0.1
+[star]
+mass = 1
+accretion_radius = 0.55
+[self_gravity]
+softening = 0.1
+[drag]
+law = "stokes-number"
+stokes = 0.1
+"""
+
+
+SHOCK = """\
+units.system = "code"
+[run]
+until = 0.1
+snapshots = 4
+[space]
+dimensions = 1
+size = 1
+[initial]
+kind = "shock"
+right = [0.55, 0.4, 0]
+[gas]
+particles = 200
+eos = {kind = "adiabatic", gamma = 1.4}
+viscosity = {alpha = 1.0}
+conductivity = {alpha = 1.0}
+"""
+
+
+WAVE = """\
+units.system = "code"
+[run]
+until = 0.1
+snapshots = 2
+[space]
+dimensions = 1
+size = 1
+boundary = "periodic"
+[initial]
+kind = "wave"
+[gas]
+particles = 100
+smoothing_length = 0.025
+eos = {kind = "isothermal", sound_speed = 1}
+[dust]
+particles = 100
+ratio = 1
+[drag]
+law = "stopping-time"
+t_stop = 0.002
+"""
+
+
+def scene_of(tmp_path, text, *overrides, without=()):
+    path = tmp_path / "a.toml"
+    path.write_text(text)
+    return load_scene(path, overrides, without)
+
+
+def rows(directory, name="history.csv"):
+    with (directory / name).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def assert_same_run(one, other):
+    """Every snapshot and every row to the last bit (rows hold floats with all their digits)."""
+    names = sorted(path.name for path in (one / "snapshots").iterdir())
+    assert names == sorted(path.name for path in (other / "snapshots").iterdir())
+    for name in names:
+        a, b = (read_snapshot(directory / "snapshots" / name) for directory in (one, other))
+        assert a.time == b.time
+        for kind in a.species:
+            assert_same_arrays(vars(a.species[kind]), vars(b.species[kind]))
+    assert (one / "history.csv").read_text() == (other / "history.csv").read_text()
+
+
+def assert_same_arrays(one, other):
+    for name, array in one.items():
+        if isinstance(array, np.ndarray):
+            assert array.tobytes() == other[name].tobytes(), name
+
+
+def state_bits(sim):
+    return {name: {k: v.tobytes() for k, v in p.arrays().items()} for name, p in sim.state.species.items()}
+
+
+def at_step(monkeypatch, step, act):
+    """Have `act(sim)` done at the end of the given step of any run."""
+    advance = Simulation._advance
+
+    def advance_and_act(sim, *arguments):
+        advance(sim, *arguments)
+        if sim.state.step == step:
+            act(sim)
+
+    monkeypatch.setattr(Simulation, "_advance", advance_and_act)
+
+
+BITS = """
+import hashlib, sys
+from discsim import Simulation, load_scene
+for given in sys.argv[1:]:
+    path, threads = given.rsplit("@")
+    sim = Simulation(load_scene(path, [f"run.threads={threads}"]))
+    for _ in range(3):
+        sim.step()
+    bits = hashlib.sha256()
+    for particles in sim.state.species.values():
+        for array in particles.arrays().values():
+            bits.update(array.tobytes())
+    print(given, bits.hexdigest(), sep="=")
+"""
+
+
+def bits_of(given, **environment):
+    """What a process finds in the end for each "path@threads"."""
+    done = subprocess.run(
+        [sys.executable, "-c", BITS, *given], env=os.environ | environment, capture_output=True, text=True, check=True
+    )
+    return dict(line.split("=") for line in done.stdout.splitlines())
+
+
+def contents(directory):
+    return {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
