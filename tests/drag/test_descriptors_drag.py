@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from installed import install
 
 import discsim
 from discsim.parts import EOS, LAWS, SCHEMES
@@ -101,14 +102,11 @@ class LinearGas(Eos):
 
 EOS = LinearGas()
 '''
-POINTS = """
-[discsim.schemes]
-everyone = toy_scheme:SCHEME
-[discsim.laws]
-lazy = toy_law:LAW
-[discsim.eos]
-linear = toy_gas:EOS
-"""
+POINTS = {
+    "discsim.schemes": {"everyone": "toy_scheme:SCHEME"},
+    "discsim.laws": {"lazy": "toy_law:LAW"},
+    "discsim.eos": {"linear": "toy_gas:EOS"},
+}
 USE = """
 import copy, json, sys
 import numpy as np
@@ -161,12 +159,7 @@ TABLES = {
 def other(tmp_path_factory):
     """The environment of a process that has the package of the toys installed."""
     home = tmp_path_factory.mktemp("toys")
-    info = home / "toys-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toys\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(POINTS)
-    for name, text in (("toy_scheme", SCHEME), ("toy_law", LAW), ("toy_gas", GAS)):
-        (home / f"{name}.py").write_text(text)
+    install(home, {"toy_scheme": SCHEME, "toy_law": LAW, "toy_gas": GAS}, POINTS)
     path = os.pathsep.join(filter(None, (str(home), os.environ.get("PYTHONPATH"))))
     return os.environ | {"PYTHONPATH": path}
 

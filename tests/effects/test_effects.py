@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from installed import install, looked_up_anew
 from runs import assert_same_run
 from typer.testing import CliRunner
 
@@ -14,7 +15,7 @@ from discsim import Simulation
 from discsim.cli import app
 from discsim.parts import EFFECTS
 from discsim.run.runner import run_scene
-from discsim.scene import SceneError, load_scene, loading, tables
+from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import differences
 
 PART = '''
@@ -64,34 +65,17 @@ spring.strength = 60
 
 
 @pytest.fixture
-def forget():
-    """What is remembered of the effects that there are."""
-
-    def forgotten():
-        EFFECTS.__dict__.pop("homes", None)
-        tables._type_of.cache_clear()
-        loading._adapter.cache_clear()
-
-    forgotten()
-    yield
-    forgotten()
-
-
-@pytest.fixture
-def spring(forget, tmp_path, monkeypatch):
+def spring(tmp_path, monkeypatch):
     """The file of a scene with a spring, from an installed package."""
     site = tmp_path / "site"
-    info = site / "springs-1.dist-info"
-    info.mkdir(parents=True)
-    (site / "springs.py").write_text(PART)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: springs\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[discsim.effects]\nspring = springs:Effect\n")
+    install(site, {"springs": PART}, {"discsim.effects": {"spring": "springs:Effect"}})
     monkeypatch.syspath_prepend(site)
     monkeypatch.delitem(sys.modules, "springs", raising=False)
     monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
     path = tmp_path / "spring.toml"
     path.write_text(SCENE)
-    return path
+    with looked_up_anew():
+        yield path
 
 
 def test_it_is_told_and_checked(spring):

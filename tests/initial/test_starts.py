@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from installed import install, looked_up_anew
 from typer.testing import CliRunner
 
 import discsim
@@ -14,7 +15,7 @@ from discsim.cli import app
 from discsim.parts import STARTS
 from discsim.preview.derived import gas_mass, local
 from discsim.run.runner import run_scene
-from discsim.scene import SceneError, load_scene, loading, tables
+from discsim.scene import SceneError, load_scene
 from discsim.study.errors import measure_of
 
 PART = '''
@@ -83,32 +84,15 @@ gas = {particles = 30, eos = {kind = "isothermal", sound_speed = 1}}
 
 
 @pytest.fixture
-def forget():
-    """What is remembered of the starts that there are."""
-
-    def forgotten():
-        STARTS.__dict__.pop("homes", None)
-        tables._type_of.cache_clear()
-        loading._adapter.cache_clear()
-
-    forgotten()
-    yield
-    forgotten()
-
-
-@pytest.fixture
-def stream(forget, tmp_path, monkeypatch):
+def stream(tmp_path, monkeypatch):
     """The file of a scene that starts with a stream, from an installed package."""
     site = tmp_path / "site"
-    info = site / "streams-1.dist-info"
-    info.mkdir(parents=True)
-    (site / "streams.py").write_text(PART)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: streams\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[discsim.starts]\nstream = streams:START\n")
+    install(site, {"streams": PART}, {"discsim.starts": {"stream": "streams:START"}})
     monkeypatch.syspath_prepend(site)
     path = tmp_path / "stream.toml"
     path.write_text(SCENE)
-    return path
+    with looked_up_anew():
+        yield path
 
 
 def test_a_start_of_another_package_is_checked(stream):
@@ -167,7 +151,7 @@ def test_a_cost_study_measures_its_error(stream, tmp_path):
     assert measure_of(load_scene(stream, ["self_gravity.softening=0.1"])) is None
 
 
-def test_without_its_package_the_kind_is_unknown(forget, tmp_path):
+def test_without_its_package_the_kind_is_unknown(tmp_path):
     path = tmp_path / "stream.toml"
     path.write_text(SCENE)
     with pytest.raises(SceneError, match='"stream"'):
