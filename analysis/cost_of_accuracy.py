@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Any
 
 import drift_cost
-from common import some_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
@@ -41,6 +40,7 @@ from discsim import load_scene
 from discsim.study.cost import Study
 from discsim.study.findings import price
 from discsim.study.points import Varied
+from discsim.study.scripts import some_of
 
 STUDIES = ("wave", "shock", "oblique", "sheet", "courant", "drift")
 GOAL = 0.01

@@ -31,7 +31,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from common import some_of, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -41,6 +40,7 @@ from rich.table import Table
 from discsim import Simulation
 from discsim.exact import nsh
 from discsim.parts import SCHEMES
+from discsim.study.scripts import some_of, write_csv
 
 ASPECT, SIGMA, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 1e-4, 0.5, 1.55, 0.2, 0.12, 10
 CASES = "0.01:0.1,0.01:0.01,1:0.1,1:0.01,0.01:0.001,0.01:1,1:0.001,1:1"

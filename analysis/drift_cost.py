@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 
 import drift
 import numpy as np
-from common import warm_up, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.box import SIMPLE
@@ -36,6 +35,7 @@ from discsim import Simulation
 from discsim.effects import gas
 from discsim.exact import nsh
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.study.scripts import warm_up, write_csv
 
 SCHEMES = ("tsc", "idic-linear")
 STOKES, CELLS, COUNTS = (0.1, 0.01), (1, 2, 4, 8), (1500, 6000, 24_000)

@@ -27,7 +27,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from common import some_of, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -37,6 +36,7 @@ from rich.table import Table
 from discsim import Simulation
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.kernels.smoothing import KERNELS, SUPPORT
+from discsim.study.scripts import some_of, write_csv
 
 ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.75
 PLAIN = {"alpha": 1.0, "beta": 2.0}

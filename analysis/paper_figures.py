@@ -19,7 +19,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from common import some_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from measures import exact_velocity, run_of
@@ -31,6 +30,7 @@ from discsim import Simulation
 from discsim.exact import dustybox, riemann, sedov, settling
 from discsim.kernels.laws import hastening
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
+from discsim.study.scripts import some_of
 
 EULER = {"integrator": "euler"}
 

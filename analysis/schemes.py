@@ -27,7 +27,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from common import some_of, warm_up, write_csv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -38,6 +37,7 @@ from rich.table import Table
 
 from discsim import Simulation
 from discsim.exact import sedov
+from discsim.study.scripts import some_of, warm_up, write_csv
 
 SCHEMES = ("mk", "esph", "isph", "lab14", "reconstructed", "idic", "idic-linear", "tsc", "sios-ppm", "emsi-ppm")
 PARTS = ("wave", "shock", "blast")

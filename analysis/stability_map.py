@@ -18,7 +18,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from common import some_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -30,6 +29,7 @@ from rich.table import Table
 from discsim.exact import dustywave
 from discsim.parts import SCHEMES
 from discsim.run.simulation import PhysicsError
+from discsim.study.scripts import some_of
 
 COEFFICIENTS = tuple(10.0 ** np.arange(-6, 13, 2))
 RATIOS = tuple(10.0 ** np.arange(-6, 7, 2))

@@ -39,12 +39,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import some_of, whole_numbers
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
+
+from discsim.study.scripts import some_of, whole_numbers
 
 STEPS = 16  # between two sorts of the particles: one is among them
 ETA = 1.41  # 25 neighbours

@@ -1,4 +1,4 @@
-"""What the scripts beside this file share: options that list several things, compiling before timing, tables as CSV."""
+"""What scripts of studies share: options that list several things, compiling before timing, tables as CSV."""
 
 from __future__ import annotations
 
