@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from discsim import RARELY
+from discsim.parts import PartError
 from discsim.run.directory import DirectoryError, directory_fault, held
 from discsim.shipped import ShippedError, copy_setup, scene_file
 from discsim.shipped import setups as shipped_setups
@@ -146,8 +147,8 @@ def cost(
 def setups() -> None:
     """List the setups that come with discsim: name, title, what it is and how long it takes."""
     for each in shipped_setups().values():
-        takes = each.notes["How long"].partition(",")[0].rstrip(".")
-        typer.echo(f"{each.name:<18} {each.title} ({takes})\n{'':<18} {each.about}")
+        takes = each.notes.get("How long", "").partition(",")[0].rstrip(".")
+        typer.echo(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
 
 
 @app.command()
@@ -188,4 +189,7 @@ def _load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene
 def main() -> None:
     """Entry point of the command `discsim`."""
     gc.set_threshold(*RARELY)
-    app(prog_name="discsim")
+    try:
+        app(prog_name="discsim")
+    except PartError as error:
+        _refuse(str(error))

@@ -15,10 +15,15 @@ from importlib.metadata import entry_points
 from typing import Any
 
 
+class PartError(Exception):
+    """A part of another package that cannot be imported; the message says which, and why."""
+
+
 class Parts(Mapping[str, Any]):
     """Parts of one kind by name, in the order of the lines; those of other packages come last.
 
-    homes: name -> "module:object". Looking a name up imports its module. Names alone import nothing.
+    homes: name -> "module:object". Looking a name up imports its module, and raises PartError where another package's
+    cannot be. Names alone import nothing.
     """
 
     def __init__(self, group: str, homes: Mapping[str, str]) -> None:
@@ -35,7 +40,17 @@ class Parts(Mapping[str, Any]):
         return self.homes[name].partition(":")[0]
 
     def __getitem__(self, name: str) -> Any:
-        return found_at(self.homes[name])
+        home = self.homes[name]
+        try:
+            return found_at(home)
+        except Exception as error:  # whatever another package does
+            if name in self._own:
+                raise
+            wrong = f"{type(error).__name__}: {error}"
+            raise PartError(
+                f'{self.group}: "{name}" of another package cannot be imported from {home}: {wrong}; '
+                "expected that package to be mended or uninstalled"
+            ) from error
 
     def __contains__(self, name: object) -> bool:
         return name in self.homes  # without the import that a Mapping would look with

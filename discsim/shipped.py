@@ -30,11 +30,15 @@ class Setup:
 
     @property
     def text(self) -> str:
-        return self.path.read_text(encoding="utf-8")
+        return self.path.read_text(encoding="utf-8", errors="replace")
 
     @property
     def title(self) -> str:
-        return tomllib.loads(self.text)["title"]
+        """Empty where there is none, as perhaps in a scene that somebody left in the folder of a clone."""
+        try:
+            return str(tomllib.loads(self.text).get("title", ""))
+        except tomllib.TOMLDecodeError:
+            return ""
 
     @property
     def about(self) -> str:

@@ -77,6 +77,13 @@ def test_notes_go_on_over_lines_and_end_at_an_empty_one(work):
     assert each.about == "First: a line." and each.notes == {"How long": "some time.", "Paper": "one"}
 
 
+def test_scenes_that_somebody_left_among_them_are_listed_too(work, monkeypatch):
+    (work / "mine.toml").write_text("title = 'Mine'\n")
+    (work / "wrong.toml").write_text("# Half-made.\ntitle = \n")
+    monkeypatch.setattr(shipped, "PLACES", (work,))
+    assert command("setups").stdout.split() == ["mine", "Mine", "wrong", "Half-made."]
+
+
 @pytest.mark.parametrize("name", ["dusty_box", "disc"])
 def test_a_copy_has_the_setup_word_for_word(work, name):
     done = command("new", name, "my.toml")

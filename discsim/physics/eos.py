@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-Pair = tuple[Array, Array]
 
 
 def _not_isothermal(value: float) -> float:

@@ -32,9 +32,9 @@ def longest_step(scene: Scene, h: Array, sound_speed: Array) -> Array:
 class Local:
     """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them.
 
-    resolution: of `h`. step: the longest one. by_mass: makes h/H all
-    over the gas (n,), rising, and the share of the gas with less than each (n,). For the whole scene: particle_mass of
-    the gas, and the side of the grid's cells.
+    resolution: `h` as other kernels mean it. step: the longest one. by_mass: makes h/H all over the gas (n,), rising,
+    and the share of the gas with less than each (n,). For the whole scene: particle_mass of the gas, and `cell`, the
+    side of the grid's cells.
     """
 
     places: list[str]

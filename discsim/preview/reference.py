@@ -13,7 +13,6 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple, get_origin
 
-import discsim
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.scene import fields
 from discsim.scene.fields import Default, Table, measure_of, models_in
@@ -22,7 +21,6 @@ from discsim.scene.tables import TABLES
 SETUP_TABLES = ("units", "run", "space", "initial")
 COLUMNS = ("key", "value", "default", "meaning")
 WIDTHS = (22, 20, 18, 46)
-_HOME = Path(discsim.__file__).parent.parent
 
 
 class Part(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -106,14 +106,17 @@ def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
     # The last part of the path may be an index that only the vector made of one number has.
     value = value_at({table: filled}, *path)
     value = value_at({table: filled}, *path[:-1]) if value is None and isinstance(path[-1], int) else value
-    return _worded(detail, path, owner, field, value, units)
+    return _worded(detail, path, owner, field, models, value, units)
 
 
 def _tag(model: type[fields.Table]) -> str | None:
     return model.model_fields["kind"].default if "kind" in model.model_fields else None
 
 
-def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, units: Units) -> Problem:
+def _worded(
+    detail: Any, path: KeyPath, owner: Any, field: Any, models: list[type[fields.Table]], value: Any, units: Units
+) -> Problem:
+    """`owner` has the key and its `field`; `models` are the tables that may stand there."""
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "fault":
         return path, detail["msg"]
@@ -126,10 +129,10 @@ def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, unit
         return path, f"missing{meaning}{words}"
     if kind == "extra_forbidden":
         keys = list(owner.model_fields)
-        hint = near(str(path[-1]), keys) or _near_elsewhere(str(path[-1]))
+        hint = near(str(path[-1]), keys) or _near_elsewhere(path)
         return path, f"unknown key; expected one of {', '.join(keys)}{hint}"
     if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found"):
-        return _worded_choice(kind, context, path, value)
+        return _worded_choice(kind, context, path, models, value)
     limits = {
         "greater_than": ("gt", "more than"),
         "greater_than_equal": ("ge", "at least"),
@@ -147,7 +150,9 @@ def _worded(detail: Any, path: KeyPath, owner: Any, field: Any, value: Any, unit
     return path, f"{shown(value)}: {detail['msg'][0].lower()}{detail['msg'][1:]}"
 
 
-def _worded_choice(kind: str, context: dict[str, Any], path: KeyPath, value: Any) -> Problem:
+def _worded_choice(
+    kind: str, context: dict[str, Any], path: KeyPath, models: list[type[fields.Table]], value: Any
+) -> Problem:
     expected = context.get("expected") or context.get("expected_tags") or ""
     choices = [part.strip(" '") for part in expected.replace(" or ", ", ").split(",")]
     words = ", ".join(f'"{choice}"' if not choice.isdecimal() else choice for choice in choices)
@@ -156,21 +161,27 @@ def _worded_choice(kind: str, context: dict[str, Any], path: KeyPath, value: Any
             return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
         path, value = (*path, "kind"), value.get("kind")
         if kind == "union_tag_not_found":
-            union = models_in(
-                TABLES["initial"] if path[0] == "initial" else TABLES[str(path[0])].model_fields["eos"].annotation
-            )
-            tags = [str(_tag(model)) for model in union]
-            return path, "missing; expected one of " + ", ".join(f'"{tag}"' for tag in tags)
+            return path, "missing; expected one of " + ", ".join(f'"{_tag(model)}"' for model in models)
     return path, f"{shown(value)} is unknown; expected one of {words}{near(str(value), choices)}"
 
 
-def _near_elsewhere(key: str) -> str:
-    """The hint where a key of another table has this very name."""
+def _near_elsewhere(path: KeyPath) -> str:
+    """The hint where another kind of the table, or else another table, has a key of this very name."""
+    key = str(path[-1])
+    places = list(_places_of(key))
+    for place, model in places:
+        if place == path:
+            return f'; it goes with kind = "{_tag(model)}"'
+    return f'; did you mean "{name_of(places[0][0])}"?' if places else ""
+
+
+def _places_of(key: str) -> Iterator[tuple[KeyPath, type[fields.Table]]]:
+    """Where tables have a key of this name, with the table that has it."""
     for table, annotation in TABLES.items():
         for model in models_in(annotation):
             for name, field in model.model_fields.items():
                 if name == key:
-                    return f'; did you mean "{table}.{key}"?'
-                if any(key in inner.model_fields for inner in models_in(field.annotation)):
-                    return f'; did you mean "{table}.{name}.{key}"?'
-    return ""
+                    yield (table, key), model
+                yield from (
+                    ((table, name, key), inner) for inner in models_in(field.annotation) if key in inner.model_fields
+                )

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import discsim
 from discsim import Simulation
-from discsim.cli import app
+from discsim.cli import app, main
 from discsim.parts import EFFECTS
 from discsim.run.runner import run_scene
 from discsim.scene import SceneError, load_scene
@@ -20,6 +20,8 @@ from discsim.scene.differences import differences
 
 PART = '''
 """A spring: a = -Omega^2 x, on the gas alone."""
+
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -53,6 +55,19 @@ class Effect(base.Effect):
     def limit(self, state):
         return 1.0 / self.strength
 '''
+
+KINDS = """
+class Long(Table):
+    kind: Literal["long"] = "long"
+
+
+class Short(Table):
+    kind: Literal["short"] = "short"
+
+
+class Keys(Table):
+    form: Annotated[Long | Short, Field(discriminator="kind")] = Long()
+"""
 
 SCENE = """\
 units.system = "code"
@@ -123,6 +138,25 @@ def test_its_faults_are_told(spring, change, words):
     with pytest.raises(SceneError) as found:
         load_scene(spring, [change])
     assert re.search(re.escape(words).replace(r"\*", ".*"), "\n".join(found.value.problems))
+
+
+def test_a_table_in_it_may_be_of_several_kinds(spring):
+    package = spring.parent / "site" / "springs.py"
+    package.write_text(PART.replace("\nclass Keys(Table):\n", KINDS))
+    with pytest.raises(SceneError, match=r'spring\.form\.kind: missing; expected one of "long", "short"'):
+        load_scene(spring, ["spring.form={}"])
+
+
+def test_a_part_that_cannot_be_imported_is_one_message(spring, monkeypatch, capsys):
+    (spring.parent / "site" / "springs.py").write_text("import absent_module")
+    monkeypatch.setattr(sys, "argv", ["discsim", "check", str(spring)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr().err
+    assert ended.value.code == 2 and told.count("\n") == 1
+    assert told.startswith(
+        'discsim.effects: "spring" of another package cannot be imported from springs:Effect: Module'
+    )
 
 
 def test_a_second_owner_of_the_kick_is_refused(spring):

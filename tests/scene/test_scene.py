@@ -263,6 +263,7 @@ FAULTS = [
     ('length = "1 au"', 'length = "-1 au"', 3, 'units.length: "-1 au" is not positive*'),
     ("[gas.viscosity]", "[gas.conductivity]", 21, "gas.conductivity: conducts heat, but the gas is*"),
     ("[gas.viscosity]", "[gas.viscosty]", 21, 'gas.viscosty: unknown key* did you mean "viscosity"?'),
+    ('kind = "locally', 'gamma = 2\nkind = "locally', 18, 'gas.eos.gamma: unknown*; it goes with kind = "adiabatic"'),
     ("[gas.viscosity]", "[gas.viscosity]\nalpha = -1", 22, "gas.viscosity.alpha: -1 is out*at least 0"),
     ('title = "a disc"', "title = 3", 1, "title: 3 is not a text*"),
     ('until = "1060 yr"', 'until = "0 yr"', 6, 'run.until: "0 yr" is not positive*'),
