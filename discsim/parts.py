@@ -31,9 +31,16 @@ class Parts(Mapping[str, Any]):
 
     @cached_property
     def homes(self) -> dict[str, str]:
-        """Where each part is, "module:object"."""
-        others = {point.name: point.value for point in entry_points(group=self.group)}
-        return self._own | {name: home for name, home in others.items() if name not in self._own}
+        """Where each part is, "module:object". Raises PartError where two parts have one name."""
+        found = dict(self._own)
+        for point in entry_points(group=self.group):
+            if found.get(point.name, point.value) != point.value:
+                raise PartError(
+                    f'{self.group}: "{point.name}" is {found[point.name]}, and {point.value} of another package too; '
+                    "expected different names, or that package to be uninstalled"
+                )
+            found[point.name] = point.value
+        return found
 
     def module(self, name: str) -> str:
         """The module of a part."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from discsim.effects.base import Column
 from discsim.output import hdf5
+from discsim.physics.eos import eos_of
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, presen
         "HydroScheme": {
             "Scheme": np.bytes_("SPH"),
             "Kernel function": np.bytes_(gas.kernel if gas else "none"),
-            "Adiabatic index": [float(getattr(gas.eos, "gamma", 5 / 3) if gas else 5 / 3)],
+            "Adiabatic index": [float((eos_of(scene).index(gas.eos) if gas else None) or 5 / 3)],
             "Dimension": [float(scene.space.dimensions)],
         },
         "SubgridScheme": {"Chemistry Model": np.bytes_("None"), "Cooling Model": np.bytes_("None")},

@@ -16,6 +16,7 @@ import numpy as np
 
 from discsim.output import hdf5
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
+from discsim.physics.eos import eos_of
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
@@ -274,7 +275,7 @@ def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
     if kind == "dust" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density
-    derived, gamma = {}, getattr(scene.gas.eos, "gamma", None)
+    derived, gamma = {}, eos_of(scene).index(scene.gas.eos)
     if particles.u is None:
         # What readers make the pressure of, (gamma - 1) rho u, with the index that the file tells them.
         derived["u"] = 1.5 * per_mass if gamma is None else per_mass / (gamma - 1.0)

@@ -124,6 +124,10 @@ class Eos:
             return self.wave_speed(scene, r, density)
         return None
 
+    def index(self, eos: Any) -> float | None:
+        """gamma of P = (gamma - 1) rho u, for snapshots; None where the gas has no such energy."""
+        return None
+
     def heat_ratio(self, eos: Any) -> float:
         """(wave speed / thermal speed)^2 where density and temperature vary together: gamma of adiabatic gas."""
         return 1.0
@@ -188,6 +192,9 @@ class AdiabaticGas(Eos):
     def wave_speed(self, scene: Scene, r: Array, density: Array) -> Array:
         return self.thermal_speed(scene, r) * np.sqrt(scene.gas.eos.gamma)  # type: ignore[union-attr]
 
+    def index(self, eos: Any) -> float | None:
+        return eos.gamma
+
     def heat_ratio(self, eos: Any) -> float:
         return eos.gamma
 
@@ -210,6 +217,9 @@ class PolytropicGas(Eos):
     keys = Polytropic
     closes_energy = True
     rules = (_q_of_the_mass,)
+
+    def index(self, eos: Any) -> float | None:
+        return eos.gamma
 
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
         eos: Any = scene.gas.eos  # type: ignore[union-attr]

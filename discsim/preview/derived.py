@@ -240,7 +240,7 @@ def _sound_speed(scene: Scene, places: Places) -> Array | None:
     speed = eos_of(scene).start_speed(scene, radius, density)
     if speed is not None or places.pressure is None:
         return speed
-    return np.sqrt(getattr(scene.gas.eos, "gamma", 1.0) * places.pressure / density)
+    return np.sqrt(eos_of(scene).heat_ratio(scene.gas.eos) * places.pressure / density)
 
 
 def _smoothing(scene: Scene, density: Array) -> Array | None:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import discsim
 from discsim import Simulation
 from discsim.cli import app, main
-from discsim.parts import EFFECTS
+from discsim.parts import EFFECTS, PartError
 from discsim.run.runner import run_scene
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import differences
@@ -157,6 +157,13 @@ def test_a_part_that_cannot_be_imported_is_one_message(spring, monkeypatch, caps
     assert told.startswith(
         'discsim.effects: "spring" of another package cannot be imported from springs:Effect: Module'
     )
+
+
+def test_two_parts_of_one_name_are_one_message(tmp_path, monkeypatch):
+    install(tmp_path, {"stars": "Effect = None"}, {"discsim.effects": {"star": "stars:Effect"}})
+    monkeypatch.syspath_prepend(tmp_path)
+    with looked_up_anew(), pytest.raises(PartError, match=r'"star" is discsim[.]effects[.]star:Effect, and stars'):
+        list(EFFECTS)
 
 
 def test_a_second_owner_of_the_kick_is_refused(spring):

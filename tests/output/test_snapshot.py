@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
+from discsim import Simulation
 from discsim.numerics.state import Dust, Gas
 from discsim.output.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from discsim.output.snapshot import SnapshotError, read_snapshot, write_snapshot
@@ -210,6 +211,24 @@ def same(a, b):
         if isinstance(array, np.ndarray)
     ]
     return a.time == b.time and a.scene_text == b.scene_text and a.units == b.units and all(arrays)
+
+
+@pytest.mark.parametrize("gamma", [0.5, 2.0])
+def test_readers_find_the_pressure_of_a_polytrope(tmp_path, gamma):
+    """As (gamma - 1) rho u, with the index of the file."""
+    scene = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 1.0, "boundary": "periodic"},
+        "initial": {"kind": "box", "density": 3.0},
+        "gas": {"particles": 30, "eos": {"kind": "polytropic", "gamma": gamma, "constant": 0.7}},
+    }  # fmt: skip
+    sim = Simulation(scene)
+    sim.step(1e-3)
+    write_snapshot(tmp_path / "a.h5", sim.scene, sim.time, sim.gas, None)
+    with h5py.File(tmp_path / "a.h5") as file:
+        gas, index = file["PartType0"], file["HydroScheme"].attrs["Adiabatic index"][0]
+        found = (index - 1.0) * gas["Densities"][()] * gas["InternalEnergies"][()]
+        np.testing.assert_allclose(found, gas["Pressures"][()], rtol=1e-13)
+        np.testing.assert_allclose(gas["Pressures"][()], 0.7 * gas["Densities"][()] ** gamma, rtol=1e-13)
 
 
 def test_no_flipped_bit_goes_unseen(disc, rng):
