@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from discsim.kernels.drag import relax_blocks
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 Array = np.ndarray
 NONE = np.empty(0)
@@ -61,7 +65,7 @@ class Blocks(NamedTuple):
         return self.lattice.origin + self.first_leaf * self.lattice.side
 
 
-def lattice(drag, state, wanted: float) -> Lattice:
+def lattice(drag: Drag, state: State, wanted: float) -> Lattice:
     """Leaves at least as large as `wanted`, of a lattice that has room to move where it is not periodic."""
     grid, dim = state.grid, drag.dim
     side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, state.gas.count)
@@ -72,7 +76,7 @@ def lattice(drag, state, wanted: float) -> Lattice:
     return Lattice(np.array(grid.origin), extent, 0, side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
 
 
-def wanted_leaf(drag, state) -> float:
+def wanted_leaf(drag: Drag, state: State) -> float:
     """Side that leaves are to have at least, as the scheme or the scene has it."""
     if drag.drag.cell_length is not None:
         return drag.drag.cell_length
@@ -81,7 +85,14 @@ def wanted_leaf(drag, state) -> float:
 
 
 def sort_into_blocks(
-    drag, state, leaves: Lattice, least, size: float, dust_wanted: int, shifted: bool, mirrored: bool = False
+    drag: Drag,
+    state: State,
+    leaves: Lattice,
+    least: tuple[int, int],
+    size: float,
+    dust_wanted: int,
+    shifted: bool,
+    mirrored: bool = False,
 ) -> Blocks:
     """Sort gas and dust into blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them.
 
@@ -119,7 +130,7 @@ def _widened(leaves: Lattice, dim: int) -> Lattice:
     return leaves._replace(margin=2**LEVELS, shape=(nx + more, ny + more if dim == 2 else 1))
 
 
-def _leaf_of_each(drag, state, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Array, ...]:
+def _leaf_of_each(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Array, ...]:
     """By how many leaves the lattice has moved, the leaf of each particle of gas and of dust, and the numbers in each
     leaf; in the last those outside the lattice.
     """
@@ -141,7 +152,9 @@ def _leaf_of_each(drag, state, leaves: Lattice, shifted: bool, mirrored: bool) -
     return shift, *keys, *(counts(key, nx * ny + 1) for key in keys)
 
 
-def merge(gas, dust, h_sum, shape, *wanted) -> tuple[Array, Array, Array, Array]:
+def merge(
+    gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted: float
+) -> tuple[Array, Array, Array, Array]:
     """Block of each leaf, with one entry more, and of each block its first leaf (ix, iy), level and whether want of
     particles enlarged it.
 
@@ -165,7 +178,7 @@ def merge(gas, dust, h_sum, shape, *wanted) -> tuple[Array, Array, Array, Array]
     return number, first_leaf, level, flag
 
 
-def relax_in_blocks(drag, state, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
+def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
     """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
     gas, dust = state.gas, state.dust
     about_star = frame(drag, state)

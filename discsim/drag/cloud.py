@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discsim.formulas.laws import CONSTANT
 from discsim.numerics.sph import Sph
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 Array = np.ndarray
 NONE = np.empty(0)
@@ -33,7 +38,7 @@ class Cloud:
         return len(self.mass)
 
 
-def cloud_of(state, members: Array, sph: Sph) -> Cloud:
+def cloud_of(state: State, members: Array, sph: Sph) -> Cloud:
     dust, own = state.dust, state.own_acc["dust"]
     empty = np.empty(len(members))
     return Cloud(
@@ -60,7 +65,7 @@ def settle_density(cloud: Cloud) -> None:
         sph.fixed = False
 
 
-def densities_of_sparse_dust(drag, state) -> Array:
+def densities_of_sparse_dust(drag: Drag, state: State) -> Array:
     """Density (n,) of dust that is too sparse to be counted in cells, where the law asks for it; 0 of other dust.
 
     No entries where all is counted. With few particles t_stop = rho_d / K would be that of a lone one's own cell.

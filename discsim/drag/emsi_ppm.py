@@ -12,14 +12,22 @@ Stoyanovskaya et al. 2018 (arXiv:1811.06522), from its abstract and name: drag i
 differs from a splitting is ours, as are the stages and the exponential. Frictional heat closes the energy of a cell.
 """
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, Scheme
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from discsim.drag.base import NO_CELLS, NO_KERNEL, Array, Scheme
 from discsim.drag.fixed_grid import RULES
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.effects.cells_drag import Effect as Drag
+    from discsim.numerics.ppm import Tube
 
 kernels, ppm = Lazy("discsim.kernels.drag_grid"), Lazy("discsim.numerics.ppm")
 
 
-def advance(drag, tube, cells, dt):
+def advance(drag: Drag, tube: Tube, cells: Array, dt: float) -> Array:
     now = cells
     for part in ppm.STAGES:
         after = tube.moved(cells, now, part * dt)

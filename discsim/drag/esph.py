@@ -8,22 +8,30 @@ interpolants divided by the sum of their weights. Forward Euler: its step is lim
 waves, by about (k h)^2 a t_stop. One-way drag takes its short steps within the kick, as dust must not limit the gas.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Scheme
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 interpolation, pairs = Lazy("discsim.drag.interpolation"), Lazy("discsim.drag.pairs")
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     found = pairs.pair_up(drag, state, whole=True)
     steps = pairs.short_steps(drag, dt, 0.0 if drag.two_way else interpolation.fastest(drag, state, found))
     for _ in range(steps):
         interpolation.follow(drag, state, found, dt / steps, gas_vel, heat, implicit=False)
 
 
-def limit(drag, state):
+def limit(drag: Drag, state: State) -> float:
     with np.errstate(divide="ignore"):
         return 1.0 / np.float64(interpolation.fastest(drag, state, pairs.pair_up(drag, state, whole=True)))
 

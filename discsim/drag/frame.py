@@ -9,15 +9,21 @@ of two such rings, as it has to be smooth over cells. A field of the place alone
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from discsim.kernels.frame import Frame
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 RINGS = 16
 SAMPLE = 4096  # particles of a species, of whom a few tell the sense; always the same for the same state
 
 
-def frame(drag, state) -> Frame:
+def frame(drag: Drag, state: State) -> Frame:
     """The frame of a state; without a star, one that has no motion."""
     mass, softening = drag.star
     if mass == 0.0:

@@ -11,17 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from discsim.drag.base import NO_KERNEL, Cells, Scheme
+from discsim.drag.base import NO_KERNEL, Array, Cells, Scheme
 from discsim.numerics.layout import LOADED
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
     from discsim.scene import Scene
 
 cells = Lazy("discsim.drag.cells")
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=False)
 
 

@@ -6,14 +6,22 @@ origin moves with every step, which removes what is left of their lattice: first
 a star velocities are taken relative to circular orbits (`drag/frame.py`). Momentum is exact in each cell.
 """
 
-from discsim.drag.base import NO_KERNEL, Scheme
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from discsim.drag.base import NO_KERNEL, Array, Scheme
 from discsim.drag.idic import CELLS
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 cells = Lazy("discsim.drag.cells")
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=True)
 
 

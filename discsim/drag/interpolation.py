@@ -6,17 +6,25 @@ equal only where fields are smooth. Heat is the work of the drag on the gas, rig
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from discsim.drag.pairs import Pairs, note_times
 from discsim.kernels import interpolation as kernels
 from discsim.numerics.threads import share
 
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import Dust, Gas, State
+
 Array = np.ndarray
 NONE = np.empty(0)
 
 
-def follow(drag, state, found: list[Pairs], dt: float, gas_vel: Array, heat: Array, implicit: bool) -> None:
+def follow(
+    drag: Drag, state: State, found: list[Pairs], dt: float, gas_vel: Array, heat: Array, implicit: bool
+) -> None:
     """Kick gas and dust over dt, each towards what it sees of the other (`kernels/interpolation.py`).
 
     Implicitly: of velocities that have the accelerations already, but for those that gas and dust share.
@@ -33,7 +41,7 @@ def follow(drag, state, found: list[Pairs], dt: float, gas_vel: Array, heat: Arr
     share(kernels.follow, dust.count, rate, other, dust_now.copy(), dust.acc, dt, implicit, dust.vel, NONE)
 
 
-def seen_by_dust(dust, found: list[Pairs], gas_vel: Array) -> tuple[Array, Array]:
+def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array, Array]:
     """Rate (n,) of the drag of each dust particle, and the gas's velocity (n, d) there."""
     rate, other = np.zeros(dust.count), np.zeros_like(dust.vel)
     for pairs in found:
@@ -43,7 +51,7 @@ def seen_by_dust(dust, found: list[Pairs], gas_vel: Array) -> tuple[Array, Array
     return rate, other
 
 
-def seen_by_gas(drag, gas, found: list[Pairs], dust_vel: Array) -> tuple[Array, Array]:
+def seen_by_gas(drag: Drag, gas: Gas, found: list[Pairs], dust_vel: Array) -> tuple[Array, Array]:
     """Rate (n,) of the drag of each gas particle, and the dust's velocity (n, d) there, weighed with each rate."""
     rate, pull = np.zeros(gas.count), np.zeros_like(gas.vel)
     for pairs in found if drag.two_way else ():
@@ -55,7 +63,7 @@ def seen_by_gas(drag, gas, found: list[Pairs], dust_vel: Array) -> tuple[Array, 
     return rate, pull / np.where(rate > 0.0, rate, 1.0)[:, None]
 
 
-def fastest(drag, state, found: list[Pairs]) -> float:
+def fastest(drag: Drag, state: State, found: list[Pairs]) -> float:
     """The largest rate of drag on a particle: explicit steps up to its inverse are stable (Gershgorin)."""
     gas_rate, _ = seen_by_gas(drag, state.gas, found, state.dust.vel)
     return max(gas_rate.max(), *(pairs.rate.max() for pairs in found))

@@ -8,13 +8,21 @@ divided by the sum of their weights. First order and stable at any step, but a s
 velocities of gas and dust at eps = 1, and damps waves, by about (k h)^2 a step.
 """
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Scheme
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 interpolation, pairs = Lazy("discsim.drag.interpolation"), Lazy("discsim.drag.pairs")
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     interpolation.follow(drag, state, pairs.pair_up(drag, state, whole=True), dt, gas_vel, heat, implicit=True)
 
 

@@ -23,11 +23,25 @@ Where gas and dust have similar numbers l_j + l_a is about 1 - exp(-dt/t), and n
 dust are held together less than they should be.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, Scheme
+from discsim.drag.base import NO_CELLS, Array, Scheme
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.drag.cloud import Cloud
+    from discsim.drag.pairs import Pairs
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.sph import Sph
+    from discsim.numerics.state import Gas, State
+
+    Slopes = Callable[[Sph, Gas | Cloud, Array], Array]
 
 kernels, between = Lazy("discsim.kernels.pairs"), Lazy("discsim.drag.pairs")
 
@@ -35,17 +49,17 @@ FLAT = np.empty((0, 0, 0))
 IN_TURN = np.empty(0, np.uint32)  # the order of the pairs by dust particle
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     relax_each_pair(drag, state, dt, gas_vel, heat, lambda sph, points, vel: FLAT)
 
 
-def relax_each_pair(drag, state, dt, gas_vel, heat, slopes):
+def relax_each_pair(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, slopes: Slopes) -> None:
     """Relax the slip of each pair; `slopes(sph, points, vel)` of each species take it to a common point."""
     gas = state.gas
     found = between.pair_up(drag, state, whole=True, hump=drag.drag.kernel == "double-hump")
     between.note_times(drag, state.dust, found)
 
-    def impulse(pairs, vel, gas_seen, pushed):
+    def impulse(pairs: Pairs, vel: Array, gas_seen: Array, pushed: Array) -> None:
         cloud = pairs.cloud
         slope, gas_slope = slopes(cloud.sph, cloud, vel), slopes(cloud.sph, gas, gas_seen)
         pull = np.empty(len(pushed))
@@ -60,7 +74,7 @@ def relax_each_pair(drag, state, dt, gas_vel, heat, slopes):
     between.exchange(drag, state, found, dt, gas_vel, heat, impulse, at_once=False)
 
 
-def hold_back(pairs, gas, pull, pushed):
+def hold_back(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
     """Scale the impulses of pairs, eq. (1); `pull` (pairs,) is their c."""
     cloud = pairs.cloud
     one, other = np.empty(cloud.count), np.empty(gas.count)

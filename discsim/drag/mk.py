@@ -10,22 +10,31 @@ Momentum and angular momentum are exact. One-way drag takes its short steps with
 the gas.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Scheme
+from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Array, Scheme
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.drag.pairs import Pairs
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 kernels, between = Lazy("discsim.kernels.pairs"), Lazy("discsim.drag.pairs")
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     gas, found = state.gas, between.pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
     between.note_times(drag, state.dust, found)
     steps = between.short_steps(drag, dt, 0.0 if drag.two_way else between.fastest(drag, gas, found))
     short = dt / steps
 
-    def impulse(pairs, vel, gas_seen, pushed):
+    def impulse(pairs: Pairs, vel: Array, gas_seen: Array, pushed: Array) -> None:
         cloud = pairs.cloud
         share(
             kernels.push_explicitly, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.h,
@@ -36,7 +45,7 @@ def relax(drag, state, dt, gas_vel, heat):
         between.exchange(drag, state, found, short, gas_vel, heat, impulse, at_once=True)
 
 
-def limit(drag, state):
+def limit(drag: Drag, state: State) -> float:
     found = between.pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
     with np.errstate(divide="ignore"):
         return 1.0 / np.float64(between.fastest(drag, state.gas, found))

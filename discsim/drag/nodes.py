@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from discsim.drag.cells import Blocks, lattice, sort_into_blocks, wanted_leaf
 from discsim.drag.cloud import densities_of_sparse_dust
-from discsim.drag.frame import Frame, clockwise, frame
+from discsim.drag.frame import clockwise, frame
 from discsim.kernels import levels, nodes_fit, nodes_relax, nodes_scatter
 from discsim.kernels import nodes as kernels
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, mass_in
 from discsim.kernels.drag import free_kick
+from discsim.kernels.frame import Frame
 from discsim.numerics.threads import share
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
 
 Array = np.ndarray
 NONE = np.empty(0)
@@ -60,7 +65,7 @@ class Change(NamedTuple):
     heat: Array
 
 
-def relax(drag, state, dt: float, gas_vel: Array, heat: Array) -> None:
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     size = drag.scheme.cells.share * (drag.drag.cell or 0.0)
     # A node has the dust of nine cells.
     dust_wanted = NEAR if drag.two_way else IGNORE
@@ -85,7 +90,7 @@ def relax(drag, state, dt: float, gas_vel: Array, heat: Array) -> None:
     )
 
 
-def _members(drag, state, blocks: Blocks, gas_vel: Array) -> tuple[Members, Members]:
+def _members(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Members, Members]:
     gas, dust = state.gas, state.dust
     sparse = densities_of_sparse_dust(drag, state)
     packed, grains = (np.zeros((p.count, kernels.FIELDS)) for p in (gas, dust))
@@ -100,7 +105,9 @@ def _members(drag, state, blocks: Blocks, gas_vel: Array) -> tuple[Members, Memb
     )  # fmt: skip
 
 
-def _gather(drag, state, blocks: Blocks, both: tuple[Members, Members], about_star: Frame) -> tuple[Nodes, Array]:
+def _gather(
+    drag: Drag, state: State, blocks: Blocks, both: tuple[Members, Members], about_star: Frame
+) -> tuple[Nodes, Array]:
     """The nodes with the sums of what is about them, and those of each cell alone."""
     flat, count, species = drag.dim == 1, len(blocks.level), drag.law.populations + 1
     node, at, first, width, height, wrap = levels.place_blocks(
@@ -126,7 +133,7 @@ def _gather(drag, state, blocks: Blocks, both: tuple[Members, Members], about_st
     return Nodes(home, about, near, centre, sums), cells
 
 
-def _mean_sound(state, blocks: Blocks, nodes: Nodes, cells: Array) -> Array:
+def _mean_sound(state: State, blocks: Blocks, nodes: Nodes, cells: Array) -> Array:
     """Sound speed (n,) of the gas about each node."""
     count, sound = len(blocks.level), np.zeros(len(nodes.near))
     number = np.diff(blocks.gas_start[: count + 1])
@@ -136,7 +143,9 @@ def _mean_sound(state, blocks: Blocks, nodes: Nodes, cells: Array) -> Array:
     return sound
 
 
-def _relax_nodes(drag, state, blocks: Blocks, nodes: Nodes, cells: Array, dt: float, heating: bool) -> Change:
+def _relax_nodes(
+    drag: Drag, state: State, blocks: Blocks, nodes: Nodes, cells: Array, dt: float, heating: bool
+) -> Change:
     dim, total, sums, about = drag.dim, len(nodes.near), nodes.sums, nodes.about
     species = drag.law.populations + 1
     slopes = np.zeros((total, dim, dim))
@@ -162,7 +171,9 @@ def _relax_nodes(drag, state, blocks: Blocks, nodes: Nodes, cells: Array, dt: fl
     return Change(sharp, sharp_slopes, spin, rate, heat)
 
 
-def _scatter(drag, state, blocks: Blocks, both: tuple[Members, Members], nodes: Nodes, change: Change, dt: float):
+def _scatter(
+    drag: Drag, state: State, blocks: Blocks, both: tuple[Members, Members], nodes: Nodes, change: Change, dt: float
+) -> None:
     count = len(blocks.level)
     drag.stopping_times = np.full(state.dust.count, np.inf)
     times: dict[str, Any] = {"gas": NONE, "dust": drag.stopping_times}

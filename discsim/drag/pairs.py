@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import ceil
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,11 @@ from discsim.numerics.sorting import counting_sort
 from discsim.numerics.sph import Sph
 from discsim.numerics.threads import share
 from discsim.parts import USUAL_SCHEME
+
+if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.kernels.neighbours import Cells
+    from discsim.numerics.state import Dust, Gas, State
 
 Array = np.ndarray
 IN_A_CELL = 16.0  # dust particles that look for gas together
@@ -46,7 +51,7 @@ class Pairs(NamedTuple):
     rate: Array  # of each dust particle, one over its stopping time
 
 
-def pair_up(drag, state, whole: bool, hump: bool = False) -> list[Pairs]:
+def pair_up(drag: Drag, state: State, whole: bool, hump: bool = False) -> list[Pairs]:
     """The pairs of every population; with `whole` the parts of a dust particle's drag sum to one."""
     gas, dust = state.gas, state.dust
     sph = Sph(state.scene)
@@ -62,7 +67,9 @@ def pair_up(drag, state, whole: bool, hump: bool = False) -> list[Pairs]:
     return found
 
 
-def _pairs_of(drag, gas, cloud: Cloud, vel: Array, cells, ratio: float, grain: Array, whole: bool, hump: bool) -> Pairs:
+def _pairs_of(
+    drag: Drag, gas: Gas, cloud: Cloud, vel: Array, cells: Cells, ratio: float, grain: Array, whole: bool, hump: bool
+) -> Pairs:
     sph, n = cloud.sph, cloud.count
     start, index, offset = _list(cloud, gas, cells)
     by_gas, begin = counting_sort(index, gas.count)
@@ -82,7 +89,7 @@ def _pairs_of(drag, gas, cloud: Cloud, vel: Array, cells, ratio: float, grain: A
     return Pairs(cloud, start, dust, index, offset, weight, by_gas, begin, part, time, rate)
 
 
-def _list(cloud: Cloud, gas, cells) -> tuple[Array, Array, Array]:
+def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
     """Where the pairs of each dust particle start, their gas particles and offsets."""
     low, width = cloud.sph.box_of(cloud)
     area = np.prod(width[width > 1e-300])
@@ -107,7 +114,7 @@ def _list(cloud: Cloud, gas, cells) -> tuple[Array, Array, Array]:
     return start, index, offset
 
 
-def _settle_density(cloud: Cloud, gas, start: Array, index: Array, weight: Array, ratio: float) -> None:
+def _settle_density(cloud: Cloud, gas: Gas, start: Array, index: Array, weight: Array, ratio: float) -> None:
     """Smoothing length and density of the dust; the first guess is dust that is mixed evenly with the gas."""
     sph = cloud.sph
     if sph.fixed:
@@ -122,7 +129,16 @@ def _settle_density(cloud: Cloud, gas, start: Array, index: Array, weight: Array
 Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of dust and gas, impulses to write
 
 
-def exchange(drag, state, found: list[Pairs], dt: float, gas_vel: Array, heat: Array, impulse: Impulse, at_once: bool):
+def exchange(
+    drag: Drag,
+    state: State,
+    found: list[Pairs],
+    dt: float,
+    gas_vel: Array,
+    heat: Array,
+    impulse: Impulse,
+    at_once: bool,
+) -> None:
     """Kick gas and dust over dt with the impulses of all pairs; with `at_once` all from the velocities now."""
     gas, dust = state.gas, state.dust
     gas_before, dust_before = gas_vel.copy(), dust.vel.copy()
@@ -148,7 +164,7 @@ def exchange(drag, state, found: list[Pairs], dt: float, gas_vel: Array, heat: A
             )  # fmt: skip
 
 
-def note_times(drag, dust, found: list[Pairs]) -> None:
+def note_times(drag: Drag, dust: Dust, found: list[Pairs]) -> None:
     """Write the dust's stopping times, and what has no gas."""
     drag.stopping_times = np.full(dust.count, np.inf)
     for pairs in found:
@@ -157,7 +173,7 @@ def note_times(drag, dust, found: list[Pairs]) -> None:
     drag.note_uncoupled(dust, lambda mass: mass[drag.stopping_times == np.inf].sum())
 
 
-def short_steps(drag, dt: float, rate: float) -> int:
+def short_steps(drag: Drag, dt: float, rate: float) -> int:
     """Explicit steps that a kick over dt needs at the largest rate of drag; two-way drag limits the run's instead.
 
     Raises FloatingPointError where there would be no end of them.
@@ -172,7 +188,7 @@ def short_steps(drag, dt: float, rate: float) -> int:
     return max(1, ceil(dt * rate))
 
 
-def fastest(drag, gas, found: list[Pairs]) -> float:
+def fastest(drag: Drag, gas: Gas, found: list[Pairs]) -> float:
     """The largest rate at which the drag changes a particle's velocity: explicit steps up to its inverse are stable.
 
     A row of the drag's matrix sums to zero, so that no eigenvalue is above twice its diagonal (Gershgorin).

@@ -9,21 +9,31 @@ differences of velocity along r, stays. Momentum and angular momentum are exact,
 as in lab14, whose bound on the energy is one for slips that are alike at both places.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, Scheme
+from discsim.drag.base import NO_CELLS, Array, Scheme
 from discsim.drag.lab14 import relax_each_pair
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
 
+if TYPE_CHECKING:
+    from discsim.drag.cloud import Cloud
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.sph import Sph
+    from discsim.numerics.state import Gas, State
+
 kernels, neighbours = Lazy("discsim.kernels.slopes"), Lazy("discsim.numerics.neighbours")
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     relax_each_pair(drag, state, dt, gas_vel, heat, slopes_of)
 
 
-def slopes_of(sph, points, vel):
+def slopes_of(sph: Sph, points: Gas | Cloud, vel: Array) -> Array:
     """Slopes (n, d, d) of a velocity that gas or a cloud of dust has."""
     cells = sph.cells_of(points)
     slope, fit = np.empty((points.count, sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)

@@ -14,14 +14,22 @@ decaying, changes sign with each step. Semi-implicit operator splitting of the c
 (arXiv:1811.06522), from its abstract and name. Frictional heat is the loss of energy of the slip.
 """
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Scheme
 from discsim.drag.fixed_grid import RULES
 from discsim.parts import Lazy
+
+if TYPE_CHECKING:
+    from discsim.effects.cells_drag import Effect as Drag
+    from discsim.numerics.ppm import Tube
 
 kernels, ppm = Lazy("discsim.kernels.drag_grid"), Lazy("discsim.numerics.ppm")
 
 
-def advance(drag, tube, cells, dt):
+def advance(drag: Drag, tube: Tube, cells: Array, dt: float) -> Array:
     now = cells
     for part in ppm.STAGES:
         now = tube.moved(cells, now, part * dt)

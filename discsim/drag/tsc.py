@@ -15,17 +15,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.base import NO_KERNEL, Cells, Scheme
+from discsim.drag.base import NO_KERNEL, Array, Cells, Scheme
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
+    from discsim.effects.drag import Effect as Drag
+    from discsim.numerics.state import State
     from discsim.scene import Scene
 
 nodes = Lazy("discsim.drag.nodes")
 NEAREST = 0.5**0.5  # of the wanted side: what the power of two nearest to it has at least
 
 
-def relax(drag, state, dt, gas_vel, heat):
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     nodes.relax(drag, state, dt, gas_vel, heat)
 
 

@@ -4,6 +4,10 @@ Fluxes and drag are solved together by the schemes sios-ppm and emsi-ppm, so tha
 there is nothing to kick. It limits no step.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from discsim.effects import base
@@ -11,6 +15,9 @@ from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.laws import SceneLaw
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.drag_grid")
 ppm = Lazy("discsim.numerics.ppm")
@@ -20,7 +27,7 @@ class Effect(base.Effect):
     is_kick = True  # of nothing: fluxes and drag are one
     acts_on = ()
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.advance = SCHEMES[scene.drag.scheme].advance
         self.law = SceneLaw(scene)
         self.exponential = scene.drag.integration == "exponential"
@@ -28,7 +35,7 @@ class Effect(base.Effect):
         self.tube = ppm.Tube(scene, state)
 
     @classmethod
-    def unused(cls, scene):
+    def unused(cls, scene: Scene) -> tuple[str, ...]:
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
     def move(self, state: State, dt: float) -> None:

@@ -1,5 +1,9 @@
 """Gas in the cells of a fixed 1D grid: density, pressure, and the step dx / (|v| + c_s); the drag's scheme moves it."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from discsim.drag.fixed_grid import OF_SPH
@@ -7,17 +11,20 @@ from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.physics.eos import pressure_and_sound_speed
 
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
 
 class Effect(base.Effect):
     acts_on = ()
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.dx = scene.space.size[0] / state.gas.count
         state.gas.h[:] = self.dx
 
     @classmethod
-    def unused(cls, scene):
+    def unused(cls, scene: Scene) -> tuple[str, ...]:
         return OF_SPH
 
     def accelerate(self, state: State) -> None:

@@ -5,8 +5,10 @@ right at any step. Schemes are in `discsim/drag`, laws in `formulas/laws.py`. Tw
 the step to about t_stop / max(1, eps); any other drag limits none.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, StrictBool
@@ -22,6 +24,9 @@ from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
 from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
 from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
 heat_of_drag = Lazy("discsim.drag.heat")
@@ -126,7 +131,7 @@ class Effect(base.Effect):
     acts_on = ()
     rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _one_cell, _heating)
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.scene, self.drag = scene, scene.drag
         self.two_way = self.drag.direction == "two-way"
         self.dim = scene.space.dimensions
@@ -142,14 +147,16 @@ class Effect(base.Effect):
         self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
 
     @classmethod
-    def nanoseconds(cls, scene, counts):
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return SCHEMES[scene.drag.scheme].nanoseconds * (counts.gas + counts.dust)
 
     @classmethod
-    def unused(cls, scene):
+    def unused(cls, scene: Scene) -> tuple[str, ...]:
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
-    def stopping_time(self, population: int, density, sound, omega, ratio) -> np.ndarray:
+    def stopping_time(
+        self, population: int, density: np.ndarray, sound: np.ndarray, omega: np.ndarray, ratio: float
+    ) -> np.ndarray:
         """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
         return self.law.stopping_time(population, density, sound, omega, ratio)
 

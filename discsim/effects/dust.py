@@ -1,7 +1,9 @@
 """Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, moved, never diffused."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -11,6 +13,9 @@ from discsim.numerics.threads import share
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Measure, Number, Particles, Table
 from discsim.scene.rules import Draft, Problem, kinds
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
 
@@ -48,11 +53,11 @@ class Effect(base.Effect):
     several = True
     acts_on = ()
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
 
     @classmethod
-    def nanoseconds(cls, scene, counts):
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return MOVED * counts.dust
 
     def kick(self, state: State, dt: float) -> None:

@@ -1,6 +1,9 @@
 """Given accelerations: a constant one for gas and one for dust, and -Omega_z^2 z towards the midplane on both."""
 
-from typing import Annotated
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
@@ -8,6 +11,10 @@ from pydantic import Field
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.scene.fields import AccelerationVector, Measure, Table
+
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
 
 
 class Keys(Table):
@@ -21,12 +28,12 @@ class Keys(Table):
 class Effect(base.Effect):
     keys = Keys
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.constant = {"gas": np.array(scene.external.gas), "dust": np.array(scene.external.dust)}
         self.frequency = scene.external.vertical_frequency
 
     @classmethod
-    def warnings(cls, scene, at):
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
         if scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic":
             yield (
                 "external.vertical_frequency pulls to the midplane 0, one end of a periodic space, from the other end "

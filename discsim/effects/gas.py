@@ -139,7 +139,7 @@ class Effect(base.Effect):
     rules = (_fixed_smoothing, _neighbours, _heat_to_conduct)
     acts_on = ("gas",)
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = sums.Sph(scene)
         self._limit = np.inf
@@ -180,7 +180,7 @@ class Effect(base.Effect):
     def _pressure_and_sound_speed(self, gas: Gas, u: np.ndarray | None) -> np.ndarray:
         out = np.empty((2, gas.count))
 
-        def part(first, last):
+        def part(first: int, last: int) -> None:
             within = slice(first, last)
             energy = None if u is None else u[within]
             out[:, within] = pressure_and_sound_speed(self.scene, gas.pos[within], gas.density[within], energy)

@@ -5,8 +5,10 @@ relaxes each particle exactly to its steady drift there (`kernels/background.py`
 its radial velocity and angular momentum (eq. 1 there), so that circles stay circles.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import Field
@@ -21,6 +23,9 @@ from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.background")
 KICKED = 150.0  # CPU nanoseconds of a particle in a step
@@ -67,18 +72,18 @@ class Drag(base.Effect):
     is_kick = True
     acts_on = ()
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.law = SceneLaw(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
         self.star = scene.star
         self.disc = GivenDisc(scene)
 
     @classmethod
-    def nanoseconds(cls, scene, counts):
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return KICKED * counts.dust
 
     @classmethod
-    def unused(cls, scene):
+    def unused(cls, scene: Scene) -> tuple[str, ...]:
         return OF_CELLS
 
     def kick(self, state: State, dt: float) -> None:
@@ -98,7 +103,7 @@ class Drag(base.Effect):
         return out
 
     @property
-    def _disc(self) -> tuple:
+    def _disc(self) -> tuple[Any, ...]:
         """What kernels take of the law, the star and the gas."""
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios
         return *law, self.star.mass, self.star.softening, self.disc.laws

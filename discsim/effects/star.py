@@ -4,7 +4,10 @@ What comes within the accretion radius is removed at the end of the step; its ma
 to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the innermost particle.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
@@ -15,6 +18,9 @@ from discsim.numerics.threads import share
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Mass, Table
 from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.star")
 
@@ -40,12 +46,12 @@ class Effect(base.Effect):
     shared = True
     softer = "a larger star.accretion_radius or star.softening"
 
-    def __init__(self, scene, state):
+    def __init__(self, scene: Scene, state: State) -> None:
         self.star = scene.star
         self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
 
     @classmethod
-    def nanoseconds(cls, scene, counts):
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return PULL * (counts.gas + counts.dust)
 
     def accelerate(self, state: State) -> None:

@@ -20,7 +20,7 @@ friction heats the gas).
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -78,7 +78,7 @@ def alpha(gamma: float) -> float:
 
 
 @cache
-def _integral(gamma: float):
+def _integral(gamma: float) -> Any:
     """V/x, ln G, ln Q and the integral of (4) from the shock inwards, against ln x: all of them smooth there."""
 
     def slopes(log_x: float, y: Array) -> list[float]:

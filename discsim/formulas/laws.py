@@ -15,6 +15,7 @@ it is the largest, so that the drag is continuous; (2): Kwok 1975. `kernels/laws
 """
 
 import math
+from collections.abc import Sequence
 
 # Forms: what a stopping time depends on. Several laws may have one, with values of their own.
 CONSTANT, STOPPING_TIME, STOKES_NUMBER, EPSTEIN, EPSTEIN_STOKES = range(5)
@@ -23,11 +24,13 @@ VALUE, SUPERSONIC, SIZE, COLUMN, THERMAL = range(5)
 KWOK = 9.0 * math.pi / 128.0
 
 
-def volume_density(density, sound, omega):
+def volume_density(density: float, sound: float, omega: float) -> float:
     return density * omega / (math.sqrt(2.0 * math.pi) * sound) if omega > 0.0 else density
 
 
-def stopping_time(law, grain, mass_ratio, density, sound, omega):
+def stopping_time(
+    law: int, grain: Sequence[float], mass_ratio: float, density: float, sound: float, omega: float
+) -> float:
     """Stopping time of the dust at vanishing speed; `grain` (5,), rho_d = mass_ratio density."""
     value = grain[VALUE]
     if law == CONSTANT:
@@ -44,7 +47,7 @@ def stopping_time(law, grain, mass_ratio, density, sound, omega):
     return value / (sound * volume) * max(1.0, 4.0 * grain[SIZE] * volume / (9.0 * grain[COLUMN]))
 
 
-def hastening(law, grain, density, sound, omega, speed):
+def hastening(law: int, grain: Sequence[float], density: float, sound: float, omega: float, speed: float) -> float:
     """By how much the drag is faster than at vanishing speed; eqs. (2) and (4)."""
     if law == EPSTEIN_STOKES:
         path = grain[COLUMN] / volume_density(density, sound, omega)

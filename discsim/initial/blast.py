@@ -4,16 +4,23 @@ The energy falls off as (1 - r^2/R^2)^2 within the radius R; its sum over the pa
 eos's sound speed, or next to no pressure where it gives none.
 """
 
-from typing import Annotated, Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from discsim.initial.base import Start
+from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.lattice import everywhere, uniform
 from discsim.initial.measure import ErrorMeasure
 from discsim.physics.eos import initial_energy
 from discsim.scene.fields import Density, Length, Measure, Table
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import Particles
+    from discsim.run.simulation import Simulation
+    from discsim.scene import Scene
 
 COLD = 1e-8  # of the blast's energy over the mass of the box, per mass of gas whose temperature nobody named
 
@@ -27,7 +34,7 @@ class Blast(Table):
     radius: Length = Field(gt=0, description="within which it is put")
 
 
-def particles(scene):
+def particles(scene: Scene) -> dict[str, Arrays]:
     start, eos = scene.initial, scene.gas.eos
     out = uniform(scene, start.density)
     middle = 0.5 * np.array(scene.space.size)
@@ -47,23 +54,23 @@ def particles(scene):
     return out
 
 
-def places(scene):
+def places(scene: Scene) -> Places:
     return everywhere(scene.initial.density)
 
 
-def _load(scene):
+def _load(scene: Scene) -> float | None:
     """Mass of all dust over the gas's; None where the dust does not move with the gas, as it has to."""
     ratio = sum(dust.ratio for dust in scene.dust or ())
     return None if ratio and (scene.drag is None or scene.drag.direction == "one-way") else ratio
 
 
-def measure(scene):
+def measure(scene: Scene) -> ErrorMeasure | None:
     ratio = _load(scene)
     if ratio is None:
         return None
     from discsim.exact import sedov  # imports scipy
 
-    def errors(sim):
+    def errors(sim: Simulation) -> dict[str, float]:
         start = scene.initial
         exact = sedov.shock_radius(sim.time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
         width = min(scene.space.size) * sim.gas.count**-0.5
@@ -72,7 +79,7 @@ def measure(scene):
     return ErrorMeasure("radius of the shock against the exact one", errors)
 
 
-def front(particles, width):
+def front(particles: Particles, width: float) -> float:
     """Radius of a blast's shock: where the mean density of rings `width` wide is half way up its jump, from outside."""
     r = np.sqrt((particles.pos**2).sum(axis=1))
     edges = np.arange(0.0, np.abs(particles.pos).max(), width)
@@ -84,7 +91,7 @@ def front(particles, width):
     return float(np.interp(0.5 * (density[peak] + ahead), density[[out, out - 1]], middle[[out, out - 1]]))
 
 
-def curves(scene, time, r):
+def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
     start, ratio = scene.initial, _load(scene)
     if time == 0.0 or ratio is None:
         return {}

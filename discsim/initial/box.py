@@ -1,15 +1,21 @@
 """A uniform periodic box with a velocity of its own for gas and dust (DustyBox; Laibe & Price 2011)."""
 
-from typing import Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
-from discsim.initial.base import Start
+from discsim.initial.base import Array, Arrays, Places, Start
 from discsim.initial.lattice import everywhere, uniform
 from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.parts import LAWS
 from discsim.scene.fields import Density, Table, VelocityVector
+
+if TYPE_CHECKING:
+    from discsim.run.simulation import Simulation
+    from discsim.scene import Scene
 
 
 class Box(Table):
@@ -21,7 +27,7 @@ class Box(Table):
     dust_velocity: VelocityVector = Field(0, validate_default=True, description="a number (along x) or [x, y]")
 
 
-def particles(scene):
+def particles(scene: Scene) -> dict[str, Arrays]:
     start = scene.initial
     out = uniform(scene, start.density)
     for name, arrays in out.items():
@@ -29,17 +35,17 @@ def particles(scene):
     return out
 
 
-def cells(scene, x, dx):
+def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
     start = scene.initial
     vel = {"gas": np.full_like(x, start.gas_velocity[0]), "dust": np.full_like(x, start.dust_velocity[0])}
     return np.full_like(x, start.density), vel, None
 
 
-def places(scene):
+def places(scene: Scene) -> Places:
     return everywhere(scene.initial.density)
 
 
-def measure(scene):
+def measure(scene: Scene) -> ErrorMeasure | None:
     """Over the slip at the start."""
     drag = scene.drag
     rate = LAWS[drag.law].uniform_rate if drag else None
@@ -47,7 +53,7 @@ def measure(scene):
         return None
     from discsim.exact import dustybox  # imports scipy
 
-    def exact(sim, kind):
+    def exact(sim: Simulation, kind: str) -> tuple[Array, Array | float]:
         start, ratio = scene.initial, scene.dust[0].ratio
         gas, dust = np.array(start.gas_velocity, dtype=float), np.array(start.dust_velocity, dtype=float)
         pulls = [np.array(getattr(scene.external, name, 0.0 * gas)) for name in ("gas", "dust")]

@@ -1,11 +1,19 @@
 """Starts on a fixed 1D grid, one particle a cell at its centre."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from discsim.parts import STARTS
 
+if TYPE_CHECKING:
+    from discsim.initial.base import Arrays
+    from discsim.scene import Scene
 
-def particles(scene):
+
+def particles(scene: Scene) -> dict[str, Arrays]:
     """Arrays by species, as of any start, by what the scene's start is in cells."""
     count, length, start = scene.gas.particles, scene.space.size[0], STARTS[scene.initial.kind]
     dx = length / count

@@ -7,7 +7,7 @@ one-way dust at those for a ratio of zero.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import log10
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -69,7 +69,9 @@ def _range(start: Any, population: Any) -> tuple[float, float]:
     return max(population.inner or 0.0, start.inner), min(population.outer or np.inf, start.outer)
 
 
-def _species(scene, stream, count, inner, outer, ratio, placement) -> dict[str, Array]:
+def _species(
+    scene: Scene, stream: np.random.Generator, count: int, inner: float, outer: float, ratio: float, placement: str
+) -> dict[str, Array]:
     r = np.linspace(inner, outer, profile.SAMPLES)
     mass = profile.scale(scene) * profile.cumulative(scene.initial, r)
     if placement == "random":
@@ -126,7 +128,7 @@ def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
     return moved
 
 
-def settle(state: State, effects: dict) -> None:
+def settle(state: State, effects: dict[str, Any]) -> None:
     """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
     scene = state.scene
     gravity = _mean_gravity(state, effects)
@@ -150,7 +152,9 @@ def settle(state: State, effects: dict) -> None:
         particles.vel[:] = radial[:, None] * direction + (keplerian + lag)[:, None] * across
 
 
-def _drift(scene: Scene, drag, name: str, particles: Any, r: Array, omega: Array, headwind: Array):
+def _drift(
+    scene: Scene, drag: Any, name: str, particles: Any, r: Array, omega: Array, headwind: Array
+) -> tuple[Array, Array]:
     """Radial and azimuthal velocity (n,) relative to Keplerian of one species, with the populations that there are."""
     density = profile.surface_density(scene, r)
     sound = profile.sound_speed(scene, r, density)
@@ -167,7 +171,7 @@ def _drift(scene: Scene, drag, name: str, particles: Any, r: Array, omega: Array
     return found.dust_radial[own], found.dust_azimuthal[own]
 
 
-def _mean_gravity(state: State, effects: dict):
+def _mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
     """Inward acceleration by the star and self-gravity, averaged in azimuth, as a function of radius.
 
     Taken at the limiting particles: one-way dust must not change the gas.

@@ -117,7 +117,7 @@ def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
     return whole
 
 
-def settle(state: State, effects: dict) -> None:
+def settle(state: State, effects: dict[str, Any]) -> None:
     """Move the gas to where its forces cancel, by Newton's method on its places."""
     scene: Any = state.scene
     gas: Any = state.gas

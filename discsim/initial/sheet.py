@@ -1,14 +1,20 @@
 """A periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)): sound against self-gravity."""
 
-from typing import Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
-from discsim.initial.base import Start
+from discsim.initial.base import Arrays, Places, Start
 from discsim.initial.lattice import everywhere, stretch, uniform
 from discsim.initial.measure import ErrorMeasure
 from discsim.scene.fields import Count, Number, SurfaceDensity, Table
+
+if TYPE_CHECKING:
+    from discsim.run.simulation import Simulation
+    from discsim.scene import Scene
 
 
 class Sheet(Table):
@@ -20,7 +26,7 @@ class Sheet(Table):
     wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
 
 
-def particles(scene):
+def particles(scene: Scene) -> dict[str, Arrays]:
     start = scene.initial
     size = np.array(scene.space.size)
     wavevector = np.zeros(len(size))
@@ -32,18 +38,18 @@ def particles(scene):
     return out
 
 
-def places(scene):
+def places(scene: Scene) -> Places:
     return everywhere(scene.initial.surface_density)
 
 
-def measure(scene):
+def measure(scene: Scene) -> ErrorMeasure | None:
     if scene.dust or not scene.gas or scene.gas.eos.kind != "isothermal":
         return None
     if scene.self_gravity and scene.self_gravity.kernel != "plummer":
         return None
     from discsim.exact import sheet  # imports scipy
 
-    def errors(sim):
+    def errors(sim: Simulation) -> dict[str, float]:
         start, gravity = scene.initial, scene.self_gravity
         k = 2.0 * np.pi * start.wavenumber / scene.space.size[0]
         pull = (start.surface_density, scene.gas.eos.sound_speed) + ((gravity.softening,) if gravity else (0.0, 0.0))

@@ -4,17 +4,23 @@ Particles of equal mass, so their spacing follows the density; dust has the gas'
 (DustyShock; Laibe & Price 2012).
 """
 
-from typing import Annotated, Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from discsim.initial import joined, populations
-from discsim.initial.base import Places, Start
+from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
 from discsim.scene.fields import Measure, Table, Velocity, Words
+
+if TYPE_CHECKING:
+    from discsim.run.simulation import Simulation
+    from discsim.scene import Scene
 
 smoothing = Lazy("discsim.kernels.smoothing")  # slow to import
 MARGIN = 2.0  # of the support radius: live particles must not see where the immobile ones end
@@ -36,21 +42,21 @@ class Shock(Table):
     right: State = Field((0.125, 0.1, 0.0), description="gas [density, pressure, velocity] at x > 0")
 
 
-def _side(density, mass, half, sign, margin, offset):
+def _side(density: float, mass: float, half: float, sign: float, margin: float, offset: float) -> Array:
     """Places of one side's particles, from the jump outwards and on into the margin."""
     step = mass / density
     count = int(np.ceil((half + margin) / step))
     return np.sort(sign * (np.arange(count) + 0.5 + sign * offset) * step)
 
 
-def particles(scene):
+def particles(scene: Scene) -> dict[str, Arrays]:
     start, half = scene.initial, 0.5 * scene.space.size[0]
     states = {-1.0: start.left, 1.0: start.right}
     total = half * sum(state[0] for state in states.values())
     eta, fixed = scene.gas.eta, scene.gas.smoothing_length
     support = smoothing.SUPPORT[smoothing.KERNELS[scene.gas.kernel]]
 
-    def tube(count, ratio, offset):
+    def tube(count: int, ratio: float, offset: float) -> Arrays:
         mass = total / count
         parts = []
         for sign, (density, pressure, velocity) in states.items():
@@ -71,7 +77,7 @@ def particles(scene):
     return out
 
 
-def cells(scene, x, dx):
+def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
     """Means of the cells: the one that the jump is in has its share of both sides."""
     left, right = scene.initial.left, scene.initial.right
     share = np.clip(0.5 - x / dx, 0.0, 1.0)
@@ -83,28 +89,28 @@ def cells(scene, x, dx):
     return density, {"gas": vel, "dust": vel}, u
 
 
-def places(scene):
+def places(scene: Scene) -> Places:
     left, right = scene.initial.left, scene.initial.right
     return Places(["left", "right"], np.array([left[0], right[0]]), pressure=np.array([left[1], right[1]]))
 
 
-def mass(scene, population):
+def mass(scene: Scene, population: Any) -> float:
     return (scene.initial.left[0] + scene.initial.right[0]) * scene.space.size[0] / 2
 
 
-def spread(scene):
+def spread(scene: Scene) -> tuple[Places, Array]:
     found = places(scene)
     return found, found.density
 
 
-def measure(scene):
+def measure(scene: Scene) -> ErrorMeasure | None:
     if scene.gas is None or not eos_of(scene).holds_heat or len(scene.dust or ()) > 1:
         return None
     if scene.dust and (scene.drag is None or scene.drag.direction == "one-way"):
         return None
     from discsim.exact import dustyshock  # imports scipy
 
-    def exact(sim, kind):
+    def exact(sim: Simulation, kind: str) -> tuple[Array, Array | float]:
         start = scene.initial
         ratio = scene.dust[0].ratio if scene.dust else 0.0
         x = sim.state.species[kind].pos[:, 0]
@@ -115,7 +121,7 @@ def measure(scene):
     return ErrorMeasure(f"particle velocities against the exact shock tube{limit}", velocity_errors(exact))
 
 
-def curves(scene, time, x):
+def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
     start = scene.initial
     if not eos_of(scene).holds_heat or time == 0.0 or scene.drag is not None or scene.dust:
         return {}

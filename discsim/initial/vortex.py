@@ -1,15 +1,21 @@
 """Gresho's vortex in the middle of a periodic box (`exact/gresho.py`); dust turns with the gas."""
 
-from typing import Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
 from discsim.exact import gresho
-from discsim.initial.base import Start
+from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.lattice import everywhere, uniform
 from discsim.initial.measure import ErrorMeasure
 from discsim.scene.fields import Density, Length, Table, Velocity, VelocityVector
+
+if TYPE_CHECKING:
+    from discsim.run.simulation import Simulation
+    from discsim.scene import Scene
 
 
 class Vortex(Table):
@@ -22,7 +28,7 @@ class Vortex(Table):
     velocity: VelocityVector = Field(0, validate_default=True, description="uniform boost of everything")
 
 
-def particles(scene):
+def particles(scene: Scene) -> dict[str, Arrays]:
     start = scene.initial
     out = uniform(scene, start.density)
     for arrays in out.values():
@@ -35,22 +41,22 @@ def particles(scene):
     return out
 
 
-def _about_middle(scene, pos):
+def _about_middle(scene: Scene, pos: Array) -> tuple[Array, Array]:
     """Places (n, 2) relative to the middle of the box, and their distances (n,) from it, above 0."""
     away = pos - 0.5 * np.array(scene.space.size)
     return away, np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-300)
 
 
-def places(scene):
+def places(scene: Scene) -> Places:
     start = scene.initial
     return everywhere(start.density, gresho.pressure(np.zeros(1), start.density, start.speed, start.radius))
 
 
-def measure(scene):
+def measure(scene: Scene) -> ErrorMeasure | None:
     if scene.dust:
         return None
 
-    def errors(sim):
+    def errors(sim: Simulation) -> dict[str, float]:
         start, size = scene.initial, np.array(scene.space.size)
         frame = np.array(start.velocity)
         away = (sim.gas.pos - 0.5 * size - frame * sim.time + 0.5 * size) % size - 0.5 * size
@@ -63,7 +69,7 @@ def measure(scene):
     return ErrorMeasure("mean azimuthal velocity within the vortex against the exact one", errors)
 
 
-def curves(scene, time, r):
+def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
     start = scene.initial
     if scene.dust:
         return {}

@@ -3,16 +3,24 @@
 rho = 1 + A sin(k.x), v = u = boost + A sin(k.x) k/|k|, in code units; k = 2 pi wavenumber (direction / size).
 """
 
-from typing import Annotated, Any, Literal
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
-from discsim.initial.base import Start
+from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.lattice import everywhere, stretch, uniform
 from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.parts import LAWS
 from discsim.scene.fields import Count, Measure, Number, Table, VelocityVector, units_of
+
+if TYPE_CHECKING:
+    from discsim.run.simulation import Simulation
+    from discsim.scene import Scene
+    from discsim.scene.rules import Draft, Problem
 
 _ALONG_X = (1, 0)
 
@@ -34,7 +42,7 @@ class Wave(Table):
     )
 
 
-def particles(scene):
+def particles(scene: Scene) -> dict[str, Arrays]:
     start = scene.initial
     size = np.array(scene.space.size)
     wavevector = 2.0 * np.pi * start.wavenumber * np.array(start.direction) / size
@@ -47,7 +55,7 @@ def particles(scene):
     return out
 
 
-def cells(scene, x, dx):
+def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
     start = scene.initial
     waves = start.wavenumber * start.direction[0]
     wave = start.amplitude * np.sin(2.0 * np.pi * waves / scene.space.size[0] * x)
@@ -55,11 +63,11 @@ def cells(scene, x, dx):
     return 1.0 + wave, {"gas": vel, "dust": vel}, None
 
 
-def places(scene):
+def places(scene: Scene) -> Places:
     return everywhere(1.0)
 
 
-def measure(scene):
+def measure(scene: Scene) -> ErrorMeasure | None:
     drag, eos = scene.drag, scene.gas.eos if scene.gas else None
     if eos is None or eos.kind != "isothermal":
         return None
@@ -68,7 +76,7 @@ def measure(scene):
         return None
     from discsim.exact import dustywave  # imports scipy
 
-    def exact(sim, kind):
+    def exact(sim: Simulation, kind: str) -> tuple[Array, Array | float]:
         start = scene.initial
         size = np.array(scene.space.size)
         wavevector = start.wavenumber * np.array(start.direction) / size
@@ -83,7 +91,7 @@ def measure(scene):
     return ErrorMeasure("particle velocities against the exact wave", velocity_errors(exact))
 
 
-def curves(scene, time, x):
+def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
     """Where the drag is that of the exact wave: one population, one rate, both ways."""
     start, drag = scene.initial, scene.drag
     if scene.gas is None or scene.gas.eos.kind != "isothermal" or drag is None:
@@ -99,7 +107,7 @@ def curves(scene, time, x):
     return {"gas": (x, wave.gas_density, wave.gas_velocity), "dust": (x, wave.dust_density, wave.dust_velocity)}
 
 
-def needs_a_direction(draft):
+def needs_a_direction(draft: Draft) -> Iterator[Problem]:
     if not any(draft.initial.direction):
         yield ("initial", "direction"), "all zeros; expected whole waves along one side at least"
 

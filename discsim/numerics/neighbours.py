@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Arra
     return Cells(filled, key, grids, order, start, x, y, radius, bounds, low, width, periodic)
 
 
-def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -> list:
+def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -> list[Any]:
     """Of each cell of `points`, particles of `among` within `extent` times its reach; by the pieces of `share`."""
     given = points.filled, points.bounds, extent, mutual, among
     return share(kernels.list_candidates, len(points.filled), *given, least=LEAST)

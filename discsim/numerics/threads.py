@@ -10,6 +10,7 @@ kernel, without numba's own parallel lowering, also compiles in a fraction of th
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +27,13 @@ if hasattr(os, "register_at_fork"):
 
 def use_threads(number: int | None) -> None:
     """Let loops of this Python thread take `number` threads, at most as many (None: as many) as NUMBA_NUM_THREADS."""
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    most: int = numba.config.NUMBA_NUM_THREADS
     numba.set_num_threads(most if number is None else min(number, most))
 
 
-def share(kernel: Callable, count: int, *arguments, least: int = 4096, each: list | None = None) -> list:
+def share(
+    kernel: Callable[..., Any], count: int, *arguments: Any, least: int = 4096, each: list[Any] | None = None
+) -> list[Any]:
     """Run `kernel(first, last, *arguments)` over [0, count) in pieces of at least `least`; what each returned.
 
     With `each`, what this returned for the same count and `least`, its own part of that is the third argument.
@@ -62,7 +65,7 @@ def copied(array: np.ndarray) -> np.ndarray:
 def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None:
     """out[:] = values in pieces, each the values of a slice of the first axis."""
 
-    def part(first, last):
+    def part(first: int, last: int) -> None:
         out[first:last] = values(slice(first, last))
 
     share(part, len(out))

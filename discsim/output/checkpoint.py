@@ -17,7 +17,7 @@ class CheckpointError(Exception):
     """The file is absent, damaged, or no checkpoint; the message says which."""
 
 
-class _Held(dict):
+class _Held(dict[str, Any]):
     """What a checkpoint holds by name; what it lacks is a CheckpointError."""
 
     def __init__(self, path: str | os.PathLike[str], entries: dict[str, Any]) -> None:

@@ -117,7 +117,7 @@ class Eos:
 
     def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
         """`wave_speed` at the start, of whatever kind; None where the table does not say, as where it has no radius."""
-        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        eos: Any = scene.gas.eos
         if getattr(eos, "sound_speed", None) is not None:
             return np.full_like(density, eos.sound_speed)
         if getattr(eos, "aspect_ratio", None) is not None and scene.star and r is not None:
@@ -185,12 +185,12 @@ class AdiabaticGas(Eos):
     rules = (_one_temperature,)
 
     def thermal_speed(self, scene: Scene, r: Array) -> Array:
-        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        eos: Any = scene.gas.eos
         speed = _speed_of_temperature(scene, r)
         return speed if eos.aspect_ratio is not None else speed / np.sqrt(eos.gamma)
 
     def wave_speed(self, scene: Scene, r: Array, density: Array) -> Array:
-        return self.thermal_speed(scene, r) * np.sqrt(scene.gas.eos.gamma)  # type: ignore[union-attr]
+        return self.thermal_speed(scene, r) * np.sqrt(scene.gas.eos.gamma)
 
     def index(self, eos: Any) -> float | None:
         return eos.gamma
@@ -201,13 +201,13 @@ class AdiabaticGas(Eos):
     def pressure_and_sound_speed(
         self, scene: Scene, pos: Array, density: Array, u: Array | None
     ) -> tuple[Array, Array]:
-        gamma = scene.gas.eos.gamma  # type: ignore[union-attr]
+        gamma = scene.gas.eos.gamma
         pressure = (gamma - 1.0) * density * u
         with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
             return pressure, np.sqrt(gamma * pressure / density)
 
     def initial_energy(self, scene: Scene, r: Array) -> Array | None:
-        return self.thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)  # type: ignore[union-attr]
+        return self.thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)
 
     def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
         return float((mass * u).sum())
@@ -222,7 +222,7 @@ class PolytropicGas(Eos):
         return eos.gamma
 
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
-        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        eos: Any = scene.gas.eos
         return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1.0))
 
     def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
@@ -231,7 +231,7 @@ class PolytropicGas(Eos):
     def pressure_and_sound_speed(
         self, scene: Scene, pos: Array, density: Array, u: Array | None
     ) -> tuple[Array, Array]:
-        eos: Any = scene.gas.eos  # type: ignore[union-attr]
+        eos: Any = scene.gas.eos
         pressure = eos.constant * density**eos.gamma
         return pressure, np.sqrt(eos.gamma * pressure / density)
 
@@ -254,7 +254,7 @@ POLYTROPIC = PolytropicGas()
 
 def eos_of(scene: Scene) -> Eos:
     """The equation of state of a scene's gas."""
-    return EOS[scene.gas.eos.kind]  # type: ignore[union-attr]
+    return EOS[scene.gas.eos.kind]
 
 
 def initial_energy(scene: Scene, r: Array) -> Array | None:
@@ -269,7 +269,7 @@ def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array 
 
 def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:
     """Thermal energy of the gas: of what it holds where it holds any, 0 for (locally) isothermal gas."""
-    return eos_of(scene).thermal_energy(scene.gas.eos, mass, density, u)  # type: ignore[union-attr]
+    return eos_of(scene).thermal_energy(scene.gas.eos, mass, density, u)
 
 
 def radius(pos: Array) -> Array:
@@ -279,10 +279,10 @@ def radius(pos: Array) -> Array:
 
 def _speed_of_temperature(scene: Scene, r: Array) -> Array:
     """The sound speed that the table has at radius `r`: c_s ~ r^(-q/2) by an aspect ratio, or everywhere the same."""
-    eos: Any = scene.gas.eos  # type: ignore[union-attr]
+    eos: Any = scene.gas.eos
     r = np.asarray(r, dtype=float)
     if getattr(eos, "aspect_ratio", None) is None:
         return np.full(r.shape, eos.sound_speed)
     r0 = eos.reference_radius
-    at_r0 = eos.aspect_ratio * np.sqrt(scene.star.mass / r0)  # type: ignore[union-attr]
+    at_r0 = eos.aspect_ratio * np.sqrt(scene.star.mass / r0)
     return at_r0 * (np.maximum(r, 1e-12 * r0) / r0) ** (-0.5 * eos.temperature_index)

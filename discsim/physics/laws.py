@@ -65,7 +65,7 @@ class SceneLaw:
 
 
 def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
-    value, faster = law.value(scene, population), formulas.KWOK * scene.drag.supersonic  # type: ignore[union-attr]
+    value, faster = law.value(scene, population), formulas.KWOK * scene.drag.supersonic
     if not law.by_column:
         return [value, faster, 0.0, 0.0, 0.0]
     thermal = population.grain_size * population.grain_density / value
@@ -93,7 +93,7 @@ def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Arr
 
 def _of_grain(scene: Scene, population: Any) -> float:
     """t_stop c_s rho_g, all of it that is the grain's."""
-    convention = scene.drag.convention  # type: ignore[union-attr]
+    convention = scene.drag.convention
     return epstein_stopping_time(population.grain_size, population.grain_density, 1.0, 1.0, convention)
 
 
@@ -103,7 +103,7 @@ def _of_key(key: str) -> Callable[[Scene, Any], float]:
 
 def _over_density(scene: Scene, population: Any) -> float:
     """Of Epstein's law with grains that have the Stokes number at the reference density."""
-    return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)  # type: ignore[union-attr]
+    return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
 
 
 def _grains(draft: Draft) -> Iterator[Problem]:

@@ -21,7 +21,7 @@ Array = np.ndarray
 SAMPLES = 20_001
 
 
-def shape(start, r: Array) -> Array:
+def shape(start: Any, r: Array) -> Array:
     """Sigma / Sigma_ref at radius `r`, zero beyond the edges."""
     out = (r / start.reference_radius) ** -start.surface_density_index
     out = out * ((r >= start.inner) & (r <= start.outer))
@@ -31,11 +31,11 @@ def shape(start, r: Array) -> Array:
     return out
 
 
-def radii(start) -> Array:
+def radii(start: Any) -> Array:
     return np.linspace(start.inner, start.outer, SAMPLES)
 
 
-def cumulative(start, r: Array) -> Array:
+def cumulative(start: Any, r: Array) -> Array:
     """Integral of 2 pi r Sigma / Sigma_ref up to each of the rising radii `r`, from the first of them."""
     f = 2.0 * np.pi * r * shape(start, r)
     return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(r))])
@@ -51,7 +51,7 @@ def scale(scene: Scene) -> float:
         return start.mass / float(cumulative(start, r)[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         q = wave_speed(scene, r, shape(start, r)) * kepler_omega(scene, r) / (np.pi * shape(start, r))
-    power = eos_of(scene).toomre_power(scene.gas.eos)  # type: ignore[union-attr]
+    power = eos_of(scene).toomre_power(scene.gas.eos)
     return (float(np.nanmin(q)) / start.toomre_q) ** (1.0 / power)
 
 
@@ -88,7 +88,7 @@ def pressure_acceleration(scene: Scene, r: Array) -> Array:
     """
     start: Any = scene.initial
     speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2
-    slope = start.surface_density_index + eos_of(scene).temperature_slope(scene.gas.eos)  # type: ignore[union-attr]
+    slope = start.surface_density_index + eos_of(scene).temperature_slope(scene.gas.eos)
     out = slope * speed2 / r
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:

@@ -23,7 +23,7 @@ from discsim.scene import Scene, load_scene
 COUNT = 64  # particles of a kind
 
 
-def begin(scene: Scene) -> subprocess.Popen | None:
+def begin(scene: Scene) -> subprocess.Popen[bytes] | None:
     """Start the second process, where a kick has slow kernels; None elsewhere, and where none can start."""
     if not any(effect.slow_kernels for effect in effect_classes(scene).values()):
         return None

@@ -13,7 +13,7 @@ from pathlib import Path
 try:
     import fcntl
 except ImportError:  # a system without flock
-    fcntl = None  # type: ignore[assignment]
+    fcntl = None
 
 LEFT_BY_A_RUN = ("scene.toml", "checkpoint.h5", "snapshots")
 # What flock answers where a file system has no locks.

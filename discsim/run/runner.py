@@ -88,7 +88,7 @@ class Compilation(event.Listener):
 
     def __init__(self, scene: Scene, say: Callable[[str], None]) -> None:
         self.scene, self.say, self.told = scene, say, False
-        self.second: subprocess.Popen | None = None
+        self.second: subprocess.Popen[bytes] | None = None
 
     def on_start(self, event: event.Event) -> None:
         if not self.told:

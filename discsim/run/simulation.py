@@ -45,7 +45,7 @@ class Simulation:
     dict(pos (n, d), vel (n, d), mass (n,)[, u, species]), Quantities or in code units. Raises SceneError.
     """
 
-    def __init__(self, scene: Scene | str | Path | dict, particles: dict[str, dict[str, Any]] | None = None):
+    def __init__(self, scene: Scene | str | Path | dict[str, Any], particles: dict[str, dict[str, Any]] | None = None):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
         given = None if particles is None else own.read(scene, particles)

@@ -223,7 +223,7 @@ def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
 
 
 @cache
-def _adapter(name: str) -> TypeAdapter:
+def _adapter(name: str) -> TypeAdapter[Any]:
     return TypeAdapter(TABLES[name])
 
 

@@ -19,7 +19,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 def changed(
     data: dict[str, Any], overrides: Sequence[str], without: Sequence[str], origins: Origins
-) -> tuple[list, list, list[str]]:
+) -> tuple[list[tuple[list[str], Any]], list[list[str]], list[str]]:
     """Apply the command line to `data` in place. Returns values set, tables removed, problems."""
     values: list[tuple[list[str], Any]] = []
     problems: list[str] = []

@@ -53,7 +53,7 @@ def with_value(data: Any, path: Sequence[str], value: Any) -> None:
         data[path[-1]] = value
 
 
-def _index(data: list, name: str, path: Sequence[str]) -> int:
+def _index(data: list[Any], name: str, path: Sequence[str]) -> int:
     if not name.isdecimal() or int(name) >= len(data):
         where = ".".join(path)
         raise KeyError(f'"{where}" is a list; expected a number from 0 to {len(data) - 1} after it, as in {where}.0')
