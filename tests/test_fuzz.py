@@ -24,6 +24,11 @@ def test_some_random_scenes():
     assert found["ran"] >= 6
 
 
+def test_a_scene_whose_collapse_is_beyond_floats():
+    """Its warnings are made without numpy's own."""
+    assert outcome(scene_of(8463)) == "SceneError"  # one message: its numbers make no start
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, 600, 20))
 def test_random_scenes(first):

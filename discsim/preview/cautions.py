@@ -33,9 +33,10 @@ def warnings(scene: Scene) -> list[str]:
     if scene.initial is None:
         return []
     at = local(scene)
-    told = [line for effect in effect_classes(scene).values() for line in effect.warnings(scene, at)]
-    told += [line for kind in (_drag_warnings, _scheme_warnings) for line in kind(scene, at)]
-    return [*told, *_start_warnings(scene, at)]
+    with np.errstate(over="ignore"):  # a length or mass beyond floats is long and heavy enough
+        told = [line for effect in effect_classes(scene).values() for line in effect.warnings(scene, at)]
+        told += [line for kind in (_drag_warnings, _scheme_warnings) for line in kind(scene, at)]
+        return [*told, *_start_warnings(scene, at)]
 
 
 def _start_warnings(scene: Scene, at: Local) -> Iterator[str]:
