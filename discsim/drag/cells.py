@@ -158,23 +158,18 @@ def merge(
     """Block of each leaf, with one entry more, and of each block its first leaf (ix, iy), level and whether want of
     particles enlarged it.
 
-    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h; `wanted` as the kernel has it.
+    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h; `wanted`: `kernels.Wanted`.
     """
     width, height = ((side - 1 >> np.arange(LEVELS + 1)) + 1 for side in shape)
     begin = np.append(0, np.cumsum(width * height))
-    final, enlarged = np.zeros((2, begin[-1]), bool)
+    tree = kernels.Tree(begin, width, height, *np.zeros((2, begin[-1]), bool))
     held = np.zeros(width[-1] * height[-1], np.int64)
-    share(
-        kernels.merge, len(held), gas, dust, h_sum, *wanted, begin, width, height, final, enlarged, held, least=1
-    )  # fmt: skip
+    share(kernels.merge, len(held), gas, dust, h_sum, kernels.Wanted(*wanted), tree, held, least=1)
     start = np.append(0, np.cumsum(held))
     count = start[-1]
     number = np.full(begin[1] + 1, -1, np.int32)
     first_leaf, level, flag = np.empty((count, 2), np.int32), np.empty(count, np.int64), np.empty(count, bool)
-    share(
-        kernels.number_blocks, len(held), start, begin, width, height, final, enlarged, number, first_leaf, level, flag,
-        least=1,
-    )  # fmt: skip
+    share(kernels.number_blocks, len(held), start, tree, number, first_leaf, level, flag, least=1)
     return number, first_leaf, level, flag
 
 

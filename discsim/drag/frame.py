@@ -33,15 +33,16 @@ def frame(drag: Drag, state: State) -> Frame:
         np.concatenate([getattr(p, name)[part] for p, part in zip(state.species.values(), few, strict=True)])
         for name in ("mass", "pos", "vel")
     )
-    log = np.log(np.maximum((pos**2).sum(axis=1), 1e-300))
+    r2 = np.maximum(np.einsum("ij,ij->i", pos, pos), 1e-300)
+    log = np.log(r2)
     low, high = log.min(), log.max()
     if not np.isfinite(low + high):  # the check of what the kick makes of such a place names the particle
         return Frame(mass, softening, 0.0, 0.0, np.ones(1))
     per_ring = RINGS / max(high - low, 1e-9)
     ring = np.minimum(((log - low) * per_ring).astype(np.int64), RINGS - 1)
     # v_phi / v_K = L / (r^2 Omega_K), of equal softening.
-    kepler = np.sqrt(mass) * (np.exp(log) + softening**2) ** -0.75
-    turns = (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) / (np.exp(log) * kepler)
+    d2 = r2 + softening**2
+    turns = (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) / (r2 * np.sqrt(mass / (d2 * np.sqrt(d2))))
     total, moving = np.bincount(ring, weight, RINGS), np.bincount(ring, weight * turns, RINGS)
     there = np.flatnonzero(total > 0.0)
     whole = 1.0 if moving.sum() >= 0.0 else -1.0

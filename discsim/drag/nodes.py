@@ -1,19 +1,21 @@
-"""Drag between nodes of a lattice (`drag/tsc.py`): one kick, from clouds about particles to the nodes and back."""
+"""Drag between nodes of a lattice (`drag/tsc.py`): one kick, from particles to the nodes and back."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discsim.drag.cells import Blocks, lattice, sort_into_blocks, wanted_leaf
 from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.drag.frame import clockwise, frame
-from discsim.kernels import levels, nodes_fit, nodes_relax, nodes_scatter
-from discsim.kernels import nodes as kernels
-from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, mass_in
+from discsim.kernels import levels, nodes_fit, nodes_gather, nodes_heat, nodes_relax, nodes_scatter, nodes_sharpen
+from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
 from discsim.kernels.drag import free_kick
 from discsim.kernels.frame import Frame
+from discsim.kernels.nodes import FIELDS, ONE, WHOLE, Cells, Change, Law, Nodes, Sharp, Slopes, Species
+from discsim.kernels.rows import LANES
 from discsim.numerics.threads import share
 
 if TYPE_CHECKING:
@@ -22,167 +24,129 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NONE = np.empty(0)
-
-
-class Nodes(NamedTuple):
-    """The nodes in reach of blocks: of each block its own `home`, of each node the nodes `about` it and the blocks
-    `near` it (n, 9), and its place `centre` (n, 2); `sums` (n, species, ...) of what is about it.
-    """
-
-    home: Array
-    about: Array
-    near: Array
-    centre: Array
-    sums: Array
-
-
-class Members(NamedTuple):
-    """The particles of the gas or of the dust as kernels take them; `number` of its populations, from the `begin`th
-    species on, and of each particle `packed` (n, FIELDS) and the `norm` of its weights.
-    """
-
-    name: str
-    vel: Array
-    density: Array
-    sound: Array
-    order: Array
-    start: Array
-    number: int
-    begin: int
-    packed: Array
-    norm: Array
-
-
-class Change(NamedTuple):
-    """What the relaxation changes at nodes: `sharp` velocities and `slopes`, the gas's `spin`, the `rate` of each
-    species' drag and the `heat`.
-    """
-
-    sharp: Array
-    slopes: Array
-    spin: Array
-    rate: Array
-    heat: Array
+SUMS = {"given": 9, "own": 3}  # of a cell's particles: for each node about it, and its own
+LEAST = 64  # blocks or nodes in a piece of a loop
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    size = drag.scheme.cells.share * (drag.drag.cell or 0.0)
-    # A node has the dust of nine cells.
-    dust_wanted = NEAR if drag.two_way else IGNORE
     about_star = frame(drag, state)
-    leaves = lattice(drag, state, wanted_leaf(drag, state))
-    blocks = sort_into_blocks(drag, state, leaves, (1, 0), size, dust_wanted, True, clockwise(about_star))
-    both = _members(drag, state, blocks, gas_vel)
-    nodes, cells = _gather(drag, state, blocks, both, about_star)
-    change = _relax_nodes(drag, state, blocks, nodes, cells, dt, len(heat) > 0)
-    _scatter(drag, state, blocks, both, nodes, change, dt)
-    if len(heat) > 0:
-        nodes_scatter.pass_on(nodes.sums, nodes.about, change.heat)
+    blocks = sort_into_blocks(
+        drag, state, lattice(drag, state, wanted_leaf(drag, state)), (1, 0),
+        drag.scheme.cells.share * (drag.drag.cell or 0.0),
+        NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
+        True, clockwise(about_star),
+    )  # fmt: skip
+    law = Law(drag.law.code, drag.law.grains, drag.two_way, dt, drag.exponential)
+    gas, dust = _species(drag, state, blocks, gas_vel)
+    rows = [_kept(drag, f"rows of {name}", p.count, FIELDS) for name, p in state.species.items()]
+    cells, nodes = _places(drag, blocks)
+    for kind, row in zip((gas, dust), rows, strict=True):
+        _gather(kind, cells, nodes, about_star, law.code, row)
+    sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
+    met = [np.empty((len(cells.home), kind.number)) for kind in (gas, dust)]
+    for kind, row, rate in zip((gas, dust), rows, met, strict=True):
+        if kind is gas and not drag.two_way:
+            continue  # it feels nothing, and is kicked elsewhere
         share(
-            nodes_scatter.spread_heat, len(blocks.level), nodes.home, nodes.about, blocks.gas_order, blocks.gas_start,
-            drag.dim == 1, both[0].packed, nodes.sums, change.heat, heat, least=64,
+            nodes_scatter.scatter, len(rate), kind, cells, nodes, sharp, row, dt, drag.exponential, rate,
+            least=LEAST,
         )  # fmt: skip
-    start = blocks.dust_start[:: drag.law.populations]
-    time = drag.stopping_times
+        free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
+    if len(heat) > 0:
+        nodes_heat.pass_on(nodes, sharp.heat)
+        share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, rows[0], heat, least=LEAST)
+    alone = (met[1] == 0.0) | blocks.enlarged[:, None]
     drag.note_uncoupled(
-        state.dust,
-        lambda mass: mass[time == np.inf].sum() + mass_in(mass, blocks.dust_order, start, blocks.enlarged, time),
+        state.dust, lambda mass: float(cells.own[1:, :, WHOLE, ONE].T[alone].sum() + mass[_outside(dust, cells)].sum())
     )
+    drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, rows[1])
 
 
-def _members(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Members, Members]:
-    gas, dust = state.gas, state.dust
-    sparse = densities_of_sparse_dust(drag, state)
-    packed, grains = (np.zeros((p.count, kernels.FIELDS)) for p in (gas, dust))
+def _kept(drag: Drag, name: str, *shape: int) -> Array:
+    """An array that is kept from kick to kick, as it was left: fresh memory costs as much as what is done with it."""
+    size, buffer = math.prod(shape), drag.buffers.get(name, NONE)
+    if len(buffer) < size:
+        buffer = drag.buffers[name] = np.empty(size + size // 16)
+    return buffer[:size].reshape(shape)
+
+
+def _species(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
+    gas, dust, own = state.gas, state.dust, state.own_acc
     return (
-        Members(
-            "gas", gas_vel, gas.density, gas.sound_speed, blocks.gas_order, blocks.gas_start, 1, 0, packed, NONE
+        Species(
+            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, gas.sound_speed,
+            blocks.gas_order, blocks.gas_start, 1, 0,
         ),
-        Members(
-            "dust", dust.vel, sparse, NONE, blocks.dust_order, blocks.dust_start, drag.law.populations, 1, grains,
-            np.empty(dust.count),
+        Species(
+            dust.pos, dust.vel, dust.acc, own["dust"], dust.mass, densities_of_sparse_dust(drag, state), NONE,
+            blocks.dust_order, blocks.dust_start, drag.law.populations, 1,
         ),
     )  # fmt: skip
 
 
-def _gather(
-    drag: Drag, state: State, blocks: Blocks, both: tuple[Members, Members], about_star: Frame
-) -> tuple[Nodes, Array]:
-    """The nodes with the sums of what is about them, and those of each cell alone."""
-    flat, count, species = drag.dim == 1, len(blocks.level), drag.law.populations + 1
-    node, at, first, width, height, wrap = levels.place_blocks(
-        blocks.level, blocks.first_leaf, *blocks.lattice.shape, blocks.lattice.periodic, LEVELS + 1
+def _outside(kind: Species, cells: Cells) -> Array:
+    """Numbers of the particles outside the lattice."""
+    return kind.order[kind.start[len(cells.home) * kind.number] :]
+
+
+def _places(drag: Drag, blocks: Blocks) -> tuple[Cells, Nodes]:
+    """Cells and nodes, with room for what they will hold."""
+    grid, flat, species = blocks.lattice, drag.dim == 1, drag.law.populations + 1
+    lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
+    home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
+    given, own = (_kept(drag, f"{name} of cells", species, len(home), rows, FIELDS) for name, rows in SUMS.items())
+    period = drag.size if grid.periodic else np.full(2, np.inf)
+    square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
+    return (
+        Cells(blocks.corners, blocks.sides, home, given, own, period),
+        Nodes(
+            about,
+            near,
+            levels.node_centres(place, grid.origin, grid.side),
+            np.empty((len(near), species, FIELDS)),
+            square,
+        ),
     )
-    home, dense, about, near = levels.list_nodes(node, blocks.level, first, width, height, wrap, flat, at)
-    total = len(near)
-    cells, clouds = np.zeros((count, species, kernels.MOMENTS)), np.zeros((count, species, 9, kernels.SQUARE + 1))
-    sums = np.zeros((total, species, kernels.SQUARE + 1))
-    for name, vel, density, sound, order, start, number, begin, packed, norm in both:
-        p, own = state.species[name], state.own_acc[name]
-        share(
-            kernels.pack, count, order, start, number, p.pos, vel, own, p.mass, density, sound,
-            drag.law.code, blocks.corners, blocks.sides, drag.size, blocks.lattice.periodic, about_star, packed,
-            least=64,
-        )  # fmt: skip
-        share(
-            kernels.deposit, count, home, about, start, number, begin, flat, len(own) > 0, packed, sums,
-            norm, cells, clouds, least=64,
-        )  # fmt: skip
-        share(kernels.collect, total, near, begin, begin + number, clouds, sums, least=64)
-    centre = levels.node_centres(dense, first, height, blocks.lattice.origin, blocks.lattice.side)
-    return Nodes(home, about, near, centre, sums), cells
 
 
-def _mean_sound(state: State, blocks: Blocks, nodes: Nodes, cells: Array) -> Array:
+def _gather(kind: Species, cells: Cells, nodes: Nodes, about_star: Frame, law: int, row: Array) -> None:
+    square = np.empty((len(cells.home) if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
+    share(nodes_gather.gather, len(cells.home), kind, cells, nodes, about_star, law, row, square, least=LEAST)
+    share(nodes_gather.collect, len(nodes.near), kind, cells, nodes, square, least=LEAST)
+
+
+def _mean_sound(state: State, blocks: Blocks, cells: Cells, nodes: Nodes) -> Array:
     """Sound speed (n,) of the gas about each node."""
-    count, sound = len(blocks.level), np.zeros(len(nodes.near))
+    count, sound = len(blocks.level), np.empty(len(nodes.near))
     number = np.diff(blocks.gas_start[: count + 1])
     of_block = np.repeat(np.arange(count), number)
     speeds = np.bincount(of_block, state.gas.sound_speed[blocks.gas_order[: len(of_block)]], count)
-    share(nodes_relax.mean_sound, len(sound), nodes.near, cells, speeds / np.maximum(number, 1), sound, least=64)
+    means = speeds / np.maximum(number, 1)
+    share(nodes_relax.mean_sound, len(sound), nodes, cells.own, means, sound, least=LEAST)
     return sound
 
 
 def _relax_nodes(
-    drag: Drag, state: State, blocks: Blocks, nodes: Nodes, cells: Array, dt: float, heating: bool
-) -> Change:
-    dim, total, sums, about = drag.dim, len(nodes.near), nodes.sums, nodes.about
-    species = drag.law.populations + 1
-    slopes = np.zeros((total, dim, dim))
-    change, drive, rate = np.zeros((total, species, dim)), np.zeros((total, species, dim)), np.zeros((total, species))
-    source_slopes, known = np.zeros((total, species, dim, dim)), np.zeros((total, species), np.bool_)
-    pooled = species if drag.two_way else 1
-    share(nodes_fit.fit_slopes, total, nodes.near, cells, sums, pooled, slopes, source_slopes, known, least=64)
-    sound = _mean_sound(state, blocks, nodes, cells) if drag.law.nonlinear else None
+    drag: Drag, state: State, blocks: Blocks, cells: Cells, nodes: Nodes, law: Law, about_star: Frame, heating: bool
+) -> Sharp:
+    total, species = nodes.sums.shape[:2]
+    sourced = np.array([len(state.own_acc["gas"]) > 0] + [len(state.own_acc["dust"]) > 0] * (species - 1))
+    slopes = Slopes(np.empty((total, 4)), np.empty((total, species, 4)), np.zeros((total, species), bool))
+    share(nodes_fit.fit, total, cells, nodes, drag.dim, drag.two_way, sourced, slopes, least=LEAST)
+    sound = _mean_sound(state, blocks, cells, nodes) if drag.law.nonlinear else None
+    change = Change(*np.empty((2, total, species, 2)), *np.empty((2, total, species)))
     share(
-        nodes_relax.relax_nodes, total, about, sums, nodes.centre, slopes, source_slopes, known, sound, drag.law.code,
-        drag.law.grains, drag.two_way, dt, drag.exponential, drag.law.several, *drag.star, change, drive, rate,
-        least=64,
+        nodes_relax.relax, total, nodes, slopes, sourced, sound, law, about_star, drag.law.several, change, least=LEAST
+    )
+    sharp = Sharp(
+        np.empty((total, species, LANES)), np.empty((total, 4)), np.empty(total if heating else 0),
+        np.empty((total if heating and len(nodes.square) > 0 else 0, 2, LANES)),
     )  # fmt: skip
-    sharp = np.empty_like(change)
-    share(nodes_relax.sharpen, total, about, sums, drag.two_way, change, sharp, least=64)
-    share(nodes_relax.sharpen_drive, total, about, sums, drag.two_way, drive, sharp, least=64)
-    spin = np.zeros(total if dim == 2 and drag.two_way else 0)
-    share(nodes_relax.turn, len(spin), sums, sharp, spin, least=64)
-    sharp_slopes = np.empty_like(slopes)
-    share(nodes_relax.sharpen_slopes, total, about, sums, slopes, sharp_slopes, least=64)
-    heat = np.zeros(total if heating else 0)
-    share(nodes_scatter.node_heat, len(heat), sums, sharp, dt, heat, least=64)
-    return Change(sharp, sharp_slopes, spin, rate, heat)
+    share(nodes_sharpen.sharpen, total, nodes, slopes.pooled, change, drag.two_way, law.dt, sharp, least=LEAST)
+    return sharp
 
 
-def _scatter(
-    drag: Drag, state: State, blocks: Blocks, both: tuple[Members, Members], nodes: Nodes, change: Change, dt: float
-) -> None:
-    count = len(blocks.level)
-    drag.stopping_times = np.full(state.dust.count, np.inf)
-    times: dict[str, Any] = {"gas": NONE, "dust": drag.stopping_times}
-    for name, vel, _, _, order, start, number, begin, packed, norm in both:
-        acc = state.species[name].acc
-        share(
-            nodes_scatter.apply_nodes, count, nodes.home, nodes.about, order, start, begin, number, packed,
-            len(state.own_acc[name]) > 0, norm, nodes.sums, change.slopes, change.sharp,
-            change.spin if begin == 0 else NONE, change.rate, dt, drag.exponential, vel, acc, times[name],
-            change.heat, least=64,
-        )  # fmt: skip
-        free_kick(order[start[count * number] :], vel, acc, dt)  # outside the lattice
+def _stopping_times(dust: Species, cells: Cells, nodes: Nodes, sharp: Sharp, row: Array) -> Array:
+    time = np.full(len(dust.mass), np.inf)
+    share(nodes_scatter.stopping_times, len(cells.home), dust, cells, nodes, sharp.value, row, time, least=LEAST)
+    return time

@@ -144,6 +144,7 @@ class Effect(base.Effect):
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
+        self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
         self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
 
     @classmethod

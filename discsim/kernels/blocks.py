@@ -13,14 +13,17 @@ If any of its children waits, all particles of a parent make one block; where th
 its limit, the children stay as they are, and dust without gas stays uncoupled (and is reported).
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import inner, lean
+
 ONE, TWO = np.uint64(1), np.uint64(2)
 NOUGHT: Any = np.int64(0)  # a literal 0 given to a function would make a version of it
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
+MOST = 1 << LEVELS
 DONE, LONELY, SMALL, FEW, LACKING = range(5)
 IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 
@@ -86,91 +89,144 @@ def times_of_members(times, order, start):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _status(gas, dust, h_sum, side, size, length, least_gas, least_dust, dust_wanted):
+class Wanted(NamedTuple):
+    """What blocks are made for: the side of a `leaf`, and the `size` wanted in mean h of a block's gas or, unless 0, as
+    a `length`; particles of each species at least; `soft` and `hard` limits in wanted sides; where dust is wanted.
+    """
+
+    leaf: float
+    size: float
+    length: float
+    gas: int
+    dust: int
+    soft: float
+    hard: float
+    dust_in: int
+
+
+class Tree(NamedTuple):
+    """The blocks of all levels, those of a level, `width` by `height`, from its `begin` on: whether one is `final`,
+    unless it lies in a larger one, and whether want of particles `enlarged` it. Both come as False.
+    """
+
+    begin: np.ndarray
+    width: np.ndarray
+    height: np.ndarray
+    final: np.ndarray
+    enlarged: np.ndarray
+
+
+class Held(NamedTuple):
+    """Of the blocks of one level within a largest one, in place of the level below: particles, the sum of the gas's h,
+    what they wait for, and how many blocks they are made of.
+    """
+
+    gas: np.ndarray
+    dust: np.ndarray
+    h_sum: np.ndarray
+    status: np.ndarray
+    blocks: np.ndarray
+
+
+@inner
+def _wanted_side(gas, h_sum, wanted):
+    return wanted.size * h_sum / gas if wanted.length == 0.0 else wanted.length
+
+
+@inner
+def _status(gas, dust, h_sum, side, wanted):
     """What a block still waits for."""
     if gas + dust == 0:
         return DONE
     if gas == 0:
         return LACKING
-    wanted = size * h_sum / gas if length == 0.0 else length
-    if side < wanted * (1.0 - 1e-9):
+    if side < _wanted_side(gas, h_sum, wanted) * (1.0 - 1e-9):
         return SMALL
     if dust == 0:
-        return LACKING if dust_wanted == INSIDE else LONELY if dust_wanted == NEAR else DONE
-    return FEW if gas < least_gas or dust < least_dust else DONE
+        return LACKING if wanted.dust_in == INSIDE else LONELY if wanted.dust_in == NEAR else DONE
+    return FEW if gas < wanted.gas or dust < wanted.dust else DONE
+
+
+@inner
+def _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
+    """Leaves as blocks; whether there is anybody."""
+    anybody = False
+    for ix in range(tx, min(tx + MOST, tree.width[0])):
+        for iy in range(ty, min(ty + MOST, tree.height[0])):
+            b, x, y = ix * tree.height[0] + iy, ix - tx, iy - ty
+            held.gas[x, y], held.dust[x, y], held.h_sum[x, y] = gas[b], dust[b], 0.0
+            held.status[x, y], held.blocks[x, y] = DONE, 0
+            if gas[b] + dust[b] > 0:
+                anybody = True
+                held.h_sum[x, y], held.blocks[x, y] = h_sum[b], 1
+                held.status[x, y] = _status(gas[b], dust[b], h_sum[b], wanted.leaf, wanted)
+                tree.final[b] = held.status[x, y] == DONE
+    return anybody
+
+
+@inner
+def _take_children(level, bx, by, tx, ty, wanted, tree, held):
+    """Make one block of four, two or one, if any of them waits and it would not be too large."""
+    height = tree.height[level - 1]
+    along_x = 2 if 2 * bx + 1 < tree.width[level - 1] else 1
+    along_y = 2 if 2 * by + 1 < height else 1
+    x, y = bx - (tx >> level), by - (ty >> level)
+    gas, dust, h_sum, worst, blocks = NOUGHT, NOUGHT, 0.0, DONE, NOUGHT
+    for cx in range(2 * x, 2 * x + along_x):
+        for cy in range(2 * y, 2 * y + along_y):
+            gas += held.gas[cx, cy]
+            dust += held.dust[cx, cy]
+            h_sum += held.h_sum[cx, cy]
+            worst = max(worst, held.status[cx, cy])
+            blocks += held.blocks[cx, cy]
+    if gas + dust > 0:
+        b, below = tree.begin[level] + bx * tree.height[level] + by, tree.begin[level - 1] + 2 * (bx * height + by)
+        side, waits, too_large = wanted.leaf * 2.0**level, worst != DONE, False
+        if waits and gas > 0 and worst != SMALL:
+            limit = (wanted.soft if worst == FEW else wanted.hard) * _wanted_side(gas, h_sum, wanted)
+            too_large = side > limit or (worst == LONELY and dust > 0)
+        for cx in range(along_x):
+            for cy in range(along_y):
+                tree.enlarged[b] |= tree.enlarged[below + cx * height + cy]
+                if too_large:
+                    tree.final[below + cx * height + cy] |= held.status[2 * x + cx, 2 * y + cy] != DONE
+        worst_now = DONE
+        if waits and not too_large:
+            tree.enlarged[b] |= worst != SMALL
+            worst_now, blocks = _status(gas, dust, h_sum, side, wanted), 1
+            tree.final[b] = worst_now == DONE or level == LEVELS
+        worst = worst_now
+    held.gas[x, y], held.dust[x, y], held.h_sum[x, y] = gas, dust, h_sum
+    held.status[x, y], held.blocks[x, y] = worst, blocks
+
+
+@inner
+def _merge_one(top, gas, dust, h_sum, wanted, tree, held):
+    """Blocks within a largest one, and how many they are."""
+    tx, ty = top // tree.height[LEVELS] << LEVELS, top % tree.height[LEVELS] << LEVELS
+    if not _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
+        return 0
+    for level in range(1, LEVELS + 1):
+        for bx in range(tx >> level, min(tx + MOST >> level, tree.width[level])):
+            for by in range(ty >> level, min(ty + MOST >> level, tree.height[level])):
+                _take_children(level, bx, by, tx, ty, wanted, tree, held)
+    return held.blocks[0, 0]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def merge(
-    first, last, gas, dust, h_sum, leaf, size, length, least_gas, least_dust, soft, hard, dust_wanted,
-    begin, width, height, final, enlarged, count,
-):  # fmt: skip
+def merge(first, last, gas, dust, h_sum, wanted, tree, count):
     """Blocks within the largest possible ones, and how many there are in each of these: count (largest,).
 
-    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h. The blocks of a level, width by
-    height, start at begin[level] of `final` and `enlarged`: whether it is one, unless it lies in a larger one, and
-    whether want of particles enlarged it. Both come as False.
+    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h.
     """
-    most = 1 << LEVELS
-    # Of the blocks of one level within a largest one, in place of what was there of the level below.
-    g, d, s = np.empty((most, most), np.int64), np.empty((most, most), np.int64), np.empty((most, most))
-    status = np.empty((most, most), np.int8)
+    numbers = np.empty((3, MOST, MOST), np.int64)
+    held = Held(numbers[0], numbers[1], np.empty((MOST, MOST)), np.empty((MOST, MOST), np.int8), numbers[2])
     for top in range(first, last):
-        tx, ty = top // height[LEVELS] << LEVELS, top % height[LEVELS] << LEVELS
-        held = 0
-        for ix in range(tx, min(tx + most, width[0])):
-            for iy in range(ty, min(ty + most, height[0])):
-                b, x, y = ix * height[0] + iy, ix - tx, iy - ty
-                g[x, y], d[x, y], s[x, y] = gas[b], dust[b], h_sum[b]
-                held += g[x, y] + d[x, y]
-                status[x, y] = _status(
-                    g[x, y], d[x, y], s[x, y], leaf, size, length, least_gas, least_dust, dust_wanted
-                )  # fmt: skip
-                final[b] = g[x, y] + d[x, y] > 0 and status[x, y] == DONE
-        if held == 0:
-            continue
-        for level in range(1, LEVELS + 1):
-            side = leaf * 2.0**level
-            for bx in range(tx >> level, min(tx + most >> level, width[level])):
-                for by in range(ty >> level, min(ty + most >> level, height[level])):
-                    b, x, y = begin[level] + bx * height[level] + by, bx - (tx >> level), by - (ty >> level)
-                    below = begin[level - 1] + 2 * (bx * height[level - 1] + by)
-                    along_x = 2 if 2 * bx + 1 < width[level - 1] else 1
-                    along_y = 2 if 2 * by + 1 < height[level - 1] else 1
-                    gas_held, dust_held, h_held, worst = NOUGHT, NOUGHT, 0.0, DONE
-                    for cx in range(along_x):
-                        for cy in range(along_y):
-                            gas_held += g[2 * x + cx, 2 * y + cy]
-                            dust_held += d[2 * x + cx, 2 * y + cy]
-                            h_held += s[2 * x + cx, 2 * y + cy]
-                            worst = max(worst, status[2 * x + cx, 2 * y + cy])
-                            enlarged[b] |= enlarged[below + cx * height[level - 1] + cy]
-                    waits, too_large = worst != DONE, False
-                    if waits and gas_held > 0 and worst != SMALL:
-                        wanted = size * h_held / gas_held if length == 0.0 else length
-                        limit = (soft if worst == FEW else hard) * wanted
-                        too_large = side > limit or (worst == LONELY and dust_held > 0)
-                    if too_large:
-                        for cx in range(along_x):
-                            for cy in range(along_y):
-                                final[below + cx * height[level - 1] + cy] |= status[2 * x + cx, 2 * y + cy] != DONE
-                    g[x, y], d[x, y], s[x, y], status[x, y] = gas_held, dust_held, h_held, DONE
-                    if waits and not too_large:
-                        enlarged[b] |= worst != SMALL
-                        status[x, y] = _status(
-                            gas_held, dust_held, h_held, side, size, length, least_gas, least_dust, dust_wanted
-                        )  # fmt: skip
-                        final[b] = gas_held + dust_held > 0 and (status[x, y] == DONE or level == LEVELS)
-        z = NOUGHT
-        while z < 1 << 2 * LEVELS:
-            _, _, level, found = _block_at(z, tx, ty, begin, width, height, final)
-            count[top] += found
-            z += 1 << 2 * level
+        count[top] = _merge_one(top, gas, dust, h_sum, wanted, tree, held)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _block_at(z, tx, ty, begin, width, height, final):
+@inner
+def _block_at(z, tx, ty, tree):
     """First leaf and level of the largest block that starts at place z of the Z-curve in the largest possible one that
     starts at leaf (tx, ty), and whether there is one; else as far as there is none for certain.
     """
@@ -180,28 +236,29 @@ def _block_at(z, tx, ty, begin, width, height, final):
         iy += (z >> 2 * k & 1) << k
     while z & (1 << 2 * level) - 1 != 0:
         level -= 1
-    if ix >= width[0] or iy >= height[0]:
+    if ix >= tree.width[0] or iy >= tree.height[0]:
         return ix, iy, level, False
-    while level > 0 and not final[begin[level] + (ix >> level) * height[level] + (iy >> level)]:
+    while level > 0 and not tree.final[tree.begin[level] + (ix >> level) * tree.height[level] + (iy >> level)]:
         level -= 1
-    return ix, iy, level, final[begin[level] + (ix >> level) * height[level] + (iy >> level)]
+    found = tree.final[tree.begin[level] + (ix >> level) * tree.height[level] + (iy >> level)]
+    return ix, iy, level, found
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def number_blocks(first, last, start, begin, width, height, final, enlarged, number, corner, level_of, flag):
+@lean
+def number_blocks(first, last, start, tree, number, corner, level_of, flag):
     """Number the blocks of each largest possible one, from `start` on, along a Z-curve: those in one place follow each
     other at whatever level. Writes the number of each leaf, and first leaf, level and `enlarged` of each block.
     """
     for top in range(first, last):
-        tx, ty = top // height[LEVELS] << LEVELS, top % height[LEVELS] << LEVELS
+        tx, ty = top // tree.height[LEVELS] << LEVELS, top % tree.height[LEVELS] << LEVELS
         z, n = NOUGHT, start[top]
         while n < start[top + 1]:
-            ix, iy, level, found = _block_at(z, tx, ty, begin, width, height, final)
+            ix, iy, level, found = _block_at(z, tx, ty, tree)
             if found:
-                for jx in range(ix, min(ix + (1 << level), width[0])):
-                    for jy in range(iy, min(iy + (1 << level), height[0])):
-                        number[jx * height[0] + jy] = n
+                for jx in range(ix, min(ix + (1 << level), tree.width[0])):
+                    for jy in range(iy, min(iy + (1 << level), tree.height[0])):
+                        number[jx * tree.height[0] + jy] = n
                 corner[n, 0], corner[n, 1], level_of[n] = ix, iy, level
-                flag[n] = enlarged[begin[level] + (ix >> level) * height[level] + (iy >> level)]
+                flag[n] = tree.enlarged[tree.begin[level] + (ix >> level) * tree.height[level] + (iy >> level)]
                 n += 1
             z += 1 << 2 * level

@@ -47,7 +47,7 @@ from discsim.kernels.lines import (
     means,
     moments_of_source,
     second_moments,
-    solve,
+    solve_in,
 )
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
@@ -104,9 +104,7 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
             across += g * (o[0, SLOPE_SOURCE + 2 + c] - o[one, SLOPE_SOURCE + 2 + c])
             o[s, SLOPE_CHANGE + c] = ixx * along + ixy * across
             o[s, SLOPE_CHANGE + 2 + c] = ixy * along + iyy * across
-        if not solve(xx, xy, yy, o, s, SLOPE_CHANGE, dim, SLOPE_CHANGE, sign):
-            for c in range(4):
-                o[s, SLOPE_CHANGE + c] = 0.0
+        solve_in(o, s, xx, xy, yy, SLOPE_CHANGE, SLOPE_CHANGE, dim, sign)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -4,35 +4,35 @@ Blocks (`kernels/blocks.py`) of one level are cells of one regular lattice; a no
 has a border of nodes all round, and joins itself where space is periodic and whole cells fill the period.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import inner
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def place_blocks(level, leaf, nx, ny, periodic, levels):
-    """Nodes of the blocks: (node of a block (blocks,), block of a node or -1, strides, whether levels wrap).
 
-    Each level has a lattice of its own with a border of nodes all round; `first` is where it starts. `leaf`
-    (blocks, 2) is a block's first leaf.
+class Levels(NamedTuple):
+    """The lattice of each level, with a border of nodes all round: its cells along x and y, whether it joins itself
+    along each (levels, 2), and where its nodes begin among all.
     """
-    width, height = np.empty(levels, np.int64), np.empty(levels, np.int64)
-    wrap = np.zeros((levels, 2), np.bool_)
-    first = np.zeros(levels + 1, np.int64)
-    for n in range(levels):
-        width[n], height[n] = (nx - 1 >> n) + 1, (ny - 1 >> n) + 1
-        # A level whose cells do not fill the period is open where it joins itself.
-        wrap[n, 0], wrap[n, 1] = periodic and width[n] << n == nx, periodic and height[n] << n == ny
-        first[n + 1] = first[n] + (width[n] + 2) * (height[n] + 2)
-    at = np.full(first[levels], -1, np.int64)
-    node = np.empty(len(level), np.int64)
-    for block in range(len(level)):
-        n = level[block]
-        node[block] = first[n] + ((leaf[block, 0] >> n) + 1) * (height[n] + 2) + (leaf[block, 1] >> n) + 1
-        at[node[block]] = block
-    return node, at, first, width, height, wrap
+
+    width: np.ndarray
+    height: np.ndarray
+    wrap: np.ndarray
+    first: np.ndarray
 
 
-@njit(inline="always")
+def lattices(nx: int, ny: int, periodic: bool, levels: int) -> Levels:
+    """The levels of a lattice of nx by ny leaves."""
+    sides = 2 ** np.arange(levels)
+    width, height = -(-nx // sides), -(-ny // sides)
+    # A level whose cells do not fill the period is open where it joins itself.
+    wrap = np.column_stack([width * sides == nx, height * sides == ny]) & periodic
+    return Levels(width, height, wrap, np.append(0, np.cumsum((width + 2) * (height + 2))))
+
+
+@inner
 def step_along(index, by, count, wraps):
     """Index (with the border's 1 added) of a neighbour along one axis."""
     index += by
@@ -44,57 +44,68 @@ def step_along(index, by, count, wraps):
     return index
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def neighbours(node, level, first, width, height, wrap, flat, out):
-    """Nodes (9,) about `node`, itself in the middle, -1 beyond the border; `flat` in one dimension."""
-    rows = height[level] + 2
-    ix, iy = (node - first[level]) // rows, (node - first[level]) % rows
-    for i in range(-1, 2):
-        for j in range(-1, 2):
-            jx, jy = step_along(ix, i, width[level], wrap[level, 0]), step_along(iy, j, height[level], wrap[level, 1])
-            inside = 0 <= jx < width[level] + 2 and 0 <= jy < rows and not (flat and j != 0)
-            out[3 * (i + 1) + j + 1] = first[level] + jx * rows + jy if inside else -1
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def list_nodes(node, level, first, width, height, wrap, flat, at):
-    """The nodes in reach of the blocks, numbered: of each block its own, and of each node its number with borders,
-    the nodes about it (n, 9) and the blocks about it (n, 9), -1 where there is none.
+@inner
+def neighbours(ix, iy, level, levels, flat, out):
+    """Nodes (9,) about one at (ix, iy) of a level, itself in the middle, -1 beyond the border, and their places;
+    `flat` in one dimension.
     """
-    index = np.full(len(at), -1, np.int64)
-    dense, levels = np.empty(len(at), np.int64), np.empty(len(at), np.int64)
+    width, rows, begin = levels.width[level], levels.height[level] + 2, levels.first[level]
+    for i in range(3):
+        jx = step_along(ix, i - 1, width, levels.wrap[level, 0])
+        for j in range(3):
+            jy = step_along(iy, j - 1, rows - 2, levels.wrap[level, 1])
+            inside = 0 <= jx < width + 2 and 0 <= jy < rows and not (flat and j != 1)
+            out[3 * i + j, 0] = begin + jx * rows + jy if inside else -1
+            out[3 * i + j, 1], out[3 * i + j, 2] = jx, jy
+
+
+@inner
+def number_nodes(level, leaf, levels, flat, at, index, place, near):
+    """Number the nodes in reach of blocks in the order of these: `place` (n, 3), level and place on its lattice."""
     total = 0
-    about = np.empty(9, np.int64)
-    for block in range(len(node)):
-        neighbours(node[block], level[block], first, width, height, wrap, flat, about)
+    for block in range(len(level)):
+        n = level[block]
+        ix, iy = (leaf[block, 0] >> n) + 1, (leaf[block, 1] >> n) + 1
+        neighbours(ix, iy, n, levels, flat, near)
+        at[near[4, 0]] = block
         for k in range(9):
-            if about[k] >= 0 and index[about[k]] < 0:
-                index[about[k]] = total
-                dense[total], levels[total] = about[k], level[block]
+            node = near[k, 0]
+            if node >= 0 and index[node] < 0:
+                index[node] = total
+                place[total, 0], place[total, 1], place[total, 2] = n, near[k, 1], near[k, 2]
                 total += 1
-    nodes, blocks = np.empty((total, 9), np.int64), np.empty((total, 9), np.int64)
+    return total
+
+
+@inner
+def link_nodes(total, levels, flat, at, index, place, near, about, blocks):
     for n in range(total):
-        neighbours(dense[n], levels[n], first, width, height, wrap, flat, about)
+        neighbours(place[n, 1], place[n, 2], place[n, 0], levels, flat, near)
         for k in range(9):
-            nodes[n, k] = index[about[k]] if about[k] >= 0 else -1
-            blocks[n, k] = at[about[k]] if about[k] >= 0 else -1
-    home = np.empty(len(node), np.int64)
-    for block in range(len(node)):
-        home[block] = index[node[block]]
-    return home, dense[:total], nodes, blocks
+            node = near[k, 0]
+            about[n, k] = index[node] if node >= 0 else -1
+            blocks[n, k] = at[node] if node >= 0 else -1
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def node_centres(dense, first, height, origin, leaf):
-    """Places (n, 2) of the nodes, whose numbers with borders are `dense`."""
-    out = np.empty((len(dense), 2))
-    level = 0
-    for n in range(len(dense)):
-        while dense[n] < first[level]:
-            level -= 1
-        while dense[n] >= first[level + 1]:
-            level += 1
-        rows, side = height[level] + 2, leaf * 2.0**level
-        ix, iy = (dense[n] - first[level]) // rows, (dense[n] - first[level]) % rows
-        out[n, 0], out[n, 1] = origin[0] + (ix - 0.5) * side, origin[1] + (iy - 0.5) * side
-    return out
+def list_nodes(level, leaf, levels, flat):
+    """The nodes in reach of blocks: of each block its own, and of each node its level and place on its lattice (n, 3),
+    the nodes about it (n, 9) and the blocks about it (n, 9), -1 where there is none. `leaf` (blocks, 2): the first.
+    """
+    most, near = levels.first[-1], np.empty((9, 3), np.int64)
+    at, index = np.full(most, -1, np.int32), np.full(most, -1, np.int32)
+    place = np.empty((min(most, 9 * len(level)), 3), np.int32)
+    total = number_nodes(level, leaf, levels, flat, at, index, place, near)
+    about, blocks = np.empty((total, 9), np.int32), np.empty((total, 9), np.int32)
+    link_nodes(total, levels, flat, at, index, place, near, about, blocks)
+    home = np.empty(len(level), np.int32)
+    for n in range(total):
+        if blocks[n, 4] >= 0:
+            home[blocks[n, 4]] = n
+    return home, place[:total], about, blocks
+
+
+def node_centres(place: np.ndarray, origin: np.ndarray, leaf: float) -> np.ndarray:
+    """Places (n, 2) of the nodes from their level and place on its lattice (n, 3)."""
+    side: np.ndarray = np.ldexp(leaf, place[:, 0])[:, None]
+    return origin + (place[:, 1:] - 0.5) * side

@@ -24,24 +24,6 @@ def clip01(x):
     return min(max(x, 0.0), 1.0)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def solve_slope(inertia, moment, dim, out):
-    """out (d, d) = inertia^-1 moment, or False where the particles lie too nearly on a point or a line."""
-    if dim == 1:
-        if inertia[0, 0] <= 0.0:
-            return False
-        out[0, 0] = moment[0, 0] / inertia[0, 0]
-        return True
-    det = inertia[0, 0] * inertia[1, 1] - inertia[0, 1] * inertia[0, 1]
-    trace = inertia[0, 0] + inertia[1, 1]
-    if det <= 1e-3 * trace * trace:
-        return False
-    for k in range(2):
-        out[0, k] = (inertia[1, 1] * moment[0, k] - inertia[0, 1] * moment[1, k]) / det
-        out[1, k] = (inertia[0, 0] * moment[1, k] - inertia[0, 1] * moment[0, k]) / det
-    return True
-
-
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def mean_square(p, first, last, x0, y0):
     """Mean squared distance from the origin."""
@@ -96,30 +78,38 @@ def moments_of_source(p, first, last, o, s):
     o[s, MOMENT_SOURCE], o[s, MOMENT_SOURCE + 1], o[s, MOMENT_SOURCE + 2], o[s, MOMENT_SOURCE + 3] = xa, xb, ya, yb
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def solve(xx, xy, yy, o, s, f, dim, out, factor):
-    """o[s, out : out + 4] = factor [xx xy; xy yy]^-1 o[s, f : f + 4]; False where the particles of which [xx xy; xy yy]
-    are the second moments lie too nearly on a point or a line.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
+    """Whether particles with second moments xx, xy, yy span a line or a plane, and factor [xx xy; xy yy]^-1 times
+    [xu xv; yu yv], row by row; 0 where they lie too nearly on a point or a line.
     """
     if dim == 1:
-        o[s, out] = factor * o[s, f] / xx
-        return xx > 0.0
+        return (True, factor * xu / xx, 0.0, 0.0, 0.0) if xx > 0.0 else (False, 0.0, 0.0, 0.0, 0.0)
     det, trace = xx * yy - xy * xy, xx + yy
     if det <= 1e-3 * trace * trace:
-        return False
+        return False, 0.0, 0.0, 0.0, 0.0
     factor /= det
-    a, b, c, d = o[s, f], o[s, f + 1], o[s, f + 2], o[s, f + 3]
-    o[s, out], o[s, out + 1] = factor * (yy * a - xy * c), factor * (yy * b - xy * d)
-    o[s, out + 2], o[s, out + 3] = factor * (xx * c - xy * a), factor * (xx * d - xy * b)
-    return True
+    return (
+        True, factor * (yy * xu - xy * yu), factor * (yy * xv - xy * yv),
+        factor * (xx * yu - xy * xu), factor * (xx * yv - xy * xv),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def solve_in(o, s, xx, xy, yy, f, out, dim, factor):
+    """The same of the four numbers from o[s, f] on, into those from o[s, out] on; whether they span a line or a plane."""
+    found, o[s, out], o[s, out + 1], o[s, out + 2], o[s, out + 3] = solve(
+        xx, xy, yy, o[s, f], o[s, f + 1], o[s, f + 2], o[s, f + 3], dim, factor
+    )
+    return found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def fit_line(o, s, dim, fade):
     """Slopes of velocity and source times `fade`; returns it, or 0 and leaves no slope where there is none."""
     xx, xy, yy = o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2]
-    if fade > 0.0 and solve(xx, xy, yy, o, s, MOMENT, dim, SLOPE, fade):
-        solve(xx, xy, yy, o, s, MOMENT_SOURCE, dim, SLOPE_SOURCE, fade)
+    if fade > 0.0 and solve_in(o, s, xx, xy, yy, MOMENT, SLOPE, dim, fade):
+        solve_in(o, s, xx, xy, yy, MOMENT_SOURCE, SLOPE_SOURCE, dim, fade)
         return fade
     for f in range(SLOPE, CHANGE):
         o[s, f] = 0.0

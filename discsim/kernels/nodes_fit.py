@@ -1,111 +1,83 @@
-"""Slopes about a node (`kernels/nodes.py`): of velocities pooled within species, and of each species' sources."""
+"""Fit: slopes about a node (`kernels/nodes.py`), of velocities pooled within species and of each species' sources."""
 
-import numpy as np
-from numba import njit
+from discsim.kernels.inner import inner, lean
+from discsim.kernels.lines import solve
+from discsim.kernels.nodes import BX, FIELDS, LEAST_INERTIA, ONE, VX, XX, XY, YX, YY, X, Y
+from discsim.kernels.rows import LANES, empty_row, lane, load
 
-from discsim.kernels.lines import solve_slope
-from discsim.kernels.nodes import LEAST_INERTIA, MOMENTS, ROUNDING, SOURCES, VELOCITIES
+ROUNDING = 1e-9  # over mass times side^2: inertia of particles at one place, but for rounding
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def pooled_slope(n, blocks, cells, first, last, field, dim, inertia, moment, part, slope):
-    """Slope (d, d) of the moments' `field` about node n, in sides, pooled within each of the species `first` to
-    `last`; nearer cells count more.
+@inner
+def moments_about(n, s, near, own):
+    """Mass and second moments of place (xx, xy, yy) of a species in the nine cells about a node, and those of x and of
+    y with velocity and source, a row each; nearer cells count more.
     """
-    mass = 0.0
-    for a in range(2):
-        for c2 in range(2):
-            inertia[a, c2], moment[a, c2] = 0.0, 0.0
-    for s in range(first, last):
-        for f in range(VELOCITIES + 6):
-            part[f] = 0.0
-        for k in range(9):
-            block = blocks[n, k]
-            if block < 0 or cells[block, s, 0] == 0.0:
-                continue
-            i, j = k // 3 - 1, k % 3 - 1
-            w = (0.5 if i == 0 else 0.25) * (0.5 if j == 0 else 0.25)
-            c = cells[block, s]
-            # About the node, which lies at (-i, -j) from the cell's middle.
-            part[0] += w * c[0]
-            part[1] += w * (c[1] + i * c[0])
-            part[2] += w * (c[2] + j * c[0])
-            part[3] += w * (c[3] + i * (2.0 * c[1] + i * c[0]))
-            part[4] += w * (c[4] + i * c[2] + j * (c[1] + i * c[0]))
-            part[5] += w * (c[5] + j * (2.0 * c[2] + j * c[0]))
-            part[6] += w * c[field]
-            part[7] += w * c[field + 1]
-            part[8] += w * (c[field + 2] + i * c[field])
-            part[9] += w * (c[field + 3] + i * c[field + 1])
-            part[10] += w * (c[field + 4] + j * c[field])
-            part[11] += w * (c[field + 5] + j * c[field + 1])
-        mass += part[0]
-        if part[0] > 0.0:
-            for a in range(dim):
-                for c2 in range(dim):
-                    inertia[a, c2] += part[3 + a + c2] - part[1 + a] * part[1 + c2] / part[0]
-                    moment[a, c2] += part[8 + 2 * a + c2] - part[1 + a] * part[6 + c2] / part[0]
-    for a in range(dim):
-        for c2 in range(dim):
-            slope[a, c2] = 0.0
-    spread = inertia[0, 0] + inertia[1, 1]
-    if spread <= ROUNDING * mass:
-        return False
-    return solve_slope(inertia, moment, dim, slope) and spread > LEAST_INERTIA * mass
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def fit_slopes(node_from, node_to, blocks, cells, nodes, pooled, slopes, source_slopes, known):
-    """Slopes about the nodes: (nodes, d, d) of the velocities, pooled within the first `pooled` species; (nodes,
-    species, d, d) of each species' sources, and whether it has one there.
-    """
-    species, dim = nodes.shape[1], slopes.shape[1]
-    inertia, moment, part = np.zeros((2, 2)), np.zeros((2, 2)), np.empty(MOMENTS)
-    none, velocities, sources = np.int64(0), np.int64(VELOCITIES), np.int64(SOURCES)  # each literal would compile anew
-    for n in range(node_from, node_to):
-        if nodes[n, 0, 0] > 0.0:
-            pooled_slope(n, blocks, cells, none, pooled, velocities, dim, inertia, moment, part, slopes[n])
-        for s in range(species):
-            known[n, s] = pooled_slope(
-                n, blocks, cells, s, s + 1, sources, dim, inertia, moment, part, source_slopes[n, s]
-            )
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def slope_near(n, s, about, slopes, known, out):
-    """The slope (d, d) of a species' sources at a node: its own, or the mean of those about it."""
-    dim = len(out)
-    count = 0
-    for a in range(dim):
-        for c in range(dim):
-            out[a, c] = slopes[n, s, a, c] if known[n, s] else 0.0
-    if known[n, s]:
-        return
+    mass, by_x, by_y, ii, ij, jj = empty_row(), empty_row(), empty_row(), 0.0, 0.0, 0.0
+    shift_x, shift_y, motion, along, across = empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
     for k in range(9):
-        if about[n, k] >= 0 and known[about[n, k], s]:
-            count += 1
-            for a in range(dim):
-                for c in range(dim):
-                    out[a, c] += slopes[about[n, k], s, a, c]
-    if count > 0:
-        for a in range(dim):
-            for c in range(dim):
-                out[a, c] /= count
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def curvature(about, nodes, slopes, dim, out):
-    """Second derivatives (3, d) of the velocity along xx, xy and yy, in sides, from the slopes at the next nodes."""
-    for a in range(3):
-        for c in range(dim):
-            out[a, c] = 0.0
-    for a in range(dim):
-        step = 3 if a == 0 else 1
-        low, high = about[4 - step], about[4 + step]
-        if low < 0 or high < 0 or min(nodes[low, 0, 0], nodes[high, 0, 0]) <= 0.0:
+        block = near[n, k]
+        if block < 0:
             continue
-        for e in range(dim):
-            for c in range(dim):
-                d = 0.5 * (slopes[high, e, c] - slopes[low, e, c])
-                # The mixed derivative is the mean of both.
-                out[a + e, c] += d if a == e else 0.5 * d
+        # About the node, which lies at (-i, -j) from the cell's middle.
+        i, j, at = k // 3 - 1.0, k % 3 - 1.0, (s * own.shape[1] + block) * 3 * FIELDS
+        w = (0.5 if i == 0.0 else 0.25) * (0.5 if j == 0.0 else 0.25)
+        row, moves = w * load(own, at), w * load(own, at + LANES)
+        mass += row
+        by_x += w * load(own, at + FIELDS)
+        by_y += w * load(own, at + 2 * FIELDS)
+        shift_x += i * row
+        shift_y += j * row
+        motion += moves
+        along += w * load(own, at + FIELDS + LANES) + i * moves
+        across += w * load(own, at + 2 * FIELDS + LANES) + j * moves
+        ii += i * i * lane(row, ONE)
+        ij += i * j * lane(row, ONE)
+        jj += j * j * lane(row, ONE)
+    m = lane(mass, ONE)
+    if m <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
+    x, y = (lane(mass, X) + lane(shift_x, ONE)) / m, (lane(mass, Y) + lane(shift_y, ONE)) / m
+    xx = lane(by_x, X) + 2.0 * lane(shift_x, X) + ii - m * x * x
+    xy = lane(by_x, Y) + lane(shift_x, Y) + lane(shift_y, X) + ij - m * x * y
+    yy = lane(by_y, Y) + 2.0 * lane(shift_y, Y) + jj - m * y * y
+    return m, xx, xy, yy, along - x * motion, across - y * motion
+
+
+@inner
+def slope_of(mass, xx, xy, yy, along, across, f, dim):
+    """Whether there is a slope of lanes f and f + 1, and the slope, 0 where there is none."""
+    if xx + yy <= ROUNDING * mass:
+        return False, 0.0, 0.0, 0.0, 0.0
+    return solve(xx, xy, yy, lane(along, f), lane(along, f + 1), lane(across, f), lane(across, f + 1), dim, 1.0)
+
+
+@inner
+def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
+    mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
+    for s in range(nodes.sums.shape[1]):
+        if not (s == 0 or two_way or sourced[s]):
+            continue
+        m, ixx, ixy, iyy, by_x, by_y = moments_about(n, s, nodes.near, cells.own)
+        if s == 0 or two_way:
+            mass, xx, xy, yy = mass + m, xx + ixx, xy + ixy, yy + iyy
+            along += by_x
+            across += by_y
+        if sourced[s]:
+            found, uu, uv, vu, vv = slope_of(m, ixx, ixy, iyy, by_x, by_y, BX - VX, dim)
+            slopes.known[n, s] = found and ixx + iyy > LEAST_INERTIA * m
+            slopes.source[n, s, XX], slopes.source[n, s, XY] = uu, uv
+            slopes.source[n, s, YX], slopes.source[n, s, YY] = vu, vv
+    if nodes.sums[n, 0, ONE] <= 0.0:
+        xx, yy = 0.0, 0.0
+    _, uu, uv, vu, vv = slope_of(mass, xx, xy, yy, along, across, 0, dim)
+    slopes.pooled[n, XX], slopes.pooled[n, XY], slopes.pooled[n, YX], slopes.pooled[n, YY] = uu, uv, vu, vv
+
+
+@lean
+def fit(node_from, node_to, cells, nodes, dim, two_way, sourced, slopes):
+    """Slopes about the nodes: of the velocities, where there is gas (of the gas alone for one-way drag), and of the
+    sources of those species that have any.
+    """
+    for n in range(node_from, node_to):
+        fit_node(n, cells, nodes, dim, two_way, sourced, slopes)

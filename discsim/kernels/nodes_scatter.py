@@ -1,222 +1,205 @@
-"""What a particle gets of the nodes about it, eq. (3) of `kernels/nodes.py`; what is left beside its own line; heat."""
+"""Scatter: what a particle gets of the nodes about it, eq. (3) of `kernels/nodes.py`; what is left beside its own line."""
 
 import numpy as np
 from numba import njit
 
-from discsim.kernels.lines import solve_slope
-from discsim.kernels.nodes import C0, C1, C2, C3, C4, C5, cloud
-from discsim.kernels.nodes_fit import curvature
+from discsim.kernels.inner import inner
+from discsim.kernels.lines import solve
+from discsim.kernels.nodes import BX, BY, DX, DY, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
+from discsim.kernels.nodes_gather import most_in
+from discsim.kernels.nodes_heat import loss, turns_about
+from discsim.kernels.nodes_weights import to_polynomial, value_at
 from discsim.kernels.relax import response
+from discsim.kernels.rows import LANES, empty_row, lane, load, store
+
+V, A = np.int64(0), np.int64(BX)  # each literal given to a function would compile anew
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def node_heat(node_from, node_to, nodes, change, dt, heat):
-    """Energy that eq. (3) takes at each node, to first order in the changes (the rest is the particles')."""
-    for n in range(node_from, node_to):
-        for s in range(change.shape[1]):
-            for c in range(change.shape[2]):
-                heat[n] -= change[n, s, c] * (nodes[n, s, 3 + c] + 0.5 * dt * nodes[n, s, 5 + c])
+@inner
+def values_about(block, s, cells, nodes, value, turns, table):
+    """What the nodes about a cell bring to a species, as polynomials; returns its mean rate."""
+    rate, home = 0.0, cells.home[block]
+    for k in range(9):
+        n, row = nodes.about[home, k], empty_row()
+        if n >= 0:
+            row = load(value, (n * value.shape[1] + s) * LANES)
+            rate += cells.given[s, block, k, ONE] * lane(row, RATE)
+        store(table, k * LANES, row)
+        if turns:  # about the cell's middle, not the node
+            table[k, DX] += (k % 3 - 1) * lane(row, SPIN)
+            table[k, DY] -= (k // 3 - 1) * lane(row, SPIN)
+    return rate / cells.own[s, block, WHOLE, ONE]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def pass_on(nodes, about, heat):
-    """Heat of nodes without gas to those about them, in equal parts to each that has."""
-    for n in range(len(heat)):
-        if heat[n] == 0.0 or nodes[n, 0, 0] > 0.0:
+@inner
+def curvature(home, about, sums, slope, bend):
+    """Half the second derivatives of the velocity along xx, xy (whole) and yy, in sides, from the slopes at the next
+    nodes: bend (2, 3).
+    """
+    for c in range(2):
+        bend[c, 0], bend[c, 1], bend[c, 2] = 0.0, 0.0, 0.0
+    for axis in range(2):
+        step = 3 if axis == 0 else 1
+        low, high = about[home, 4 - step], about[home, 4 + step]
+        if low < 0 or high < 0 or min(sums[low, 0, ONE], sums[high, 0, ONE]) <= 0.0:
             continue
-        takers = 0
-        for k in range(9):
-            takers += 1 if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0 else 0
-        for k in range(9):
-            if about[n, k] >= 0 and nodes[about[n, k], 0, 0] > 0.0:
-                heat[about[n, k]] += heat[n] / takers
+        for c in range(2):
+            along = 0.5 * (slope[high, 2 * axis + c] - slope[low, 2 * axis + c])
+            across = 0.5 * (slope[high, 2 - 2 * axis + c] - slope[low, 2 - 2 * axis + c])
+            bend[c, 2 * axis] += 0.5 * along
+            bend[c, 1] += 0.5 * across  # the mixed derivative is the mean of both
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def spread_heat(block_from, block_to, home, about, order, start, flat, packed, nodes, node_heats, heat):
-    """Heat per mass of each gas particle from that of the nodes."""
-    table = np.zeros((9, 1))
-    for block in range(block_from, block_to):
-        near = about[home[block]]
-        for k in range(9):
-            n = near[k]
-            table[k, 0] = node_heats[n] / nodes[n, 0, 0] if n >= 0 and nodes[n, 0, 0] > 0.0 else 0.0
-        for p in range(start[block], start[block + 1]):
-            u0, u1, u2 = cloud(packed[p, 1], False)
-            t0, t1, t2 = cloud(packed[p, 2], flat)
-            heat[order[p]] = blend(table, C0, u0, u1, u2, t0, t1, t2)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def own_line(first, last, packed, field, pooled, dim, inertia, moment, slope):
-    """Mean place and mean of fields `field` and the next of some particles, and their slope.
+@inner
+def own_line(first, last, row, value, base, f, x0, y0, pooled, dim):
+    """Mean of columns f and f + 1 of `value` (row `base` there is row 0), and their slope about the centroid (x0, y0).
 
     Any more than a line needs will do: with few of them little is left beside it, but nothing false. Those too few
-    have the pooled slope and a rotation of their own: what is beside their line never has angular momentum.
+    have the slope `pooled` and a rotation of their own: what is beside their line never has angular momentum.
     """
-    m, sx, sy, sv, sw = 0.0, 0.0, 0.0, 0.0, 0.0
-    for p in range(first, last):
-        m += packed[p, 0]
-        sx += packed[p, 0] * packed[p, 1]
-        sy += packed[p, 0] * packed[p, 2]
-        sv += packed[p, 0] * packed[p, field]
-        sw += packed[p, 0] * packed[p, field + 1]
-    sx, sy, sv, sw = sx / m, sy / m, sv / m, sw / m
-    xx, xy, yy, xv, xw, yv, yw = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for p in range(first, last):
-        x, y, v, w = packed[p, 1] - sx, packed[p, 2] - sy, packed[p, field] - sv, packed[p, field + 1] - sw
-        mx, my = packed[p, 0] * x, packed[p, 0] * y
+    m, su, sv, xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    u0, v0 = value[first - base, f], value[first - base, f + 1]
+    for k in range(first, last):
+        one, x, y = row[k, MASS], row[k, X] - x0, row[k, Y] - y0
+        u, v = value[k - base, f] - u0, value[k - base, f + 1] - v0
+        mx, my = one * x, one * y
+        m += one
+        su += one * u
+        sv += one * v
         xx += mx * x
         xy += mx * y
         yy += my * y
+        xu += mx * u
         xv += mx * v
-        xw += mx * w
+        yu += my * u
         yv += my * v
-        yw += my * w
-    own = last - first > dim + 1
-    if own:
-        inertia[0, 0], inertia[0, 1], inertia[1, 0], inertia[1, 1] = xx, xy, xy, yy
-        moment[0, 0], moment[0, 1], moment[1, 0], moment[1, 1] = xv, xw, yv, yw
-        own = solve_slope(inertia, moment, dim, slope)
-    if not own:
-        for a in range(dim):
-            for c in range(dim):
-                slope[a, c] = pooled[a, c]
-        if dim == 2 and xx + yy > 0.0:
-            torque = xw - yv - pooled[0, 1] * xx - (pooled[1, 1] - pooled[0, 0]) * xy + pooled[1, 0] * yy
-            slope[0, 1] += torque / (xx + yy)
-            slope[1, 0] -= torque / (xx + yy)
-    return sx, sy, sv, sw
+    if last - first > np.uint64(dim + 1):
+        found, uu, uv, vu, vv = solve(xx, xy, yy, xu, xv, yu, yv, dim, 1.0)
+        if found:
+            return u0 + su / m, v0 + sv / m, uu, uv, vu, vv
+    uu, uv, vu, vv = pooled
+    if dim == 2 and xx + yy > 0.0:
+        torque = xv - yu - uv * xx - (vv - uu) * xy + vu * yy
+        uv += torque / (xx + yy)
+        vu -= torque / (xx + yy)
+    return u0 + su / m, v0 + sv / m, uu, uv, vu, vv
+
+
+@inner
+def add_changes(first, last, row, table, turns, bend, new):
+    """new (n, 4): velocity of each particle with what it gets of the nodes, less its quadratic part, and what it gets."""
+    for k in range(first, last):
+        x, y, p = row[k, X], row[k, Y], k - first
+        xx, xy, yy = x * x, x * y, y * y
+        value = value_at(table, 0, x, y)
+        dx, dy = lane(value, DX), lane(value, DY)
+        if turns:
+            dx -= lane(value, SPIN) * y
+            dy += lane(value, SPIN) * x
+        else:
+            dx, dy = row[k, NORM] * dx, row[k, NORM] * dy
+        new[p, 0] = row[k, VX] + dx - (bend[0, 0] * xx + bend[0, 1] * xy + bend[0, 2] * yy)
+        new[p, 1] = row[k, VY] + dy - (bend[1, 0] * xx + bend[1, 1] * xy + bend[1, 2] * yy)
+        new[p, 2], new[p, 3] = dx, dy
+
+
+@inner
+def damp(first, last, row, x0, y0, pooled, sources, f, g, dim, new):
+    """Turn the velocity in `new` into what the decay of what is left beside the own line changes; returns the mean of
+    the velocity.
+    """
+    u, v, uu, uv, vu, vv = own_line(first, last, row, new, first, V, x0, y0, pooled, dim)
+    for k in range(first, last):
+        x, y, p = row[k, X] - x0, row[k, Y] - y0, k - first
+        new[p, 0] = f * (new[p, 0] - u - uu * x - vu * y)
+        new[p, 1] = f * (new[p, 1] - v - uv * x - vv * y)
+    if sources:
+        even, base = (0.0, 0.0, 0.0, 0.0), np.uint64(0)
+        a, b, uu, uv, vu, vv = own_line(first, last, row, row, base, A, x0, y0, even, dim)
+        for k in range(first, last):
+            x, y, p = row[k, X] - x0, row[k, Y] - y0, k - first
+            new[p, 0] += g * (row[k, BX] - a - uu * x - vu * y)
+            new[p, 1] += g * (row[k, BY] - b - uv * x - vv * y)
+    return u, v
+
+
+@inner
+def kick(first, last, kind, dt, new):
+    for k in range(first, last):
+        i, p = kind.order[k], k - first
+        kind.vel[i, 0] += dt * kind.acc[i, 0] + (new[p, 2] + new[p, 0])
+        if kind.vel.shape[1] == 2:
+            kind.vel[i, 1] += dt * kind.acc[i, 1] + (new[p, 3] + new[p, 1])
+
+
+@inner
+def scatter_species(block, part, kind, cells, nodes, sharp, row, dt, exponential, new, table, work, bend):
+    """The kick of one population in a block; adds the energy lost to that of the block's own node where heat has
+    entries. Returns its mean rate.
+    """
+    dim, s, home = kind.pos.shape[1], kind.first + part, cells.home[block]
+    first = np.uint64(kind.start[block * kind.number + part])
+    last = np.uint64(kind.start[block * kind.number + part + 1])
+    if first == last:
+        return 0.0
+    turns = len(nodes.square) > 0 and s == 0
+    rate = values_about(block, s, cells, nodes, sharp.value, turns, table)
+    to_polynomial(table, 0, dim == 1)
+    add_changes(first, last, row, table, turns, bend, new)
+    u, v = 0.0, 0.0
+    if rate > 0.0:
+        pooled = (sharp.slope[home, 0], sharp.slope[home, 1], sharp.slope[home, 2], sharp.slope[home, 3])
+        own = cells.own[s, block, WHOLE, ONE]
+        x0, y0 = cells.own[s, block, WHOLE, X] / own, cells.own[s, block, WHOLE, Y] / own
+        f, g = response(rate, dt, exponential)
+        u, v = damp(first, last, row, x0, y0, pooled, len(kind.own) > 0, f, g, dim, new)
+    else:
+        for p in range(last - first):
+            new[p, 0], new[p, 1] = 0.0, 0.0
+    if len(sharp.heat) > 0:
+        sharp.heat[home] += loss(first, last, kind, row, work, turns, u, v, dt, new)
+    kick(first, last, kind, dt, new)
+    return rate
+
+
+@inner
+def scatter_block(block, kind, cells, nodes, sharp, row, dt, exponential, met, new, table, work, bend):
+    """The kick of the particles of a block, and the mean rate of each population."""
+    curvature(cells.home[block], nodes.about, nodes.sums, sharp.slope, bend)
+    if len(sharp.turn) > 0 and kind.first == 0:
+        turns_about(cells.home[block], nodes.about, sharp.turn, work)
+    for part in range(kind.number):
+        met[block, part] = scatter_species(
+            block, part, kind, cells, nodes, sharp, row, dt, exponential, new, table, work, bend
+        )
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def apply_nodes(
-    block_from, block_to, home, about, order, start, first, species, packed, sources, norm,
-    nodes, slopes, change, spin, rate, dt, exponential, vel, acc, time, heat,
-):  # fmt: skip
-    """The kick of the particles in each block: free motion, eq. (3), the rotation of `spin` where it has entries, and
-    the decay of what is left beside the line.
-
-    Writes stopping times of dust into `time` and adds the energy lost to that of a block's own node in `heat`, where
-    they have entries; packed velocities are overwritten. `frame` is what these leave out of a velocity, Kepler's and
-    half a kick of what gas and dust share: from one orbit to another the same momentum is not the same energy.
+def scatter(block_from, block_to, kind, cells, nodes, sharp, row, dt, exponential, met):
+    """The kick of the particles in each block: free motion, eq. (3), the rotation of `sharp.spin` where it has entries,
+    and the decay of what is left beside the line. Writes the mean rate of each population in each block, `met`
+    (blocks, number).
     """
-    dim = vel.shape[1]
-    flat = dim == 1
-    inertia, moment, even = np.empty((2, 2)), np.empty((2, 2)), np.zeros((2, 2))
-    slope, slope_source, bend = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((3, 2))
-    table, turns = np.zeros((9, 3)), np.zeros((9, 6))
-    base = start[block_from * species]
-    frame = np.zeros((start[block_to * species] - base if len(heat) > 0 else 0, 2))
+    new, bend = np.empty((most_in(block_from, block_to, kind), 4)), np.empty((2, 3))
+    table, work = np.empty((9, LANES)), np.empty((2, 9, LANES))
     for block in range(block_from, block_to):
-        near = about[home[block]]
-        if len(spin) > 0:
-            for k in range(9):
-                n = near[k]
-                for f in range(6):
-                    turns[k, f] = 0.0
-                if n >= 0 and spin[n] != 0.0:
-                    gas = nodes[n, 0]
-                    x, y = gas[1] / gas[0] + k // 3 - 1, gas[2] / gas[0] + k % 3 - 1
-                    vx, vy = (gas[3] + 0.5 * dt * gas[5]) / gas[0], (gas[4] + 0.5 * dt * gas[6]) / gas[0]
-                    turns[k, 0], turns[k, 1], turns[k, 2] = spin[n], spin[n] * x, spin[n] * y
-                    turns[k, 3], turns[k, 4], turns[k, 5] = spin[n] * vx, spin[n] * vy, spin[n] * (y * vx - x * vy)
-        for s in range(species):
-            lo, hi = start[block * species + s], start[block * species + s + 1]
-            if hi == lo:
-                continue
-            for k in range(9):
-                n = near[k]
-                table[k, 0] = rate[n, first + s] if n >= 0 else 0.0
-                for c in range(dim):
-                    table[k, 1 + c] = change[n, first + s, c] if n >= 0 else 0.0
-            met, lost = 0.0, 0.0
-            for p in range(lo, hi):
-                i = order[p]
-                u0, u1, u2 = cloud(packed[p, 1], False)
-                t0, t1, t2 = cloud(packed[p, 2], flat)
-                scale = norm[p] if len(norm) > 0 else 1.0
-                local = scale * blend(table, C0, u0, u1, u2, t0, t1, t2)
-                d = scale * blend(table, C1, u0, u1, u2, t0, t1, t2)
-                spin_x, spin_y = 0.0, 0.0
-                if len(spin) > 0:
-                    omega = blend(turns, C0, u0, u1, u2, t0, t1, t2)
-                    spin_x = blend(turns, C2, u0, u1, u2, t0, t1, t2) - omega * packed[p, 2]
-                    spin_y = omega * packed[p, 1] - blend(turns, C1, u0, u1, u2, t0, t1, t2)
-                if len(heat) > 0:
-                    for c in range(dim):
-                        frame[p - base, c] = vel[i, c] - packed[p, 3 + c] + 0.5 * dt * (acc[i, c] - packed[p, 5 + c])
-                    if len(spin) > 0:
-                        # `node_heat` has the work of eq. (3) alone. A rotation does none on the mean velocity.
-                        work = spin_x * (packed[p, 3] + 0.5 * dt * packed[p, 5])
-                        work += spin_y * (packed[p, 4] + 0.5 * dt * packed[p, 6])
-                        work += packed[p, 2] * blend(turns, C3, u0, u1, u2, t0, t1, t2)
-                        work -= packed[p, 1] * blend(turns, C4, u0, u1, u2, t0, t1, t2)
-                        work -= blend(turns, C5, u0, u1, u2, t0, t1, t2)
-                        lost -= packed[p, 0] * work
-                d += spin_x
-                packed[p, 3] += d
-                lost -= 0.5 * packed[p, 0] * d * d
-                if len(heat) > 0:
-                    lost -= packed[p, 0] * d * frame[p - base, 0]
-                vel[i, 0] += dt * acc[i, 0] + d
-                if not flat:
-                    d = scale * blend(table, C2, u0, u1, u2, t0, t1, t2) + spin_y
-                    packed[p, 4] += d
-                    lost -= 0.5 * packed[p, 0] * d * d
-                    if len(heat) > 0:
-                        lost -= packed[p, 0] * d * frame[p - base, 1]
-                    vel[i, 1] += dt * acc[i, 1] + d
-                met += local / (hi - lo)
-                if len(time) > 0:
-                    time[i] = 1.0 / local if local > 0.0 else np.inf
-            if met > 0.0:
-                f, g = response(met, dt, exponential)
-                curvature(near, nodes, slopes, dim, bend)
-                for p in range(lo, hi):
-                    bx, by = bent(bend, packed[p, 1], packed[p, 2])
-                    packed[p, 3] -= bx
-                    packed[p, 4] -= by
-                sx, sy, sv, sw = own_line(lo, hi, packed, C3, slopes[home[block]], dim, inertia, moment, slope)
-                tx, ty, tv, tw = 0.0, 0.0, 0.0, 0.0
-                if sources:
-                    tx, ty, tv, tw = own_line(lo, hi, packed, C5, even, dim, inertia, moment, slope_source)
-                for p in range(lo, hi):
-                    i = order[p]
-                    x, y = packed[p, 1] - sx, packed[p, 2] - sy
-                    rest = packed[p, 3] - sv - slope[0, 0] * x - slope[1, 0] * y
-                    rest_y = packed[p, 4] - sw - slope[0, 1] * x - slope[1, 1] * y
-                    more, more_y = f * rest, f * rest_y
-                    if sources:
-                        x, y = packed[p, 1] - tx, packed[p, 2] - ty
-                        more += g * (packed[p, 5] - tv - slope_source[0, 0] * x - slope_source[1, 0] * y)
-                        more_y += g * (packed[p, 6] - tw - slope_source[0, 1] * x - slope_source[1, 1] * y)
-                    vel[i, 0] += more
-                    if not flat:
-                        vel[i, 1] += more_y
-                    if len(heat) > 0:
-                        # The changes have no mean: what is common to the cell does no work.
-                        bx, by = bent(bend, packed[p, 1], packed[p, 2])
-                        along = frame[p - base, 0] + 0.5 * (dt * packed[p, 5] + more)
-                        lost -= packed[p, 0] * more * (packed[p, 3] - sv + bx + along)
-                        if not flat:
-                            along = frame[p - base, 1] + 0.5 * (dt * packed[p, 6] + more_y)
-                            lost -= packed[p, 0] * more_y * (packed[p, 4] - sw + by + along)
-            if len(heat) > 0:
-                heat[home[block]] += lost
+        scatter_block(block, kind, cells, nodes, sharp, row, dt, exponential, met, new, table, work, bend)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def bent(bend, x, y):
-    """The quadratic part of a velocity at (x, y) from its second derivatives."""
-    xx, xy, yy = 0.5 * x * x, x * y, 0.5 * y * y
-    return bend[0, 0] * xx + bend[1, 0] * xy + bend[2, 0] * yy, bend[0, 1] * xx + bend[1, 1] * xy + bend[2, 1] * yy
+@inner
+def times_in(block, part, kind, cells, nodes, value, row, table, time):
+    """Stopping times of one population in a block."""
+    values_about(block, kind.first + part, cells, nodes, value, False, table)
+    to_polynomial(table, 0, kind.pos.shape[1] == 1)
+    for k in range(kind.start[block * kind.number + part], kind.start[block * kind.number + part + 1]):
+        rate = row[k, NORM] * lane(value_at(table, 0, row[k, X], row[k, Y]), RATE)
+        time[kind.order[k]] = 1.0 / rate if rate > 0.0 else np.inf
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def blend(table, c, u0, u1, u2, t0, t1, t2):
-    """Sum of column c over the nine nodes with the products of the weights."""
-    low = t0 * table[0, c] + t1 * table[1, c] + t2 * table[2, c]
-    middle = t0 * table[3, c] + t1 * table[4, c] + t2 * table[5, c]
-    high = t0 * table[6, c] + t1 * table[7, c] + t2 * table[8, c]
-    return u0 * low + u1 * middle + u2 * high
+@njit(nogil=True, cache=True, error_model="numpy")
+def stopping_times(block_from, block_to, kind, cells, nodes, value, row, time):
+    """Stopping time of each dust particle, one over the rate that the nodes bring it; inf where there is none."""
+    table = np.empty((9, LANES))
+    for block in range(block_from, block_to):
+        for part in range(kind.number):
+            times_in(block, part, kind, cells, nodes, value, row, table, time)

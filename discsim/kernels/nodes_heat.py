@@ -1,0 +1,115 @@
+"""Heat of the drag between nodes: what the particles of a cell lose, and where it goes."""
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.inner import inner, lean
+from discsim.kernels.nodes import BX, BY, DX, MASS, ONE, VX, VY, X, Y
+from discsim.kernels.nodes_weights import to_polynomial, value_at
+from discsim.kernels.rows import LANES, empty_row, lane, load, store
+
+# Of the rotation at a node, two rows: its rate, and that times the centre that it is about (2); times the gas's mean
+# velocity half-way (2), on which it does no work, and times that velocity's own turn.
+SPIN_X, SPIN_Y = 1, 2
+U, V, TURN = range(3)
+
+
+@inner
+def heat_of(n, nodes, value, dt):
+    """Energy that eq. (3) takes at a node, to first order in the changes (the rest is the particles')."""
+    heat = 0.0
+    for s in range(nodes.sums.shape[1]):
+        for c in range(2):
+            heat -= value[n, s, DX + c] * (nodes.sums[n, s, VX + c] + 0.5 * dt * nodes.sums[n, s, BX + c])
+    return heat
+
+
+@inner
+def work_of_turn(n, spin, nodes, dt, turn):
+    """What the rotation at a node does and what it does no work on, places from the node."""
+    for k in range(2):
+        store(turn, (2 * n + k) * LANES, empty_row())
+    if spin == 0.0:
+        return
+    m, gas = nodes.sums[n, 0, ONE], nodes.sums
+    x, y = gas[n, 0, X] / m, gas[n, 0, Y] / m
+    u, v = (gas[n, 0, VX] + 0.5 * dt * gas[n, 0, BX]) / m, (gas[n, 0, VY] + 0.5 * dt * gas[n, 0, BY]) / m
+    turn[n, 0, 0], turn[n, 0, SPIN_X], turn[n, 0, SPIN_Y] = spin, spin * x, spin * y
+    turn[n, 1, U], turn[n, 1, V], turn[n, 1, TURN] = spin * u, spin * v, spin * (y * u - x * v)
+
+
+@inner
+def turns_about(home, about, turn, table):
+    """The same about a cell, as polynomials (2, 9, LANES), places from its middle."""
+    for k in range(9):
+        n, i, j = about[home, k], k // 3 - 1.0, k % 3 - 1.0
+        for r in range(2):
+            row = empty_row()
+            if n >= 0:
+                row = load(turn, (2 * n + r) * LANES)
+            store(table, (9 * r + k) * LANES, row)
+        table[0, k, SPIN_X] += i * table[0, k, 0]
+        table[0, k, SPIN_Y] += j * table[0, k, 0]
+        table[1, k, TURN] += j * table[1, k, U] - i * table[1, k, V]
+    for r in range(2):
+        to_polynomial(table, 9 * r * LANES, False)
+
+
+@inner
+def loss(first, last, kind, row, work, turns, u, v, dt, new):
+    """Energy that the particles of a cell lose beside what their nodes count, `nodes_sharpen.heat_of`.
+
+    `frame` is what packed velocities leave out, Kepler's and half a kick of what gas and dust share: from one orbit to
+    another the same momentum is not the same energy. (u, v) is the mean that what is left of a particle decays to: the
+    changes by the decay have no mean, and what is common to the cell does no work.
+    """
+    lost = 0.0
+    for k in range(first, last):
+        i, p, m, x, y = kind.order[k], k - first, row[k, MASS], row[k, X], row[k, Y]
+        if turns:
+            does, idle = value_at(work, 0, x, y), value_at(work, 9 * LANES, x, y)
+            done = (lane(does, SPIN_Y) - lane(does, 0) * y) * (row[k, VX] + 0.5 * dt * row[k, BX])
+            done += (lane(does, 0) * x - lane(does, SPIN_X)) * (row[k, VY] + 0.5 * dt * row[k, BY])
+            done += y * lane(idle, U) - x * lane(idle, V) - lane(idle, TURN)
+            lost -= m * done
+        for c in range(kind.vel.shape[1]):
+            more, change, mean = new[p, c], new[p, 2 + c], u if c == 0 else v
+            frame = kind.vel[i, c] - row[k, VX + c] + 0.5 * dt * (kind.acc[i, c] - row[k, BX + c])
+            lost -= m * change * (0.5 * change + frame)
+            lost -= m * more * (row[k, VX + c] + change - mean + frame + 0.5 * (dt * row[k, BX + c] + more))
+    return lost
+
+
+@lean
+def pass_on(nodes, heat):
+    """Heat of nodes without gas to those about them, in equal parts to each that has."""
+    for n in range(len(heat)):
+        if heat[n] == 0.0 or nodes.sums[n, 0, ONE] > 0.0:
+            continue
+        takers = 0
+        for k in range(9):
+            takers += 1 if nodes.about[n, k] >= 0 and nodes.sums[nodes.about[n, k], 0, ONE] > 0.0 else 0
+        for k in range(9):
+            if nodes.about[n, k] >= 0 and nodes.sums[nodes.about[n, k], 0, ONE] > 0.0:
+                heat[nodes.about[n, k]] += heat[n] / takers
+
+
+@inner
+def heat_in(block, kind, cells, nodes, node_heats, row, table, heat):
+    """Heat per mass of the gas particles of a block."""
+    for k in range(9):
+        n = nodes.about[cells.home[block], k]
+        there = n >= 0 and nodes.sums[n, 0, ONE] > 0.0
+        store(table, k * LANES, empty_row())
+        table[k, 0] = node_heats[n] / nodes.sums[n, 0, ONE] if there else 0.0
+    to_polynomial(table, 0, kind.pos.shape[1] == 1)
+    for k in range(kind.start[block], kind.start[block + 1]):
+        heat[kind.order[k]] = lane(value_at(table, 0, row[k, X], row[k, Y]), 0)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def spread(block_from, block_to, kind, cells, nodes, node_heats, row, heat):
+    """Heat per mass of each gas particle from that of the nodes."""
+    table = np.empty((9, LANES))
+    for block in range(block_from, block_to):
+        heat_in(block, kind, cells, nodes, node_heats, row, table, heat)

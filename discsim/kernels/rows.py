@@ -1,0 +1,147 @@
+"""Rows: four numbers in the vector registers of a processor, for loops that are too short for a compiler to see any.
+
+    row = load(array, at)            the LANES numbers of an array, whatever its shape, from element `at` on
+    row + row, row - row, a * row    of all lanes at once; products and sums are fused where the processor can
+    lane(row, k)                     one of them
+    store(array, at, row)            back into memory
+    empty_row()                      nothing but 0
+
+Where numba is told not to compile, rows are arrays. Extending numba: its manual, "Low-level extension API".
+"""
+
+import operator
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.typing import signature
+from numba.core.typing.templates import ConcreteTemplate, infer_global
+from numba.extending import intrinsic, lower_builtin, models, overload, register_model
+
+LANES = 4
+
+
+class RowType(types.Type):  # type: ignore[misc]
+    def __init__(self) -> None:
+        super().__init__(name=f"Row{LANES}")
+
+
+row_type = RowType()
+VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+
+
+@register_model(RowType)
+class RowModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, VECTOR)
+
+
+def load(array, at):
+    """LANES numbers of a contiguous array from its element `at` on."""
+    return array.reshape(-1)[at : at + LANES].copy()
+
+
+def store(array, at, row):
+    """Write a row into a contiguous array from its element `at` on."""
+    array.reshape(-1)[at : at + LANES] = row
+
+
+def lane(row, k):
+    return row[k]
+
+
+def empty_row():
+    return np.zeros(LANES)
+
+
+def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
+    data = cgutils.create_struct_proxy(kind)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [at]), VECTOR.as_pointer())
+
+
+@intrinsic
+def _load(typing: Any, array: Any, at: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # An array begins where a number may; a row need not begin where a vector would.
+        return builder.load(_place(context, builder, signature.args[0], *arguments), align=8)
+
+    return row_type(array, types.intp), build
+
+
+@intrinsic
+def _store(typing: Any, array: Any, at: Any, row: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.store(arguments[2], _place(context, builder, signature.args[0], *arguments[:2]), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, row_type), build
+
+
+@intrinsic
+def _lane(typing: Any, row: Any, k: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.extract_element(*arguments)
+
+    return types.float64(row_type, types.intp), build
+
+
+@intrinsic
+def _empty_row(typing: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return ir.Constant(VECTOR, [0.0] * LANES)
+
+    return row_type(), build
+
+
+@overload(load, inline="always")
+def _compiled_load(array, at):
+    return lambda array, at: _load(array, at)
+
+
+@overload(store, inline="always")
+def _compiled_store(array, at, row):
+    return lambda array, at, row: _store(array, at, row)
+
+
+@overload(lane, inline="always")
+def _compiled_lane(row, k):
+    return lambda row, k: _lane(row, k)
+
+
+@overload(empty_row, inline="always")
+def _compiled_empty_row():
+    return lambda: _empty_row()
+
+
+@infer_global(operator.add)
+@infer_global(operator.iadd)
+@infer_global(operator.sub)
+class SumOfRows(ConcreteTemplate):  # type: ignore[misc]
+    cases = [signature(row_type, row_type, row_type)]  # noqa: RUF012
+
+
+@infer_global(operator.mul)
+class TimesRow(ConcreteTemplate):  # type: ignore[misc]
+    cases = [signature(row_type, types.float64, row_type)]  # noqa: RUF012
+
+
+@lower_builtin(operator.add, row_type, row_type)
+@lower_builtin(operator.iadd, row_type, row_type)
+def _add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return builder.fadd(*arguments, flags=("contract",))
+
+
+@lower_builtin(operator.sub, row_type, row_type)
+def _subtract(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return builder.fsub(*arguments, flags=("contract",))
+
+
+@lower_builtin(operator.mul, types.float64, row_type)
+def _multiply(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    number, row = arguments
+    first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), number, ir.IntType(32)(0))
+    lanes = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    same = builder.shuffle_vector(first, ir.Constant(VECTOR, ir.Undefined), lanes)
+    return builder.fmul(same, row, flags=("contract",))
