@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field
 
+from discsim.drag import cautions
 from discsim.effects import base, dust
 from discsim.effects.drag import OF_CELLS
 from discsim.effects.stopping import stopping_columns
@@ -25,6 +26,7 @@ from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.background")
@@ -85,6 +87,10 @@ class Drag(base.Effect):
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return OF_CELLS
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        return cautions.warnings(scene, at)
 
     def kick(self, state: State, dt: float) -> None:
         self._relax(state, state.dust.vel, dt)
