@@ -4,7 +4,7 @@
 
 by sub-steps. One is made of 1, 2 and 4 exact linear solutions with the stopping times at the slip half-way of each
 (exponential midpoint), extrapolated in their length (Richardson) to fourth order, and is as short as TOLERANCE asks,
-whatever the rates. Momentum is exact. Where no slip that can come up changes the drag, it is the linear solution.
+whatever the rates. Momentum is exact. Where no slip that can come up changes the drag, it is the exact linear solution.
 """
 
 import math
@@ -128,7 +128,7 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
         if s > 0 and mass[s] > 0.0:
             quick[s, 0], quick[s, 1] = quickening(law, grains[s - 1], density, sound, omega)
     them = Coupled(mass, slow, quick, b, two_way, exponential, several)
-    if is_linear(them, y, dt):
+    if exponential and is_linear(them, y, dt):  # backward Euler is extrapolated too
         relax_means(mass, time, y, b, two_way, dt, exponential, several, change)
         return
     start, now = np.empty((n, dim)), np.empty((n, dim))
