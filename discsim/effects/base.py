@@ -61,6 +61,9 @@ class Effect:
     rules: tuple[Rule, ...] = ()  # what the table demands of the others
     runs = True  # False: other effects act for it, and the table only says how
 
+    lists_schemes = False  # whether the reference has the drag schemes below its keys
+    marks_centre = False  # whether it makes the origin a centre, which figures mark
+
     # What it says of its part in a step.
     acts_on: tuple[str, ...] = ("gas", "dust")  # whom it accelerates
     # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone. What is not

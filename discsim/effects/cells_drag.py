@@ -6,10 +6,12 @@ there is nothing to kick. It limits no step.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.drag import cautions
 from discsim.effects import base
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
@@ -17,6 +19,7 @@ from discsim.parts import SCHEMES, Lazy
 from discsim.physics.laws import SceneLaw
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.drag_grid")
@@ -37,6 +40,10 @@ class Effect(base.Effect):
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        return cautions.warnings(scene, at)
 
     def move(self, state: State, dt: float) -> None:
         self.tube.write(state, self.advance(self, self.tube, self.tube.read(state), dt))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, StrictBool
 
+from discsim.drag import cautions
 from discsim.drag.base import Scheme
 from discsim.effects import base
 from discsim.effects.gas import kick_gas
@@ -26,6 +27,7 @@ from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, 
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
@@ -127,7 +129,7 @@ def _heating(draft: Draft) -> Iterator[Problem]:
 
 class Effect(base.Effect):
     keys = Keys
-    is_kick = needs_grid = slow_kernels = True
+    is_kick = needs_grid = slow_kernels = lists_schemes = True
     acts_on = ()
     rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _one_cell, _heating)
 
@@ -154,6 +156,10 @@ class Effect(base.Effect):
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        return cautions.warnings(scene, at)
 
     def stopping_time(
         self, population: int, density: np.ndarray, sound: np.ndarray, omega: np.ndarray, ratio: float

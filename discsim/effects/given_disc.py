@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field
 
+from discsim.drag import cautions
 from discsim.effects import base, dust
 from discsim.effects.drag import OF_CELLS
 from discsim.effects.stopping import stopping_columns
@@ -25,6 +26,7 @@ from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.background")
@@ -86,6 +88,10 @@ class Drag(base.Effect):
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return OF_CELLS
 
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        return cautions.warnings(scene, at)
+
     def kick(self, state: State, dt: float) -> None:
         self._relax(state, state.dust.vel, dt)
 
@@ -99,17 +105,17 @@ class Drag(base.Effect):
     def drift(self, state: State) -> np.ndarray:
         """Radial and azimuthal velocity (n, 2) of the dust's steady drift, the latter beyond Kepler's."""
         grains, out = state.dust, np.empty_like(state.dust.vel)
-        share(kernels.path_velocities, grains.count, grains.pos, grains.species, *self._disc, out)
+        share(kernels.path_velocities, grains.count, grains.pos, grains.species, self._disc, out)
         return out
 
     @property
-    def _disc(self) -> tuple[Any, ...]:
+    def _disc(self) -> Any:
         """What kernels take of the law, the star and the gas."""
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios
-        return *law, self.star.mass, self.star.softening, self.disc.laws
+        return kernels.Disc(*law, self.star.mass, self.star.softening, self.disc.laws)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
         times = np.empty(p.count)
-        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, *self._disc, state.lag, dt, times)
+        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, self._disc, state.lag, dt, times)
         return times

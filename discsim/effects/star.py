@@ -43,7 +43,7 @@ def _at_the_centre(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_at_the_centre,)
-    shared = True
+    shared = marks_centre = True
     softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:

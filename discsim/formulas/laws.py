@@ -22,6 +22,8 @@ CONSTANT, STOPPING_TIME, STOKES_NUMBER, EPSTEIN, EPSTEIN_STOKES = range(5)
 # Of a population: K, t_stop, St or s rho_s c_s / c; what w^2 / c_s^2 counts in (2); s; the mean free column; c / c_s.
 VALUE, SUPERSONIC, SIZE, COLUMN, THERMAL = range(5)
 KWOK = 9.0 * math.pi / 128.0
+RAM = 0.44 / 24.0  # in (4): turbulent drag over Stokes', by the Reynolds number,
+TURBULENT = RAM ** (-2.0 / 3.0)  # and the hastening from which on it is the larger
 
 
 def volume_density(density: float, sound: float, omega: float) -> float:
@@ -47,12 +49,37 @@ def stopping_time(
     return value / (sound * volume) * max(1.0, 4.0 * grain[SIZE] * volume / (9.0 * grain[COLUMN]))
 
 
-def hastening(law: int, grain: Sequence[float], density: float, sound: float, omega: float, speed: float) -> float:
-    """By how much the drag is faster than at vanishing speed; eqs. (2) and (4)."""
+def quickening(law: int, grain: Sequence[float], density: float, sound: float, omega: float) -> tuple[float, float]:
+    """What speeds up a grain's drag as its slip w grows: what w^2 counts in (2), and Re^2 / w^2 where (4) holds."""
     if law == EPSTEIN_STOKES:
         path = grain[COLUMN] / volume_density(density, sound, omega)
         if 9.0 * path < 4.0 * grain[SIZE]:
-            reynolds = 4.0 * grain[SIZE] * speed / (path * grain[THERMAL] * sound)
-            return max(1.0, reynolds**0.4, 0.44 / 24.0 * reynolds)
-    mach = speed / sound
-    return math.sqrt(1.0 + grain[SUPERSONIC] * mach * mach)
+            reynolds = 4.0 * grain[SIZE] / (path * grain[THERMAL] * sound)
+            return 0.0, reynolds * reynolds
+    return grain[SUPERSONIC] / (sound * sound), 0.0
+
+
+def hastened(mach2: float, reynolds2: float, slip2: float) -> float:
+    """By how much the drag is faster at slip^2 than at none, from `quickening`; eqs. (2) and (4)."""
+    if reynolds2 > 0.0:
+        square = reynolds2 * slip2
+        return max(square**0.2, RAM * math.sqrt(square)) if square > 1.0 else 1.0
+    return math.sqrt(1.0 + mach2 * slip2)
+
+
+def steepness(mach2: float, reynolds2: float, slip2: float, fast: float) -> float:
+    """d ln H / d ln w of a hastening H = `fast`."""
+    if reynolds2 > 0.0:
+        return 1.0 if fast > TURBULENT else 0.4 if fast > 1.0 else 0.0
+    return mach2 * slip2 / (fast * fast)
+
+
+def unhastened(mach2: float, reynolds2: float, slip2: float) -> bool:
+    """Whether no slip up to that changes the drag: not by rounding in (2), and with Re <= 1 in (4)."""
+    return mach2 * slip2 < 1e-16 and reynolds2 * slip2 <= 1.0
+
+
+def hastening(law: int, grain: Sequence[float], density: float, sound: float, omega: float, speed: float) -> float:
+    """The same of a law, a grain and a place."""
+    mach2, reynolds2 = quickening(law, grain, density, sound, omega)
+    return hastened(mach2, reynolds2, speed * speed)

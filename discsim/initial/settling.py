@@ -177,7 +177,7 @@ def reaches_its_ends(draft: Draft) -> Iterator[Problem]:
     """Particles of equal mass are far apart where the layer ends: at most ten lengths over which it falls by e."""
     if not (draft.gas and draft.space and draft.external):
         return
-    if draft.eos_kind != "isothermal" or draft.external.vertical_frequency == 0.0:
+    if not draft.eos.one_speed or draft.external.vertical_frequency == 0.0:
         return
     height = scale_height(draft)
     top = extent(draft) / height

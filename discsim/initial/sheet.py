@@ -10,6 +10,7 @@ from pydantic import Field
 from discsim.initial.base import Arrays, Places, Start
 from discsim.initial.lattice import everywhere, stretch, uniform
 from discsim.initial.measure import ErrorMeasure
+from discsim.physics.eos import eos_of
 from discsim.scene.fields import Count, Number, SurfaceDensity, Table
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def places(scene: Scene) -> Places:
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    if scene.dust or not scene.gas or scene.gas.eos.kind != "isothermal":
+    if scene.dust or not scene.gas or not eos_of(scene).one_speed:
         return None
     if scene.self_gravity and scene.self_gravity.kernel != "plummer":
         return None

@@ -15,6 +15,7 @@ from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.lattice import everywhere, stretch, uniform
 from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.parts import LAWS
+from discsim.physics.eos import eos_of
 from discsim.scene.fields import Count, Measure, Number, Table, VelocityVector, units_of
 
 if TYPE_CHECKING:
@@ -68,8 +69,8 @@ def places(scene: Scene) -> Places:
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    drag, eos = scene.drag, scene.gas.eos if scene.gas else None
-    if eos is None or eos.kind != "isothermal":
+    drag = scene.drag
+    if scene.gas is None or not eos_of(scene).one_speed:
         return None
     rate = LAWS[drag.law].uniform_rate if drag and drag.direction == "two-way" else None
     if scene.dust and (rate is None or len(scene.dust) > 1):
@@ -77,7 +78,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     from discsim.exact import dustywave  # imports scipy
 
     def exact(sim: Simulation, kind: str) -> tuple[Array, Array | float]:
-        start = scene.initial
+        start, sound = scene.initial, scene.gas.eos.sound_speed
         size = np.array(scene.space.size)
         wavevector = start.wavenumber * np.array(start.direction) / size
         waves = float(np.linalg.norm(wavevector))
@@ -85,7 +86,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         ratio = scene.dust[0].ratio if scene.dust else 1e-30
         coefficient = rate(drag, ratio, 1.0) if scene.dust else 0.0
         place = sim.state.species[kind].pos @ along - sim.time * (frame @ along)
-        wave = dustywave.solution(place, sim.time, coefficient, ratio, eos.sound_speed, start.amplitude, waves)
+        wave = dustywave.solution(place, sim.time, coefficient, ratio, sound, start.amplitude, waves)
         return frame + np.outer(getattr(wave, f"{kind}_velocity"), along), frame
 
     return ErrorMeasure("particle velocities against the exact wave", velocity_errors(exact))
@@ -94,7 +95,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
     """Where the drag is that of the exact wave: one population, one rate, both ways."""
     start, drag = scene.initial, scene.drag
-    if scene.gas is None or scene.gas.eos.kind != "isothermal" or drag is None:
+    if scene.gas is None or not eos_of(scene).one_speed or drag is None:
         return {}
     rate = LAWS[drag.law].uniform_rate
     if rate is None or drag.direction != "two-way" or len(scene.dust) > 1:

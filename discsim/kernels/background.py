@@ -24,8 +24,15 @@ so delta = v - v* - s q and m = L - L* + s r w*/t do, exactly and for any dt/t,
     d delta/dt = -delta/t + a_r + (2 L* m + m^2) / r^3,     dm/dt = -m/t + r a_phi                        (5)
 
 As (4) has the whole force on the path, (5) is (2) to second order in the step wherever the grain is, and the drift (3)
-itself has no error of the step. Kicks compose exactly. Where t depends on the slip, (5) is solved in sub-steps, two
-halves against a whole, as short as TOLERANCE asks.
+itself has no error of the step. Kicks compose exactly.
+
+Where t depends on the slip W = (v* + delta, w* + m/r), (5) at a constant time t0 has the further acceleration
+
+    W* (1/t* - 1/t0) + N,      N = (1/t0 - 1/t(|W|)) W                                                    (6)
+
+with t0 the time at the start, where N is zero. A parabola through N at the start, the middle and the end of a step is
+integrated exactly, with those at the middle and the end by iteration (collocation), in one step if TOLERANCE lets it,
+else in several. A slip too small to change the drag leaves (5) as it is.
 """
 
 import math
@@ -34,11 +41,24 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.laws import hastening, stopping_time
+from discsim.kernels.laws import hastened, quickening, steepness, stopping_time, unhastened
 from discsim.kernels.nonlinear import MOST, TOLERANCE, next_step
 
 SERIES = 1e-2  # dt/t, below which differences of exponentials are taken from their series
+ROUNDS = 5  # of an iteration, most
 STRAIGHT = 0.5  # of its radius that is left of a grain's after a drift; those that fall faster move on a straight line
+
+
+class Disc(NamedTuple):
+    """What grains meet: the law of the drag, the star, and the gas as power laws of the radius."""
+
+    law: int
+    grains: np.ndarray  # (populations, 5), as in `formulas/laws.py`
+    nonlinear: bool
+    ratios: np.ndarray  # (populations,): dust over gas
+    star: float
+    softening: float
+    gas: np.ndarray  # (Sigma, p, c_s^2, q, f): Sigma ~ r^-p, c_s^2 ~ r^-q, given at r = 1; -(1/Sigma) dP/dr = f c_s^2/r
 
 
 class Path(NamedTuple):
@@ -49,6 +69,8 @@ class Path(NamedTuple):
     sound: float
     kepler: float  # Omega_K
     orbit: float  # L_g / r
+    mach2: float  # how the slip shortens the stopping time: as of `formulas.laws.quickening`
+    reynolds2: float
     slow: float  # stopping time at vanishing slip
     time: float  # and on the path
     radial: float  # v*
@@ -64,44 +86,58 @@ def drift_speeds(time, excess, shear, kappa2):
 
 
 @njit(cache=True, error_model="numpy")
-def time_on_path(law, grain, density, sound, kepler, slow, excess, shear, kappa2):
-    """The stopping time at the speed of the drift that it gives itself: secants in the logarithm."""
-    log = last = math.log(slow)
-    gap = 0.0
-    for count in range(30):
-        radial, azimuthal = drift_speeds(math.exp(log), excess, shear, kappa2)
-        fast = hastening(law, grain, density, sound, kepler, math.sqrt(radial * radial + azimuthal * azimuthal))
-        before, gap = gap, math.log(slow / fast) - log
-        if abs(gap) < 1e-8:
+def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
+    """The stopping time at the speed of the drift that it gives itself: Z = (t H / slow)^2 = 1 by Newton's steps, with
+    H the hastening.
+
+    With u = t^2 the slip of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. A step takes u^p as the power that Z
+    is of it here, and for it one step of Halley's for the root, exact to third order.
+    """
+    slow2, speed2 = slow * slow, excess * excess
+    u = slow2
+    for _ in range(60):
+        damping = 1.0 / (1.0 + kappa2 * u)
+        slip2 = speed2 * (u * damping) * ((1.0 + shear * shear * u) * damping)
+        fast = hastened(mach2, reynolds2, slip2)
+        z = u / slow2 * fast * fast
+        if z == 1.0:
             break
-        # The time may fall as fast as the speed rises: half the gap is a step that always comes nearer.
-        slope = (gap - before) / (log - last) if count > 0 and log != last else -2.0
-        last, log = log, log - gap / min(slope, -0.5)
-    return math.exp(log)
+        rise = 2.0 * damping - 1.0 / (1.0 + shear * shear * u)  # d ln w^2 / d ln u
+        power = max(0.5, 1.0 + rise * steepness(mach2, reynolds2, slip2, fast))
+        if 0.5 < z < 2.0:
+            u *= ((power - 1.0) * z + power + 1.0) / ((power + 1.0) * z + power - 1.0)
+        else:
+            u *= z ** (-1.0 / power)
+        if abs(z - 1.0) < 1e-6:  # and now less again than its square
+            break
+    return math.sqrt(u)
 
 
 @njit(cache=True, error_model="numpy")
-def path_at(x, y, law, grain, nonlinear, ratio, star, softening, disc):
-    """The Path through a place; `disc` as in `kick_dust`."""
+def path_at(x, y, k, disc):
+    """The Path of a grain of population k through a place."""
     r2 = x * x + y * y
     r = math.sqrt(r2)
-    density, sound2 = disc[0] * r2 ** (-0.5 * disc[1]), disc[2] * r2 ** (-0.5 * disc[3])
-    d2 = r2 + softening * softening
-    kepler2 = star / (d2 * math.sqrt(d2))
-    pressure = disc[4] * sound2 / r2
+    density, sound2 = disc.gas[0] * r2 ** (-0.5 * disc.gas[1]), disc.gas[2] * r2 ** (-0.5 * disc.gas[3])
+    d2 = r2 + disc.softening * disc.softening
+    kepler2 = disc.star / (d2 * math.sqrt(d2))
+    pressure = disc.gas[4] * sound2 / r2
     omega2 = max(0.0, kepler2 - pressure)
     omega, sound, kepler = math.sqrt(omega2), math.sqrt(sound2), math.sqrt(kepler2)
     # 2 Omega_g B = 4 Omega_g^2 + r d(Omega_g^2)/dr, of the star's part and of the pressure's, a power of the radius.
-    turns = max(0.0, 4.0 * omega2 - 3.0 * r2 / d2 * kepler2 + (2.0 + disc[3]) * pressure)
+    turns = max(0.0, 4.0 * omega2 - 3.0 * r2 / d2 * kepler2 + (2.0 + disc.gas[3]) * pressure)
     shear = 0.5 * turns / omega if omega > 0.0 else 0.0
     kappa2 = (omega + kepler) * shear
     excess = (kepler2 - omega2) * r
-    slow = time = stopping_time(law, grain, ratio, density, sound, kepler)
-    if nonlinear:
-        time = time_on_path(law, grain, density, sound, kepler, slow, excess, shear, kappa2)
+    slow = time = stopping_time(disc.law, disc.grains[k], disc.ratios[k], density, sound, kepler)
+    mach2, reynolds2 = 0.0, 0.0
+    if disc.nonlinear:
+        mach2, reynolds2 = quickening(disc.law, disc.grains[k], density, sound, kepler)
+        if mach2 + reynolds2 > 0.0:
+            time = time_on_path(mach2, reynolds2, slow, excess, shear, kappa2)
     radial, azimuthal = drift_speeds(time, excess, shear, kappa2)
     push = (2.0 * omega + azimuthal / r) * azimuthal - excess - radial / time
-    return Path(r, density, sound, kepler, omega * r, slow, time, radial, azimuthal, push)
+    return Path(r, density, sound, kepler, omega * r, mach2, reynolds2, slow, time, radial, azimuthal, push)
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,9 +156,9 @@ def responses(x):
 
 
 @njit(cache=True, error_model="numpy")
-def relax(delta, m, time, a_r, a_phi, spin, r, dt):
-    """(delta, m) of eq. (5) after dt; L* is `spin`."""
-    e, first, second, mixed, square = responses(dt / time)
+def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
+    """(delta, m) of eq. (5) after dt; L* is `spin`, and `answer` responses(dt / time)."""
+    e, first, second, mixed, square = answer
     given = r * a_phi * dt
     turned = 2.0 * spin * (m * e + given * second) + m * m * e * first + given * (m * mixed + given * square)
     damped = first * dt / time  # 1 - e
@@ -130,69 +166,142 @@ def relax(delta, m, time, a_r, a_phi, spin, r, dt):
 
 
 @njit(cache=True, error_model="numpy")
-def slip_of(path, delta, m):
+def hastening_at(path, delta, m):
+    """The slip squared, and by how much it hastens the drag."""
     v, w = path.radial + delta, path.azimuthal + m / path.r
-    return math.sqrt(v * v + w * w)
+    slip2 = v * v + w * w
+    return slip2, hastened(path.mach2, path.reynolds2, slip2)
 
 
 @njit(cache=True, error_model="numpy")
-def time_at(path, law, grain, delta, m):
-    """The stopping time at a slip."""
-    return path.slow / hastening(law, grain, path.density, path.sound, path.kepler, slip_of(path, delta, m))
+def rest_of_drag(path, rate, v, w):
+    """N of eq. (6), radial and azimuthal, of a slip beyond the path's; 1/t0 is `rate`."""
+    v += path.radial
+    w += path.azimuthal
+    less = rate - hastened(path.mach2, path.reynolds2, v * v + w * w) / path.slow
+    return v * less, w * less
 
 
 @njit(cache=True, error_model="numpy")
-def relax_by_speed(delta, m, path, law, grain, a_r, a_phi, spin, dt):
-    """The same where the stopping time depends on the slip, and the mean of that: as in `kernels/nonlinear.py`."""
-    done, step, rate, count = 0.0, dt, 0.0, 0
-    stage = np.empty((3, 2))
-    time = time_at(path, law, grain, delta, m)
+def powers(x, answer):
+    """Means over s in [0, 1] of exp(x (s - 1)) times s, s^2 / 2, (1 - s) s and (1 - s) s^2 / 2.
+
+    `answer` is responses(x).
+    """
+    if x < SERIES:  # to x^2: what they multiply is small
+        return (
+            0.5 - x * (1.0 / 6.0 - x / 24.0),
+            1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0),
+            1.0 / 6.0 - x * (1.0 / 12.0 - x / 40.0),
+            1.0 / 24.0 - x * (1.0 / 60.0 - x / 240.0),
+        )
+    low = 1.0 / x
+    first = (1.0 - answer[1]) * low
+    second = (0.5 - first) * low
+    turned = (first - answer[2]) * low
+    return first, second, turned, (second - turned) * low
+
+
+@njit(cache=True, error_model="numpy")
+def at_middle(f, s):
+    """Weights of N1 and N2 at the middle, of the parabola through 0, N1 and N2 at the start, the middle and the end;
+    f and s are the powers over that half.
+    """
+    return f - s, 0.5 * s - 0.25 * f
+
+
+@njit(cache=True, error_model="numpy")
+def at_end(f, s):
+    """And at the end; f and s are those over the step."""
+    return 4.0 * f - 8.0 * s, 4.0 * s - f
+
+
+@njit(cache=True, error_model="numpy")
+def gained(n1, n2, weights, turned, turn, dt):
+    """Velocities that N1 and N2 make in dt, radial and azimuthal; by `turn` the azimuthal one makes radial velocity."""
+    radial = n1[0] * weights[0] + n2[0] * weights[1]
+    spun = n1[1] * turned[0] + n2[1] * turned[1]
+    return dt * (radial + turn * spun), dt * (n1[1] * weights[0] + n2[1] * weights[1])
+
+
+@njit(cache=True, error_model="numpy")
+def larger(a, b):
+    return max(abs(a), abs(b))
+
+
+@njit(cache=True, error_model="numpy")
+def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
+    """(delta, m) of eqs. (5) and (6) after one step dt, and an estimate of its error over the largest slip."""
+    r = path.r
+    slip2, fast = hastening_at(path, delta, m)
+    rate = fast / path.slow
+    time, x, more = 1.0 / rate, dt * rate, 1.0 / path.time - rate
+    a_r, a_phi = a_r + path.radial * more, a_phi + path.azimuthal * more
+    half, whole = responses(0.5 * x), responses(x)
+    # Without N.
+    d1, m1 = relax(delta, m, time, half, a_r, a_phi, spin, r, 0.5 * dt)
+    d2, m2 = relax(delta, m, time, whole, a_r, a_phi, spin, r, dt)
+    first, second, turned, turned2 = powers(0.5 * x, half)
+    b1, c1 = at_middle(first, second), at_middle(turned, turned2)
+    first, second, turned, turned2 = powers(x, whole)
+    b2, c2 = at_end(first, second), at_end(turned, turned2)
+    turn = 2.0 * (spin + m1) / (r * r) * dt
+    v1 = w1 = v2 = w2 = change = left = 0.0
+    n1 = n2 = (0.0, 0.0)
+    for _ in range(ROUNDS):
+        n1 = rest_of_drag(path, rate, d1 + v1, m1 / r + w1)
+        n2 = rest_of_drag(path, rate, d2 + v2, m2 / r + w2)
+        before, v, w = change, v2, w2
+        v1, w1 = gained(n1, n2, b1, c1, 0.5 * turn, dt)
+        v2, w2 = gained(n1, n2, b2, c2, turn, dt)
+        change = larger(v2 - v, w2 - w)
+        # What is left to change, if it goes on falling as it did.
+        left = change * (change / (before - change) if change < 0.5 * before else 1.0)
+        if left < 1e-2 * TOLERANCE * math.sqrt(slip2):
+            break
+    d2 += v2
+    m2 += r * w2
+    largest = math.sqrt(max(slip2, hastening_at(path, d2, m2)[0]))
+    # What the parabola lacks: as much less than itself as that is less than a straight line.
+    bend, size = larger(n2[0] - 2.0 * n1[0], n2[1] - 2.0 * n1[1]), larger(larger(*n1), larger(*n2))
+    curve = bend / size if size > 0.0 else 0.0
+    error = left + dt * whole[1] * bend * curve * min(1.0, curve + x)
+    return d2, m2, error / largest if largest > 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
+    """As `relax` where the stopping time depends on the slip."""
+    done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1
         step = min(step, dt - done)
-        for level in range(3):
-            part, mean = step / 2.0**level, 0.0
-            d, n = delta, m
-            for _ in range(2**level):
-                half, half_m = d, n
-                for share in (0.5, 1.0):  # to half-way by the time at the start, then all the way by that half-way
-                    time = time_at(path, law, grain, half, half_m)
-                    # What the path's own slip loses more than at the path's own time.
-                    more = 1.0 / path.time - 1.0 / time
-                    half, half_m = relax(
-                        d, n, time, a_r + path.radial * more, a_phi + path.azimuthal * more, spin, path.r, share * part
-                    )  # fmt: skip
-                d, n = half, half_m
-                mean += part / time
-            stage[level, 0], stage[level, 1] = d, n
-        error = 0.0
-        best = stage[2]
-        for k in range(2):
-            first = stage[1, k] + (stage[1, k] - stage[0, k]) / 3.0
-            second = stage[2, k] + (stage[2, k] - stage[1, k]) / 3.0
-            best[k] = second + (second - first) / 7.0
-            error = max(error, abs(best[k] - second) / (path.r if k == 1 else 1.0))
-        scale = max(slip_of(path, delta, m), slip_of(path, best[0], best[1]))
-        error = error / scale / TOLERANCE if scale > 0.0 else 0.0
+        d, n, error = step_by_speed(delta, m, path, a_r, a_phi, spin, step)
+        error /= TOLERANCE
         if error <= 1.0 or count > MOST:
-            delta, m = best[0], best[1]
-            rate += mean
+            delta, m = d, n
             done = done + step if done + step < dt * (1.0 - 1e-15) else dt
-        step *= next_step(error)
-    return delta, m, dt / rate if rate > 0.0 else time
+        if done < dt:
+            step *= next_step(error)
+    return delta, m
+
+
+@njit(cache=True, error_model="numpy")
+def is_linear(path, delta, m, a_r, a_phi, spin, dt):
+    """Whether no slip that a grain can have during dt hastens its drag."""
+    r, lasting = path.r, min(dt, path.slow)
+    turned = abs(m) / r + lasting * abs(a_phi)
+    reach = abs(path.radial) + abs(path.azimuthal) + abs(delta) + turned
+    reach += lasting * (abs(a_r) + turned * (2.0 * spin / r + turned) / r)
+    return unhastened(path.mach2, path.reynolds2, reach * reach)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def kick_dust(
-    first, last, pos, vel, acc, species, law, grains, nonlinear, ratios, star, softening, disc, lag, dt, time
-):  # fmt: skip
-    """Kick dust over dt from `lag` before the time of its places; writes stopping times (n,).
-
-    disc: (Sigma, p, c_s^2, q, f) with Sigma ~ r^-p and c_s^2 ~ r^-q given at radius 1, -(1/Sigma) dP/dr = f c_s^2 / r.
-    """
+def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
+    """Kick dust over dt from `lag` before the time of its places; writes the stopping times (n,) at its start."""
     for i in range(first, last):
         x, y, k = pos[i, 0], pos[i, 1], species[i]
-        path = path_at(x, y, law, grains[k], nonlinear, ratios[k], star, softening, disc)
+        path = path_at(x, y, k, disc)
         r = path.r
         x /= r
         y /= r
@@ -202,11 +311,12 @@ def kick_dust(
         spin, torque = r * (path.orbit + path.azimuthal), -r * path.azimuthal / path.time
         delta = vel[i, 0] * x + vel[i, 1] * y - path.radial + lag * path.push
         m = r * (vel[i, 1] * x - vel[i, 0] * y) - spin + lag * torque
-        time[i] = path.time
-        if nonlinear:
-            delta, m, time[i] = relax_by_speed(delta, m, path, law, grains[k], a_r, a_phi, spin, dt)
+        if path.mach2 + path.reynolds2 == 0.0 or is_linear(path, delta, m, a_r, a_phi, spin, dt):
+            time[i] = path.time
+            delta, m = relax(delta, m, path.time, responses(dt / path.time), a_r, a_phi, spin, r, dt)
         else:
-            delta, m = relax(delta, m, path.time, a_r, a_phi, spin, r, dt)
+            time[i] = path.slow / hastening_at(path, delta, m)[1]
+            delta, m = relax_by_speed(delta, m, path, a_r, a_phi, spin, dt)
         left = dt - lag
         v, w = path.radial + left * path.push + delta, (spin + left * torque + m) / r
         vel[i, 0] = v * x - w * y
@@ -214,11 +324,10 @@ def kick_dust(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def path_velocities(first, last, pos, species, law, grains, nonlinear, ratios, star, softening, disc, out):
+def path_velocities(first, last, pos, species, disc, out):
     """Radial and azimuthal velocity (n, 2) of the steady drift at each place, the latter beyond Kepler's."""
     for i in range(first, last):
-        k = species[i]
-        path = path_at(pos[i, 0], pos[i, 1], law, grains[k], nonlinear, ratios[k], star, softening, disc)
+        path = path_at(pos[i, 0], pos[i, 1], species[i], disc)
         out[i, 0], out[i, 1] = path.radial, path.orbit - path.kepler * path.r + path.azimuthal
 
 

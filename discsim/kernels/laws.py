@@ -6,9 +6,14 @@ from numba.extending import register_jitable
 
 from discsim.formulas import laws
 
-register_jitable(nogil=True, error_model="numpy")(laws.volume_density)  # which the others call
+for formula in laws.volume_density, laws.quickening, laws.hastened:  # which the others call
+    register_jitable(nogil=True, error_model="numpy")(formula)
 stopping_time = njit(nogil=True, cache=True, error_model="numpy")(laws.stopping_time)
 hastening = njit(nogil=True, cache=True, error_model="numpy")(laws.hastening)
+quickening = njit(cache=True, error_model="numpy", forceinline=True)(laws.quickening)
+hastened = njit(cache=True, error_model="numpy", forceinline=True)(laws.hastened)
+steepness = njit(cache=True, error_model="numpy", forceinline=True)(laws.steepness)
+unhastened = njit(cache=True, error_model="numpy", forceinline=True)(laws.unhastened)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

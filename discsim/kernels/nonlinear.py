@@ -4,15 +4,16 @@
 
 by sub-steps. One is made of 1, 2 and 4 exact linear solutions with the stopping times at the slip half-way of each
 (exponential midpoint), extrapolated in their length (Richardson) to fourth order, and is as short as TOLERANCE asks,
-whatever the rates. Momentum is exact.
+whatever the rates. Momentum is exact. Where no slip that can come up changes the drag, it is the exact linear solution.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from discsim.kernels.laws import hastening
+from discsim.kernels.laws import hastened, quickening, unhastened
 from discsim.kernels.relax import relax_means
 
 TOLERANCE = 1e-8  # of the largest slip: the difference of the last two extrapolations
@@ -20,27 +21,50 @@ ROUNDING = 1e-5  # of the velocities, a slip below which their rounding would as
 MOST = 10_000  # sub-steps
 
 
+class Coupled(NamedTuple):
+    """Gas (entry 0) and populations (n) that relax; as `relax_means` takes them."""
+
+    mass: np.ndarray
+    slow: np.ndarray  # stopping times at vanishing slip
+    quick: np.ndarray  # (n, 2): `quickening` of each
+    b: np.ndarray  # (n, d)
+    two_way: bool
+    exponential: bool
+    several: bool | None
+
+
+class Work(NamedTuple):
+    """What a sub-step writes: stopping times, changes, velocities half-way, after 1, 2 and 4 parts (3, n, d) and
+    extrapolated, and of each the sub-step over its stopping time.
+    """
+
+    time: np.ndarray
+    change: np.ndarray
+    half: np.ndarray
+    stage: np.ndarray
+    best: np.ndarray
+    mean: np.ndarray
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
-def slip_of(y, s):
+def slip2_of(y, s):
     total = 0.0
     for c in range(y.shape[1]):
         total += (y[s, c] - y[0, c]) ** 2
-    return math.sqrt(total)
+    return total
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def advance(mass, slow, law, grains, density, sound, omega, y, at, b, two_way, dt, exponential, several, time,
-    change, out,
-):  # fmt: skip
+def advance(them, work, y, at, dt, out):
     """`y` over dt by the stopping times at the slips of `at`."""
     n, dim = y.shape
     for s in range(1, n):
-        if mass[s] > 0.0:
-            time[s] = slow[s] / hastening(law, grains[s - 1], density, sound, omega, slip_of(at, s))
-    relax_means(mass, time, y, b, two_way, dt, exponential, several, change)
+        if them.mass[s] > 0.0:
+            work.time[s] = them.slow[s] / hastened(them.quick[s, 0], them.quick[s, 1], slip2_of(at, s))
+    relax_means(them.mass, work.time, y, them.b, them.two_way, dt, them.exponential, them.several, work.change)
     for s in range(n):
         for c in range(dim):
-            out[s, c] = y[s, c] + dt * b[s, c] + change[s, c]
+            out[s, c] = y[s, c] + dt * them.b[s, c] + work.change[s, c]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -50,56 +74,79 @@ def next_step(error):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def sub_step(them, work, now, step):
+    """Velocities `now` after a sub-step, in `work.best`; its error in units of the tolerance."""
+    # Arrays are copied by loops: assigning slices would cost seconds of compilation.
+    n, dim = now.shape
+    stage, best = work.stage, work.best
+    for level in range(3):
+        part = step / 2.0**level
+        for s in range(n):
+            work.mean[s] = 0.0
+            for c in range(dim):
+                stage[level, s, c] = now[s, c]
+        for _ in range(2**level):
+            at = stage[level]
+            advance(them, work, at, at, 0.5 * part, work.half)
+            advance(them, work, at, work.half, part, at)
+            for s in range(1, n):
+                work.mean[s] += part / work.time[s]
+    error, scale = 0.0, 0.0
+    for s in range(n):
+        if them.mass[s] > 0.0:
+            scale = max(scale, math.sqrt(slip2_of(now, s)), math.sqrt(slip2_of(stage[2], s)))
+            for c in range(dim):
+                first = stage[1, s, c] + (stage[1, s, c] - stage[0, s, c]) / 3.0
+                second = stage[2, s, c] + (stage[2, s, c] - stage[1, s, c]) / 3.0
+                best[s, c] = second + (second - first) / 7.0
+                scale = max(scale, ROUNDING * abs(now[s, c]), ROUNDING * abs(best[s, c]))
+                error = max(error, abs(best[s, c] - second))
+    return error / scale / TOLERANCE if scale > 0.0 else 0.0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def is_linear(them, y, dt):
+    """Whether no slip during dt changes the drag: drag alone never widens the range of the velocities."""
+    reach = 0.0
+    for s in range(1, len(y)):
+        if them.mass[s] > 0.0:
+            reach = max(reach, math.sqrt(slip2_of(y, s)) + dt * math.sqrt(slip2_of(them.b, s)))
+    reach2 = 4.0 * reach * reach
+    for s in range(1, len(y)):
+        if them.mass[s] > 0.0 and not unhastened(them.quick[s, 0], them.quick[s, 1], reach2):
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, change):
     """As `relax_means`, whose `time` (n,) is here that at vanishing slip, and afterwards the mean over the kick."""
-    # Arrays are copied by loops: assigning slices would cost seconds of compilation.
     n, dim = y.shape
-    slow, rate, mean = np.empty(n), np.zeros(n), np.empty(n)
-    start, now, half, best = np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim))
-    stage = np.empty((3, n, dim))
+    slow, quick, rate = np.empty(n), np.zeros((n, 2)), np.zeros(n)
     for s in range(n):
         slow[s] = time[s]
+        if s > 0 and mass[s] > 0.0:
+            quick[s, 0], quick[s, 1] = quickening(law, grains[s - 1], density, sound, omega)
+    them = Coupled(mass, slow, quick, b, two_way, exponential, several)
+    if exponential and is_linear(them, y, dt):  # backward Euler is extrapolated too
+        relax_means(mass, time, y, b, two_way, dt, exponential, several, change)
+        return
+    start, now = np.empty((n, dim)), np.empty((n, dim))
+    for s in range(n):
         for c in range(dim):
             start[s, c] = y[s, c] - y[0, c] if mass[s] > 0.0 else 0.0  # small numbers, whatever the frame
             now[s, c] = start[s, c]
+    work = Work(time, change, np.empty((n, dim)), np.empty((3, n, dim)), np.empty((n, dim)), np.empty(n))
     done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1
         step = min(step, dt - done)
-        for level in range(3):
-            part = step / 2.0**level
-            for s in range(n):
-                mean[s] = 0.0
-                for c in range(dim):
-                    stage[level, s, c] = now[s, c]
-            for _ in range(2**level):
-                at = stage[level]
-                advance(
-                    mass, slow, law, grains, density, sound, omega, at, at, b, two_way, 0.5 * part, exponential,
-                    several, time, change, half,
-                )  # fmt: skip
-                advance(
-                    mass, slow, law, grains, density, sound, omega, at, half, b, two_way, part, exponential,
-                    several, time, change, at,
-                )  # fmt: skip
-                for s in range(1, n):
-                    mean[s] += part / time[s]
-        error, scale = 0.0, 0.0
-        for s in range(n):
-            if mass[s] > 0.0:
-                scale = max(scale, slip_of(now, s), slip_of(stage[2], s))
-                for c in range(dim):
-                    first = stage[1, s, c] + (stage[1, s, c] - stage[0, s, c]) / 3.0
-                    second = stage[2, s, c] + (stage[2, s, c] - stage[1, s, c]) / 3.0
-                    best[s, c] = second + (second - first) / 7.0
-                    scale = max(scale, ROUNDING * abs(now[s, c]), ROUNDING * abs(best[s, c]))
-                    error = max(error, abs(best[s, c] - second))
-        error = error / scale / TOLERANCE if scale > 0.0 else 0.0
+        error = sub_step(them, work, now, step)
         if error <= 1.0 or count > MOST:
             for s in range(n):
-                rate[s] += mean[s]
+                rate[s] += work.mean[s]
                 for c in range(dim):
-                    now[s, c] = best[s, c]
+                    now[s, c] = work.best[s, c]
             done = done + step if done + step < dt * (1.0 - 1e-15) else dt
         step *= next_step(error)
     for c in range(dim):
@@ -112,4 +159,4 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
         if rate[s] > 0.0:
             time[s] = dt / rate[s]
         elif mass[s] > 0.0:
-            time[s] = slow[s] / hastening(law, grains[s - 1], density, sound, omega, slip_of(start, s))
+            time[s] = slow[s] / hastened(quick[s, 0], quick[s, 1], slip2_of(start, s))

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from discsim import __version__
 from discsim.initial.base import Curve, Start
 from discsim.output.snapshot import Snapshot, SnapshotParticles, range_of_mass, read_snapshot
-from discsim.parts import STARTS
+from discsim.parts import EFFECTS, STARTS
 from discsim.scene import load_scene
 
 Array = np.ndarray
@@ -62,7 +62,12 @@ def _start(snap: Snapshot) -> Start | None:
 def _centred(snap: Snapshot) -> bool:
     """Whether the scene has a centre about which a radial profile says something."""
     start = _start(snap)
-    return "star" in snap.tables or (start is not None and start.edges is not None)
+    return _has_centre(snap) or (start is not None and start.edges is not None)
+
+
+def _has_centre(snap: Snapshot) -> bool:
+    """Whether an effect makes the origin a centre."""
+    return any(EFFECTS[name].marks_centre for name in snap.tables if name in EFFECTS)
 
 
 def _around(snap: Snapshot) -> str | None:
@@ -127,7 +132,7 @@ def _map(
         cmap=colours,
         interpolation="bilinear",
     )
-    if "star" in snap.tables:
+    if _has_centre(snap):
         axes.plot(0, 0, marker="*", color="white", markeredgecolor="black", markersize=11)
     axes.set(title=kind, xlabel=f"x{length_unit}", ylabel=f"y{length_unit}")
     figure.colorbar(image, ax=axes, label=rf"$\Sigma_\mathrm{{{kind}}}${density_unit}", pad=0.02)

@@ -100,6 +100,7 @@ class Eos:
     keys: type[Table]
     holds_heat = False  # whether the gas has an energy u of its own
     closes_energy = False  # whether the total energy of a run is to stay what it is
+    one_speed = False  # whether sound has one speed, the table's, everywhere and at any time
     on_grid = False  # whether fluids on a fixed grid may have it
     rules: tuple[Rule, ...] = ()  # what a scene whose [gas] has it must have
 
@@ -165,7 +166,7 @@ class Eos:
 
 class IsothermalGas(Eos):
     keys = Isothermal
-    on_grid = True
+    one_speed = on_grid = True
 
 
 class LocallyIsothermalGas(Eos):

@@ -33,8 +33,9 @@ class Local:
     """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them.
 
     resolution: `h` as other kernels mean it. step: the longest one. by_mass: makes h/H all over the gas (n,), rising,
-    and the share of the gas with less than each (n,). For the whole scene: particle_mass of the gas, and `cell`, the
-    side of the grid's cells.
+    and the share of the gas with less than each (n,). in_drag_cells: the mean numbers of gas and dust particles in a
+    drag cell there at the start, None where drag has no cells. For the whole scene: particle_mass of the gas, and
+    `cell`, the side of the grid's cells.
     """
 
     places: list[str]
@@ -47,6 +48,7 @@ class Local:
     resolution: Array | None
     step: Array | None
     by_mass: Callable[[], tuple[Array, Array]]
+    in_drag_cells: Callable[[], tuple[Array, Array] | None]
     particle_mass: float | None
     cell: float | None
 

@@ -50,10 +50,16 @@ def _local(scene: Scene, places: Places) -> Local:
     step = None if h is None or sound is None else longest_step(scene, h, sound)
     particle_mass = gas_mass(scene) / particle_count(scene, scene.gas) if scene.gas else None
     found = grid(scene)
-    return Local(
+    at = Local(
         places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_by_mass, scene),
-        particle_mass, found[0] if found else None,
+        lambda: _in_drag_cells(scene, at), particle_mass, found[0] if found else None,
     )  # fmt: skip
+    return at
+
+
+def _in_drag_cells(scene: Scene, at: Local) -> tuple[Array, Array] | None:
+    side = drag_cell_sides(scene, at)
+    return None if side is None else drag_cell_counts(scene, at, side)
 
 
 def _by_mass(scene: Scene) -> tuple[Array, Array]:

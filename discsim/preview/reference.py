@@ -37,7 +37,7 @@ def effects_text() -> str:
     lines: list[str] = []
     for name in EFFECTS:
         lines += ["", f"[{name}]", *_indented(docstring(EFFECTS.module(name))), "", *_text_of(name)]
-        if name == "drag":
+        if EFFECTS[name].lists_schemes:
             lines += _schemes()
     lines += ["", "Tables that set up a run"]
     for name in SETUP_TABLES:
@@ -140,8 +140,6 @@ def _value_words(model: type[Table], key: str) -> str:
     choices = fields.choices_in(field.annotation)
     if choices:
         return ", ".join(fields.shown(choice) for choice in choices)
-    if key in ("checkpoint_every", "walltime"):
-        return "wall-clock time"
     if field.annotation is bool:
         return "true, false"
     return "text" if field.annotation is str else "whole number"

@@ -19,6 +19,7 @@ from discsim.scene.fields import (
     Seconds,
     Table,
     Time,
+    Words,
     kinds_of,
     models_in,
     sides,
@@ -50,8 +51,12 @@ class Run(Table):
     threads: Annotated[Count | None, Default("all cores")] = Field(
         None, ge=1, description="results do not depend on it"
     )
-    checkpoint_every: Annotated[Seconds, Default('"10 min"')] = Field(600.0, description="between checkpoints")
-    walltime: Seconds | None = Field(None, description='end after it, with a checkpoint; like "2 h"')
+    checkpoint_every: Annotated[Seconds, Default('"10 min"'), Words("wall-clock time")] = Field(
+        600.0, description="between checkpoints"
+    )
+    walltime: Annotated[Seconds | None, Words("wall-clock time")] = Field(
+        None, description='end after it, with a checkpoint; like "2 h"'
+    )
 
 
 class Space(Table):

@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 
 GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest setting is told
 FARTHEST = 1e8
+SAME = 1e-9  # share by which x differ at least that are not the same but for rounding
 
 
 def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
     """p of y ~ x^p by least squares of the logarithms; None of fewer than two different x."""
-    if len(set(x)) < 2 or min(*x, *y) <= 0.0:
+    if len(x) < 2 or min(*x, *y) <= 0.0 or max(x) <= (1.0 + SAME) * min(x):
         return None
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 

@@ -5,15 +5,12 @@ import json
 import tomllib
 from importlib import import_module as script
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from discsim.numerics.state import Dust, Gas
 from discsim.output.snapshot import write_snapshot
-from discsim.parts import SCHEMES
 from discsim.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -262,141 +259,3 @@ def test_eight_grains_err_no_more_than_twice_what_a_full_load_does(coefficient):
         return measures.smoothed_error(sim, "gas", 0.01, "cubic")
 
     assert error(8) < 2.0 * error(600)
-
-
-# stability_map.py, throughput.py, cost_of_accuracy.py
-
-
-@pytest.mark.parametrize("coefficient", [1e-6, 1.0, 1e12])
-@pytest.mark.parametrize("ratio", [1e-6, 1e6])
-def test_no_wave_is_out_of_reach_of_the_default_scheme(coefficient, ratio):
-    """The corners of the map: at 120 particles the velocities are right to .5%, from free to one body."""
-    module = script("stability_map")
-    found = module.run("tsc", coefficient, ratio, 120)
-    assert found["error"] < 0.005
-    # 34 steps, as sound sets them.
-    assert found["stiffness"] == pytest.approx(module.END / 34 * coefficient * (1 + 1 / ratio), rel=0.2)
-
-
-def test_a_blow_up_is_seen(monkeypatch):
-    module = script("stability_map")
-
-    def blow():
-        raise module.PhysicsError("gas particle 3 is not finite")
-
-    monkeypatch.setattr(module, "run_of", lambda *a, **k: SimpleNamespace(run=blow))
-    assert module.run("tsc", 1.0, 1.0, 60)["error"] == np.inf
-
-
-@pytest.mark.parametrize("name", ["gas", "gravity", "dust one-way", "dust two-way", "mix"])
-def test_throughput_measures_what_it_names(name, monkeypatch):
-    module = script("throughput")
-    monkeypatch.setattr(module, "triad", lambda: 1e-9)  # these take seconds of their own
-    monkeypatch.setattr(module, "fft_pair", lambda cells: 1e-3)
-    tables = module.case(name, 1500 if "dust" in name else 500, 1)
-    found = module.measure(tables)
-    assert set(found["effects"]) == {"gas", "star"} | (
-        {"self_gravity"} if name != "gas" else set()
-    ) | ({"dust", "drag"} if found["dust"] else set())  # fmt: skip
-    # A few at the inner edge fall onto the star.
-    assert found["dust"] == pytest.approx(
-        {"dust one-way": 1500, "dust two-way": 1500, "mix": 5000}.get(name, 0), rel=0.1
-    )
-    # Near the sharp edges kernels are wider than the 25 neighbours inside.
-    assert found["neighbours"] == pytest.approx(25, rel=0.1)
-    assert 0.0 < sum(found["effects"].values()) <= found["cpu"]
-    assert "dust" not in module.without_dust(tables)
-
-
-def test_a_study_of_cost_is_made_once(tmp_path):
-    module = script("cost_of_accuracy")
-    vary = ["drag.scheme=idic,tsc", module.particles(24, 48)]
-    study = module.made(module.wave(500.0), vary, tmp_path / "wave")
-    again = module.made(module.wave(500.0), vary, tmp_path / "wave")
-    assert [p.cpu for p in study.points] == [p.cpu for p in again.points]
-    prices = {name: module.price(points, 0.01, module.updates) for name, points in study.lines().items()}
-    assert prices["scheme = tsc"][0] < prices["scheme = idic"][0]
-
-
-@pytest.fixture
-def cost_module(monkeypatch):
-    """The script with some of its constants, and without the figures that each study draws of itself (test_cost.py)."""
-    monkeypatch.setattr("discsim.study.costfigure.cost_figure", lambda study, path: None)
-
-    def reduced(**constants):
-        module = script("cost_of_accuracy")
-        for name, value in constants.items():
-            monkeypatch.setattr(module, name, value)
-        return module
-
-    return reduced
-
-
-def rows_of(file):
-    return list(csv.DictReader(file.read_text().splitlines()))
-
-
-def test_waves_and_shocks_are_made_with_every_scheme(cost_module, tmp_path, capsys):
-    module = cost_module(WAVE_K=(0.5,), SHOCK_K=(5.0,), WAVES=(24, 48), FINER_WAVES=(24, 48), SHOCKS=(30, 40))
-    assert module.main(["-o", str(tmp_path), "--studies", "wave,shock"]) == 0
-    for problem in ("wave-0.5", "shock"):
-        rows = [row for folder in tmp_path.glob(f"{problem}*") for row in rows_of(folder / "cost.csv")]
-        assert sorted({row["drag.scheme"] for row in rows}) == sorted(SCHEMES)
-        assert all(row["status"] == "done" for row in rows)
-        errors = {(row["drag.scheme"], row["gas.particles"]): float(row["error"]) for row in rows}
-        assert all(error < 0.3 for error in errors.values())
-        assert all(errors[name, "48"] < 0.7 * error for (name, count), error in errors.items() if count == "24")
-        # The ends of a tube are held: its momentum is none to keep.
-        assert all((row["momentum"] == "") == (problem == "shock") for row in rows)
-    for name in ("cost_wave.png", "cost_shock.png"):
-        assert (tmp_path / name).stat().st_size > 10_000
-    assert "updates to 1%" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        module.main(["--studies", "waves"])
-
-
-def test_waves_across_a_square(cost_module, tmp_path):
-    module = cost_module(SQUARES=(12,), FINER_SQUARES=(12,))
-    assert module.main(["-o", str(tmp_path), "--studies", "oblique"]) == 0
-    finer = {
-        row["drag.scheme"]: row
-        for name in ("oblique", "oblique-explicit")
-        for row in rows_of(tmp_path / name / "cost.csv")
-    }
-    # Steps of t_stop against steps of sound, for four times the error.
-    assert int(finer["mk"]["steps"]) > 50 * int(finer["tsc"]["steps"])
-    assert float(finer["mk"]["error"]) > 4.0 * float(finer["tsc"]["error"])
-
-
-def test_the_sheet_grows_as_it_must_with_more_cells(cost_module, tmp_path):
-    module = cost_module(CELLS=(16, 64), SHEETS=(900,))
-    assert module.main(["-o", str(tmp_path), "--studies", "sheet"]) == 0
-    coarse, fine = (float(row["error"]) for row in rows_of(tmp_path / "sheet" / "cost.csv"))
-    assert fine < 0.2 * coarse and fine < 0.02  # of e^5
-    assert (tmp_path / "cost_sheet.png").exists()
-
-
-def test_what_discs_keep_against_the_courant_factor(cost_module, tmp_path, capsys):
-    module = cost_module(COURANTS=(0.2, 0.8), DISC=800, ORBITS=0.3)
-    assert module.main(["-o", str(tmp_path), "--studies", "courant"]) == 0
-    plain, dusty, complete = (rows_of(tmp_path / f"courant-{name}" / "cost.csv") for name in (
-        "gas", "gas-dust-drag", "gas-dust-drag-self-gravity"))  # fmt: skip
-    assert all(float(row["angular_momentum"]) < 1e-13 for row in plain)
-    assert all(1e-13 < float(row["angular_momentum"]) < 1e-5 for row in dusty + complete)  # the drag's nodes
-    assert float(plain[0]["energy"]) < 0.4 * float(plain[1]["energy"])
-    assert (tmp_path / "cost_courant.png").exists() and "Courant factor" in capsys.readouterr().out
-
-
-def test_cost_of_the_drift(tmp_path, capsys):
-    module = script("drift_cost")
-    wanted = [case for case in module.cases((1500,), (1,)) if case.gas == "given" and case.stokes == 0.01]
-    wanted.append(module.Case("quintic", 0.1, "tsc", 2000, 2))
-    rows = module.make(tmp_path / "drift", Console(), wanted)
-    for row in rows:
-        if row["gas"] == "given":
-            assert row["drift"] == pytest.approx(1.0, abs=0.05), row
-        assert row["cpu"] > 0.0 and row["error"] > 0.0
-    assert rows[-1]["of_headwind"] == pytest.approx(1.0, abs=0.25)  # 2000 particles
-    again = module.make(tmp_path / "drift", Console(), wanted)
-    assert [row["cpu"] for row in again] == [row["cpu"] for row in rows]
-    assert (tmp_path / "cost_drift.png").exists() and "of_headwind" in capsys.readouterr().out

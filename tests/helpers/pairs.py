@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from discsim import Simulation
+
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
 
 
@@ -32,3 +34,41 @@ def cloud(dimensions=2, boost=0.0, order=None, n=(500, 400), boundary="open", fi
         for name, arrays in given.items():
             given[name] = {key: value[order[name]] for key, value in arrays.items()}
     return given
+
+
+def kicked(scheme, dt=0.01, eos=ISOTHERMAL, given=None, law=None, boundary="open", **drag):
+    """A simulation of `cloud` before its kick, and what makes one kick of drag alone."""
+    given = given or cloud()
+    dimensions = given["gas"]["pos"].shape[1]
+    n = len(given["gas"]["mass"])
+    dust = [{"particles": 1, "ratio": 0.5}] * 2
+    law = law or {"law": "constant", "K": 30.0}
+    tables = scene(
+        law | {"scheme": scheme} | drag, {"particles": n, "eos": eos}, dust, dimensions=dimensions, boundary=boundary
+    )
+    if eos is ISOTHERMAL:
+        given["gas"].pop("u", None)
+    sim = Simulation(tables, particles=given)
+    sim._prepare()
+    for p in sim.state.species.values():
+        p.acc[:] = 0.0
+    sim.state.own_acc["gas"][:] = 0.0
+    if sim.gas.u is not None:
+        sim.gas.heating_rate[:] = sim.gas.pressure_acc[:] = 0.0
+    return sim, lambda: sim.operators.kick(dt)
+
+
+def both(sim):
+    return sim.gas, sim.dust
+
+
+def momentum(sim):
+    return sum(p.mass @ p.vel for p in both(sim))
+
+
+def spin(sim):
+    return sum(p.mass @ (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) for p in both(sim))
+
+
+def motion(sim, boost=0.0):
+    return sum(0.5 * p.mass @ ((p.vel - boost) ** 2).sum(axis=1) for p in both(sim))

@@ -1,4 +1,8 @@
-"""A scene as text, written with changes."""
+"""Scenes as text and as tables, written with changes, and what is wrong with them."""
+
+import pytest
+
+from discsim.scene import SceneError, load_scene
 
 DISC = """\
 title = "a disc"
@@ -40,3 +44,37 @@ def write(tmp_path, text):
     path = tmp_path / "scene.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
+
+
+WAVE = {
+    "units": {"system": "code"},
+    "run": {"until": 0.5},
+    "space": {"dimensions": 1, "size": 1, "boundary": "periodic"},
+    "initial": {"kind": "wave"},
+    "gas": {"particles": 600, "eos": {"kind": "isothermal", "sound_speed": 1}},
+    "dust": {"particles": 600, "ratio": 1},
+    "drag": {"law": "constant", "K": 500},
+}
+
+
+def changed(scene, **tables):
+    """A copy with keys of tables changed; None removes a key, and a table."""
+    copy = {name: dict(table) for name, table in scene.items()}
+    for name, table in tables.items():
+        if table is None:
+            copy.pop(name)
+        else:
+            copy[name] = {k: v for k, v in {**copy.get(name, {}), **table}.items() if v is not None}
+    return copy
+
+
+def problems(source, *arguments, **keywords):
+    with pytest.raises(SceneError) as caught:
+        load_scene(source, *arguments, **keywords)
+    assert str(caught.value) == "\n".join(caught.value.problems)
+    return caught.value.problems
+
+
+def assert_matches(messages, pattern):
+    start, _, end = pattern.partition("*")
+    assert any(m.startswith(start) and m.endswith(end.strip()) for m in messages), messages

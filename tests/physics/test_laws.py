@@ -14,7 +14,7 @@ from discsim import Simulation
 from discsim.exact import dustybox
 from discsim.formulas import laws as formulas
 from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK
-from discsim.kernels.background import path_at
+from discsim.kernels.background import Disc, path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
@@ -190,29 +190,65 @@ def test_relaxation_by_speed_is_sane(kind, ratio, time, slip, source, boost):
     assert abs(slip + alone[1, 0] - alone[0, 0]) <= abs(slip) * (1 + 1e-12)
 
 
-def test_slip_in_a_given_disc_is_that_of_an_ode_solver():
-    """Radial velocity and angular momentum at a fixed place, whose stopping time depends on their slip, over a kick."""
-    a_r, a_phi, dt = 0.3, -0.2, 0.7
-    for law, grain in GRAINS.values():
-        path = path_at(0.8, 0.6, law, grain, True, 0.01, 1.0, 0.0, np.array([1.0, 1.0, 0.1, 0.5, 1.5]))
-        spin = path.r * (path.orbit + path.azimuthal)
+def path_of(law, grain, gas=(1.0, 1.0, 0.1, 0.5, 1.5)):
+    return path_at(0.8, 0.6, 0, Disc(law, grain[None], True, np.array([0.01]), 1.0, 0.0, np.array(gas)))
 
-        def slope(_, y, law=law, grain=grain, path=path, spin=spin):
-            w = np.hypot(path.radial + y[0], path.azimuthal + y[1] / path.r)
-            time = path.slow / hastening(law, grain, path.density, path.sound, path.kepler, w)
-            more = 1 / path.time - 1 / time
-            radial = -y[0] / time + path.radial * more + a_r + ((spin + y[1]) ** 2 - spin**2) / path.r**3
-            return [radial, -y[1] / time + path.r * (path.azimuthal * more + a_phi)]
 
-        start = [9.0, -4.0]
-        found = relax_in_disc(*start, path, law, grain, a_r, a_phi, spin, dt)[:2]
-        end = solve_ivp(slope, (0.0, dt), start, rtol=1e-11, atol=1e-12).y[:, -1]
-        np.testing.assert_allclose(found, end, rtol=0, atol=1e-6 * 9.0)
-        # The path is where the drag is that of its own slip.
-        slip = np.hypot(path.radial, path.azimuthal)
-        fast = hastening(law, grain, path.density, path.sound, path.kepler, slip)
-        assert path.time == pytest.approx(path.slow / fast, rel=1e-6)
-        assert fast > 1.0
+def slip_by_ode(path, delta, m, a_r, a_phi, dt):
+    spin = path.r * (path.orbit + path.azimuthal)
+
+    def slope(_, y):
+        w = np.hypot(path.radial + y[0], path.azimuthal + y[1] / path.r)
+        rate = formulas.hastened(path.mach2, path.reynolds2, w * w) / path.slow
+        more = 1 / path.time - rate
+        radial = -y[0] * rate + path.radial * more + a_r + ((spin + y[1]) ** 2 - spin**2) / path.r**3
+        return [radial, -y[1] * rate + path.r * (path.azimuthal * more + a_phi)]
+
+    # Many steps, so that none passes over a slip at which the law changes.
+    found = solve_ivp(slope, (0, dt), [delta, m], method="LSODA", rtol=1e-11, atol=1e-12, max_step=dt / 50)
+    return found.y[:, -1]
+
+
+@pytest.mark.parametrize("kind", GRAINS)
+@pytest.mark.parametrize("seed", range(12))
+def test_slip_in_a_given_disc_is_that_of_an_ode_solver(kind, seed):
+    """Radial velocity and angular momentum at a fixed place, whose stopping time depends on their slip, over a kick:
+    near the steady drift and far from it, steps shorter and longer than the stopping time."""
+    rng = np.random.default_rng(seed)
+    path = path_of(*GRAINS[kind], (10.0 ** rng.uniform(-1, 1), 1.0, 10.0 ** rng.uniform(-4, -1), 0.5, 1.5))
+    slip = np.hypot(path.radial, path.azimuthal)
+    delta, m, a_r, a_phi = slip * 10.0 ** rng.uniform(-3, 2) * rng.normal(size=4)
+    dt = 10.0 ** rng.uniform(-2, 0)
+    found = relax_in_disc(delta, m, path, a_r, a_phi, path.r * (path.orbit + path.azimuthal), dt)
+    expected = slip_by_ode(path, delta, m, a_r, a_phi, dt)
+    largest = max(np.hypot(path.radial + v, path.azimuthal + w / path.r) for v, w in ((delta, m), expected))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * largest)  # ten times what a step may err by
+
+
+def test_slip_that_falls_through_the_end_of_stokes_drag():
+    """Re falls from 3 to 0.03 in some stopping times: a long step must not miss where the drag turns linear."""
+    path = path_of(EPSTEIN_STOKES, np.array([0.002, 0.0, 1.0, 1.0, 1.0]), (1.0, 1.0, 0.01, 0.5, 1.5))
+    unit = 1.0 / math.sqrt(path.reynolds2)  # slip of Re = 1
+    spin, dt = path.r * (path.orbit + path.azimuthal), 7.0 * path.slow
+    assert np.hypot(path.radial, path.azimuthal) < 0.03 * unit
+    for angle in (0.0, 0.5, 3.0):
+        delta, m = 3.0 * unit * math.cos(angle), 3.0 * unit * math.sin(angle)
+        found = relax_in_disc(delta, m, path, 0.0, 0.0, spin, dt)
+        np.testing.assert_allclose(found, slip_by_ode(path, delta, m, 0.0, 0.0, dt), rtol=0, atol=3e-7 * unit)
+
+
+@pytest.mark.parametrize("kind", GRAINS)
+@pytest.mark.parametrize("dt", [1e-3, 1.0, 1e3, 1e6])
+def test_steady_drift_is_exact_at_any_step(kind, dt):
+    """On the path the drag is that of its own slip, and a grain there stays."""
+    law, grain = GRAINS[kind]
+    path = path_of(law, grain)
+    slip = np.hypot(path.radial, path.azimuthal)
+    fast = hastening(law, grain, path.density, path.sound, path.kepler, slip)
+    assert path.time == pytest.approx(path.slow / fast, rel=1e-11)
+    assert fast > 1.0
+    found = relax_in_disc(0.0, 0.0, path, 0.0, 0.0, path.r * (path.orbit + path.azimuthal), dt)
+    np.testing.assert_allclose(found, 0.0, atol=1e-11 * slip)
 
 
 # Whole scenes

@@ -145,6 +145,7 @@ def test_price_is_read_off_a_power_law():
 def test_power_of_a_line():
     assert fitted_power([1.0, 2.0, 4.0], [3.0, 0.75, 0.1875]) == pytest.approx(-2.0)
     assert fitted_power([1.0, 1.0], [3.0, 0.75]) is None
+    assert fitted_power([0.5, 0.5 * (1.0 + 2.0**-52)], [3.0, 0.75]) is None  # rounding is no line
 
 
 # Studies

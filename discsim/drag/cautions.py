@@ -1,0 +1,96 @@
+"""Warnings of drag: what will run, but perhaps not as meant, each with its number and what to change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.numerics.layout import LOADED
+from discsim.parts import SCHEMES, USUAL_SCHEME
+from discsim.physics import laws
+from discsim.physics.local import Local
+
+if TYPE_CHECKING:
+    from discsim.drag.base import Scheme
+    from discsim.scene import Scene
+
+# In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
+# One grain in a cell cures that.
+LONELY = (0, 0.25)
+
+
+def warnings(scene: Scene, at: Local) -> Iterator[str]:
+    """Of a scene with [drag], whatever its gas is made of."""
+    yield from _of_slip(scene, at)
+    yield from _of_cells(scene, at)
+    yield from _of_scheme(scene, at)
+
+
+def _times(scene: Scene, at: Local) -> list[np.ndarray]:
+    """Stopping time of each population at the places of `at`; no entry where it is not defined."""
+    return laws.stopping_times(scene, at.density, at.sound_speed, at.omega)
+
+
+def _of_slip(scene: Scene, at: Local) -> Iterator[str]:
+    """Grains that gas hardly drags."""
+    for i, time in enumerate(_times(scene, at)):
+        if at.omega is not None and (time * at.omega).max() > 10:
+            stokes = time * at.omega
+            where = at.where(int(np.argmax(stokes)))
+            which = f"dust.{i}" if len(scene.dust or ()) > 1 else "dust"
+            yield (
+                f"{which}: St = {stokes.max():.3g} {where}, above 10, where gas hardly drags: "
+                f"lower the stopping time {stokes.max() / 10:.2g} times, or leave out [drag]"
+            )
+
+
+def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
+    """Cells with too few particles."""
+    strong = sum(dust.ratio for dust in scene.dust or ()) > LOADED
+    if not strong or scene.drag.direction == "one-way":
+        return
+    counts, dim = at.in_drag_cells(), scene.space.dimensions
+    if counts is None:
+        return
+    even = all(dust.placement == "even" for dust in scene.dust or ())
+    cells = SCHEMES[scene.drag.scheme].cells
+    wanted = (cells.few if even else cells.few_random) if dim == 2 else LONELY
+    for name, count, few in zip(("gas", "dust"), counts, wanted, strict=True):
+        least = count[count > 0].min(initial=few)  # where a population is absent nothing is to be counted
+        if least < few:
+            where = at.where(int(np.flatnonzero(count == least)[0]))
+            more, wider = few / least, (max(few, 1) / least) ** (1 / dim)
+            yield (
+                f"{least:.3g} {name} particles in a drag cell {where}, below {few}: "
+                f"raise {name}.particles {more:.3g} times, or drag.cell {wider:.3g} times"
+            )
+
+
+def _of_scheme(scene: Scene, at: Local) -> Iterator[str]:
+    """Explicit steps, and schemes that compare velocities at the places of the particles."""
+    drag = scene.drag
+    if drag is None or at.step is None or at.resolution is None or at.sound_speed is None:
+        return
+    scheme: Scheme = SCHEMES[drag.scheme]
+    for time in _times(scene, at):
+        if scheme.explicit:
+            loaded = max(1.0, sum(dust.ratio for dust in scene.dust or ()))
+            short = at.step / (time / loaded)
+            worst = int(np.argmax(short))
+            if short[worst] > 1:
+                yield (
+                    f'drag.scheme "{drag.scheme}" is explicit: {at.where(worst)} its steps are {short[worst]:.2g} '
+                    f'times shorter than the gas\'s: take "{USUAL_SCHEME}"'
+                )
+        if scheme.damps:
+            ratio = at.resolution / (at.sound_speed * time)
+            worst = int(np.argmax(ratio))
+            if ratio[worst] > 1:
+                more = ratio[worst] ** scene.space.dimensions
+                yield (
+                    f"h is {ratio[worst]:.2g} times c_s t_stop {at.where(worst)}, above 1, where "
+                    f'drag.scheme "{drag.scheme}" damps too much: take "{USUAL_SCHEME}", or gas.particles '
+                    f"{more:.2g} times as many"
+                )
