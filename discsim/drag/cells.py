@@ -10,7 +10,8 @@ from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.drag.frame import clockwise, frame
 from discsim.kernels import blocks as kernels
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
-from discsim.kernels.drag import relax_blocks
+from discsim.kernels.drag import Corners, relax_blocks
+from discsim.kernels.kinds import Law, Species
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
@@ -59,6 +60,10 @@ class Blocks(NamedTuple):
     @property
     def sides(self) -> Array:
         return self.lattice.side * 2.0**self.level
+
+    def period(self, size: Array) -> Array:
+        """The period of a space of this size (2,), inf where it is open."""
+        return size if self.lattice.periodic else np.full(2, np.inf)
 
     @property
     def corners(self) -> Array:
@@ -173,25 +178,41 @@ def merge(
     return number, first_leaf, level, flag
 
 
+def law_of(drag: Drag, dt: float) -> Law:
+    return Law(drag.law.code, drag.law.grains, drag.two_way, dt, drag.exponential)
+
+
+def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
+    """Gas, of velocities `gas_vel`, and dust as kernels take them."""
+    gas, dust, own = state.gas, state.dust, state.own_acc
+    return (
+        Species(
+            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, gas.sound_speed,
+            blocks.gas_order, blocks.gas_start, 1, 0,
+        ),
+        Species(
+            dust.pos, dust.vel, dust.acc, own["dust"], dust.mass, densities_of_sparse_dust(drag, state), NONE,
+            blocks.dust_order, blocks.dust_start, drag.law.populations, 1,
+        ),
+    )  # fmt: skip
+
+
 def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
     """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
-    gas, dust = state.gas, state.dust
     about_star = frame(drag, state)
     blocks = sort_into_blocks(
         drag, state, lattice(drag, state, wanted_leaf(drag, state)), drag.scheme.cells.least(state.scene),
         drag.drag.cell or 0.0,
         INSIDE if drag.two_way else IGNORE, linear, linear and clockwise(about_star),
     )  # fmt: skip
-    times = np.empty((len(blocks.level) + 2, drag.law.populations))
+    gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
+    times = np.empty((len(corners), drag.law.populations))
     share(
-        relax_blocks, len(corners), gas.pos, gas_vel, gas.acc, state.own_acc["gas"], gas.mass, gas.density,
-        gas.sound_speed, blocks.gas_order, blocks.gas_start, dust.pos, dust.vel, dust.acc, state.own_acc["dust"],
-        dust.mass, densities_of_sparse_dust(drag, state), blocks.dust_order, blocks.dust_start, times,
-        linear, drag.two_way, drag.law.code, drag.law.grains, drag.law.nonlinear, dt, drag.exponential,
-        drag.law.several, about_star, corners, drag.size, state.grid.periodic, heat, least=64,
+        relax_blocks, len(corners), gas, dust, Corners(corners, blocks.period(drag.size)), law_of(drag, dt), linear,
+        drag.law.nonlinear, drag.law.several, about_star, times, heat, least=64,
     )  # fmt: skip
     start = blocks.dust_start[:: drag.law.populations]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
-    drag.note_uncoupled(dust, lambda mass: kernels.mass_in(mass, blocks.dust_order, start, alone, NONE))
+    drag.note_uncoupled(state.dust, lambda mass: kernels.mass_in(mass, blocks.dust_order, start, alone))
     drag.stopping_times = lambda: kernels.times_of_members(times, blocks.dust_order, blocks.dust_start)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.cells import Blocks, lattice, sort_into_blocks, wanted_leaf
-from discsim.drag.cloud import densities_of_sparse_dust
+from discsim.drag.cells import Blocks, lattice, law_of, sort_into_blocks, species_in, wanted_leaf
 from discsim.drag.frame import clockwise, frame
 from discsim.kernels import levels, nodes_fit, nodes_gather, nodes_heat, nodes_relax, nodes_scatter, nodes_sharpen
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
 from discsim.kernels.drag import free_kick
 from discsim.kernels.frame import Frame
-from discsim.kernels.nodes import FIELDS, ONE, WHOLE, Cells, Change, Law, Nodes, Sharp, Slopes, Species
+from discsim.kernels.kinds import Law, Species
+from discsim.kernels.nodes import FIELDS, ONE, WHOLE, Cells, Change, Nodes, Sharp, Slopes
 from discsim.kernels.rows import LANES
 from discsim.numerics.threads import share
 
@@ -36,8 +36,8 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
         NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip
-    law = Law(drag.law.code, drag.law.grains, drag.two_way, dt, drag.exponential)
-    gas, dust = _species(drag, state, blocks, gas_vel)
+    law = law_of(drag, dt)
+    gas, dust = species_in(drag, state, blocks, gas_vel)
     rows = [_kept(drag, f"rows of {name}", p.count, FIELDS) for name, p in state.species.items()]
     cells, nodes = _places(drag, blocks)
     for kind, row in zip((gas, dust), rows, strict=True):
@@ -70,20 +70,6 @@ def _kept(drag: Drag, name: str, *shape: int) -> Array:
     return buffer[:size].reshape(shape)
 
 
-def _species(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
-    gas, dust, own = state.gas, state.dust, state.own_acc
-    return (
-        Species(
-            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, gas.sound_speed,
-            blocks.gas_order, blocks.gas_start, 1, 0,
-        ),
-        Species(
-            dust.pos, dust.vel, dust.acc, own["dust"], dust.mass, densities_of_sparse_dust(drag, state), NONE,
-            blocks.dust_order, blocks.dust_start, drag.law.populations, 1,
-        ),
-    )  # fmt: skip
-
-
 def _outside(kind: Species, cells: Cells) -> Array:
     """Numbers of the particles outside the lattice."""
     return kind.order[kind.start[len(cells.home) * kind.number] :]
@@ -95,17 +81,11 @@ def _places(drag: Drag, blocks: Blocks) -> tuple[Cells, Nodes]:
     lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
     given, own = (_kept(drag, f"{name} of cells", species, len(home), rows, FIELDS) for name, rows in SUMS.items())
-    period = drag.size if grid.periodic else np.full(2, np.inf)
+    centre = levels.node_centres(place, grid.origin, grid.side)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
-        Cells(blocks.corners, blocks.sides, home, given, own, period),
-        Nodes(
-            about,
-            near,
-            levels.node_centres(place, grid.origin, grid.side),
-            np.empty((len(near), species, FIELDS)),
-            square,
-        ),
+        Cells(blocks.corners, blocks.sides, home, given, own, blocks.period(drag.size)),
+        Nodes(about, near, centre, np.empty((len(near), species, FIELDS)), square),
     )
 
 

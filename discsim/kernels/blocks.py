@@ -68,13 +68,13 @@ def block_keys(first, last, key, number, species, populations):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def mass_in(mass, order, start, chosen, time):
-    """Mass of the particles in the blocks `chosen`, and, if `time` has entries, with a stopping time."""
+def mass_in(mass, order, start, chosen):
+    """Mass of the particles in the blocks `chosen`."""
     total = 0.0
     for block in range(len(chosen)):
         if chosen[block]:
             for k in range(start[block], start[block + 1]):
-                total += mass[order[k]] if len(time) == 0 or time[order[k]] < np.inf else 0.0
+                total += mass[order[k]]
     return total
 
 

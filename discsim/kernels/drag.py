@@ -17,17 +17,18 @@ share.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from discsim.kernels.frame import kepler, sense_at
+from discsim.kernels.inner import inner, making
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.lines import (
     BX,
     BY,
     CHANGE,
-    FAST,
     INERTIA,
     MASS,
     NUMBERS,
@@ -42,6 +43,7 @@ from discsim.kernels.lines import (
     VY,
     X,
     Y,
+    fast,
     fit_slopes,
     mean_square,
     means,
@@ -53,31 +55,48 @@ from discsim.kernels.nonlinear import relax_by_speed
 from discsim.kernels.relax import relax_means, response
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def pack(order, first, last, at, pos, vel, own, mass, corners, block, size, periodic, p):
+class Corners(NamedTuple):
+    """The lower corner of each block (n, 2), and the period of space along both axes, inf where it is open."""
+
+    corner: np.ndarray
+    period: np.ndarray
+
+
+class Room(NamedTuple):
+    """What is known of a block: its packed particles, gas first; numbers of each species and of all; where each species
+    begins; masses and stopping times, velocities, sources and changes.
+    """
+
+    p: np.ndarray
+    o: np.ndarray
+    bound: np.ndarray
+    mass: np.ndarray
+    time: np.ndarray
+    y: np.ndarray
+    b: np.ndarray
+    change: np.ndarray
+
+
+@inner
+def pack(kind, first, last, at, block, blocks, p):
     """Copy a block's members into columns from `at` on; 0 along an axis that there is not."""
-    x0, y0 = corners[block, 0], corners[block, 1]
-    line = pos.shape[1] == 1
-    if line:
-        for k in range(first, last):
-            i, j = order[k], np.uint64(k - first + at)
-            p[MASS, j], p[X, j], p[Y, j], p[VX, j], p[VY, j] = mass[i], pos[i, 0] - x0, 0.0, vel[i, 0], 0.0
-    else:
-        for k in range(first, last):
-            i, j = order[k], np.uint64(k - first + at)
-            p[MASS, j], p[X, j], p[Y, j] = mass[i], pos[i, 0] - x0, pos[i, 1] - y0
-            p[VX, j], p[VY, j] = vel[i, 0], vel[i, 1]
-    if periodic:
+    x0, y0 = blocks.corner[block, 0], blocks.corner[block, 1]
+    line = kind.pos.shape[1] == 1
+    for k in range(first, last):
+        i, j = kind.order[k], np.uint64(k - first + at)
+        p[MASS, j], p[X, j], p[VX, j] = kind.mass[i], kind.pos[i, 0] - x0, kind.vel[i, 0]
+        p[Y, j], p[VY, j] = (0.0, 0.0) if line else (kind.pos[i, 1] - y0, kind.vel[i, 1])
+    if blocks.period[0] < math.inf:
         for k in range(at, at + last - first):
-            p[X, k] -= size[0] * math.floor(p[X, k] / size[0])
-            p[Y, k] -= size[1] * math.floor(p[Y, k] / size[1])
-    if len(own) > 0:
+            p[X, k] -= blocks.period[0] * math.floor(p[X, k] / blocks.period[0])
+            p[Y, k] -= blocks.period[1] * math.floor(p[Y, k] / blocks.period[1])
+    if len(kind.own) > 0:
         for k in range(first, last):
-            i, j = order[k], k - first + at
-            p[BX, j], p[BY, j] = own[i, 0], 0.0 if line else own[i, 1]
+            i, j = kind.order[k], k - first + at
+            p[BX, j], p[BY, j] = kind.own[i, 0], 0.0 if line else kind.own[i, 1]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@fast
 def leave_orbits(p, count, x0, y0, star, softening, sense):
     """Velocities relative to Kepler's, taken in the sense in which gas and dust turn."""
     for k in range(np.uint64(count)):
@@ -107,7 +126,7 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
         solve_in(o, s, xx, xy, yy, SLOPE_CHANGE, SLOPE_CHANGE, dim, sign)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@making
 def exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, change, o):
     """Changes of the slopes, weighed with the moments of inertia; y, b and change (n, d) are overwritten."""
     n = len(mass)
@@ -145,7 +164,7 @@ def exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, ch
                 o[s, SLOPE_CHANGE + a + c] = change[s, c]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@fast
 def make_changes(p, first, last, o, s, sources, f, g):
     """What the drag changes, the line of the species and what is left of each particle, eq. (2), in place of places."""
     x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
@@ -166,7 +185,7 @@ def make_changes(p, first, last, o, s, sources, f, g):
             p[Y, k] += g * (p[BY, k] - b0)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@fast
 def loss(p, first, last, o, s, sources, dt):
     """What is lost of the energy of motion beside the work of the sources, both at the velocities half-way, relative to
     the gas's means.
@@ -182,32 +201,35 @@ def loss(p, first, last, o, s, sources, dt):
     return lost
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def loss_of_frame(order, first, last, at, vel, acc, p, sources, dt):
+@inner
+def loss_of_frame(kind, first, last, at, p, dt):
     """The same of what packed velocities leave out, Kepler's and half a kick of what gas and dust share: from one orbit
     to another the same momentum is not the same energy.
     """
-    lost = 0.0
+    lost, sources = 0.0, len(kind.own) > 0
     for k in range(first, last):
-        i, j = order[k], k - first + at
-        for c in range(vel.shape[1]):
-            shared = acc[i, c] - p[BX + c, j] if sources else acc[i, c]
-            lost -= p[MASS, j] * p[X + c, j] * (vel[i, c] - p[VX + c, j] + 0.5 * dt * shared)
+        i, j = kind.order[k], k - first + at
+        for c in range(kind.vel.shape[1]):
+            shared = kind.acc[i, c] - p[BX + c, j] if sources else kind.acc[i, c]
+            lost -= p[MASS, j] * p[X + c, j] * (kind.vel[i, c] - p[VX + c, j] + 0.5 * dt * shared)
     return lost
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def kick(order, first, last, at, p, dt, vel, acc):
+@inner
+def kick(kind, first, last, at, p, dt):
     """Free kick, and the changes."""
-    if vel.shape[1] == 1:
-        for k in range(first, last):
-            i = order[k]
-            vel[i, 0] += dt * acc[i, 0] + p[X, k - first + at]
-    else:
-        for k in range(first, last):
-            i, j = order[k], np.uint64(k - first + at)
-            vel[i, 0] += dt * acc[i, 0] + p[X, j]
-            vel[i, 1] += dt * acc[i, 1] + p[Y, j]
+    for k in range(first, last):
+        i, j = kind.order[k], np.uint64(k - first + at)
+        kind.vel[i, 0] += dt * kind.acc[i, 0] + p[X, j]
+        if kind.vel.shape[1] == 2:
+            kind.vel[i, 1] += dt * kind.acc[i, 1] + p[Y, j]
+
+
+@inner
+def kick_freely(kind, first, last, dt):
+    for k in range(first, last):
+        for a in range(kind.vel.shape[1]):
+            kind.vel[kind.order[k], a] += dt * kind.acc[kind.order[k], a]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -217,7 +239,7 @@ def free_kick(members, vel, acc, dt):
             vel[i, a] += dt * acc[i, a]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner
 def mean_of(values, order, first, last):
     total = 0.0
     for k in range(first, last):
@@ -225,98 +247,135 @@ def mean_of(values, order, first, last):
     return total / (last - first)
 
 
+@inner
+def take(block, gas, dust, blocks, law, linear, frame, room):
+    """Pack a block, and find the numbers of each species; returns the gas's density and sound speed, and Omega."""
+    n, p, o, bound = len(room.mass), room.p, room.o, room.bound
+    g0, g1 = gas.start[block], gas.start[block + 1]
+    d0, d1 = dust.start[block * (n - 1)], dust.start[(block + 1) * (n - 1)]
+    ng, nd = g1 - g0, d1 - d0
+    pack(gas, g0, g1, 0, block, blocks, p)
+    pack(dust, d0, d1, ng, block, blocks, p)
+    rho, sound, omega = mean_of(gas.density, gas.order, g0, g1), mean_of(gas.sound, gas.order, g0, g1), 0.0
+    if frame.star > 0.0:
+        x0, y0 = blocks.corner[block, 0], blocks.corner[block, 1]
+        r2 = mean_square(p, ng, ng + nd, x0, y0)
+        omega = kepler(r2, frame.star, frame.softening)
+        if linear:
+            leave_orbits(p, ng + nd, x0, y0, frame.star, frame.softening, sense_at(r2, frame))
+    bound[0] = 0
+    for s in range(n):
+        bound[s + 1] = dust.start[block * (n - 1) + s] - d0 + ng
+        first, last, sources = bound[s], bound[s + 1], len(gas.own if s == 0 else dust.own) > 0
+        means(p, first, last, PLACE, o, s)
+        means(p, first, last, VELOCITY, o, s)
+        if sources:
+            means(p, first, last, SOURCE, o, s)
+        if linear:
+            second_moments(p, first, last, o, s)
+            if sources:
+                moments_of_source(p, first, last, o, s)
+        room.mass[s], room.time[s] = o[s, MASS], np.inf
+        if s > 0 and room.mass[s] > 0.0:
+            own = mean_of(dust.density, dust.order, d0 + first - ng, d0 + last - ng) if len(dust.density) > 0 else 0.0
+            ratio = own / rho if own > 0.0 else room.mass[s] / room.mass[0]
+            room.time[s] = stopping_time(law.code, law.grains[s - 1], ratio, rho, sound, omega)
+    return rho, sound, omega
+
+
+@inner
+def relax(law, linear, nonlinear, several, rho, sound, omega, dim, room):
+    """Changes of the means, and of the slopes, of all species."""
+    n, o, y, b = len(room.mass), room.o, room.y, room.b
+    if linear:
+        fit_slopes(room.bound, dim, law.two_way, o)
+    for s in range(n):  # what each species' velocity would be at the gas's centroid
+        x, z = o[s, X] - o[0, X], o[s, Y] - o[0, Y]
+        for c in range(dim):
+            y[s, c] = o[s, VX + c] - o[n, SLOPE + c] * x - o[n, SLOPE + 2 + c] * z
+            b[s, c] = o[s, BX + c] - o[n, SLOPE_SOURCE + c] * x - o[n, SLOPE_SOURCE + 2 + c] * z
+    if nonlinear:
+        relax_by_speed(
+            room.mass, room.time, law.code, law.grains, rho, sound, omega, y, b, law.two_way, law.dt, law.exponential,
+            several, room.change,
+        )  # fmt: skip
+    else:
+        relax_means(room.mass, room.time, y, b, law.two_way, law.dt, law.exponential, several, room.change)
+    for s in range(n):
+        for c in range(dim):
+            o[s, CHANGE + c] = room.change[s, c]
+        for c in range(4):
+            o[s, SLOPE_CHANGE + c] = 0.0
+    if linear:
+        exchange_slopes(room.mass, room.time, dim, law.two_way, law.dt, law.exponential, several, y, b, room.change, o)
+
+
+@inner
+def give(block, gas, dust, law, room, heat):
+    """Change the velocities of a block's particles, and heat its gas."""
+    n, p, o, bound, heated = len(room.mass), room.p, room.o, room.bound, len(heat) > 0
+    g0, g1 = gas.start[block], gas.start[block + 1]
+    d0, d1 = dust.start[block * (n - 1)], dust.start[(block + 1) * (n - 1)]
+    rate, lost = 0.0, 0.0
+    for s in range(n - 1, -1, -1):
+        if room.mass[s] == 0.0 or (s == 0 and not law.two_way):
+            continue
+        if s > 0:
+            rate += room.mass[s] / room.mass[0] / room.time[s]
+        f, g = response(1.0 / room.time[s] if s > 0 else rate, law.dt, law.exponential)
+        sources = len(gas.own if s == 0 else dust.own) > 0
+        make_changes(p, bound[s], bound[s + 1], o, s, sources, f, g)
+        if heated:
+            lost += loss(p, bound[s], bound[s + 1], o, s, sources, law.dt)
+    if heated:
+        lost += loss_of_frame(gas, g0, g1, 0, p, law.dt)
+        lost += loss_of_frame(dust, d0, d1, g1 - g0, p, law.dt)
+        for k in range(g0, g1):
+            heat[gas.order[k]] = lost / room.mass[0]
+    if law.two_way:
+        kick(gas, g0, g1, 0, p, law.dt)
+    kick(dust, d0, d1, g1 - g0, p, law.dt)
+
+
+@inner
+def relax_block(block, gas, dust, blocks, law, linear, nonlinear, several, frame, room, times, heat):
+    g0, g1 = gas.start[block], gas.start[block + 1]
+    d0, d1 = dust.start[block * dust.number], dust.start[(block + 1) * dust.number]
+    if g0 == g1 or d0 == d1:
+        if law.two_way:
+            kick_freely(gas, g0, g1, law.dt)
+        kick_freely(dust, d0, d1, law.dt)
+        for s in range(dust.number):
+            times[block, s] = np.inf
+        return
+    rho, sound, omega = take(block, gas, dust, blocks, law, linear, frame, room)
+    relax(law, linear, nonlinear, several, rho, sound, omega, gas.pos.shape[1], room)
+    give(block, gas, dust, law, room, heat)
+    for s in range(dust.number):
+        times[block, s] = room.time[s + 1]
+
+
+@inner
+def most_in(block_from, block_to, gas, dust):
+    """The largest number of particles in a block."""
+    most, number = 0, dust.number
+    for block in range(block_from, block_to):
+        of_gas = gas.start[block + 1] - gas.start[block]
+        most = max(most, of_gas + dust.start[(block + 1) * number] - dust.start[block * number])
+    return most
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
-def relax_blocks(
-    block_from, block_to, gpos, gvel, gacc, gown, gmass, grho, gsound, gorder, gstart,
-    dpos, dvel, dacc, down, dmass, drho, dorder, dstart, times,
-    linear, two_way, law, grains, nonlinear, dt, exponential, several, frame, corners, size, periodic, heat,
-):  # fmt: skip
+def relax_blocks(block_from, block_to, gas, dust, blocks, law, linear, nonlinear, several, frame, times, heat):
     """The kick of all blocks: accelerations and drag together, velocities in place; that of dust alone if one-way.
 
-    gorder, gstart: gas by block; dorder, dstart: dust by block and, within it, by population. `own` arrays are the
-    sources (accelerations not shared; no entries where there are none). Writes the stopping times of the populations in
-    each block, inf where it has no gas, and, if `heat` has entries, the heat per mass of each gas particle.
+    Writes the stopping times of the populations in each block, inf where it has no gas, and, if `heat` has entries, the
+    heat per mass of each gas particle.
     """
-    n, dim, heated, star, softening = len(grains) + 1, gpos.shape[1], len(heat) > 0, frame.star, frame.softening
-    most = 0
+    n, dim = dust.number + 1, gas.pos.shape[1]
+    room = Room(
+        np.empty((ROWS, most_in(block_from, block_to, gas, dust))), np.zeros((n + 1, NUMBERS)),
+        np.empty(n + 1, np.int64), np.empty(n), np.empty(n), np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim)),
+    )  # fmt: skip
     for block in range(block_from, block_to):
-        most = max(most, gstart[block + 1] - gstart[block] + dstart[(block + 1) * (n - 1)] - dstart[block * (n - 1)])
-    p, o, bound = np.empty((ROWS, most)), np.zeros((n + 1, NUMBERS)), np.empty(n + 1, np.int64)
-    mass, time = np.empty(n), np.empty(n)
-    y, b, change = np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim))
-    for block in range(block_from, block_to):
-        g0, g1, d0, d1 = gstart[block], gstart[block + 1], dstart[block * (n - 1)], dstart[(block + 1) * (n - 1)]
-        if g0 == g1 or d0 == d1:
-            if two_way:
-                free_kick(gorder[g0:g1], gvel, gacc, dt)
-            free_kick(dorder[d0:d1], dvel, dacc, dt)
-            for s in range(n - 1):
-                times[block, s] = np.inf
-            continue
-        x0, y0, ng, nd = corners[block, 0], corners[block, 1], g1 - g0, d1 - d0
-        pack(gorder, g0, g1, 0, gpos, gvel, gown, gmass, corners, block, size, periodic, p)
-        pack(dorder, d0, d1, ng, dpos, dvel, down, dmass, corners, block, size, periodic, p)
-        rho, sound = mean_of(grho, gorder, g0, g1), mean_of(gsound, gorder, g0, g1)
-        omega = 0.0
-        if star > 0.0:
-            r2 = mean_square(p, ng, ng + nd, x0, y0)
-            omega = kepler(r2, star, softening)
-            if linear:
-                leave_orbits(p, ng + nd, x0, y0, star, softening, sense_at(r2, frame))
-        bound[0] = 0
-        for s in range(n):
-            bound[s + 1] = dstart[block * (n - 1) + s] - d0 + ng
-            first, last = bound[s], bound[s + 1]
-            means(p, first, last, PLACE, o, s)
-            means(p, first, last, VELOCITY, o, s)
-            if len(gown if s == 0 else down) > 0:
-                means(p, first, last, SOURCE, o, s)
-            if linear:
-                second_moments(p, first, last, o, s)
-                if len(gown if s == 0 else down) > 0:
-                    moments_of_source(p, first, last, o, s)
-            mass[s], time[s] = o[s, MASS], np.inf
-            if s > 0 and mass[s] > 0.0:
-                own = mean_of(drho, dorder, d0 + first - ng, d0 + last - ng) if len(drho) > 0 else 0.0
-                ratio = own / rho if own > 0.0 else mass[s] / mass[0]
-                time[s] = stopping_time(law, grains[s - 1], ratio, rho, sound, omega)
-        if linear:
-            fit_slopes(bound, dim, two_way, o)
-        for s in range(n):  # what each species' velocity would be at the gas's centroid
-            x, z = o[s, X] - o[0, X], o[s, Y] - o[0, Y]
-            for c in range(dim):
-                y[s, c] = o[s, VX + c] - o[n, SLOPE + c] * x - o[n, SLOPE + 2 + c] * z
-                b[s, c] = o[s, BX + c] - o[n, SLOPE_SOURCE + c] * x - o[n, SLOPE_SOURCE + 2 + c] * z
-        if nonlinear:
-            relax_by_speed(mass, time, law, grains, rho, sound, omega, y, b, two_way, dt, exponential, several, change)
-        else:
-            relax_means(mass, time, y, b, two_way, dt, exponential, several, change)
-        for s in range(n):
-            for c in range(dim):
-                o[s, CHANGE + c] = change[s, c]
-            for c in range(4):
-                o[s, SLOPE_CHANGE + c] = 0.0
-        if linear:
-            exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, change, o)
-        rate, lost = 0.0, 0.0
-        for s in range(n - 1, -1, -1):
-            if mass[s] == 0.0 or (s == 0 and not two_way):
-                continue
-            if s > 0:
-                rate += mass[s] / mass[0] / time[s]
-            f, g = response(1.0 / time[s] if s > 0 else rate, dt, exponential)
-            sources = len(gown if s == 0 else down) > 0
-            make_changes(p, bound[s], bound[s + 1], o, s, sources, f, g)
-            if heated:
-                lost += loss(p, bound[s], bound[s + 1], o, s, sources, dt)
-        if heated:
-            lost += loss_of_frame(gorder, g0, g1, 0, gvel, gacc, p, len(gown) > 0, dt)
-            lost += loss_of_frame(dorder, d0, d1, ng, dvel, dacc, p, len(down) > 0, dt)
-        if two_way:
-            kick(gorder, g0, g1, 0, p, dt, gvel, gacc)
-        kick(dorder, d0, d1, ng, p, dt, dvel, dacc)
-        for s in range(1, n):
-            times[block, s - 1] = time[s]
-        if heated:
-            for k in range(g0, g1):
-                heat[gorder[k]] = lost / mass[0]
+        relax_block(block, gas, dust, blocks, law, linear, nonlinear, several, frame, room, times, heat)

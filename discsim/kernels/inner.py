@@ -3,10 +3,12 @@
 A process that compiles may else call another copy of a function than one that loads it, and differ in the last bits.
 Neither counts references to arrays: numba counts one at each look into a tuple of arrays, an atomic operation that
 costs more than what is done with a particle. So these make no arrays and return none; a kernel that does makes them
-once for all of its piece.
+once for all of its piece. Functions that need arrays of their own and are called by such are `making` (a function takes
+after its caller unless told).
 """
 
 from numba import njit
 
 inner = njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 lean = njit(nogil=True, cache=True, error_model="numpy", _nrt=False)
+making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)

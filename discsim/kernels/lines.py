@@ -3,9 +3,11 @@
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import inner
+
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
 # callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
-FAST = {"reassoc", "contract", "nsz"}
+fast = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True, _nrt=False)
 # Blocks are many and small. Their arrays are made once for all of them, and are few: to make one, to take a part of it
 # or to hand it on costs as much as what is done with ten particles. Loops over particles count with unsigned numbers,
 # which are no indices from the end: otherwise nothing is vectorised.
@@ -24,7 +26,7 @@ def clip01(x):
     return min(max(x, 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@fast
 def mean_square(p, first, last, x0, y0):
     """Mean squared distance from the origin."""
     total = 0.0
@@ -34,7 +36,7 @@ def mean_square(p, first, last, x0, y0):
     return total / (last - first)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@fast
 def means(p, first, last, f, o, s):
     """Mass, and means of the rows f and f + 1."""
     mass, u, v = 0.0, 0.0, 0.0
@@ -47,7 +49,7 @@ def means(p, first, last, f, o, s):
     o[s, f], o[s, f + 1] = (u / mass, v / mass) if mass > 0.0 else (0.0, 0.0)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@fast
 def second_moments(p, first, last, o, s):
     x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
     xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -65,7 +67,7 @@ def second_moments(p, first, last, o, s):
     o[s, MOMENT], o[s, MOMENT + 1], o[s, MOMENT + 2], o[s, MOMENT + 3] = xu, xv, yu, yv
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@fast
 def moments_of_source(p, first, last, o, s):
     x0, y0, a0, b0 = o[s, X], o[s, Y], o[s, BX], o[s, BY]
     xa, xb, ya, yb = 0.0, 0.0, 0.0, 0.0
@@ -78,7 +80,7 @@ def moments_of_source(p, first, last, o, s):
     o[s, MOMENT_SOURCE], o[s, MOMENT_SOURCE + 1], o[s, MOMENT_SOURCE + 2], o[s, MOMENT_SOURCE + 3] = xa, xb, ya, yb
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inner
 def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
     """Whether particles with second moments xx, xy, yy span a line or a plane, and factor [xx xy; xy yy]^-1 times
     [xu xv; yu yv], row by row; 0 where they lie too nearly on a point or a line.
@@ -95,9 +97,9 @@ def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inner
 def solve_in(o, s, xx, xy, yy, f, out, dim, factor):
-    """The same of the four numbers from o[s, f] on, into those from o[s, out] on; whether they span a line or a plane."""
+    """The same of the four numbers from o[s, f] on, into those from o[s, out] on."""
     found, o[s, out], o[s, out + 1], o[s, out + 2], o[s, out + 3] = solve(
         xx, xy, yy, o[s, f], o[s, f + 1], o[s, f + 2], o[s, f + 3], dim, factor
     )

@@ -37,38 +37,19 @@ import numpy as np
 
 from discsim.kernels.rows import LANES
 
-# A particle as the nodes see it: ONE, its place (2) from the middle of its cell in sides, what the law of the drag needs
-# of the gas, velocity (2) and source (2), two rows of LANES. Once the nodes have them, its mass and the norm of its
-# weights stand in place of ONE and RHO, which no one needs any more.
+# A particle as the nodes see it: ONE, its place (2) from the middle of its cell in sides, what the law of the drag
+# needs of the gas, velocity (2) and source (2), two rows of LANES. Once the nodes have them, its mass and the norm of
+# its weights stand in place of ONE and RHO, which no one needs any more.
 ONE, X, Y, RHO, VX, VY, BX, BY, FIELDS = range(9)
 MASS, NORM = ONE, RHO
 # A cell's own moments of these: weighed with m, m x and m y.
 WHOLE, BY_X, BY_Y = range(3)
-# What a node brings to the particles of a species, a row: change of velocity (2), where there is a rotation with that of
-# the centre that it is about; rotation; rate.
+# What a node brings to the particles of a species, a row: change of velocity (2), where there is a rotation with that
+# of the centre that it is about; rotation; rate.
 DX, DY, SPIN, RATE = range(LANES)
 # A slope: d/dx of both components, then d/dy.
 XX, XY, YX, YY = range(4)
 LEAST_INERTIA = 0.01  # over mass times side^2: the least for gas about a node to be turned, and for a slope of sources
-
-
-class Species(NamedTuple):
-    """The particles of the gas, or of the dust of all its populations, as they are in the state; `own` sources and
-    `density` may have no entries. `order` and `start` have them by block and, within it, by population (`number` of
-    these, from the `first` species at a node on).
-    """
-
-    pos: np.ndarray
-    vel: np.ndarray
-    acc: np.ndarray
-    own: np.ndarray
-    mass: np.ndarray
-    density: np.ndarray
-    sound: np.ndarray
-    order: np.ndarray
-    start: np.ndarray
-    number: int
-    first: int
 
 
 class Cells(NamedTuple):
@@ -129,13 +110,3 @@ class Sharp(NamedTuple):
     slope: np.ndarray
     heat: np.ndarray
     turn: np.ndarray
-
-
-class Law(NamedTuple):
-    """The drag over a step: the law's `code` and `grains`, one way or both, the step and how it is integrated."""
-
-    code: int
-    grains: np.ndarray
-    two_way: bool
-    dt: float
-    exponential: bool

@@ -1,4 +1,4 @@
-"""Scatter: what a particle gets of the nodes about it, eq. (3) of `kernels/nodes.py`; what is left beside its own line."""
+"""Scatter: what a particle gets of the nodes about it, eq. (3) of `kernels/nodes.py`; what is left beside its line."""
 
 import numpy as np
 from numba import njit
@@ -87,7 +87,7 @@ def own_line(first, last, row, value, base, f, x0, y0, pooled, dim):
 
 @inner
 def add_changes(first, last, row, table, turns, bend, new):
-    """new (n, 4): velocity of each particle with what it gets of the nodes, less its quadratic part, and what it gets."""
+    """new (n, 4): velocity of each particle with what the nodes bring, less its quadratic part, and what they bring."""
     for k in range(first, last):
         x, y, p = row[k, X], row[k, Y], k - first
         xx, xy, yy = x * x, x * y, y * y

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import making
 from discsim.kernels.laws import hastened, quickening, unhastened
 from discsim.kernels.relax import relax_means
 
@@ -118,7 +119,7 @@ def is_linear(them, y, dt):
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@making
 def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, change):
     """As `relax_means`, whose `time` (n,) is here that at vanishing slip, and afterwards the mean over the kick."""
     n, dim = y.shape

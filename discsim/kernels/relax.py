@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import making
+
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def response(rate, dt, exponential):
@@ -31,7 +33,7 @@ def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     return w1 / (w0 + w1) * change, -w0 / (w0 + w1) * change
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@making
 def eigen(matrix):
     """Eigenvalues and orthonormal eigenvectors (columns) of a small symmetric matrix, which is overwritten.
 
@@ -69,7 +71,7 @@ def eigen(matrix):
     return rates, vectors
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@making
 def relax_many(weight, time, y, b, dt, exponential, change):
     """The same for gas (entry 0) and several populations (n, d): writes `change`.
 
@@ -110,7 +112,7 @@ def relax_many(weight, time, y, b, dt, exponential, change):
             change[0, k] -= weight[i] / weight[0] * change[i, k]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@making
 def relax_present(mass, time, y, b, dt, exponential, change):
     """`relax_many` of those that have mass; `change` of the others stays."""
     n, dim = y.shape
