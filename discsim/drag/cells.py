@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -158,7 +158,7 @@ def _leaf_of_each(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirr
 
 
 def merge(
-    gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted: float
+    gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted: Any
 ) -> tuple[Array, Array, Array, Array]:
     """Block of each leaf, with one entry more, and of each block its first leaf (ix, iy), level and whether want of
     particles enlarged it.

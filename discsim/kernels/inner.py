@@ -9,6 +9,6 @@ after its caller unless told).
 
 from numba import njit
 
-inner = njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
-lean = njit(nogil=True, cache=True, error_model="numpy", _nrt=False)
-making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)
+inner = njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[call-overload]
+lean = njit(nogil=True, cache=True, error_model="numpy", _nrt=False)  # type: ignore[call-overload]
+making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)  # type: ignore[call-overload]

@@ -10,21 +10,19 @@ Where numba is told not to compile, rows are arrays. Extending numba: its manual
 """
 
 import operator
-from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, overload, register_model
 
 LANES = 4
 
 
-class RowType(types.Type):  # type: ignore[misc]
-    def __init__(self) -> None:
+class RowType(types.Type):
+    def __init__(self):
         super().__init__(name=f"Row{LANES}")
 
 
@@ -33,8 +31,8 @@ VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 
 
 @register_model(RowType)
-class RowModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, kind: Any) -> None:
+class RowModel(models.PrimitiveModel):
+    def __init__(self, manager, kind):
         super().__init__(manager, kind, VECTOR)
 
 
@@ -56,14 +54,14 @@ def empty_row():
     return np.zeros(LANES)
 
 
-def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
+def _place(context, builder, kind, array, at):
     data = cgutils.create_struct_proxy(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [at]), VECTOR.as_pointer())
 
 
 @intrinsic
-def _load(typing: Any, array: Any, at: Any) -> Any:
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _load(context, array, at):
+    def build(context, builder, signature, arguments):
         # An array begins where a number may; a row need not begin where a vector would.
         return builder.load(_place(context, builder, signature.args[0], *arguments), align=8)
 
@@ -71,8 +69,8 @@ def _load(typing: Any, array: Any, at: Any) -> Any:
 
 
 @intrinsic
-def _store(typing: Any, array: Any, at: Any, row: Any) -> Any:
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _store(context, array, at, row):
+    def build(context, builder, signature, arguments):
         builder.store(arguments[2], _place(context, builder, signature.args[0], *arguments[:2]), align=8)
         return context.get_dummy_value()
 
@@ -80,16 +78,16 @@ def _store(typing: Any, array: Any, at: Any, row: Any) -> Any:
 
 
 @intrinsic
-def _lane(typing: Any, row: Any, k: Any) -> Any:
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lane(context, row, k):
+    def build(context, builder, signature, arguments):
         return builder.extract_element(*arguments)
 
     return types.float64(row_type, types.intp), build
 
 
 @intrinsic
-def _empty_row(typing: Any) -> Any:
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _empty_row(context):
+    def build(context, builder, signature, arguments):
         return ir.Constant(VECTOR, [0.0] * LANES)
 
     return row_type(), build
@@ -97,49 +95,49 @@ def _empty_row(typing: Any) -> Any:
 
 @overload(load, inline="always")
 def _compiled_load(array, at):
-    return lambda array, at: _load(array, at)
+    return lambda array, at: _load(array, at)  # type: ignore[call-arg]
 
 
 @overload(store, inline="always")
 def _compiled_store(array, at, row):
-    return lambda array, at, row: _store(array, at, row)
+    return lambda array, at, row: _store(array, at, row)  # type: ignore[call-arg]
 
 
 @overload(lane, inline="always")
 def _compiled_lane(row, k):
-    return lambda row, k: _lane(row, k)
+    return lambda row, k: _lane(row, k)  # type: ignore[call-arg]
 
 
 @overload(empty_row, inline="always")
 def _compiled_empty_row():
-    return lambda: _empty_row()
+    return lambda: _empty_row()  # type: ignore[call-arg]
 
 
 @infer_global(operator.add)
 @infer_global(operator.iadd)
 @infer_global(operator.sub)
-class SumOfRows(ConcreteTemplate):  # type: ignore[misc]
-    cases = [signature(row_type, row_type, row_type)]  # noqa: RUF012
+class SumOfRows(ConcreteTemplate):
+    cases = [row_type(row_type, row_type)]  # noqa: RUF012
 
 
 @infer_global(operator.mul)
-class TimesRow(ConcreteTemplate):  # type: ignore[misc]
-    cases = [signature(row_type, types.float64, row_type)]  # noqa: RUF012
+class TimesRow(ConcreteTemplate):
+    cases = [row_type(types.float64, row_type)]  # noqa: RUF012
 
 
 @lower_builtin(operator.add, row_type, row_type)
 @lower_builtin(operator.iadd, row_type, row_type)
-def _add(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _add(context, builder, signature, arguments):
     return builder.fadd(*arguments, flags=("contract",))
 
 
 @lower_builtin(operator.sub, row_type, row_type)
-def _subtract(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _subtract(context, builder, signature, arguments):
     return builder.fsub(*arguments, flags=("contract",))
 
 
 @lower_builtin(operator.mul, types.float64, row_type)
-def _multiply(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _multiply(context, builder, signature, arguments):
     number, row = arguments
     first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), number, ir.IntType(32)(0))
     lanes = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)

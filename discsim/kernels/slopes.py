@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.lines import solve_slope
+from discsim.kernels.lines import solve
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.smoothing import SUPPORT, shape
 
@@ -45,7 +45,6 @@ def slope_driver(kernel: int, dim: int):
 
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
     def fit(first, last, lists, pos, vel, mass, h, slope, cells):
-        inertia, moment = np.empty((2, 2)), np.empty((2, 2))
         order, start = cells.order, cells.start
         begin, index, turned = lists
         room = most_of(begin)
@@ -68,9 +67,9 @@ def slope_driver(kernel: int, dim: int):
                 xx, xy, yy, xvx, xvy, yvx, yvy = moment_sums(
                     kernel, dim, pos[i, 0] - ox, y, vel[i, 0], vy, h[i], n, cx, cy, cm, cvx, cvy
                 )
-                inertia[0, 0], inertia[0, 1], inertia[1, 0], inertia[1, 1] = xx, xy, xy, yy
-                moment[0, 0], moment[0, 1], moment[1, 0], moment[1, 1] = xvx, xvy, yvx, yvy
-                slope[i] = 0.0
-                solve_slope(inertia, moment, dim, slope[i])
+                _, uu, uv, vu, vv = solve(xx, xy, yy, xvx, xvy, yvx, yvy, dim, 1.0)
+                slope[i, 0, 0] = uu
+                if dim == 2:
+                    slope[i, 0, 1], slope[i, 1, 0], slope[i, 1, 1] = uv, vu, vv
 
     return fit
