@@ -35,7 +35,7 @@ from discsim.kernels.poisson import (
     store_columns,
     tiles_to_rows,
 )
-from discsim.numerics.threads import pool
+from discsim.numerics.threads import share
 
 Array = np.ndarray
 ROWS = 8  # that a plan transforms at once: more would leave the cache between its steps
@@ -102,6 +102,7 @@ class Poisson:
         self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
         # Transformed along y; the last tile is filled up with zeros.
         self._tiles = np.empty((-(-(padded[1] // 2 + 1) // TILE), shape[0] + 2 * border, TILE), complex)
+        # One for each thread, made here: FFTW makes one plan at a time.
         self._workers = [_Worker(padded, border) for _ in range(threads)]
 
     def solve(self, surface_density: Array) -> Array:
@@ -109,24 +110,24 @@ class Poisson:
         nx, ny = self.shape
         potential = np.empty((nx + 2 * self.border, ny + 2 * self.border))
         tiles = self._tiles
-        self._share(lambda worker, first: worker.forward(surface_density, first, tiles), range(0, nx, ROWS))
+        self._share(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
         tiles[:, nx:] = 0.0
-        self._share(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), range(len(tiles)))
-        self._share(lambda worker, first: worker.backward(tiles, first, potential), range(0, len(potential), ROWS))
+        self._share(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
+        rows = -(-len(potential) // ROWS)
+        self._share(lambda worker, batch: worker.backward(tiles, batch * ROWS, potential), rows)
         return potential
 
-    def _share(self, work: "Callable[[_Worker, int], None]", batches: range) -> None:
-        # The workers take batches from one iterator; a batch gives the same numbers whoever takes it.
-        left = iter(batches)
+    def _share(self, work: "Callable[[_Worker, int], None]", batches: int) -> None:
+        # A batch gives the same numbers whichever worker does it.
+        def part(first: int, last: int) -> None:
+            worker = self._workers.pop()
+            try:
+                for batch in range(first, last):
+                    work(worker, batch)
+            finally:
+                self._workers.append(worker)
 
-        def take(worker: "_Worker") -> None:
-            for batch in left:
-                work(worker, batch)
-
-        if len(self._workers) == 1:
-            take(self._workers[0])
-        else:
-            list(pool(len(self._workers)).map(take, self._workers))
+        share(part, batches, least=1)
 
 
 class _Worker:
