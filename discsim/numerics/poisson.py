@@ -22,6 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numba
 import numpy as np
 import pyfftw
 from scipy.fft import dctn, next_fast_len
@@ -102,7 +103,7 @@ class Poisson:
         self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
         # Transformed along y; the last tile is filled up with zeros.
         self._tiles = np.empty((-(-(padded[1] // 2 + 1) // TILE), shape[0] + 2 * border, TILE), complex)
-        # One for each thread, made here: FFTW makes one plan at a time.
+        self._padded = padded
         self._workers = [_Worker(padded, border) for _ in range(threads)]
 
     def solve(self, surface_density: Array) -> Array:
@@ -110,6 +111,8 @@ class Poisson:
         nx, ny = self.shape
         potential = np.empty((nx + 2 * self.border, ny + 2 * self.border))
         tiles = self._tiles
+        while len(self._workers) < numba.get_num_threads():  # here: FFTW makes one plan at a time
+            self._workers.append(_Worker(self._padded, self.border))
         self._share(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
         tiles[:, nx:] = 0.0
         self._share(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
