@@ -129,14 +129,14 @@ class Poisson:
         tiles = self._tiles
         while len(self._workers) < numba.get_num_threads():  # here: FFTW makes one plan at a time
             self._workers.append(_Worker(self._padded, self.border))
-        self._share(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
+        self._transform(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
         tiles[:, nx:] = 0.0
-        self._share(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
+        self._transform(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
         rows = -(-len(potential) // ROWS)
-        self._share(lambda worker, batch: worker.backward(tiles, batch * ROWS, potential), rows)
+        self._transform(lambda worker, batch: worker.backward(tiles, batch * ROWS, potential), rows)
         return potential
 
-    def _share(self, work: "Callable[[_Worker, int], None]", batches: int) -> None:
+    def _transform(self, work: "Callable[[_Worker, int], None]", batches: int) -> None:
         # A batch gives the same numbers whichever worker does it.
         def part(first: int, last: int) -> None:
             worker = self._workers.pop()

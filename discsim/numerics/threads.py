@@ -44,7 +44,7 @@ def share(
     parts = [(*edges[k : k + 2], *([] if each is None else [each[k]])) for k in range(len(edges) - 1)]
     if len(parts) == 1:
         return [kernel(*parts[0], *arguments)]
-    return _together(_Loop(kernel, parts, arguments), min(threads, len(parts)))
+    return _together(_Loop(kernel, parts, arguments), threads - 1)
 
 
 def pieces(count: int, least: int, threads: int) -> list[int]:
@@ -99,7 +99,7 @@ class _Crew:
     def wake(self, loop: _Loop) -> None:
         # One that has not woken yet since the loop before finds this one.
         self.task = loop, [copy_context() for _ in self.locks]  # settings of numpy's errors are the caller's
-        for lock in self.locks:
+        for lock in self.locks[: len(loop.parts) - 1]:
             if lock.locked():
                 lock.release()
 
@@ -124,13 +124,13 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_idle.clear)  # a fork has none of the threads: work given to them would wait
 
 
-def _together(loop: _Loop, threads: int) -> list[Any]:
+def _together(loop: _Loop, helpers: int) -> list[Any]:
     """Run a loop on this thread and helpers of its own; what its pieces returned, or raises what the first raised."""
-    idle = _idle.setdefault(threads - 1, [])
+    idle = _idle.setdefault(helpers, [])
     try:
         crew = idle.pop()
     except IndexError:
-        crew = _Crew(threads - 1)
+        crew = _Crew(helpers)
     try:
         crew.wake(loop)
         loop.take()

@@ -106,6 +106,14 @@ def test_loops_are_shared_among_the_caller_and_the_same_helpers(four_cores):
     assert all(threads_of_a_loop() == found for _ in range(20))
 
 
+def test_loops_of_few_pieces_take_helpers_that_are_there(four_cores):
+    share(lambda first, last: None, 64, least=1)
+    before = threading.active_count()
+    for count in (2, 3, 64):
+        share(lambda first, last: None, count, least=1)
+    assert threading.active_count() == before
+
+
 def test_a_loop_too_small_to_be_shared_is_the_callers(four_cores):
     assert share(lambda first, last: threading.get_ident(), 7, least=4) == [threading.get_ident()]
 
