@@ -40,7 +40,9 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
     figure = _lines(snap) if snap.dimensions == 1 else _maps(snap)
     figure.suptitle(_title(snap))
     FigureCanvasAgg(figure)
-    figure.savefig(Path(out_png), dpi=130, metadata={"Software": f"discsim {__version__}"})
+    # Compressed least: the most takes as long as to draw it.
+    little = {"compress_level": 1}
+    figure.savefig(Path(out_png), dpi=130, metadata={"Software": f"discsim {__version__}"}, pil_kwargs=little)
 
 
 def _title(snap: Snapshot) -> str:
