@@ -229,7 +229,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, large
     """acc -= field (nx, ny, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
     many particles are off the grid, (chunks,) each.
     """
-    nx, ny, plane = np.int32(field.shape[0]), np.int32(field.shape[1]), pos.shape[1] == 2
+    nx, ny, plane = field.shape[0], field.shape[1], pos.shape[1] == 2
     end_x, end_y = (float(nx), float(ny)) if periodic else (nx - 1.0, ny - 1.0 if plane else 1.0)
     flat, pulls, wide = field.reshape(-1), acc.reshape(-1), np.uint64(pos.shape[1])
     at, batch = np.empty((2, BATCH), np.int32), np.empty((2, BATCH))
@@ -246,7 +246,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, large
                 ixs[j], iys[j] = np.int32(x), np.int32(y)
                 xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
             for j in range(number):
-                ix, iy = np.int64(ixs[j]), np.int64(iys[j])
+                ix, iy = int(ixs[j]), int(iys[j])
                 if ix < 0:
                     lost += 1
                     continue
