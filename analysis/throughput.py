@@ -1,16 +1,17 @@
 """What a step costs: nanoseconds a particle of whole integrated steps, and what each effect adds.
 
     python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--parts cases,growth,effects,steps]
-                                  [--cases gas,gravity,...]
+                                  [--cases gas,gravity,...] [--scheme tsc]
 
 A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, and the first steps, which compile,
 apart) in a process of its own for every line:
 
     gas            the star and SPH with about 25 neighbours (cubic), viscosity with Balsara's switch
     gravity        the same with self-gravity on 2.7 cells a particle
-    dust one-way   ten dust particles for each of gas, drag `idic-linear`, self-gravity of the gas
+    dust one-way   ten dust particles for each of gas, drag by the default or `--scheme`, gravity of the gas
     dust two-way   the same, both ways
     mix            the same with the dust's gravity, at ten times the dust
+    main           setups/dusty_disc.toml as it is, whatever the sizes, drag by `--scheme` where that is given
 
     ns, wall  CPU time of all threads, and wall time, a step, over the particles of both kinds, in nanoseconds
     1e6/s     millions of particles a second and core
@@ -19,6 +20,8 @@ apart) in a process of its own for every line:
     FFTs      the CPU time of self-gravity, deposit and gather too, in bare zero-padded FFTW transforms of its grid,
               there and back
     bytes     the most memory that the process held, less what it held before the scene, over the particles
+
+For `mix` and `main` a table says where a step's time goes by pass: each loop, by its kernel.
 
 `growth` takes gas from 1e4 to 1e6, dust to 1e7 and cells to 2048^2 and draws the cost of each against its number;
 `effects` adds effect by effect to one disc, and sets what the whole step became dearer by beside what the ledger
@@ -35,22 +38,27 @@ import resource
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from passes import table_of, watched
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from discsim.parts import SCHEMES, USUAL_SCHEME
 from discsim.study.scripts import some_of, whole_numbers
 
 STEPS = 16  # between two sorts of the particles: one is among them
 ETA = 1.41  # 25 neighbours
 ORDER = ("gas", "star", "self_gravity", "dust", "drag")
-CASES = ("gas", "gravity", "dust one-way", "dust two-way", "mix")
+CASES = ("gas", "gravity", "dust one-way", "dust two-way", "mix", "main")
+BY_PASS = ("mix", "main")  # cases of which passes are shown
+MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
 PARTS = ("cases", "growth", "effects", "steps")
 ADDED = {
     "gas": {},
@@ -80,9 +88,14 @@ def scene(gas: int, dust: int, tables: dict[str, Any], threads: int = 1) -> dict
     return out | tables | ({"dust": {"particles": dust} | tables["dust"]} if "dust" in tables else {})
 
 
-def case(name: str, size: int, threads: int) -> dict[str, Any]:
+def case(name: str, size: int, threads: int, scheme: str | None = None) -> dict[str, Any]:
     """The scene of a line, of `size` particles of the kind that it measures."""
-    drag = {"law": "stokes-number", "stokes": 0.1, "scheme": "idic-linear"}
+    if name == "main":
+        out = tomllib.loads(MAIN.read_text())
+        out["run"] |= {"threads": threads}
+        out["drag"] |= {"scheme": scheme or out["drag"]["scheme"]}
+        return out
+    drag = {"law": "stokes-number", "stokes": 0.1, "scheme": scheme or USUAL_SCHEME}
     gravity = {"softening": 0.1, "sources": ["gas"]}
     dust = {"ratio": 0.01}
     if name == "gas":
@@ -116,10 +129,11 @@ def measure(tables: dict[str, Any]) -> dict[str, Any]:
     sim.evolve(np.inf, enough)  # compiles
     start, left[0] = sim.costs.copy(), STEPS
     cpu, wall = time.process_time(), time.perf_counter()
-    sim.evolve(np.inf, enough)
+    with watched() as passes:
+        sim.evolve(np.inf, enough)
     cpu, wall = (time.process_time() - cpu) / STEPS, (time.perf_counter() - wall) / STEPS
     gas, dust = sim.gas, sim.dust
-    reach = SUPPORT[KERNELS[tables["gas"]["kernel"]]] * gas.h
+    reach = SUPPORT[KERNELS[sim.scene.gas.kernel]] * gas.h
     count = gas.count + (dust.count if dust else 0)
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return {
@@ -131,6 +145,7 @@ def measure(tables: dict[str, Any]) -> dict[str, Any]:
         "wall": wall,
         "neighbours": float(np.median(np.pi * reach**2 * gas.density / gas.mass)),
         "effects": {name: (sim.costs.seconds[name] - start.seconds[name]) / STEPS for name in sim.effects},
+        "passes": {name: seconds / STEPS for name, seconds in sorted(passes.items(), key=lambda item: -item[1])},
         "bytes": (most - before) / count,
         "triad": triad(),
         "fft": fft_pair(sim.state.grid.shape[0]) if "self_gravity" in tables else None,
@@ -189,8 +204,8 @@ def apart(tables: dict[str, Any]) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
-def line_of(name: str, size: int, threads: int) -> dict[str, Any]:
-    tables = case(name, size, threads)
+def line_of(name: str, size: int, threads: int, scheme: str | None = None) -> dict[str, Any]:
+    tables = case(name, size, threads, scheme)
     row: dict[str, Any] = {"case": name, **apart(tables)}
     if row["dust"]:
         bare = apart(without_dust(tables))
@@ -222,6 +237,10 @@ def show_cases(rows: list[dict[str, Any]], console: Console) -> None:
         shares.add_row(*start, *(parts.get(name, "") for name in names))
     console.print(table)
     console.print(shares)
+    for row in rows:
+        if row["case"] in BY_PASS:
+            what = f"{row['case']}, {short(row['gas'])} of gas, {short(row['dust'])} of dust, cores: {row['threads']}"
+            console.print(table_of(what, row["passes"], row["cpu"], row["gas"] + row["dust"]))
 
 
 def show_effects(gas: int, console: Console) -> list[dict[str, Any]]:
@@ -329,6 +348,7 @@ def main() -> None:
     parser.add_argument("--threads", type=whole_numbers(1), default="1,2", help="numbers of threads")
     parser.add_argument("--parts", type=some_of(PARTS, "part"), default=",".join(PARTS))
     parser.add_argument("--cases", type=some_of(CASES, "case"), default=",".join(CASES))
+    parser.add_argument("--scheme", choices=list(SCHEMES), help=f"of the drag [{USUAL_SCHEME}; main: its own]")
     parser.add_argument("--one", help=argparse.SUPPRESS)  # a scene as JSON: what `apart` calls
     options = parser.parse_args()
     if options.one:
@@ -341,10 +361,10 @@ def main() -> None:
     if "cases" in parts:
         found["cases"] = []
         for name in options.cases:
-            for size in sizes:
+            for size in sizes[:1] if name == "main" else sizes:
                 for number in options.threads:
-                    console.print(f"{name}, {size:,} particles, {number} threads ...")
-                    found["cases"].append(line_of(name, size, number))
+                    console.print(f"{name}, {number} threads{'' if name == 'main' else f', {size:,} particles'} ...")
+                    found["cases"].append(line_of(name, size, number, options.scheme))
         show_cases(found["cases"], console)
     if "growth" in parts:
         found["growth"] = growth(max(sizes))

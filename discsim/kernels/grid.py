@@ -10,6 +10,7 @@ from numba import njit
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
+BATCH = 128  # particles whose places are found before any of them is used, by vectorised code
 CHUNK = 4096  # particles of which `pull` notes what it found
 TILE = 6  # a tile of the order of particles in memory is 2^TILE cells wide
 
@@ -207,36 +208,60 @@ def _between(flat, low, along_x, along_y, wx, wy):
     return first + wx * (second - first)
 
 
+@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+def _find(pos, p, number, origin, inverse, nx, ny, periodic, xs, ys):
+    # Places of particles from the pth on in cells from the first node. Loops as simple as these are vectorised.
+    flat, ox, oy = pos.reshape(-1), origin[0], origin[1]
+    if pos.shape[1] == 2:
+        for j in range(number):
+            xs[j] = (flat[TWO * (p + j)] - ox) * inverse - 0.5
+            ys[j] = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
+    else:
+        for j in range(number):
+            xs[j], ys[j] = (flat[p + j] - ox) * inverse - 0.5, 0.0
+    if periodic:
+        for j in range(number):
+            xs[j], ys[j] = _wrapped(xs[j], nx), _wrapped(ys[j], ny)
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, largest, missing):
     """acc -= field (nx, ny, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
     many particles are off the grid, (chunks,) each.
     """
     nx, ny, plane = field.shape[0], field.shape[1], pos.shape[1] == 2
-    ox, oy, flat = origin[0], origin[1], field.reshape(-1)
-    end_x, end_y = (nx, ny) if periodic else (nx - 1, ny - 1 if plane else 1)
+    end_x, end_y = (float(nx), float(ny)) if periodic else (nx - 1.0, ny - 1.0 if plane else 1.0)
+    flat, pulls, wide = field.reshape(-1), acc.reshape(-1), np.uint64(pos.shape[1])
+    at, batch = np.empty((2, BATCH), np.int32), np.empty((2, BATCH))
+    (ixs, iys), (xs, ys) = at, batch
     for chunk in range(chunk_from, chunk_to):
         most, lost = 0.0, 0
-        for p in range(np.uint64(chunk * CHUNK), np.uint64(min((chunk + 1) * CHUNK, len(pos)))):
-            sx, sy = (pos[p, 0] - ox) * inverse - 0.5, (pos[p, 1] - oy) * inverse - 0.5 if plane else 0.0
-            if periodic:
-                sx, sy = _wrapped(sx, nx), _wrapped(sy, ny)
-            if not (0.0 <= sx < end_x and 0.0 <= sy < end_y):
-                lost += 1
-                continue
-            ix, iy = int(sx), int(sy)
-            wx, wy = sx - ix, sy - iy
-            low = np.uint64(2 * (ix * ny + iy))  # unsigned: no index from the end
-            along_x = np.uint64(2 * ny if ix + 1 < nx else -2 * ny * ix)
-            along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
-            x = _between(flat, low, along_x, along_y, wx, wy)
-            acc[p, 0] -= x
-            square = x * x
-            if plane:
-                y = _between(flat, low + ONE, along_x, along_y, wx, wy)
-                acc[p, 1] -= y
-                square += y * y
-            most = max(most, square)
+        end = np.uint64(min((chunk + 1) * CHUNK, len(pos)))
+        for p in range(np.uint64(chunk * CHUNK), end, np.uint64(BATCH)):
+            number = min(np.uint64(BATCH), end - p)
+            _find(pos, p, number, origin, inverse, nx, ny, periodic, xs, ys)
+            for j in range(number):
+                inside = (xs[j] >= 0.0) & (xs[j] < end_x) & (ys[j] >= 0.0) & (ys[j] < end_y)
+                x, y = xs[j] if inside else -1.0, ys[j] if inside else 0.0
+                ixs[j], iys[j] = np.int32(x), np.int32(y)
+                xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
+            for j in range(number):
+                ix, iy = int(ixs[j]), int(iys[j])
+                if ix < 0:
+                    lost += 1
+                    continue
+                low = np.uint64(2 * (ix * ny + iy))  # unsigned: no index from the end
+                along_x = np.uint64(2 * ny if ix + 1 < nx else -2 * ny * ix)
+                along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
+                q = wide * (p + j)
+                x = _between(flat, low, along_x, along_y, xs[j], ys[j])
+                pulls[q] -= x
+                square = x * x
+                if plane:
+                    y = _between(flat, low + ONE, along_x, along_y, xs[j], ys[j])
+                    pulls[q + ONE] -= y
+                    square += y * y
+                most = max(most, square)
         largest[chunk], missing[chunk] = most, lost
 
 
@@ -260,21 +285,26 @@ def _place(i, count, periodic):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def gradient(begin, end, potential, cell, periodic, out):
-    """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges."""
+    """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges.
+
+    And there too where the potential has two nodes more than `out` on every side.
+    """
     nx, ny = potential.shape
+    border = (nx - out.shape[0]) // 2
     scale = 1.0 / (12.0 * cell)
     a, b = 8.0 * scale, scale
     for i in range(begin, end):
-        first, place = _place(i, nx, periodic)
+        first, place = _place(i + border, nx, periodic)
         w = _STENCILS[place]
         w0, w1, w2, w3, w4 = scale * w[0], scale * w[1], scale * w[2], scale * w[3], scale * w[4]
         r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]
         r3, r4 = potential[(first + 3) % nx], potential[(first + 4) % nx]
-        line, row = potential[i], out[i]
+        line, row = potential[i + border], out[i, 2 - border :]
         for j in range(ny - 4):  # both components in one loop, of which no index is negative: it is vectorised
-            row[j + 2, 0] = w0 * r0[j + 2] + w1 * r1[j + 2] + w2 * r2[j + 2] + w3 * r3[j + 2] + w4 * r4[j + 2]
-            row[j + 2, 1] = a * (line[j + 3] - line[j + 1]) - b * (line[j + 4] - line[j])
-        for edge in range(min(4, ny)):
+            row[j, 0] = w0 * r0[j + 2] + w1 * r1[j + 2] + w2 * r2[j + 2] + w3 * r3[j + 2] + w4 * r4[j + 2]
+            row[j, 1] = a * (line[j + 3] - line[j + 1]) - b * (line[j + 4] - line[j])
+        row = out[i]
+        for edge in range(0 if border else min(4, ny)):
             j = edge if edge < 2 else ny + 1 - edge
             first, place = _place(j, ny, periodic)
             row[j, 0] = w0 * r0[j] + w1 * r1[j] + w2 * r2[j] + w3 * r3[j] + w4 * r4[j]

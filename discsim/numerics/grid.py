@@ -126,11 +126,10 @@ class Grid:
         """
         if not self.periodic and min(self.shape) < 5:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
-        out = np.empty((*field.shape, 2))
+        out = np.empty((*self.shape, 2))
         bordered = field.shape != self.shape
-        # What is beyond the border is not used.
-        share(kernels.gradient, len(field), field, self.cell, self.periodic or bordered, out, least=16)
-        return self.within(out) if bordered else out
+        share(kernels.gradient, len(out), field, self.cell, self.periodic or bordered, out, least=16)
+        return out
 
     def within(self, field: Array) -> Array:
         """A field (nx, ny, ...) without its border of BORDER nodes, if it has one."""

@@ -28,6 +28,11 @@ MAPS = {"gas": "viridis", "dust": "inferno"}
 _PIXELS = 480
 _RINGS = 80
 
+# In inches. Axes are put where they go: to let matplotlib find room for their labels takes longer than to draw them.
+_LEFT, _RIGHT, _BELOW, _TITLE = 0.85, 0.25, 0.55, 0.9  # room beside and under axes; that of titles
+_COLUMN, _MAP, _ROW = 5.8, 3.9, 2.9  # pitch of maps, their side, pitch of profiles
+_BAR = (0.08, 0.2)  # distance and width of a colour bar
+
 
 def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.PathLike[str]) -> None:
     """Draw the snapshot at `snapshot_path` into the PNG `out_png`. Raises SnapshotError, OSError."""
@@ -35,7 +40,9 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
     figure = _lines(snap) if snap.dimensions == 1 else _maps(snap)
     figure.suptitle(_title(snap))
     FigureCanvasAgg(figure)
-    figure.savefig(Path(out_png), dpi=130, metadata={"Software": f"discsim {__version__}"})
+    # Compressed least: the most takes as long as to draw it.
+    little = {"compress_level": 1}
+    figure.savefig(Path(out_png), dpi=130, metadata={"Software": f"discsim {__version__}"}, pil_kwargs=little)
 
 
 def _title(snap: Snapshot) -> str:
@@ -96,18 +103,31 @@ def _maps(snap: Snapshot) -> Figure:
     kinds = snap.species
     around = _around(snap)
     below = 2 if around else int(_centred(snap))
-    heights = [1.0] + [0.55] * below
-    width = 5.6 * len(kinds) + 0.4
-    figure = Figure(figsize=(width, 4.9 + 3.0 * below), layout="constrained")
-    grid = figure.add_gridspec(len(heights), len(kinds), height_ratios=heights)
+    width, rows = _COLUMN * len(kinds) + 0.2, _ROW * below
+    figure = Figure(figsize=(width, rows + _BELOW + _MAP + _TITLE))
     window = _window(snap)
     for column, (kind, particles) in enumerate(kinds.items()):
-        _map(figure, figure.add_subplot(grid[0, column]), snap, kind, particles, window)
+        axes = _axes(figure, _COLUMN * column + _LEFT, rows + _BELOW, _MAP, _MAP)
+        _map(figure, axes, snap, kind, particles, window)
     if around:
-        _radial(figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :]), snap, around == "azimuthal")
+        _radial(_row(figure, 1), _row(figure, 0), snap, around == "azimuthal")
     elif _centred(snap):
-        _profile(figure.add_subplot(grid[1, :]), snap, window[1][0] / 1.1)
+        _profile(_row(figure, 0), snap, window[1][0] / 1.1)
     return figure
+
+
+def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    """Axes with their lower left corner at a place of the figure; all in inches."""
+    across, up = figure.get_size_inches()
+    axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
+    axes.ticklabel_format(useOffset=False, scilimits=(-3, 4))  # never wider than there is room
+    return axes
+
+
+def _row(figure: Figure, number: int) -> Axes:
+    """Axes of a profile as wide as the figure, rows counted from below."""
+    wide = figure.get_size_inches()[0] - _LEFT - _RIGHT
+    return _axes(figure, _LEFT, _ROW * number + _BELOW, wide, _ROW - _BELOW - 0.1)
 
 
 def _map(
@@ -135,7 +155,8 @@ def _map(
     if _has_centre(snap):
         axes.plot(0, 0, marker="*", color="white", markeredgecolor="black", markersize=11)
     axes.set(title=kind, xlabel=f"x{length_unit}", ylabel=f"y{length_unit}")
-    figure.colorbar(image, ax=axes, label=rf"$\Sigma_\mathrm{{{kind}}}${density_unit}", pad=0.02)
+    beside = axes.inset_axes((1.0 + _BAR[0] / _MAP, 0.0, _BAR[1] / _MAP, 1.0))
+    figure.colorbar(image, cax=beside, label=rf"$\Sigma_\mathrm{{{kind}}}${density_unit}")
 
 
 def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
@@ -198,8 +219,12 @@ def _plot_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
 
 def _lines(snap: Snapshot) -> Figure:
     """Density and velocity of the particles against x, over the exact solution where there is one."""
-    figure = Figure(figsize=(8, 7), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
+    figure = Figure(figsize=(8, 7))
+    height = (7.0 - _BELOW - _TITLE) / 2
+    below = _axes(figure, _LEFT, _BELOW, 8.0 - _LEFT - _RIGHT, height - 0.1)
+    above = _axes(figure, _LEFT, _BELOW + height, 8.0 - _LEFT - _RIGHT, height)
+    above.sharex(below)
+    above.tick_params(labelbottom=False)
     length, length_unit = _in(snap, "length")
     velocity, velocity_unit = _in(snap, "velocity")
     density, density_unit = _in(snap, "density")
@@ -217,7 +242,6 @@ def _lines(snap: Snapshot) -> Figure:
     above.set_xlim(min(ends), max(ends))  # walls of immobile particles are beyond
     for axes in (above, below):
         axes.grid(alpha=0.3)
-        axes.ticklabel_format(useOffset=False)
     above.legend(frameon=False)
     return figure
 

@@ -1,6 +1,7 @@
 """Scripts of analysis/ about stability, speed and cost: stability_map, throughput, cost_of_accuracy, drift_cost."""
 
 import csv
+import io
 from importlib import import_module as script
 from types import SimpleNamespace
 
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from discsim.parts import SCHEMES
+from discsim.numerics import threads
+from discsim.parts import SCHEMES, USUAL_SCHEME
 
 
 @pytest.mark.parametrize("coefficient", [1e-6, 1.0, 1e12])
@@ -32,11 +34,18 @@ def test_a_blow_up_is_seen(monkeypatch):
     assert module.run("tsc", 1.0, 1.0, 60)["error"] == np.inf
 
 
-@pytest.mark.parametrize("name", ["gas", "gravity", "dust one-way", "dust two-way", "mix"])
-def test_throughput_measures_what_it_names(name, monkeypatch):
+@pytest.fixture
+def throughput(monkeypatch):
+    """The script without what takes seconds of its own."""
     module = script("throughput")
-    monkeypatch.setattr(module, "triad", lambda: 1e-9)  # these take seconds of their own
+    monkeypatch.setattr(module, "triad", lambda: 1e-9)
     monkeypatch.setattr(module, "fft_pair", lambda cells: 1e-3)
+    return module
+
+
+@pytest.mark.parametrize("name", ["gas", "gravity", "dust one-way", "dust two-way", "mix"])
+def test_throughput_measures_what_it_names(name, throughput):
+    module = throughput
     tables = module.case(name, 1500 if "dust" in name else 500, 1)
     found = module.measure(tables)
     assert set(found["effects"]) == {"gas", "star"} | (
@@ -50,6 +59,24 @@ def test_throughput_measures_what_it_names(name, monkeypatch):
     assert found["neighbours"] == pytest.approx(25, rel=0.1)
     assert 0.0 < sum(found["effects"].values()) <= found["cpu"]
     assert "dust" not in module.without_dust(tables)
+    if found["dust"]:
+        assert tables["drag"]["scheme"] == USUAL_SCHEME
+
+
+def test_throughput_of_the_main_job_is_told_by_pass(throughput):
+    tables = throughput.case("main", 0, 1)
+    assert tables["drag"]["scheme"] == USUAL_SCHEME
+    assert throughput.case("main", 0, 1, "idic")["drag"]["scheme"] == "idic"
+    tables["gas"]["particles"], tables["dust"]["particles"] = 3000, 6000
+    found = throughput.measure(tables)
+    passes = found["passes"]
+    assert {"forces", "pull", "attract", "fill"} <= set(passes) and min(passes.values()) >= 0.0
+    # Each loop once: all of them are most of a step, and no more than it.
+    assert 0.5 * found["cpu"] < sum(passes.values()) <= found["cpu"]
+    text = io.StringIO()
+    throughput.show_cases([{"case": "main", "cpu_of_dust": 0.0, **found}], Console(file=text, width=200))
+    assert "forces" in text.getvalue() and "outside of loops" in text.getvalue()
+    assert threads.share.__name__ == "share"  # watched no more
 
 
 def test_a_study_of_cost_is_made_once(tmp_path):

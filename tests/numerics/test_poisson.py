@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numba
 import numpy as np
 import pytest
 from clouds import centred, cloud, gravity, maclaurin_disc, scattered
@@ -185,6 +186,17 @@ def test_one_way_dust_does_not_limit_the_step():
     state.scene.drag = None
     assert effect.limit(state) == pytest.approx(np.sqrt(0.05 / np.hypot(*dust.acc.T).max()), rel=1e-12)
     assert effect.limit(state) < gas_alone
+
+
+def test_a_solver_made_for_one_thread_may_have_more(monkeypatch):
+    """Each batch of rows on a plan of its own, and the same bits."""
+    surface_density = np.random.default_rng(1).random((100, 90))
+    solver = Poisson((100, 90), 0.1, Plummer(0.2), periodic=False, threads=1)
+    found = []
+    for threads in (1, 5):
+        monkeypatch.setattr(numba, "get_num_threads", lambda threads=threads: threads)
+        found.append(solver.solve(surface_density))
+    np.testing.assert_array_equal(*found)
 
 
 HELPERS = Path(__file__).parents[1] / "helpers"

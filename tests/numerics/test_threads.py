@@ -11,7 +11,7 @@ from deaths import forked, status_of
 from runs import WAVE, scene_of
 
 from discsim import Simulation
-from discsim.numerics.threads import fill
+from discsim.numerics.threads import fill, pieces, share
 
 
 @pytest.fixture
@@ -23,18 +23,26 @@ def four_cores(monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: getattr(own, "number", 4))
 
 
+def threads_of_a_loop():
+    """Who takes part in a loop in which each of four threads waits for the others."""
+    met, found = threading.Barrier(4), set()
+
+    def meet(first, last):
+        if threading.get_ident() not in found:
+            found.add(threading.get_ident())
+            met.wait(30.0)
+
+    share(meet, 64, least=1)
+    return found
+
+
 def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
     # What multiprocessing does on Linux: threads are not forked, and work that is given to them waits for ever.
-    def in_threads():
-        out = np.zeros(20_000)
-        fill(out, lambda piece: time.sleep(0.02) or 1.0)  # long enough for every thread to begin
-        return out.sum()
-
     def child():
-        signal.alarm(5)  # ends a child that waits
-        return 0 if in_threads() == 20_000 else 1
+        signal.alarm(20)  # ends a child that waits
+        return 0 if len(threads_of_a_loop()) == 4 else 1
 
-    assert in_threads() == 20_000
+    assert len(threads_of_a_loop()) == 4
     assert status_of(forked(child)) == 0
 
 
@@ -59,3 +67,130 @@ def test_threads_of_a_simulation_are_its_own(tmp_path, four_cores):
         thread.start()
         thread.join()
     assert found == {2}
+
+
+def cover(first, last, seen):
+    seen[first:last] += 1
+    return first, last
+
+
+@pytest.mark.parametrize("least", [1, 7, 64])
+@pytest.mark.parametrize("threads", [1, 2, 3, 8])
+def test_pieces_cover_a_range_once_and_none_is_too_small(threads, least):
+    for count in [*range(200), 511, 512, 513, 4096]:
+        sizes = np.diff(pieces(count, least, threads))
+        assert sizes.sum() == count
+        if len(sizes) > 1:
+            assert sizes.min() >= least
+            # What the last piece leaves the others to wait for: a sixteenth of a thread's share, twice where it ends.
+            assert sizes[-1] < 2 * max(least, np.ceil(count / (8 * threads)))
+        assert len(sizes) == 1 or count >= 2 * least
+
+
+def test_what_pieces_return_comes_in_their_order_and_goes_to_the_same_pieces(four_cores):
+    seen = np.zeros(5000, int)
+    found = share(cover, len(seen), seen, least=10)
+    assert len(found) > 4 and (seen == 1).all()
+    assert [a for a, _ in found[1:]] == [b for _, b in found[:-1]]
+
+    def again(first, last, own):
+        assert own == (first, last)
+        return own
+
+    assert share(again, len(seen), least=10, each=found) == found
+
+
+def test_loops_are_shared_among_the_caller_and_the_same_helpers(four_cores):
+    found = threads_of_a_loop()
+    assert threading.get_ident() in found and len(found) == 4
+    assert all(threads_of_a_loop() == found for _ in range(20))
+
+
+def test_loops_of_few_pieces_take_helpers_that_are_there(four_cores):
+    share(lambda first, last: None, 64, least=1)
+    before = threading.active_count()
+    for count in (2, 3, 64):
+        share(lambda first, last: None, count, least=1)
+    assert threading.active_count() == before
+
+
+def test_a_loop_too_small_to_be_shared_is_the_callers(four_cores):
+    assert share(lambda first, last: threading.get_ident(), 7, least=4) == [threading.get_ident()]
+
+
+def test_a_loop_within_a_piece_has_helpers_of_its_own(four_cores):
+    def inner(first, last):
+        time.sleep(0.001)
+        return last - first
+
+    def outer(first, last):
+        return [sum(share(inner, 16, least=1)) for _ in range(first, last)]
+
+    assert [number for piece in share(outer, 8, least=1) for number in piece] == [16] * 8
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_the_first_fault_of_a_loop_reaches_its_caller(four_cores, threads):
+    numba.set_num_threads(threads)
+
+    def fail(first, last):
+        time.sleep(0.02 if first == 0 else 0.0)  # the first to fail is not the first in the range
+        raise ValueError(f"at {first}")
+
+    for _ in range(5):
+        with pytest.raises(ValueError, match=r"at 0$"):
+            share(fail, 1000, least=10)
+    seen = np.zeros(1000, int)
+    share(cover, len(seen), seen, least=10)
+    assert (seen == 1).all()
+
+
+def test_settings_of_numpys_errors_are_those_of_the_caller(four_cores):
+    out = np.zeros(40_000)
+
+    def overflow(piece):
+        time.sleep(0.01)  # every thread takes part
+        return np.array([1e300]) * (1.0 if piece.start == 0 else 1e300)
+
+    with np.errstate(over="raise"), pytest.raises(FloatingPointError):
+        fill(out, overflow)
+    with np.errstate(over="ignore"):
+        fill(out, overflow)
+    assert np.isinf(out[-1])
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_ctrl_c_reaches_who_shares_a_loop_and_the_next_one_runs(four_cores, late):
+    """In a piece of the caller's own, and while it waits for those of its helpers."""
+    caller = threading.get_ident()
+
+    def act(first, last):
+        if (threading.get_ident() == caller) != late:
+            time.sleep(0.1)
+            signal.raise_signal(signal.SIGINT)
+        time.sleep(0.1 if late else 0.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        share(act, 8, least=1)
+        time.sleep(1.0)
+    seen = np.zeros(1000, int)
+    share(cover, len(seen), seen, least=10)
+    assert (seen == 1).all()
+
+
+def test_many_callers_at_once(four_cores):
+    wrong = []
+
+    def use():
+        for _ in range(50):
+            seen = np.zeros(1000, int)
+            share(cover, len(seen), seen, least=10)
+            if not (seen == 1).all():
+                wrong.append(seen)
+
+    callers = [threading.Thread(target=use) for _ in range(6)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert not wrong
