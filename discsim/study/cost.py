@@ -71,9 +71,7 @@ class Study:
             say(f"{total - len(todo) + count}/{total}  {label_of(point.settings)}: {what}  {clock(left)} left")
         self._judge()
 
-    def _made(
-        self, todo: list[tuple[Point, int]], say: Say, parallel: int
-    ) -> Iterator[tuple[Point, dict[str, Any]]]:
+    def _made(self, todo: list[tuple[Point, int]], say: Say, parallel: int) -> Iterator[tuple[Point, dict[str, Any]]]:
         if parallel > 1:
             points = [point for point, _ in todo]
             yield from zip(points, self.runs.made([p.settings for p in points], say, parallel), strict=True)
@@ -104,8 +102,8 @@ class Study:
             if self.reference is not None and point is not self.reference:
                 point.errors = profile_errors(point.runs[0]["profiles"], self.reference.runs[0]["profiles"])
 
-    def make(self, title: str, parallel: int) -> None:
-        """Run, write cost.csv and cost.png, and print what was found; all lines go to cost.log too."""
+    def make(self, title: str, parallel: int) -> bool:
+        """Run, write cost.csv and cost.png, and print what was found; all lines go to cost.log too. True."""
         console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
         console.width = max(console.width, WIDTH)
         lines: list[str] = []
@@ -130,6 +128,7 @@ class Study:
             show(self, console)
         say(text.get().rstrip())
         say(f"table {self.directory / 'cost.csv'}\nfigure {self.directory / 'cost.png'}")
+        return True
 
     # Findings
 

@@ -21,6 +21,7 @@ Array = np.ndarray
 Run = dict[str, Any]
 MODES = range(1, 5)
 CLUMPED = 10.0  # times the median of its ring is a clump's surface density
+FEW = 8  # particles: what a pixel of a clump holds at least
 PIXELS = 96  # a side of the map that clumps are looked for on
 WORDS = {
     "profile": "mass of the {kind} that is in another ring or square than in the finer run",
@@ -101,14 +102,12 @@ def _amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
 
 def _clumped(pos: Array, mass: Array, reach: float) -> list[float]:
     """The share of the mass in clumps, as a list of one. pos (n, 2), mass (n,)."""
-    span = [(-reach, reach)] * 2
-    on_map, *_ = np.histogram2d(*pos.T, bins=PIXELS, range=span, weights=mass)
+    on_map, _ = np.histogramdd(pos, bins=PIXELS, range=[(-reach, reach)] * 2, weights=mass)
     x = (np.arange(PIXELS) + 0.5) * 2.0 / PIXELS - 1.0
     ring = (np.hypot(x[:, None], x) * RINGS).astype(int)
-    clumped = 0.0
+    clumped, few = 0.0, FEW * float(mass.mean()) if len(mass) else 0.0
     for k in range(RINGS):
         pixels = on_map[ring == k]
-        # Where the median is empty a ring's mean stands for it: clumps cannot be told from single particles there.
-        usual = max(float(np.median(pixels)), float(pixels.mean()) / CLUMPED)
-        clumped += float(pixels[pixels > CLUMPED * usual].sum()) if usual > 0.0 else 0.0
+        usual = float(np.median(pixels)) or float(pixels.mean())  # of a ring most of which is empty
+        clumped += float(pixels[pixels > max(CLUMPED * usual, few)].sum())
     return [clumped / max(float(mass.sum()), 1e-300)]

@@ -109,6 +109,7 @@ def one_run(
 
     limits = limits or Limits()
     scene = load_scene(path, overrides, without)
+    begun = time.process_time()
     try:
         _compile(Simulation(scene))
         sim = Simulation(scene)
@@ -125,11 +126,12 @@ def one_run(
             return time.process_time() - begun > limits.cpu
 
         if not sim.evolve(scene.run.until, count):
-            return {"stopped": f"given up after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"}
+            words = f"given up after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
+            return {"stopped": words, "cpu": limits.cpu, "most": limits.cpu}
         sim.run(scene.run.until)  # closes the last kick
         cpu = time.process_time() - begun
     except PhysicsError as fault:
-        return {"stopped": f"stopped by the physics: {fault}"}
+        return {"stopped": f"stopped by the physics: {fault}", "cpu": time.process_time() - begun}
     measure = measure_of(scene)
     return {
         "cpu": cpu,

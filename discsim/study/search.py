@@ -5,8 +5,9 @@ next value. At the centre every knob is probed one rung each way (`look`), which
 
     dE_k = ln(error / error of the centre),   dC_k = ln(CPU time / that of the centre)
 
-Between and beyond probes both are taken for power laws of the knob (dE a little bent, as errors of several knobs add up), and knobs are taken to act by themselves: so the place that
-minimises sum dC_k + lambda sum dE_k is found knob by knob, with the least lambda for which
+Between and beyond probes both are taken for power laws of the knob (dE a little bent, as errors of several knobs add
+up), and knobs are taken to act by themselves: so the place that minimises sum dC_k + lambda sum dE_k is found knob by
+knob, with the least lambda for which
 
     sum dE_k <= ln(goal / error of the centre)                                                     (1)
 
@@ -39,17 +40,21 @@ USUAL_GAIN = 0.5  # of ln error for ln CPU, where nothing is known of it
 TRIES, ROUNDS = 4, 40
 DEAREST = 1e3  # lambda
 RAISED, SHARPER = 20, 0.95  # times that the means over seeds may ask for a smaller error of single runs, and by what
-CAP, SPARE = 10.0, 2.0  # a run is given up after so many times the centre's CPU time, and so many seconds
+CAP, SPARE = 10.0, 0.5  # a run is given up after so many times the centre's CPU time, and so many seconds
 NEAR, MOST_FINALISTS = 1.3, 3  # finalists take at most so many times the CPU time of the cheapest
 
 
 class Knob(Protocol):
     """What a search has to know of a knob. stride: of its rungs; a choice has each value from lowest to highest."""
 
-    choice: bool
-    lowest: int
-    highest: int
-    stride: int
+    @property
+    def choice(self) -> bool: ...
+    @property
+    def lowest(self) -> int: ...
+    @property
+    def highest(self) -> int: ...
+    @property
+    def stride(self) -> int: ...
 
 
 class Measured(NamedTuple):
@@ -105,7 +110,13 @@ class Search:
     """`goal`: the error wanted; `start`: the coarse place to begin at. `centre`: the best place so far."""
 
     def __init__(
-        self, knobs: Sequence[Knob], bench: Bench, goal: float, start: Place, say: Callable[[str], None], repeat: int = 3
+        self,
+        knobs: Sequence[Knob],
+        bench: Bench,
+        goal: float,
+        start: Place,
+        say: Callable[[str], None],
+        repeat: int = 3,
     ) -> None:
         self.knobs, self.bench, self.goal, self.say, self.repeat = knobs, bench, goal, say, repeat
         self.aim = goal  # for single runs; below the goal where the mean over seeds turned out worse
@@ -134,7 +145,9 @@ class Search:
 
     def run(self) -> Trial | None:
         """The cheapest place that reaches the goal; None where the search found none. Raises Spent."""
-        self.bench.run([self.centre], SEEDS)
+        self.bench.run([self.centre], 2)
+        if self.at(self.centre) and self.here.scatter > 0.0:
+            self.bench.run([self.centre], SEEDS)
         if not self.at(self.centre):
             return None
         self.noise = 2.0 * self.here.scatter / max(self.here.error, 1e-300)
@@ -294,7 +307,7 @@ class Search:
 
     def _plain(self) -> None:
         """Put back, one by one, what differs from the scene and buys nothing."""
-        for k, knob in enumerate(self.knobs):
+        for k in range(len(self.knobs)):
             if self.here.error > self.aim or self.centre[k] == 0:
                 continue
             back = (*self.centre[:k], 0, *self.centre[k + 1 :])
@@ -334,7 +347,11 @@ class Search:
         if level == 0:
             return then < now - GAIN
         # Never back to a larger error, or it would go round in circles as the price of an error changes.
-        return place not in self.been and change.error <= LEAST_MARGIN and change.cost + change.error / (0.8 * self.rate) < -GAIN
+        return (
+            place not in self.been
+            and change.error <= LEAST_MARGIN
+            and change.cost + change.error / (0.8 * self.rate) < -GAIN
+        )
 
     def _go(self, place: Place) -> None:
         self.been.add(self.centre)
@@ -352,7 +369,9 @@ class Search:
         if not held:
             return None
         least = min(t.cpu for t in held)
-        best = min((t for t in held if t.cpu <= (1.0 + GAIN) * least), key=lambda t: (_moved_from(scene, t.place), t.cpu))
+        best = min(
+            (t for t in held if t.cpu <= (1.0 + GAIN) * least), key=lambda t: (_moved_from(scene, t.place), t.cpu)
+        )
         self.centre = best.place
         return best
 
