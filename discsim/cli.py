@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -51,6 +51,16 @@ SceneArgument = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
+]
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TABLE.KEY=A,B,...", help="Values of a key; of several at once: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6."
+    ),
+]
+ReferenceOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="TABLE.KEY=VALUE", help="Of the finer run, without an exact solution [2 x particles]."),
 ]
 WithoutOption = Annotated[list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")]
 
@@ -118,12 +128,7 @@ def cost(
         str | None,
         typer.Option(metavar="E", help='Find the cheapest setting with this error: "1%", or "scene" for its own.'),
     ] = None,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="TABLE.KEY=A,B,...", help="Values of a key; of several at once: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6."
-        ),
-    ] = None,
+    vary: VaryOption = None,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Directory of table and figure [runs/<name>-cost]."),
@@ -132,10 +137,7 @@ def cost(
     measure: Annotated[
         str | None, typer.Option(metavar="NAME", help="What the error is of, like exact, dust-profile, gas-modes.")
     ] = None,
-    reference: Annotated[
-        list[str] | None,
-        typer.Option(metavar="TABLE.KEY=VALUE", help="Of the finer run, without an exact solution [2 x particles]."),
-    ] = None,
+    reference: ReferenceOption = None,
     keep: Annotated[
         list[str] | None, typer.Option(metavar="TABLE.KEY", help="A key that a search leaves alone.")
     ] = None,
@@ -150,31 +152,22 @@ def cost(
 
     changed = settings or (), without or ()
     directory = output or Path("runs") / f"{scene.stem}-{'cost' if error is None else 'cheapest'}"
+    title = loaded.title or str(scene)
     try:
         from discsim.study.points import StudyError, Varied
 
-        if error is None and not vary:
-            _refuse("nothing to find; expected --error 1%, the cheapest setting for it, or --vary with values of a key")
         varied = [Varied.from_text(text) for text in vary or ()]
         make: Callable[[], bool]
         if error is None:
-            given = {"--measure": measure, "--reference": reference, "--keep": keep}
-            for name, value in given.items():
-                if value:
-                    _refuse(f"{name}: goes with --error; expected that, or no {name}")
+            _refuse_without_error(vary, {"--measure": measure, "--reference": reference, "--keep": keep})
             from discsim.study.cost import Study
 
-            study = Study(scene, varied, repeat or 1, directory, *changed)
-            make = partial(study.make, loaded.title or str(scene), parallel)
+            make = partial(Study(scene, varied, repeat or 1, directory, *changed).make, title, parallel)
         else:
-            from discsim.study.cheapest import Cheapest, Wanted, budget_in, goal_in
+            from discsim.study.cheapest import Cheapest, wanted
 
-            wanted = Wanted(
-                goal_in(error), budget_in(budget), measure, tuple(reference or ()), tuple(varied), tuple(keep or ()),
-                repeat or 3, parallel,
-            )  # fmt: skip
-            search = Cheapest(scene, directory, wanted, *changed)
-            make = partial(search.make, loaded.title or str(scene))
+            search = wanted(error, budget, measure, reference or (), varied, keep or (), repeat or 3, parallel)
+            make = partial(Cheapest(scene, directory, search, *changed).make, title)
         fault = directory_fault(directory, resume=False)
         if fault:
             _refuse(fault)
@@ -186,6 +179,14 @@ def cost(
         _refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)
     if not reached:
         raise SystemExit(NOT_REACHED)
+
+
+def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -> None:
+    if not vary:
+        _refuse("nothing to find; expected --error 1%, the cheapest setting for it, or --vary with values of a key")
+    for name, value in given.items():
+        if value:
+            _refuse(f"{name}: goes with --error; expected that, or no {name}")
 
 
 @app.command()

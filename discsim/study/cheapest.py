@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 from rich.console import Console
 
@@ -35,28 +34,6 @@ MOST_LEARNT = 10  # settings of the frontier that `discsim check` is told of
 FINER = 2.0  # times the particles of the scene that the finer run has, where a user does not say which it is
 
 
-def goal_in(text: str) -> float | None:
-    """The error that --error names, None for the scene's own. Raises StudyError."""
-    if text == SCENE:
-        return None
-    try:
-        percent = text.strip().endswith("%")
-        goal = float(text.strip().removesuffix("%")) / (100.0 if percent else 1.0)
-    except ValueError:
-        goal = math.nan
-    if not 0.0 < goal < math.inf:
-        raise StudyError(f'--error {text}: not an error; expected one above 0, like 1% or 0.01, or "{SCENE}"')
-    return goal
-
-
-def budget_in(text: str) -> float:
-    """Seconds of --budget. Raises StudyError."""
-    try:
-        return seconds(text)
-    except UnitError as error:
-        raise StudyError(f'--budget {text}: {error}; expected a wall-clock time, like "1 h"') from None
-
-
 @dataclass
 class Wanted:
     """What the command line asks of a search.
@@ -72,6 +49,43 @@ class Wanted:
     keep: tuple[str, ...] = ()
     repeat: int = 3
     parallel: int = 1
+
+
+def wanted(
+    error: str, budget: str, measure: str | None, reference: Sequence[str], varied: Sequence[Varied],
+    keep: Sequence[str], repeat: int, parallel: int,
+) -> Wanted:  # fmt: skip
+    """From the texts of the command line. Raises StudyError."""
+    for text in reference:
+        key, equals, value = text.partition("=")
+        if not (key.strip() and equals and value.strip()):
+            raise StudyError(f"--reference {text}: not a key with its value; expected one like run.courant=0.2")
+    goal, time_there_is = _goal_in(error), _budget_in(budget)
+    return Wanted(goal, time_there_is, measure, tuple(reference), tuple(varied), tuple(keep), repeat, parallel)
+
+
+def _goal_in(text: str) -> float | None:
+    """The error that --error names, None for the scene's own."""
+    if text == SCENE:
+        return None
+    try:
+        percent = text.strip().endswith("%")
+        goal = float(text.strip().removesuffix("%")) / (100.0 if percent else 1.0)
+    except ValueError:
+        goal = math.nan
+    if not 0.0 < goal < math.inf:
+        raise StudyError(f'--error {text}: not an error; expected one above 0, like 1% or 0.01, or "{SCENE}"')
+    return goal
+
+
+def _budget_in(text: str) -> float:
+    try:
+        budget = seconds(text)
+    except UnitError:
+        budget = math.nan
+    if not budget > 0.0:
+        raise StudyError(f'--budget {text}: no wall-clock time to spend; expected one above 0, like "1 h"')
+    return budget
 
 
 class Workshop:
@@ -184,10 +198,6 @@ class Cheapest:
             return {}
         if self.wanted.reference:
             given = [text.partition("=") for text in self.wanted.reference]
-            for key, equals, value in given:
-                if not (key.strip() and equals and value.strip()):
-                    wanted = "expected table.key=value, like run.courant=0.2"
-                    raise StudyError(f"--reference {key}{equals}{value}: not a key with its value; {wanted}")
             settings = {key.strip(): value.strip() for key, _, value in given}
         else:
             base = self.knobs.base

@@ -103,7 +103,7 @@ def test_a_user_gives_and_keeps_knobs():
     knobs = knobs_of("setups/dusty_wave.toml", ["drag.integration=implicit"], ["drag.scheme", "particles"])
     assert names(knobs)[0] == "drag.integration" and not {"drag.scheme", "particles"} & set(names(knobs))
     assert knobs.settings(place(knobs, drag_integration=1)) == {"drag.integration": "implicit"}
-    with pytest.raises(StudyError, match='did you mean "drag.scheme"'):
+    with pytest.raises(StudyError, match=r'did you mean "drag\.scheme"'):
         knobs_of("setups/dusty_wave.toml", keep=["drag.schem"])
     with pytest.raises(StudyError, match="no knob is left"):
         knobs_of("setups/star_dust.toml", keep=["particles", "run.courant"])
