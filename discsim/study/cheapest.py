@@ -241,6 +241,7 @@ class Cheapest:
         if any(trial.runs for trial in self.bench.trials.values()):
             frontier_figure(self, self.directory / "cost.png")
             say(f"figure {self.directory / 'cost.png'}")
+            self._learn()
         if self.found is not None:
             self._write()
             say(

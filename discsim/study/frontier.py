@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
@@ -119,13 +119,12 @@ def _choices(study: Cheapest, chosen: Trial) -> Iterator[str]:
     for k, knob in enumerate(study.knobs.all):
         own, out = chosen.place[k], []
         for rung in range(knob.lowest, knob.highest + 1) if knob.choice else ():
-            there = (*chosen.place[:k], rung, *chosen.place[k + 1 :])
             pairs = [(a, b) for a in trials if a.place[k] == own if (b := _with(study, a, k, rung))]
             if rung != own:
                 told = _nearest_pair(pairs, chosen, k) or _why(study, k, rung)
-                out.append(f"{value_words(study.knobs, there, k)} ({told})")
+                out.append(f"{knob.word(study.knobs.base, rung)} ({told})")
         if out:
-            yield f"{knob.name} {value_words(study.knobs, chosen.place, k)}; instead {', '.join(out)}"
+            yield f"{knob.name} {knob.word(study.knobs.base, own)}; instead {', '.join(out)}"
 
 
 def _with(study: Cheapest, trial: Trial, k: int, rung: int) -> Trial | None:
@@ -202,10 +201,9 @@ def frontier_figure(study: Cheapest, path: Path) -> None:
     errors = [t.error for t in trials if t.error > 0.0] + [study.goal or 1.0]
     axes.set(xscale="log", yscale="log", ylim=(0.5 * min(errors), 2.0 * max(errors)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: percent(value)))
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
-    axes.xaxis.set_major_formatter(plain)
-    times = [t.cpu for t in trials]
-    axes.xaxis.set_minor_formatter(plain if max(times) < 30.0 * min(times) else NullFormatter())
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("CPU time of the steps on one thread [s]")
     axes.set_ylabel(f"error: {study.measure.words}", wrap=True)
     axes.grid(alpha=0.3, which="both", lw=0.4)

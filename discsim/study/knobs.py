@@ -56,14 +56,14 @@ class Base:
                 found = getattr(found, part, None)
         return found
 
-    def times(self, key: str, factor: float, whole: bool = False) -> str:
-        """The value of a key times a factor, as text; the unit stays."""
+    def times(self, key: str, factor: float, whole: bool = False, digits: int = 4) -> str:
+        """The value of a key times a factor, as text of so many digits; the unit stays."""
         value, unit = self.value(key), ""
         if isinstance(value, str):
             match = _QUANTITY.fullmatch(value)
             assert match is not None
             value, unit = float(match[1].replace("_", "")), match[2]
-        found = f"{round(value * factor)}" if whole else f"{value * factor:.6g}"
+        found = f"{round(value * factor)}" if whole else f"{value * factor:.{digits}g}"
         return f'"{found}{unit}"' if unit else found
 
     @property
@@ -94,6 +94,10 @@ class Knob:
     @property
     def choice(self) -> bool:
         return bool(self.words)
+
+    def word(self, base: Base, rung: int) -> str:
+        """Of a choice, for people."""
+        return self.words[rung] or str(base.value(self.keys[0]))
 
     def settings(self, base: Base, rung: int) -> Settings:
         if rung == 0:
@@ -197,7 +201,7 @@ class Knobs:
             out = {key: at.times(key, factor, whole=True) for key in keys}
             if scene.gas and scene.gas.smoothing_length is not None:
                 exactly = int(out["gas.particles"]) / counts["gas.particles"]  # h stays a whole number of spacings
-                out["gas.smoothing_length"] = at.times("gas.smoothing_length", exactly ** (-1.0 / dim))
+                out["gas.smoothing_length"] = at.times("gas.smoothing_length", exactly ** (-1.0 / dim), digits=8)
             return out
 
         yield Knob("particles", keys, particles, MORE_PARTICLES, lowest=lowest(keys), highest=finest)
@@ -222,7 +226,7 @@ class Knobs:
         if scene.gas and not scene.model.cells:
             key = "gas.eta" if scene.gas.smoothing_length is None else "gas.smoothing_length"
             more, stride = MORE_NEIGHBOURS[scene.space.dimensions]
-            yield Knob("neighbours", (key,), _times(key), more, (), -3 * RUNG, 6 * RUNG, stride)
+            yield Knob("neighbours", (key,), _times(key, digits=8), more, (), -3 * RUNG, 6 * RUNG, stride)
 
 
 def _within(key: str, value: float, ratio: float) -> tuple[int, int]:
@@ -246,8 +250,8 @@ def _word(key: str) -> Callable[[Base, str], Settings]:
     return lambda base, word: {key: word}
 
 
-def _times(*keys: str, whole: bool = False) -> Callable[[Base, float], Settings]:
-    return lambda base, factor: {key: base.times(key, factor, whole) for key in keys}
+def _times(*keys: str, whole: bool = False, digits: int = 4) -> Callable[[Base, float], Settings]:
+    return lambda base, factor: {key: base.times(key, factor, whole, digits) for key in keys}
 
 
 def _kernel(base: Base, word: str) -> Settings:
