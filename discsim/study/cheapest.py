@@ -26,7 +26,8 @@ from discsim.study.knobs import Knobs
 from discsim.study.measures import Measure, Run, mean_of, measures_of
 from discsim.study.points import Settings, StudyError, Varied, label_of, percent
 from discsim.study.runs import Late, Limits, Runs, Say
-from discsim.study.search import Measured, Place, Search, Spent, Trial
+from discsim.study.search import Search
+from discsim.study.trials import Measured, Place, Spent, Trial
 
 SCENE = "scene"  # the word for the scene's own error
 OWN_SEEDS = 2  # of the finer run, whose distance is the floor

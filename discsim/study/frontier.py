@@ -20,7 +20,7 @@ from discsim import __version__
 from discsim.scene.units import clock
 from discsim.study.knobs import Knobs
 from discsim.study.points import label_of, percent
-from discsim.study.search import RUNG, Place, Trial
+from discsim.study.trials import RUNG, Place, Trial
 
 if TYPE_CHECKING:
     from discsim.study.cheapest import Cheapest

@@ -23,7 +23,7 @@ from discsim.scene import Scene, SceneError, near
 from discsim.scene.fields import choices_in
 from discsim.scene.messages import value_at
 from discsim.study.points import Settings, StudyError, Varied
-from discsim.study.search import RUNG, Place
+from discsim.study.trials import RUNG, Place
 
 # Keys that a rung multiplies, by what; those of particles and neighbours are more than one key.
 NUMBERS = {"run.courant": 0.5**0.5, "run.timestep": 0.5**0.5, "space.cells": 2.0, "drag.cell": 0.5}

@@ -23,79 +23,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from statistics import fmean, median, stdev
-from typing import NamedTuple, Protocol
+from statistics import stdev
+from typing import NamedTuple
 
-Place = tuple[int, ...]
-RUNG = 2  # half rungs, of which places are made
+from discsim.study.trials import RUNG, Bench, Knob, Place, Trial
+
 REACH = 2 * RUNG  # of a move
 GAIN = 0.05  # of ln CPU: less is not worth a move
-STEADY = 0.07  # change of ln CPU that is the machine's
+STEADY = 0.07  # change of ln CPU that is the machine's, at least
+CHEAPER_FINER = 4.0  # times that: what is finer, and no better, is not cheaper either unless by so much
 LEAST_MARGIN = 0.01  # of ln error, where seeds do not matter
 CURVED = 1.3  # power of the distance that dE goes with where it rises, and 1 over it where it falls: errors add up
 SEEDS = 5  # of the coarse place, whose scatter tells what is noise
-HOPELESS = math.log(3.0)  # ln price above which another choice is not looked at again
+HOPELESS = math.log(2.0)  # ln price above which another choice is not looked at again
 USUAL_GAIN = 0.5  # of ln error for ln CPU, where nothing is known of it
 TRIES, ROUNDS = 4, 40
 DEAREST = 1e3  # lambda
 RAISED, SHARPER = 20, 0.95  # times that the means over seeds may ask for a smaller error of single runs, and by what
 CAP, SPARE = 10.0, 0.5  # a run is given up after so many times the centre's CPU time, and so many seconds
 NEAR, MOST_FINALISTS = 1.3, 3  # finalists take at most so many times the CPU time of the cheapest
-
-
-class Knob(Protocol):
-    """What a search has to know of a knob. stride: of its rungs; a choice has each value from lowest to highest."""
-
-    @property
-    def choice(self) -> bool: ...
-    @property
-    def lowest(self) -> int: ...
-    @property
-    def highest(self) -> int: ...
-    @property
-    def stride(self) -> int: ...
-
-
-class Measured(NamedTuple):
-    cpu: float
-    error: float
-
-
-@dataclass
-class Trial:
-    """A place with what its runs found, one for each seed; `stopped` says why it has none."""
-
-    place: Place
-    runs: list[Measured] = field(default_factory=list)
-    stopped: str = ""
-
-    @property
-    def cpu(self) -> float:
-        return median(run.cpu for run in self.runs)
-
-    @property
-    def error(self) -> float:
-        """The mean of the seeds'."""
-        return fmean(run.error for run in self.runs)
-
-    @property
-    def scatter(self) -> float:
-        """Of the error from seed to seed."""
-        return stdev(run.error for run in self.runs) if len(self.runs) > 1 else 0.0
-
-
-class Spent(Exception):
-    """The budget is used up."""
-
-
-class Bench(Protocol):
-    """Who makes the runs. run: so that each place has `number` of them, in turn, or says why not. Raises Spent."""
-
-    trials: dict[Place, Trial]
-
-    def allowed(self, place: Place) -> bool: ...
-    def run(self, places: Sequence[Place], number: int = 1, most: float = math.inf) -> None: ...
 
 
 class Option(NamedTuple):
@@ -122,6 +68,7 @@ class Search:
         self.aim = goal  # for single runs; below the goal where the mean over seeds turned out worse
         self.centre = start
         self.noise = 0.0  # twice the scatter of ln error between seeds, of the coarse place
+        self.steady = STEADY  # twice the scatter of ln CPU
         self.seeds = 1  # of each probe
         self.rate = USUAL_GAIN
         self.been: set[Place] = set()  # earlier centres
@@ -145,12 +92,14 @@ class Search:
 
     def run(self) -> Trial | None:
         """The cheapest place that reaches the goal; None where the search found none. Raises Spent."""
-        self.bench.run([self.centre], 2)
+        self.bench.run([self.centre], self.repeat)
         if self.at(self.centre) and self.here.scatter > 0.0:
             self.bench.run([self.centre], SEEDS)
         if not self.at(self.centre):
             return None
         self.noise = 2.0 * self.here.scatter / max(self.here.error, 1e-300)
+        times = [_ln(run.cpu) for run in self.here.runs]
+        self.steady = max(STEADY, 2.0 * stdev(times) if len(times) > 1 else 0.0)
         for _ in range(RAISED):
             self._descend()
             if self.here.error > self.aim:
@@ -213,14 +162,16 @@ class Search:
         k = next(k for k, rung in enumerate(place) if rung != self.centre[k])
         return k, place[k]
 
-    def _change(self, place: Place, centre: Trial | None = None) -> Option | None:
+    def _change(self, place: Place) -> Option | None:
         """What a place has against the centre, without what is noise."""
-        there, here = self.at(place), centre or self.here
+        there, here = self.at(place), self.here
         if there is None:
             return None
         error, cost = _ln(there.error / here.error), _ln(there.cpu / here.cpu)
         error = 0.0 if -self.margin < error < 0.0 else error
-        return Option(0, error, 0.0 if abs(cost) < STEADY else cost)
+        finer = any(r > own and not k.choice for r, own, k in zip(place, self.centre, self.knobs, strict=True))
+        least = self.steady * (CHEAPER_FINER if finer and error >= 0.0 and cost < 0.0 else 1.0)
+        return Option(0, error, 0.0 if abs(cost) < least else cost)
 
     def _step(self) -> bool:
         """Run the places that the probes promise most of, at most TRIES; True if one, or a probe, is the new centre."""
@@ -313,16 +264,17 @@ class Search:
             back = (*self.centre[:k], 0, *self.centre[k + 1 :])
             if not self.bench.allowed(back) or self._dear(k):
                 continue
-            self.bench.run([back], most=(1.0 + 2.0 * GAIN) * self.here.cpu + SPARE)
+            more = max(2.0 * GAIN, self.steady)
+            self.bench.run([back], most=(1.0 + more) * self.here.cpu + SPARE)
             found = self.at(back)
-            if found and found.error <= self.aim and _ln(found.cpu / self.here.cpu) < 2.0 * GAIN:
+            if found and found.error <= self.aim and _ln(found.cpu / self.here.cpu) < more:
                 self._go(back)
 
     def _dear(self, k: int) -> bool:
         """Whether a rung towards the scene is known to cost more."""
         way = RUNG if self.centre[k] < 0 else -RUNG
         change = self._change((*self.centre[:k], self.centre[k] + way, *self.centre[k + 1 :]))
-        return not self.knobs[k].choice and change is not None and change.cost > 2.0 * GAIN
+        return not self.knobs[k].choice and change is not None and change.cost > max(2.0 * GAIN, self.steady)
 
     # Who is better
 
@@ -345,7 +297,7 @@ class Search:
         change = self._change(place)
         assert change is not None
         if level == 0:
-            return then < now - GAIN
+            return then < now - GAIN and change.cost < 0.0
         # Never back to a larger error, or it would go round in circles as the price of an error changes.
         return (
             place not in self.been

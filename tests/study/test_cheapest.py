@@ -12,7 +12,7 @@ from discsim.study.cheapest import Cheapest, Wanted
 from discsim.study.errors import measure_of
 from discsim.study.frontier import powers
 from discsim.study.runs import Late
-from discsim.study.search import Measured, Trial
+from discsim.study.trials import Measured, Trial
 
 FEW = ["--keep", "drag.scheme", "--keep", "gas.kernel"]  # no kernels to compile but the default's
 

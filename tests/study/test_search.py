@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from discsim.study.search import Measured, Search, Spent, Trial
+from discsim.study.search import Search
+from discsim.study.trials import Measured, Spent, Trial
 
 
 @dataclass(frozen=True)
