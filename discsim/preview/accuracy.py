@@ -47,7 +47,8 @@ def _measured(scene: Scene) -> Iterator[tuple[str, str]]:
     """What runs of these very settings had."""
     for known in _kept():
         if known["scene"] == digest(scene):
-            yield f"measured error ({known['measure']})", f"{known['error']:.2g}, in {known['cpu']:.3g} s of CPU"
+            error, cpu = 100.0 * known["error"], known["cpu"]
+            yield f"measured error ({known['measure']})", f"{error:.2g}%, in {cpu:.3g} s of CPU"
 
 
 def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:

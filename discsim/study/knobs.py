@@ -20,6 +20,7 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.layout import grid_cells
 from discsim.preview.derived import particle_count
 from discsim.scene import Scene, SceneError, near
+from discsim.scene.differences import differences
 from discsim.scene.fields import choices_in
 from discsim.scene.messages import value_at
 from discsim.study.points import Settings, StudyError, Varied
@@ -118,10 +119,7 @@ class Knobs:
     ) -> None:  # fmt: skip
         self.load = load
         self.base = Base(load({}))
-        for each in varied:
-            for value in each.values:
-                load(each.settings(value))  # raises where it is none
-        given = [_given(each) for each in varied]
+        given = [self._given(each) for each in varied]
         taken = {key for knob in given for key in knob.keys} | set(keep)
         found = [*self._words(), *self._particles(finest), *self._numbers()]
         known = [key for knob in [*given, *found] for key in (knob.name, *knob.keys)]
@@ -171,6 +169,18 @@ class Knobs:
         except SceneError:
             return False
         return True
+
+    def _given(self, varied: Varied) -> Knob:
+        """The knob of --vary: what the scene has, and the values that are others. Raises SceneError."""
+
+        def write(base: Base, word: str) -> Settings:
+            return varied.settings(word)
+
+        found = [(value, self.load(varied.settings(value))) for value in varied.values]
+        words = [value for value, scene in found if any(differences(self.base.scene, scene))]
+        if not words:
+            raise StudyError(f"--vary {varied.name}: only what the scene has already; expected other values")
+        return Knob(varied.name, varied.keys, write, words=("", *words), lowest=0, highest=len(words))
 
     def _words(self) -> Iterator[Knob]:
         scene = self.base.scene
@@ -234,16 +244,6 @@ def _within(key: str, value: float, ratio: float) -> tuple[int, int]:
     ends = [RUNG * math.log(bound[key] / value) / math.log(ratio) for bound in (LEAST, MOST) if key in bound]
     low, high = (min(ends), max(ends)) if ends else (-WIDE, WIDE)
     return min(0, max(-WIDE, math.ceil(low - 1e-9))), max(0, min(WIDE, math.floor(high + 1e-9)))
-
-
-def _given(varied: Varied) -> Knob:
-    """The knob of --vary: the scene's own values first."""
-
-    def write(base: Base, word: str) -> Settings:
-        return varied.settings(word)
-
-    words = ("", *varied.values)
-    return Knob(varied.name, varied.keys, write, words=words, lowest=0, highest=len(varied.values))
 
 
 def _word(key: str) -> Callable[[Base, str], Settings]:

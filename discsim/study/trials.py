@@ -1,4 +1,4 @@
-"""What a search turns, and what it is told: knobs, places of them, trials with what their runs found, who makes runs."""
+"""What a search turns, and what it is told: knobs, places of them, trials with what runs found, who makes runs."""
 
 from __future__ import annotations
 

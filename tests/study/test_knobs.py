@@ -104,6 +104,10 @@ def test_a_user_gives_and_keeps_knobs():
     knobs = knobs_of("setups/dusty_wave.toml", ["drag.integration=implicit"], ["drag.scheme", "particles"])
     assert names(knobs)[0] == "drag.integration" and not {"drag.scheme", "particles"} & set(names(knobs))
     assert knobs.settings(place(knobs, drag_integration=1)) == {"drag.integration": "implicit"}
+    both = knobs_of("setups/dusty_wave.toml", ["drag.scheme=tsc,idic"])
+    assert both.all[0].words == ("", "idic")  # the scene's own is no other value
+    with pytest.raises(StudyError, match="only what the scene has already"):
+        knobs_of("setups/dusty_wave.toml", ["drag.scheme=tsc"])
     with pytest.raises(StudyError, match=r'did you mean "drag\.scheme"'):
         knobs_of("setups/dusty_wave.toml", keep=["drag.schem"])
     with pytest.raises(StudyError, match="no knob is left"):
@@ -113,5 +117,5 @@ def test_a_user_gives_and_keeps_knobs():
 def test_a_search_begins_with_few_particles(twin, wave):
     assert twin.settings(twin.start())["gas.particles"] == "2500"
     assert wave.settings(wave.start())["gas.particles"] == "75"
-    few = knobs_of("setups/dusty_wave.toml", ["gas.particles=600"])  # particles are the user's
+    few = knobs_of("setups/dusty_wave.toml", ["gas.particles=500"])  # particles are the user's
     assert few.start() == (0,) * len(few.all)
