@@ -178,3 +178,19 @@ def test_a_lucky_seed_does_not_decide():
     model = Lucky((PARTICLES, STEP))
     found = found_in(model, 0.03, (-6, 0))
     assert found.place != (-4, 0) and found.error <= 0.03
+
+
+def test_what_buys_nothing_is_put_back():
+    model = Model((PARTICLES, IDLE))
+    assert found_in(model, 0.01, (-6, 4)).place[1] == 0
+
+
+def test_a_gain_within_the_noise_is_none():
+    model = Model((PARTICLES, IDLE))
+    search = Search(model.dials, model, 0.01, (0, 0), lambda text: None)
+    search.noise = 0.4
+    for place, factor in (((0, 0), 1.0), ((2, 0), 0.75), ((4, 0), 0.5), ((-2, 0), 1.2)):
+        model.trials[place] = Trial(place, [Measured(1.0, 0.1 * factor)])
+    gains = [search._change(place).error for place in ((2, 0), (4, 0), (-2, 0))]
+    # What is worse counts as it is: a loss that is overlooked would cost the goal.
+    assert gains == pytest.approx([0.0, math.log(0.5), math.log(1.2)])
