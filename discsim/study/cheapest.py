@@ -236,6 +236,8 @@ class Cheapest:
             self._search(say)
         except Spent:
             self.ended = f"the budget of {clock(self.wanted.budget)} is used up"
+            trials = [t for t in self._bench.trials.values() if t.runs and t.error <= self.goal]
+            self.found = min(trials, key=lambda trial: trial.cpu, default=None)
         with console.capture() as text:
             show(self, console)
         say(text.get().rstrip())

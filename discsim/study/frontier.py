@@ -41,6 +41,8 @@ def show(study: Cheapest, console: Console) -> None:
         for line in _choices(study, chosen):
             console.print(line)
     if study.found is not None:
+        if study.ended:
+            console.print(f"not at its end, {study.ended}; the same command goes on")
         console.print(
             f"cheapest for {percent(study.goal)}: {words(study, study.found)}: {_figures(study, study.found)}"
         )
