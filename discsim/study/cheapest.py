@@ -7,6 +7,7 @@ again, without the runs that are there. Runs take one thread, and each further r
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from discsim.study.runs import Late, Limits, Runs, Say
 from discsim.study.search import Search
 from discsim.study.trials import Measured, Place, Spent, Trial
 
+_FRACTION = re.compile(r"[0-9]*\.[0-9]+")
 SCENE = "scene"  # the word for the scene's own error
 OWN_SEEDS = 2  # of the finer run, whose distance is the floor
 MOST_LEARNT = 10  # settings of the frontier that `discsim check` is told of
@@ -70,8 +72,8 @@ def _goal_in(text: str) -> float | None:
     if text == SCENE:
         return None
     try:
-        percent = text.strip().endswith("%")
-        goal = float(text.strip().removesuffix("%")) / (100.0 if percent else 1.0)
+        hundredths = text.strip().endswith("%")
+        goal = float(text.strip().removesuffix("%")) / (100.0 if hundredths else 1.0)
     except ValueError:
         goal = math.nan
     if not 0.0 < goal < math.inf:
@@ -157,7 +159,7 @@ class Workshop:
             for settings, run in zip(todo, self.runs.made(todo, self.say, self.parallel, limits), strict=True):
                 self.kept[_key(settings)] = run
                 self.runs.keep(settings, run)
-                self.say(f"  {_words(settings)}: {self._words(run)}")
+                self.say(f"  {in_words(settings)}: {self._words(run)}")
         except Late as late:
             self.cpu += late.cpu
             raise Spent from None
@@ -275,7 +277,7 @@ class Cheapest:
 
     def _compare(self, say: Say) -> None:
         """The finer run with two seeds: their mean is what others are compared with, their distance the floor."""
-        say(f"no exact solution is taken: the finer run has {label_of(self.finer)}")
+        say(f"no exact solution is taken: the finer run has {in_words(self.finer)}")
         runs = self.bench.found([self.bench.seeded(self.finer, seed) for seed in range(OWN_SEEDS)])
         for run in runs:
             if "stopped" in run:
@@ -286,6 +288,9 @@ class Cheapest:
 
     def settings_of(self, trial: Trial) -> Settings:
         return self.knobs.settings(trial.place) or {}
+
+    def words(self, trial: Trial) -> str:
+        return in_words(self.settings_of(trial))
 
     def front(self) -> list[Trial]:
         """Settings than which none that was tried is both cheaper and no worse, the cheapest first."""
@@ -337,11 +342,11 @@ class _Teller:
             self.lines.clear()
 
 
-def _words(settings: Settings) -> str:
-    """Settings in words, of a scene that is otherwise as it stands."""
-    if settings.keys() <= {"run.seed"}:
-        return ", ".join(["the scene as it stands", label_of(settings)][: 1 + len(settings)])
-    return label_of(settings)
+def in_words(settings: Settings) -> str:
+    """Settings for people, with four digits, of a scene that is otherwise as it stands."""
+    short = {key: f"{float(text):.4g}" if _FRACTION.fullmatch(text) else text for key, text in settings.items()}
+    own = [] if settings.keys() - {"run.seed"} else ["the scene as it stands"]
+    return ", ".join([*own, *([label_of(short)] if short else [])])
 
 
 def _key(settings: Settings) -> tuple[tuple[str, str], ...]:

@@ -19,7 +19,7 @@ from rich.table import Table
 from discsim import __version__
 from discsim.scene.units import clock
 from discsim.study.knobs import Knobs
-from discsim.study.points import label_of, percent
+from discsim.study.points import percent
 from discsim.study.trials import RUNG, Place, Trial
 
 if TYPE_CHECKING:
@@ -43,9 +43,7 @@ def show(study: Cheapest, console: Console) -> None:
     if study.found is not None:
         if study.ended:
             console.print(f"not at its end, {study.ended}; the same command goes on")
-        console.print(
-            f"cheapest for {percent(study.goal)}: {words(study, study.found)}: {_figures(study, study.found)}"
-        )
+        console.print(f"cheapest for {percent(study.goal)}: {study.words(study.found)}: {_figures(study, study.found)}")
     else:
         console.print(f"an error of {percent(study.goal)} was not reached: {study.ended}; {_nearest(study, chosen)}")
     if scene is not None:
@@ -53,10 +51,6 @@ def show(study: Cheapest, console: Console) -> None:
     times = f", {bench.cpu / scene.cpu:.3g} times the scene's" if scene else ""
     wall = clock(time.monotonic() - study.begun)
     console.print(f"search: {bench.count} runs, {bench.cpu:.3g} s of CPU{times}; this call took {wall}")
-
-
-def words(study: Cheapest, trial: Trial) -> str:
-    return label_of(study.settings_of(trial)) or "the scene as it stands"
 
 
 def _figures(study: Cheapest, trial: Trial) -> str:
@@ -69,7 +63,7 @@ def _figures(study: Cheapest, trial: Trial) -> str:
 def _nearest(study: Cheapest, chosen: Trial | None) -> str:
     if chosen is None:
         return "no run came to its end"
-    return f"nearest is {words(study, chosen)}: {_figures(study, chosen)}"
+    return f"nearest is {study.words(chosen)}: {_figures(study, chosen)}"
 
 
 def _own(study: Cheapest, scene: Trial) -> str:
@@ -78,7 +72,7 @@ def _own(study: Cheapest, scene: Trial) -> str:
     least = min(tried, key=lambda trial: trial.cpu)
     if least is scene:
         return "; nothing that was tried is as good for less"
-    return f"; as good for {least.cpu / scene.cpu:.2g} of that: {words(study, least)}"
+    return f"; as good for {least.cpu / scene.cpu:.2g} of that: {study.words(least)}"
 
 
 def _frontier(study: Cheapest, front: list[Trial]) -> Table:
@@ -88,7 +82,7 @@ def _frontier(study: Cheapest, front: list[Trial]) -> Table:
     for trial in sorted(shown.values(), key=lambda t: t.cpu):
         mark = "->" if trial is study.found else "=" if trial is study.scene else "*" if trial in front else ""
         times = f"{trial.cpu / study.scene.cpu:.2g}" if study.scene else ""
-        row = percent(trial.error), f"{trial.cpu:.3g}", times, str(len(trial.runs)), words(study, trial)
+        row = percent(trial.error), f"{trial.cpu:.3g}", times, str(len(trial.runs)), study.words(trial)
         table.add_row(mark, *row)
     table.caption = "* none that was tried is both cheaper and no worse; -> the cheapest for the error; = the scene"
     table.caption_justify = "left"
@@ -210,6 +204,6 @@ def frontier_figure(study: Cheapest, path: Path) -> None:
     axes.set_ylabel(f"error: {study.measure.words}", wrap=True)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     title = f"{study.path.stem}: error against CPU time"
-    axes.set_title(f"{title}\nfound: {words(study, found)}" if found else title, fontsize=10, wrap=True)
+    axes.set_title(f"{title}\nfound: {study.words(found)}" if found else title, fontsize=10, wrap=True)
     axes.legend(fontsize=8, framealpha=0.9)
     figure.savefig(path, dpi=150, metadata={"Software": f"discsim {__version__}"})
