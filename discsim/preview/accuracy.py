@@ -40,7 +40,8 @@ def accuracy(scene: Scene) -> list[tuple[str, str]]:
     if scene.initial is None:
         return []
     at = local(scene)
-    return [*_measured(scene), *_disc_rows(scene, at), *_gravity_rows(scene, at), *_exact_rows(scene)]
+    with np.errstate(all="ignore"):  # numbers beyond floats are said as they are
+        return [*_measured(scene), *_disc_rows(scene, at), *_gravity_rows(scene, at), *_exact_rows(scene)]
 
 
 def _measured(scene: Scene) -> Iterator[tuple[str, str]]:
