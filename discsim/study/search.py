@@ -127,6 +127,8 @@ class Search:
                 self.seeds = 1
             elif self.here.error <= self.aim:
                 return
+            elif self._further():
+                self.seeds = 1
             elif self.noise > LEAST_MARGIN and self.seeds < self.repeat:
                 self.seeds += 1  # what gains may hide in the noise
             elif not self._all_finer():
@@ -135,7 +137,8 @@ class Search:
     def look(self) -> None:
         """Probe every knob one rung each way."""
         near = list(self._near(self.centre))
-        self.bench.run([self.centre, *near], self.seeds, CAP * self.here.cpu + SPARE)
+        self._measure_noise()
+        self.bench.run(near, self.seeds, CAP * self.here.cpu + SPARE)
         rates = []
         for place in near:
             change = self._change(place)
@@ -146,6 +149,13 @@ class Search:
             (knob, rung), change = self._moved(place), self._change(place)
             if self.knobs[knob].choice and (change is None or change.cost + change.error / self.rate > HOPELESS):
                 self.hopeless.add((knob, rung))
+
+    def _measure_noise(self) -> None:
+        """The scatter between seeds at this centre, two parts of three; it falls as settings get finer."""
+        if self.noise > 0.0:
+            self.bench.run([self.centre], self.repeat)
+            own = 2.0 * self.here.scatter / max(self.here.error, 1e-300)
+            self.noise = math.sqrt((2.0 * own**2 + self.noise**2) / 3.0)
 
     def _near(self, place: Place) -> Iterator[Place]:
         for k, knob in enumerate(self.knobs):
@@ -240,6 +250,26 @@ class Search:
         # Nearer to the scene and to the probes is surer: a move has to promise something.
         worth = -change.cost if slack >= 0.0 else -change.cost - change.error * max(most, price)
         return (place, change) if worth > GAIN and self.bench.allowed(place) else (self.centre, Option(0, 0.0, 0.0))
+
+    def _further(self) -> bool:
+        """Where every gain hides in the noise, the likeliest a rung further than its probe; True if that is better."""
+        likely: list[tuple[float, Place]] = []
+        for place in self._near(self.centre):
+            found, (k, rung) = self.at(place), self._moved(place)
+            there = (*place[:k], 2 * rung - self.centre[k], *place[k + 1 :])
+            if found and not self.knobs[k].choice and self.knobs[k].lowest <= there[k] <= self.knobs[k].highest:
+                gain, cost = -_ln(found.error / self.here.error), _ln(found.cpu / self.here.cpu)
+                if gain > 0.0 and self.bench.allowed(there):
+                    likely.append((gain / max(cost, self.steady), there))
+        if not likely:
+            return False
+        best = max(likely)[1]
+        self.bench.run([best], most=4.0 * CAP * self.here.cpu + SPARE)
+        change = self._change(best)
+        if change is None or change.error >= 0.0 or best in self.been:
+            return False
+        self._go(best)
+        return True
 
     def _all_finer(self) -> bool:
         """Where no knob gains by itself, all a rung finer at once; True if that is better."""
