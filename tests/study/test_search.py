@@ -194,3 +194,13 @@ def test_a_gain_within_the_noise_is_none():
     gains = [search._change(place).error for place in ((2, 0), (4, 0), (-2, 0))]
     # What is worse counts as it is: a loss that is overlooked would cost the goal.
     assert gains == pytest.approx([0.0, math.log(0.5), math.log(1.2)])
+
+
+def test_gains_that_hide_in_the_noise_are_looked_for_further_off():
+    """Twice the particles gain a quarter, and seeds scatter by a tenth."""
+    slow = Dial(a=0.1, p=0.4, q=1.0, highest=16)
+    for seed in range(8):
+        model = Model((slow, IDLE), 0.1, 0.03, seed=seed)
+        found = found_in(model, 0.06, (-6, 0))
+        # Half rungs are a factor of 1.4 apart, and the mean of three seeds is off by 6%, which is 16% of CPU time.
+        assert found is not None and model.true(found.place).cpu <= 1.7 * (0.1 / 0.06) ** 2.5
