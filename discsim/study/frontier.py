@@ -196,7 +196,9 @@ def frontier_figure(study: Cheapest, path: Path) -> None:
         axes.axhspan(0.0, study.floor, color="0.9", zorder=0, label=label)
     errors = [t.error for t in trials if t.error > 0.0] + [study.goal or 1.0]
     axes.set(xscale="log", yscale="log", ylim=(0.5 * min(errors), 2.0 * max(errors)))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: percent(value)))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())

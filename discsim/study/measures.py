@@ -24,7 +24,7 @@ CLUMPED = 10.0  # times the median of its ring is a clump's surface density
 FEW = 8  # particles: what a pixel of a clump holds at least
 PIXELS = 96  # a side of the map that clumps are looked for on
 WORDS = {
-    "profile": "mass of the {kind} that is in another ring or square than in the finer run",
+    "profile": "mass of the {kind} elsewhere than in the finer run",
     "modes": "largest difference of the {kind}'s amplitudes m = 1..4, over the axisymmetric part",
     "clumps": "difference of the {kind}'s share of mass in clumps",
 }
