@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -19,7 +20,7 @@ from discsim.shipped import setups as shipped_setups
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-NOT_WRITTEN, WRONG_INPUT = 1, 2
+NOT_WRITTEN, WRONG_INPUT, NOT_REACHED, INTERRUPTED = 1, 2, 4, 130
 
 app = typer.Typer(
     add_completion=False,
@@ -50,6 +51,16 @@ SceneArgument = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
+]
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TABLE.KEY=A,B,...", help="Values of a key; of several at once: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6."
+    ),
+]
+ReferenceOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="TABLE.KEY=VALUE", help="Of the finer run, without an exact solution [2 x particles]."),
 ]
 WithoutOption = Annotated[list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")]
 
@@ -113,34 +124,69 @@ def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOpti
 @app.command()
 def cost(
     scene: SceneArgument,
-    vary: Annotated[
-        list[str],
-        typer.Option(
-            metavar="TABLE.KEY=A,B,...", help="Values of a key; of several at once: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6."
-        ),
-    ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Directory of table and figure.")],
-    repeat: Annotated[int, typer.Option(min=1, help="Runs of each, whose median is taken.")] = 1,
+    error: Annotated[
+        str | None,
+        typer.Option(metavar="E", help='Find the cheapest setting with this error: "1%", or "scene" for its own.'),
+    ] = None,
+    vary: VaryOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Directory of table and figure [runs/<name>-cost]."),
+    ] = None,
+    budget: Annotated[str, typer.Option(metavar="T", help="Wall-clock time that a search may take.")] = "1 h",
+    measure: Annotated[
+        str | None, typer.Option(metavar="NAME", help="What the error is of, like exact, dust-profile, gas-modes.")
+    ] = None,
+    reference: ReferenceOption = None,
+    keep: Annotated[
+        list[str] | None, typer.Option(metavar="TABLE.KEY", help="A key that a search leaves alone.")
+    ] = None,
+    repeat: Annotated[int | None, typer.Option(min=1, help="Runs of each [1]; of a search's finalists [3].")] = None,
     parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; more than one makes them slower.")] = 1,
     settings: SetOption = None,
     without: WithoutOption = None,
 ) -> None:
-    """What accuracy costs in time: a table and a figure of errors against CPU seconds."""
+    """What accuracy costs in time: a table of runs with --vary, the cheapest setting with --error."""
     loaded = _load(scene, settings or (), without or ())
     from discsim.scene import SceneError
 
+    changed = settings or (), without or ()
+    directory = output or Path("runs") / f"{scene.stem}-{'cost' if error is None else 'cheapest'}"
+    title = loaded.title or str(scene)
     try:
-        from discsim.study.cost import Study
         from discsim.study.points import StudyError, Varied
 
-        study = Study(scene, [Varied.from_text(text) for text in vary], repeat, output, settings or (), without or ())
-        fault = directory_fault(output, resume=False)
+        varied = [Varied.from_text(text) for text in vary or ()]
+        make: Callable[[], bool]
+        if error is None:
+            _refuse_without_error(vary, {"--measure": measure, "--reference": reference, "--keep": keep})
+            from discsim.study.cost import Study
+
+            make = partial(Study(scene, varied, repeat or 1, directory, *changed).make, title, parallel)
+        else:
+            from discsim.study.cheapest import Cheapest, wanted
+
+            search = wanted(error, budget, measure, reference or (), varied, keep or (), repeat or 3, parallel)
+            make = partial(Cheapest(scene, directory, search, *changed).make, title)
+        fault = directory_fault(directory, resume=False)
         if fault:
             _refuse(fault)
-        with held(output):
-            study.make(loaded.title or str(scene), parallel)
-    except (SceneError, StudyError, DirectoryError) as error:
-        _refuse(str(error))
+        with held(directory):
+            reached = make()
+    except (SceneError, StudyError, DirectoryError) as wrong:
+        _refuse(str(wrong))
+    except KeyboardInterrupt:
+        _refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)
+    if not reached:
+        raise SystemExit(NOT_REACHED)
+
+
+def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -> None:
+    if not vary:
+        _refuse("nothing to find; expected --error 1%, the cheapest setting for it, or --vary with values of a key")
+    for name, value in given.items():
+        if value:
+            _refuse(f"{name}: goes with --error; expected that, or no {name}")
 
 
 @app.command()

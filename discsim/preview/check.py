@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from discsim.effects import effect_classes
+from discsim.preview.accuracy import accuracy
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast, known_runs
@@ -23,6 +24,7 @@ def report(scene: Scene) -> str:
         ["effects that will run", *(f"  {line}" for line in _effect_lines(scene))],
         ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
         ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
+        ["accuracy, from what is known", *(f"  {name:<34} {value}" for name, value in _accuracy_rows(scene))],
         ["warnings", *(f"  {line}" for line in [*too_much(scene), *warnings(scene)] or ["none"])],
     ]
     return "\n\n".join("\n".join(part) for part in parts)
@@ -40,6 +42,11 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     runs = f"the last {known} long runs" if known > 1 else "the last long run"
     yield "CPU times rest on", f"{runs} on this machine" if known else "stored figures: no long run here yet"
     yield "memory, about", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
+
+
+def _accuracy_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    found = accuracy(scene)
+    yield from found or [("nothing", "discsim cost SCENE --error 1% finds out")]
 
 
 def _unit_lines(units: Units) -> Iterator[str]:

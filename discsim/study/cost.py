@@ -1,6 +1,5 @@
 """What accuracy costs: a scene run with every combination of some values, and the error of each against its CPU time.
 
-CPU seconds are those of the steps, of all threads; making the initial condition and compiling kernels is apart.
 Repeats go round the combinations, so that a busy hour of the machine is shared by all of them.
 """
 
@@ -8,11 +7,8 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
 import time
-import tomllib
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +16,11 @@ from rich.console import Console
 
 from discsim import __version__
 from discsim.output.files import written
-from discsim.run.progress import LINE_EVERY
-from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.units import clock
 from discsim.study.findings import show
-from discsim.study.points import Point, Settings, StudyError, Varied, label_of
+from discsim.study.points import Point, StudyError, Varied, label_of
+from discsim.study.runs import Runs, Say
 
-RUNS = "runs.jsonl"
 WIDTH = 110  # letters that the tables take, also where there is no terminal
 
 
@@ -41,26 +35,16 @@ class Study:
         for name in names:
             if names.count(name) > 1:
                 raise StudyError(f"--vary {name}: named twice; expected every key once")
-        self.path, self.varied, self.repeat, self.directory = scene, tuple(varied), repeat, directory
-        self.settings, self.without = tuple(settings), tuple(without)
+        self.varied, self.repeat, self.directory = tuple(varied), repeat, directory
+        self.runs = Runs(scene, directory, settings, without)
         self.points = [
             Point({key: part for settings in together for key, part in settings.items()})
             for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))
         ]
         from discsim.study.errors import measure_of
 
-        self.measures = [measure_of(self._scene(point.settings)) for point in self.points]
+        self.measures = [measure_of(self.runs.scene(point.settings)) for point in self.points]
         self.reference: Point | None = None
-
-    def _scene(self, settings: Settings) -> Scene:
-        try:
-            return load_scene(self.path, self._overrides(settings), self.without)
-        except SceneError as fault:
-            where = f" (with {label_of(settings)})" if settings else ""
-            raise SceneError([problem + where for problem in fault.problems]) from None
-
-    def _overrides(self, settings: Settings) -> list[str]:
-        return [*self.settings, *(f"{key}={value}" for key, value in settings.items())]
 
     @property
     def exact(self) -> str | None:
@@ -69,7 +53,7 @@ class Study:
 
     # Running
 
-    def run(self, say: Callable[[str], None], parallel: int = 1) -> None:
+    def run(self, say: Say, parallel: int = 1) -> None:
         """Make the runs that are not there yet; each is kept as soon as it ends."""
         self._open()
         todo = [
@@ -81,45 +65,25 @@ class Study:
         total, begun = len(self.points) * self.repeat, time.monotonic()
         for count, (point, run) in enumerate(self._made(todo, say, parallel), 1):
             point.runs.append(run)
-            with (self.directory / RUNS).open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"settings": point.settings, **run}) + "\n")
+            self.runs.keep(point.settings, run)
             left = (time.monotonic() - begun) / count * (len(todo) - count)
             what = run.get("stopped") or f"{run['cpu']:.3g} s of CPU, {run['steps']} steps"
             say(f"{total - len(todo) + count}/{total}  {label_of(point.settings)}: {what}  {clock(left)} left")
         self._judge()
 
-    def _made(
-        self, todo: list[tuple[Point, int]], say: Callable[[str], None], parallel: int
-    ) -> Iterator[tuple[Point, dict[str, Any]]]:
-        jobs = [(self.path, self._overrides(point.settings), self.without) for point, _ in todo]
-        if parallel == 1:
-            for (point, number), job in zip(todo, jobs, strict=True):
-                if number and not point.done:
-                    continue  # what stopped once would stop again
-                yield point, one_run(*job, say)
+    def _made(self, todo: list[tuple[Point, int]], say: Say, parallel: int) -> Iterator[tuple[Point, dict[str, Any]]]:
+        if parallel > 1:
+            points = [point for point, _ in todo]
+            yield from zip(points, self.runs.made([p.settings for p in points], say, parallel), strict=True)
             return
-        with ProcessPoolExecutor(parallel) as pool:
-            futures = [pool.submit(one_run, *job) for job in jobs]
-            for (point, _), future in zip(todo, futures, strict=True):
-                yield point, future.result()
+        for point, number in todo:
+            if number and not point.done:
+                continue  # what stopped once would stop again
+            yield point, next(self.runs.made([point.settings], say))
 
     def _open(self) -> None:
-        """Make the directory, or take up the runs in it. Raises StudyError where it holds those of another study."""
-        base = load_scene(self.path, self.settings, self.without)
-        head = {"scene": tomllib.loads(base.text), "varied": [each.name for each in self.varied]}
-        path = self.directory / RUNS
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-        whole = text[: text.rfind("\n") + 1]  # a crash leaves a line without its end
-        if not whole:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            whole = json.dumps(head) + "\n"
-        lines = [json.loads(line) for line in whole.splitlines()]
-        if lines[0] != head:
-            raise StudyError(f"{self.directory}: holds a study of another scene, or of other keys; expected another -o")
-        if whole != text:
-            path.write_text(whole, encoding="utf-8")
-        for run in lines[1:]:
-            settings = run.pop("settings")
+        """Take up the runs that there are. Raises StudyError where they are another study's."""
+        for settings, run in self.runs.open({"varied": [each.name for each in self.varied]}):
             for point in self.points:
                 if point.settings == settings and len(point.runs) < self.repeat:
                     point.runs.append(run)
@@ -138,8 +102,8 @@ class Study:
             if self.reference is not None and point is not self.reference:
                 point.errors = profile_errors(point.runs[0]["profiles"], self.reference.runs[0]["profiles"])
 
-    def make(self, title: str, parallel: int) -> None:
-        """Run, write cost.csv and cost.png, and print what was found; all lines go to cost.log too."""
+    def make(self, title: str, parallel: int) -> bool:
+        """Run, write cost.csv and cost.png, and print what was found; all lines go to cost.log too. True."""
         console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
         console.width = max(console.width, WIDTH)
         lines: list[str] = []
@@ -164,6 +128,7 @@ class Study:
             show(self, console)
         say(text.get().rstrip())
         say(f"table {self.directory / 'cost.csv'}\nfigure {self.directory / 'cost.png'}")
+        return True
 
     # Findings
 
@@ -213,42 +178,3 @@ class Study:
                     row += [None] * (len(head) + len(species) + len(kept) + 1)
                     row.append(point.runs[0]["stopped"] if point.runs else "not run")
                 rows.writerow(row)
-
-
-def one_run(
-    path: Path, overrides: Sequence[str], without: Sequence[str], say: Callable[[str], None] | None = None
-) -> dict[str, Any]:
-    """Run a scene and measure it: CPU seconds, steps, particle updates, errors, profiles, drifts; or why it stopped."""
-    from discsim.run.simulation import PhysicsError, Simulation
-    from discsim.study.errors import drifts, measure_of, profiles, totals
-
-    scene = load_scene(path, overrides, without)
-    try:
-        first = Simulation(scene)
-        for _ in range(2):  # compiles
-            first.step()
-        sim = Simulation(scene)
-        before = totals(sim)
-        updates, due = [0], [time.monotonic() + LINE_EVERY]
-
-        def count() -> bool:
-            updates[0] += sum(p.count for p in sim.state.species.values())
-            if say is not None and time.monotonic() > due[0]:
-                due[0] = time.monotonic() + LINE_EVERY
-                say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of the time")
-            return False
-
-        cpu = time.process_time()
-        sim.evolve(scene.run.until, count)
-        sim.run(scene.run.until)  # closes the last kick
-        cpu = time.process_time() - cpu
-    except PhysicsError as fault:
-        return {"stopped": f"stopped by the physics: {fault}"}
-    measure = measure_of(scene)
-    return {
-        "cpu": cpu,
-        "steps": sim.state.step,
-        "updates": updates[0],
-        "drifts": drifts(before, totals(sim)),
-        **({"errors": measure.errors(sim)} if measure else {"profiles": profiles(sim)}),
-    }

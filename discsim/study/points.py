@@ -107,3 +107,7 @@ def leaves(keys: Iterable[str]) -> list[str]:
     """The last part of each key where no other has it, else the key."""
     ends = [key.rpartition(".")[2] for key in keys]
     return [end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)]
+
+
+def percent(value: float) -> str:
+    return f"{100.0 * value:.2g}%"

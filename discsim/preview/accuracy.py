@@ -1,0 +1,130 @@
+"""What a scene's settings cost in accuracy, from what is known: figures of `docs/accuracy.md`, and searches made here.
+
+    pressure    its mean pull is off by about .02 (h / .32 H)^2, of second order       (`analysis/drift.py`)
+    alpha       of viscosity and noise about (.031 alpha_sph + .01) h / .25 H          (`analysis/noise.py`)
+    step        energy of a disc changes by about 3e-3 (C / .8)^2.4 over three orbits, C the Courant factor
+                                                                                       (`analysis/cost_of_accuracy.py`)
+    gravity     forces are off by up to .003 (2 cells / softening)^2                   (`analysis/forces.py`)
+    drag        of the usual scheme: by the width of its cells                         (`analysis/drift_cost.py`)
+
+Each is of one ring or disc at full size, and says of another scene how large an error to expect, not more. `discsim
+cost --error` leaves what its runs had (`learn`), and scenes with the same tables have that then.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from discsim.initial import start_of
+from discsim.output.files import written
+from discsim.parts import USUAL_SCHEME
+from discsim.physics.local import Local
+from discsim.preview.derived import drag_cell_sides, local
+from discsim.scene import Scene
+from discsim.scene.differences import FREE_TO_CHANGE
+
+KEPT = 300  # settings whose errors are kept
+WIDTHS, OFF = (2.0, 4.0, 8.0), (0.004, 0.04, 0.43)  # of drag cells in h, and how far the drift is off at St = 0.01
+
+
+def accuracy(scene: Scene) -> list[tuple[str, str]]:
+    """Name and text of what is known of the scene's accuracy."""
+    if scene.initial is None:
+        return []
+    at = local(scene)
+    with np.errstate(all="ignore"):  # numbers beyond floats are said as they are
+        return [*_measured(scene), *_disc_rows(scene, at), *_gravity_rows(scene, at), *_exact_rows(scene)]
+
+
+def _measured(scene: Scene) -> Iterator[tuple[str, str]]:
+    """What runs of these very settings had."""
+    for known in _kept():
+        if known["scene"] == digest(scene):
+            error, cpu = 100.0 * known["error"], known["cpu"]
+            yield f"measured error ({known['measure']})", f"{error:.2g}%, in {cpu:.3g} s of CPU"
+
+
+def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    if at.scale_height is None or at.resolution is None or scene.gas is None or at.omega is None:
+        return
+    by_mass, below = at.by_mass()
+    ratio = float(np.interp(0.5, below, by_mass))
+    yield "h/H of half the gas, at most", f"{ratio:.2g}"
+    yield "pull of the pressure off by about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
+    strength = scene.gas.viscosity.alpha if scene.gas.viscosity else 0.0
+    alpha = 0.031 * strength * ratio / 0.25 + 0.01 * ratio / 0.25
+    yield "alpha of viscosity and noise, about", f"{float(f'{alpha:.1g}'):g}"
+    if scene.run.timestep is None:
+        orbits = scene.run.until * float(np.median(at.omega)) / (2.0 * np.pi)
+        energy = 3e-3 * (scene.run.courant / 0.8) ** 2.4 * orbits / 3.0
+        yield "energy changed by the step, about", f"{energy:.1g}"
+    yield from _drag_rows(scene, at)
+
+
+def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    sides = drag_cell_sides(scene, at)
+    if sides is None or scene.drag is None or scene.drag.scheme != USUAL_SCHEME:
+        return
+    assert at.resolution is not None
+    width = float(np.max(sides / at.resolution))
+    off = float(np.exp(np.interp(np.log(width), np.log(WIDTHS), np.log(OFF))))
+    yield "drift past the gas off by about", f"{off:.1g} at St = 0.01, in drag cells of {width:.2g} h; less above"
+
+
+def _gravity_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    gravity = scene.self_gravity
+    length = (gravity.softening or gravity.thickness) if gravity else None
+    if length and at.cell and scene.space.dimensions == 2:
+        yield "self-gravity off by up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, by its cells"
+
+
+def _exact_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    start = start_of(scene)
+    if start.measure is not None and not set(scene.named) - {"gas", "dust", "drag", *start.exact_with}:
+        yield "exact solution", "there may be one: discsim cost SCENE --error 1% holds runs against it"
+
+
+# What searches leave
+
+
+def digest(scene: Scene) -> str:
+    """One word for all of a scene that its result depends on."""
+    data: dict[str, Any] = tomllib.loads(scene.text)
+    for name in (*FREE_TO_CHANGE, "run.seed"):
+        table, _, key = name.rpartition(".")
+        if name != "run.until":
+            (data.get(table, {}) if table else data).pop(key, None)
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _store() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "discsim" / "errors.json"
+
+
+def _kept() -> list[dict[str, Any]]:
+    try:
+        runs = json.loads(_store().read_text())["runs"]
+        return [run for run in runs if {"scene", "measure", "error", "cpu"} <= run.keys()]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return []
+
+
+def learn(scene: Scene, measure: str, error: float, cpu: float) -> None:
+    """Keep the error and the CPU seconds that a scene had. Where nothing can be kept, nothing is."""
+    own = {"scene": digest(scene), "measure": measure, "error": error, "cpu": cpu}
+    others = [run for run in _kept() if (run["scene"], run["measure"]) != (own["scene"], measure)]
+    path = _store()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with written(path) as temporary:
+            temporary.write_text(json.dumps({"runs": [*others[1 - KEPT :], own]}, indent=1) + "\n")
+    except OSError:
+        return

@@ -1,0 +1,211 @@
+"""What a search for the cheapest setting found, for people: the frontier, what each knob buys, and the figure."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from discsim import __version__
+from discsim.scene.units import clock
+from discsim.study.knobs import Knobs
+from discsim.study.points import percent
+from discsim.study.trials import RUNG, Place, Trial
+
+if TYPE_CHECKING:
+    from discsim.study.cheapest import Cheapest
+
+ROWS = 12  # of the frontier, at most
+
+
+def show(study: Cheapest, console: Console) -> None:
+    """Print the frontier, what each knob buys, and the answer."""
+    bench, scene = study.bench, study.scene
+    console.print(f"\nerror ({study.measure.name}): {study.measure.words}")
+    front = study.front()
+    if front:
+        console.print(_frontier(study, front))
+    chosen = study.best()
+    if chosen is not None:
+        console.print(_knobs(study, chosen))
+        for line in _choices(study, chosen):
+            console.print(line)
+    if study.found is not None:
+        if study.ended:
+            console.print(f"not at its end, {study.ended}; the same command goes on")
+        console.print(f"cheapest for {percent(study.goal)}: {study.words(study.found)}: {_figures(study, study.found)}")
+    else:
+        console.print(f"an error of {percent(study.goal)} was not reached: {study.ended}; {_nearest(study, chosen)}")
+    if scene is not None:
+        console.print(f"the scene as it stands: {_figures(study, scene)}{_own(study, scene)}")
+    times = f", {bench.cpu / scene.cpu:.3g} times the scene's" if scene else ""
+    wall = clock(time.monotonic() - study.begun)
+    console.print(f"search: {bench.count} runs, {bench.cpu:.3g} s of CPU{times}; this call took {wall}")
+
+
+def _figures(study: Cheapest, trial: Trial) -> str:
+    seeds = f" +- {percent(trial.scatter)} ({len(trial.runs)} seeds)" if trial.scatter else ""
+    text = f"error {percent(trial.error)}{seeds}, {trial.cpu:.3g} s of CPU"
+    scene = study.scene
+    return f"{text}, {trial.cpu / scene.cpu:.2g} times the scene's" if scene and trial is not scene else text
+
+
+def _nearest(study: Cheapest, chosen: Trial | None) -> str:
+    if chosen is None:
+        return "no run came to its end"
+    return f"nearest is {study.words(chosen)}: {_figures(study, chosen)}"
+
+
+def _own(study: Cheapest, scene: Trial) -> str:
+    """What the scene's own error costs at least, of all that was tried."""
+    tried = (trial for trial in study.bench.trials.values() if trial.runs and trial.error <= scene.error)
+    least = min(tried, key=lambda trial: trial.cpu)
+    if least is scene:
+        return "; nothing that was tried is as good for less"
+    return f"; as good for {least.cpu / scene.cpu:.2g} of that: {study.words(least)}"
+
+
+def _frontier(study: Cheapest, front: list[Trial]) -> Table:
+    table = Table("", "error", "CPU s", "of scene's", "seeds", "settings, where they are not the scene's", box=SIMPLE)
+    few = np.unique(np.linspace(0, len(front) - 1, min(len(front), ROWS)).astype(int))
+    shown = {trial.place: trial for trial in (*(front[i] for i in few), study.found, study.scene) if trial}
+    for trial in sorted(shown.values(), key=lambda t: t.cpu):
+        mark = "->" if trial is study.found else "=" if trial is study.scene else "*" if trial in front else ""
+        times = f"{trial.cpu / study.scene.cpu:.2g}" if study.scene else ""
+        row = percent(trial.error), f"{trial.cpu:.3g}", times, str(len(trial.runs)), study.words(trial)
+        table.add_row(mark, *row)
+    table.caption = "* none that was tried is both cheaper and no worse; -> the cheapest for the error; = the scene"
+    table.caption_justify = "left"
+    return table
+
+
+def _knobs(study: Cheapest, chosen: Trial) -> Table:
+    """One row a number: its value, what a rung more does near what was found, and the powers of all runs."""
+    table = Table("knob", "scene", "found", "a rung finer buys", "error ~", "CPU time ~", box=SIMPLE)
+    trials = [trial for trial in study.bench.trials.values() if trial.runs]
+    scene = tuple(0 for _ in study.knobs.all)
+    for k, knob in enumerate(study.knobs.all):
+        if knob.choice:
+            continue
+        values = value_words(study.knobs, scene, k), value_words(study.knobs, chosen.place, k)
+        fitted = powers(trials, k, knob.ratio)
+        laws = ("", "") if fitted is None else (f"x^{fitted[0]:.2g}", f"x^{fitted[1]:.2g}")
+        finer = [(a, b) for a in trials if (b := _with(study, a, k, a.place[k] + RUNG))]
+        table.add_row(f"{knob.name} x {knob.ratio:.2g}", *values, _nearest_pair(finer, chosen, k), *laws)
+    table.caption = (
+        "what a knob buys: error and CPU time over those without, near what was found; x: its value, all runs"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _choices(study: Cheapest, chosen: Trial) -> Iterator[str]:
+    """A line for each choice: the other words, where all else is the same, nearest to what was found."""
+    trials = [trial for trial in study.bench.trials.values() if trial.runs]
+    for k, knob in enumerate(study.knobs.all):
+        own, out = chosen.place[k], []
+        for rung in range(knob.lowest, knob.highest + 1) if knob.choice else ():
+            pairs = [(a, b) for a in trials if a.place[k] == own if (b := _with(study, a, k, rung))]
+            if rung != own:
+                told = _nearest_pair(pairs, chosen, k) or _why(study, k, rung)
+                out.append(f"{knob.word(study.knobs.base, rung)} ({told})")
+        if out:
+            yield f"{knob.name} {knob.word(study.knobs.base, own)}; instead {', '.join(out)}"
+
+
+def _with(study: Cheapest, trial: Trial, k: int, rung: int) -> Trial | None:
+    """The trial that has another rung of knob k alone."""
+    found = study.bench.trials.get((*trial.place[:k], rung, *trial.place[k + 1 :]))
+    return found if found and found.runs else None
+
+
+def _why(study: Cheapest, k: int, rung: int) -> str:
+    stopped = [t.stopped for t in study.bench.trials.values() if t.place[k] == rung and t.stopped]
+    return stopped[0].partition(":")[0] if stopped else "not tried"
+
+
+def _nearest_pair(pairs: list[tuple[Trial, Trial]], chosen: Trial, k: int) -> str:
+    """What the second of a pair has over the first, of the pair whose first is nearest to what was found."""
+    if not pairs:
+        return ""
+    one, other = min(pairs, key=lambda pair: sum(abs(a - b) for a, b in zip(pair[0].place, chosen.place, strict=True)))
+    return f"error x {other.error / max(one.error, 1e-300):.2g}, CPU x {other.cpu / one.cpu:.2g}"
+
+
+def value_words(knobs: Knobs, place: Place, k: int) -> str:
+    """What knob k has at a place, for people."""
+    settings, key = knobs.settings(place) or {}, knobs.all[k].keys[0]
+    value: Any = settings[key].strip('"') if key in settings else knobs.base.value(key)
+    return "default" if value is None else str(value)
+
+
+def powers(trials: Sequence[Trial], k: int, ratio: float) -> tuple[float, float] | None:
+    """p and q of error ~ value^p and CPU time ~ value^q of knob k: the same for all settings that share the others."""
+    groups: dict[Place, list[Trial]] = {}
+    for trial in trials:
+        groups.setdefault((*trial.place[:k], 0, *trial.place[k + 1 :]), []).append(trial)
+    x, y = [], []
+    for group in groups.values():
+        if len(group) > 1:
+            rungs = np.array([trial.place[k] / RUNG * math.log(ratio) for trial in group])
+            values = np.log([[max(trial.error, 1e-300), trial.cpu] for trial in group])
+            x.append(rungs - rungs.mean())
+            y.append(values - values.mean(axis=0))
+    if not x:
+        return None
+    along, across = np.concatenate(x), np.concatenate(y)
+    slopes = along @ across / (along @ along)
+    return float(slopes[0]), float(slopes[1])
+
+
+def frontier_figure(study: Cheapest, path: Path) -> None:
+    """Error against CPU time of all settings tried, the frontier, the scene as it stands and the setting found."""
+    figure = Figure(figsize=(8.0, 5.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    trials = [trial for trial in study.bench.trials.values() if trial.runs]
+    front, scene, found = study.front(), study.scene, study.found
+    axes.plot(
+        [t.cpu for t in trials], [t.error for t in trials], "o", color="0.75", ms=4, label="settings that were tried"
+    )
+    line = [t.cpu for t in front], [t.error for t in front]
+    axes.step(*line, where="post", color="C0", lw=1.2)
+    axes.plot(*line, "o", color="C0", ms=5, label="none tried is both cheaper and no worse")
+    for trial, style, size, name in (
+        (scene, "s", 11, "the scene as it stands"),
+        (found, "*", 17, "the cheapest for the error"),
+    ):
+        if trial is not None:
+            colour = "C3" if style == "s" else "C1"
+            axes.errorbar(trial.cpu, trial.error, trial.scatter or None, color=colour, capsize=3)
+            axes.plot(trial.cpu, trial.error, style, color=colour, ms=size, mec="black", mew=0.8, label=name, zorder=5)
+    if study.goal > 0.0:
+        axes.axhline(study.goal, color="C1", ls="--", lw=0.9, label=f"error wanted, {percent(study.goal)}")
+    if study.floor > 0.0:
+        label = f"two seeds of the finer run, {percent(study.floor)}"
+        axes.axhspan(0.0, study.floor, color="0.9", zorder=0, label=label)
+    errors = [t.error for t in trials if t.error > 0.0] + [study.goal or 1.0]
+    axes.set(xscale="log", yscale="log", ylim=(0.5 * min(errors), 2.0 * max(errors)))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: percent(value)))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel("CPU time of the steps on one thread [s]")
+    axes.set_ylabel(f"error: {study.measure.words}", wrap=True)
+    axes.grid(alpha=0.3, which="both", lw=0.4)
+    title = f"{study.path.stem}: error against CPU time"
+    axes.set_title(f"{title}\nfound: {study.words(found)}" if found else title, fontsize=10, wrap=True)
+    axes.legend(fontsize=8, framealpha=0.9)
+    figure.savefig(path, dpi=150, metadata={"Software": f"discsim {__version__}"})

@@ -1,0 +1,72 @@
+"""What `discsim check` says of accuracy: estimates that follow the settings, and what runs of these settings had."""
+
+import re
+
+import pytest
+
+from discsim import load_scene
+from discsim.preview import accuracy
+from discsim.preview.check import report
+
+TWIN = "setups/twin_twoway.toml"
+
+
+def number(scene, name):
+    """The first number of a row."""
+    text = dict(accuracy.accuracy(scene))[name]
+    return float(re.match(r"[\d.e-]+", text)[0])
+
+
+@pytest.mark.parametrize(
+    "name, change, factor",
+    [
+        ("pull of the pressure off by about", "gas.particles=10_000", 4.0),  # (h/H)^2, and h goes with 1 / sqrt(n)
+        ("alpha of viscosity and noise, about", "gas.viscosity.alpha=0", 1.0 / 4.1),  # .031 and .01 of it
+        ("energy changed by the step, about", "run.courant=0.375", 0.5**2.4),
+        ("self-gravity off by up to", "space.cells=256", 4.0),
+    ],
+)
+def test_estimates_follow_the_settings(name, change, factor):
+    plain, changed = number(load_scene(TWIN), name), number(load_scene(TWIN, [change]), name)
+    # Rows have one or two digits.
+    assert changed / plain == pytest.approx(factor, rel=0.35)
+
+
+def test_drag_is_told_of_the_usual_scheme_by_its_cells():
+    name = "drift past the gas off by about"
+    narrow, wide = (number(load_scene(TWIN, [f"drag.cell={cell}"]), name) for cell in (2, 8))
+    assert narrow < 0.02 < 0.2 < wide
+    assert name not in dict(accuracy.accuracy(load_scene(TWIN, ["drag.scheme=mk"])))
+
+
+def test_what_is_not_known_is_said():
+    text = report(load_scene("setups/star_dust.toml"))
+    assert "accuracy, from what is known\n  nothing" in text and "discsim cost SCENE --error 1%" in text
+    assert "exact solution" in report(load_scene("setups/dusty_wave.toml"))
+
+
+def test_errors_of_runs_are_those_of_the_same_settings():
+    scene = load_scene(TWIN)
+    accuracy.learn(scene, "dust-profile", 0.0153, 85.0)
+    row = re.search(r"measured error \(dust-profile\)\s+(.*)", report(scene))
+    assert row and row[1] == "1.5%, in 85 s of CPU"
+    # Titles, threads, seeds and snapshots change no error; settings and the time do.
+    same = ['title="x"', "run.threads=1", "run.seed=3", "run.snapshots=2"]
+    assert "measured error" in report(load_scene(TWIN, same))
+    for other in ("run.courant=0.7", 'run.until="1000 yr"', "gas.particles=40_001"):
+        assert "measured error" not in report(load_scene(TWIN, [other]))
+    accuracy.learn(scene, "dust-profile", 0.02, 80.0)  # later runs take the place of earlier ones
+    assert report(scene).count("measured error") == 1 and "2%, in 80 s" in report(scene)
+
+
+def test_a_broken_store_is_no_store(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    scene = load_scene(TWIN)
+    for text in ("", "{", '{"runs": 3}', '{"runs": [{}]}', "[]"):
+        (tmp_path / "discsim").mkdir(exist_ok=True)
+        (tmp_path / "discsim" / "errors.json").write_text(text)
+        assert "measured error" not in report(scene)
+    accuracy.learn(scene, "gas-modes", 0.1, 1.0)
+    assert "measured error (gas-modes)" in report(scene)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    accuracy.learn(scene, "gas-modes", 0.1, 1.0)  # nothing can be kept there

@@ -1,0 +1,190 @@
+"""`discsim cost --error`: the search with real runs of a small wave, its files and messages, and with fakes."""
+
+import json
+
+import pytest
+from test_cost import WAVE, invoke
+
+from discsim import Simulation, load_scene
+from discsim.preview.check import report
+from discsim.study import runs as study_runs
+from discsim.study.cheapest import Cheapest, Wanted
+from discsim.study.errors import measure_of
+from discsim.study.frontier import powers
+from discsim.study.runs import Late
+from discsim.study.trials import Measured, Trial
+
+FEW = ["--keep", "drag.scheme", "--keep", "gas.kernel"]  # no kernels to compile but the default's
+
+
+@pytest.fixture
+def wave(tmp_path):
+    path = tmp_path / "wave.toml"
+    path.write_text(WAVE)
+    return path
+
+
+def kept(directory):
+    return [json.loads(line) for line in (directory / "runs.jsonl").read_text().splitlines()[1:]]
+
+
+def test_the_cheapest_setting_of_a_wave(wave, tmp_path):
+    out = tmp_path / "found"
+    done = invoke(wave, "--error", "0.5%", *FEW, "-o", out)
+    assert done.exit_code == 0, done.output
+    for words in (
+        "cheapest for 0.5%: ",
+        "the scene as it stands: ",
+        "what a knob buys",
+        "search: ",
+        "times the scene's",
+    ):
+        assert words in done.output and words in (out / "cost.log").read_text()
+    assert (out / "cost.png").stat().st_size > 10_000
+    # The file is a scene with the settings found, and its run has that error.
+    found = load_scene(out / "cheapest.toml")
+    assert found.run.threads is None and found.run.seed == 1
+    sim = Simulation(found)
+    sim.run()
+    assert max(measure_of(found).errors(sim).values()) <= 0.005
+    # What was measured is what a check of that scene says.
+    assert "measured error (exact)" in report(found)
+    assert "measured error" not in report(load_scene(out / "cheapest.toml", ["drag.K=4"]))
+    # Again, nothing is run anew, and the end is the same.
+    lines, text = len(kept(out)), (out / "cheapest.toml").read_text()
+    again = invoke(wave, "--error", "0.5%", *FEW, "-o", out)
+    assert again.exit_code == 0 and len(kept(out)) == lines and (out / "cheapest.toml").read_text() == text
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["--error", "x"], "--error x: not an error; expected one above 0, like 1% or 0.01"),
+        (["--error", "-1%"], "--error -1%: not an error"),
+        (["--error", "nan"], "--error nan: not an error"),
+        (["--error", "1%", "--budget", "soon"], "--budget soon: no wall-clock time to spend"),
+        (["--error", "1%", "--budget", "-1 h"], "expected one above 0, like"),
+        (["--error", "1%", "--measure", "dust-profil"], 'did you mean "dust-profile"'),
+        (["--error", "1%", "--keep", "drag.cel"], 'did you mean "drag.cell"'),
+        (["--error", "1%", "--vary", "drag.schem=idic"], 'did you mean "scheme"'),
+        (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particle=7"], 'did you mean "particles"'),
+        (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particles"], "not a key with its value"),
+        (["--measure", "exact", "--vary", "drag.K=1,2"], "--measure: goes with --error"),
+        ([], "expected --error 1%"),
+    ],
+)
+def test_faults_are_one_line_and_write_nothing(wave, tmp_path, arguments, words):
+    done = invoke(wave, *arguments, "-o", tmp_path / "found")
+    assert done.exit_code == 2 and words in done.output and len(done.output.strip().splitlines()) == 1
+    assert not (tmp_path / "found").exists()
+
+
+# With a fake in place of runs: error = 0.1 / n + seed's noise, profiles to match
+
+
+def fake(monkeypatch, price=1e-3, most=None):
+    """Runs that take price * n seconds of CPU, whose exact error is 0.4 / n; `most` of them until Ctrl-C."""
+    made = []
+
+    def one_run(path, overrides, without, limits, say=None):
+        if most is not None and len(made) == most:
+            raise KeyboardInterrupt
+        scene = load_scene(path, overrides, without)
+        n = scene.gas.particles
+        made.append(overrides)
+        cpu = price * n * 0.3 / scene.run.courant
+        if limits.cpu < cpu:
+            return {"stopped": "given up", "cpu": limits.cpu, "most": limits.cpu}
+        off = 0.4 / n * (1.0 + 0.2 * ((scene.run.seed * 7919) % 11 - 5) / 5)
+        profile = {"gas": [1.0 - off, off], "dust": [1.0 - 2.0 * off, 2.0 * off]}
+        drifts = {"momentum": 0.0, "energy": 0.0}
+        errors = {"errors": {"gas": off}}
+        return {"cpu": cpu, "steps": 1, "updates": n, "drifts": drifts, "profiles": profile} | errors
+
+    monkeypatch.setattr(study_runs, "one_run", one_run)
+    return made
+
+
+def test_against_a_finer_run_with_the_scatter_between_seeds_as_floor(wave, tmp_path, monkeypatch):
+    fake(monkeypatch)
+    found = Cheapest(wave, tmp_path / "s", Wanted(0.01, measure="dust-profile"), ["gas.particles=400"])
+    assert found.make("wave")
+    assert found.finer == {"gas.particles": "800", "dust.particles": "120"}
+    # Two seeds of the finer run: 2 * 0.4 / 800, times how far the first two seeds are from each other.
+    seeds = [1.0 + 0.2 * ((seed * 7919) % 11 - 5) / 5 for seed in (1, 2)]
+    assert found.floor == pytest.approx(2.0 * 0.4 / 800 * abs(seeds[0] - seeds[1]))
+    assert found.found.error <= 0.01 and found.found.cpu < 0.5 * found.scene.cpu
+    assert "the finer run has gas.particles = 800" in (tmp_path / "s" / "cost.log").read_text()
+    # No setting is called better than the floor: an error below it is not searched for.
+    lower = Cheapest(wave, tmp_path / "s", Wanted(1e-6, measure="dust-profile"), ["gas.particles=400"])
+    lower.make("wave")
+    assert lower.goal == lower.floor
+    assert "is below what seeds scatter by" in (tmp_path / "s" / "cost.log").read_text()
+
+
+def test_the_scenes_own_error_may_be_the_goal(wave, tmp_path, monkeypatch):
+    fake(monkeypatch)
+    found = Cheapest(wave, tmp_path / "s", Wanted(None))
+    assert found.make("wave")
+    assert found.goal == pytest.approx(found.scene.error) and found.found.error <= found.goal
+    # The step does nothing to the error of the fake, and costs.
+    assert found.found.cpu < 0.5 * found.scene.cpu and load_scene(tmp_path / "s" / "cheapest.toml").run.courant > 1.0
+
+
+def test_a_search_goes_on_where_ctrl_c_ended_it(wave, tmp_path, monkeypatch):
+    fake(monkeypatch, most=9)
+    stopped = invoke(wave, "--error", "1%", *FEW, "-o", tmp_path / "s")
+    assert stopped.exit_code == 130 and "the same command goes on" in stopped.output
+    assert len(kept(tmp_path / "s")) == 9
+    rest = fake(monkeypatch)
+    assert invoke(wave, "--error", "1%", *FEW, "-o", tmp_path / "s").exit_code == 0
+    whole = fake(monkeypatch)
+    assert invoke(wave, "--error", "1%", *FEW, "-o", tmp_path / "t").exit_code == 0
+    assert len(rest) == len(whole) - 9
+    assert (tmp_path / "s" / "cheapest.toml").read_text() == (tmp_path / "t" / "cheapest.toml").read_text()
+
+
+def test_what_is_not_reached_is_told_with_the_best_found(wave, tmp_path, monkeypatch):
+    fake(monkeypatch)
+    vary = ["--vary", "gas.particles,dust.particles=30,120", *FEW]
+    done = invoke(wave, "--error", "0.01%", *vary, "-o", tmp_path / "s")
+    assert done.exit_code == 4 and not (tmp_path / "s" / "cheapest.toml").exists()
+    line = next(line for line in done.output.splitlines() if "was not reached" in line)
+    assert "no setting that was tried reaches it; nearest is gas.particles = 120, dust.particles = 120" in line
+
+
+def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch):
+    made = fake(monkeypatch)
+    once = study_runs.one_run
+
+    def late(*arguments):
+        if len(made) == 6:
+            raise Late(0.5)
+        return once(*arguments)
+
+    monkeypatch.setattr(study_runs, "one_run", late)
+    done = invoke(wave, "--error", "0.01%", *FEW, "--budget", "1 h", "-o", tmp_path / "s")
+    assert done.exit_code == 4 and "was not reached: the budget of 1 h" in done.output and "nearest is" in done.output
+    assert len(kept(tmp_path / "s")) == 6
+    # What reached the error by then is the answer so far; with more time the search goes on from there.
+    so_far = invoke(wave, "--error", "1.5%", *FEW, "-o", tmp_path / "s")
+    assert so_far.exit_code == 0 and "not at its end" in so_far.output and len(kept(tmp_path / "s")) == 6
+    assert (tmp_path / "s" / "cheapest.toml").exists()
+    nothing = invoke(wave, "--error", "0.01%", *FEW, "--budget", "1e-9 s", "-o", tmp_path / "t")
+    assert nothing.exit_code == 4 and "no run came to its end" in nothing.output
+
+
+def test_a_run_ends_at_its_limits(wave):
+    given_up = study_runs.one_run(wave, [], [], study_runs.Limits(cpu=0.0))
+    assert "given up" in given_up["stopped"]
+    with pytest.raises(Late):
+        study_runs.one_run(wave, [], [], study_runs.Limits(deadline=0.0))
+
+
+def test_powers_are_those_of_all_pairs():
+    def trial(a, b):
+        return Trial((a, b), [Measured(3.0 * 2.0 ** (1.5 * a / 2) * 5.0**b, 0.1 * 2.0 ** (-a / 2) * 0.5**b)])
+
+    trials = [trial(a, b) for a, b in ((0, 0), (2, 0), (-2, 1), (1, 1), (5, 7))]
+    assert powers(trials, 0, 2.0) == pytest.approx((-1.0, 1.5))
+    assert powers(trials[:1], 0, 2.0) is None
