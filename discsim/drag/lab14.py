@@ -64,8 +64,10 @@ def relax_each_pair(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
         slope, gas_slope = slopes(cloud.sph, cloud, vel), slopes(cloud.sph, gas, gas_seen)
         pull = np.empty(len(pushed))
         share(
-            kernels.push_by_relaxing, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time,
-            gas.density, cloud.density, cloud.mass, vel, cloud.own, slope, gas_seen, state.own_acc["gas"], gas_slope,
+            kernels.push_by_relaxing, cloud.count,
+            kernels.Couples(pairs.start, pairs.gas, pairs.part, pairs.time), pairs.offset,
+            kernels.Side(gas.mass, gas.density, gas_seen), state.own_acc["gas"], gas_slope,
+            kernels.Side(cloud.mass, cloud.density, vel), cloud.own, slope,
             drag.two_way, dt, drag.exponential, pull, pushed,
         )  # fmt: skip
         if drag.two_way:

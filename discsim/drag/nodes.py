@@ -81,7 +81,8 @@ def _places(drag: Drag, blocks: Blocks) -> tuple[Cells, Nodes]:
     lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
     given, own = (_kept(drag, f"{name} of cells", species, len(home), rows, FIELDS) for name, rows in SUMS.items())
-    centre = levels.node_centres(place, grid.origin, grid.side)
+    centre = np.empty((len(near), 2))
+    share(levels.node_centres, len(near), place, grid.origin, grid.side, centre)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
         Cells(blocks.corners, blocks.sides, home, given, own, blocks.period(drag.size)),

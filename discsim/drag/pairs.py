@@ -82,8 +82,10 @@ def _pairs_of(
         share(kernels.weight_driver(sph.kernel, sph.dim, True), len(index), index, offset, gas.h, weight)
     part, time, rate = np.empty(len(index)), np.empty(len(index)), np.empty(n)
     share(
-        kernels.couple, n, start, index, weight, gas.mass, gas.density, gas.sound_speed, gas.vel, cloud.pos, vel,
-        cloud.density, drag.law.code, grain, drag.law.nonlinear, *drag.star, whole, part, time, rate,
+        kernels.couple, n, kernels.Couples(start, index, part, time), weight,
+        kernels.Side(gas.mass, gas.density, gas.vel), gas.sound_speed,
+        kernels.Side(cloud.mass, cloud.density, vel), cloud.pos, drag.law.code, grain, drag.law.nonlinear, *drag.star,
+        whole, rate,
     )  # fmt: skip
     dust = np.repeat(np.arange(n), np.diff(start))
     return Pairs(cloud, start, dust, index, offset, weight, by_gas, begin, part, time, rate)

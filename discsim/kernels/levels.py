@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import inner, lean
 
 
 class Levels(NamedTuple):
@@ -105,7 +105,9 @@ def list_nodes(level, leaf, levels, flat):
     return home, place[:total], about, blocks
 
 
-def node_centres(place: np.ndarray, origin: np.ndarray, leaf: float) -> np.ndarray:
-    """Places (n, 2) of the nodes from their level and place on its lattice (n, 3)."""
-    side: np.ndarray = np.ldexp(leaf, place[:, 0])[:, None]
-    return origin + (place[:, 1:] - 0.5) * side
+@lean
+def node_centres(first, last, place, origin, leaf, out):
+    """Places (n, 2) of nodes, from their level and place on its lattice (n, 3)."""
+    for n in range(first, last):
+        side = leaf * 2.0 ** place[n, 0]
+        out[n, 0], out[n, 1] = origin[0] + (place[n, 1] - 0.5) * side, origin[1] + (place[n, 2] - 0.5) * side

@@ -12,6 +12,9 @@ from discsim.kernels.nodes import BX, BY, FIELDS, MASS, NORM, ONE, RHO, VX, VY, 
 from discsim.kernels.nodes_weights import cloud
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
 
+# Of a particle: its weights on the nine nodes times its mass, and this.
+MASSES, WEIGHTS = 9, 10
+
 
 @inner
 def pack(block, first, count, kind, cells, law, about_star, row, r2):
@@ -147,7 +150,8 @@ def gather_species(block, part, kind, cells, nodes, frame, law, row, weight, nor
     if frame.star > 0.0:
         leave_orbits(block, first, count, cells, frame, row, norm)
     for at in range(count):
-        weigh(first + at, at, kind.mass[kind.order[first + at]], flat, row, weight)
+        weight[at, MASSES] = kind.mass[kind.order[first + at]]
+        weigh(first + at, at, weight[at, MASSES], flat, row, weight)
         norm[at] = 1.0
     cell = s * cells.given.shape[1] + block
     given, at_given, at_own = cells.given, cell * 9 * FIELDS, cell * 3 * FIELDS
@@ -156,11 +160,11 @@ def gather_species(block, part, kind, cells, nodes, frame, law, row, weight, nor
     own_moments(given, at_given, cells.own, at_own)
     if kind.first > 0 and is_ragged(home, flat, nodes.about, nodes.sums):
         for at in range(count):
-            norm[at] = leave_out(at, home, kind.mass[kind.order[first + at]], nodes.about, nodes.sums, weight)
+            norm[at] = leave_out(at, home, weight[at, MASSES], nodes.about, nodes.sums, weight)
         sum_rows(start, end - start, weight, row, 0, given, at_given)
         sum_rows(start, end - start, weight, row, LANES, given, at_given + LANES)
     for at in range(count):
-        row[first + at, MASS], row[first + at, NORM] = kind.mass[kind.order[first + at]], norm[at]
+        row[first + at, MASS], row[first + at, NORM] = weight[at, MASSES], norm[at]
 
 
 @inner
@@ -181,7 +185,7 @@ def gather(block_from, block_to, kind, cells, nodes, frame, law, row, square):
     `cells.given`; of the gas also what it gives of m x^2, `square` (blocks, 9), if that has entries.
     """
     most = most_in(block_from, block_to, kind)
-    weight, norm = np.empty((most, 9)), np.empty(most)
+    weight, norm = np.empty((most, WEIGHTS)), np.empty(most)
     for block in range(block_from, block_to):
         for part in range(kind.number):
             gather_species(block, part, kind, cells, nodes, frame, law, row, weight, norm)

@@ -8,11 +8,13 @@ threads.
 
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from discsim.kernels.frame import kepler
+from discsim.kernels.inner import lean
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.relax import response
@@ -100,12 +102,28 @@ def gather(first, last, start, gas, weight, value, out):
         out[j] = total
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def couple(
-    first, last, start, gas, weight, mass, rho, sound, gvel, pos, vel, density, law, grain, nonlinear, star, softening,
-    whole, part, time, rate,
-):  # fmt: skip
-    """The part V_a W of a dust particle's drag that a pair has, and its stopping time; the rate of each particle.
+class Side(NamedTuple):
+    """The gas or the dust of pairs: masses and densities (n,), velocities (n, d)."""
+
+    mass: np.ndarray
+    density: np.ndarray
+    vel: np.ndarray
+
+
+class Couples(NamedTuple):
+    """Pairs, those of each dust particle from its `start` on: the gas particle, the part V_a W of the dust particle's
+    drag that a pair has, and its stopping time (pairs,).
+    """
+
+    start: np.ndarray
+    gas: np.ndarray
+    part: np.ndarray
+    time: np.ndarray
+
+
+@lean
+def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlinear, star, softening, whole, rate):
+    """Write part and time of the pairs, from their `weight` W, and the rate of each dust particle.
 
     With `whole` the parts of a particle sum to one. A time that depends on the slip is that of the pair's slip now.
     """
@@ -114,21 +132,22 @@ def couple(
         if star > 0.0:
             omega = kepler(pos[j, 0] * pos[j, 0] + pos[j, 1] * pos[j, 1], star, softening)
         total = 0.0
-        for k in range(start[j], start[j + 1]):
-            a = gas[k]
-            part[k] = weight[k] * mass[a] / rho[a]
-            time[k] = stopping_time(law, grain, density[j] / rho[a], rho[a], sound[a], omega)
+        for k in range(pairs.start[j], pairs.start[j + 1]):
+            a = pairs.gas[k]
+            rho = gas.density[a]
+            pairs.part[k] = weight[k] * gas.mass[a] / rho
+            pairs.time[k] = stopping_time(law, grain, dust.density[j] / rho, rho, sound[a], omega)
             if nonlinear:
                 slip2 = 0.0
-                for i in range(vel.shape[1]):
-                    slip2 += (vel[j, i] - gvel[a, i]) ** 2
-                time[k] /= hastening(law, grain, rho[a], sound[a], omega, math.sqrt(slip2))
-            total += part[k]
+                for i in range(pos.shape[1]):
+                    slip2 += (dust.vel[j, i] - gas.vel[a, i]) ** 2
+                pairs.time[k] /= hastening(law, grain, rho, sound[a], omega, math.sqrt(slip2))
+            total += pairs.part[k]
         rate[j] = 0.0
-        for k in range(start[j], start[j + 1]):
+        for k in range(pairs.start[j], pairs.start[j + 1]):
             if whole and total > 0.0:
-                part[k] /= total
-            rate[j] += part[k] / time[k]
+                pairs.part[k] /= total
+            rate[j] += pairs.part[k] / pairs.time[k]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -164,11 +183,10 @@ def limited(a, b):
     return math.copysign(min(0.5 * abs(a + b), 2.0 * min(abs(a), abs(b))), a)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@lean
 def push_by_relaxing(
-    first, last, start, gas, offset, part, time, rho, density, mass, vel, own, slope, gvel, gown, gslope, two_way, dt,
-    exponential, pull, impulse,
-):  # fmt: skip
+    first, last, pairs, offset, gas, gas_own, gas_slope, dust, own, slope, two_way, dt, exponential, pull, impulse
+):
     """Impulse of each pair on its dust particle over dt, whose slip relaxes by itself (`drag/lab14.py`), and its
     `pull`, that of a slip of one along the line of sight.
 
@@ -177,29 +195,29 @@ def push_by_relaxing(
     """
     dim = offset.shape[1]
     for j in range(first, last):
-        for k in range(start[j], start[j + 1]):
-            a = gas[k]
+        for k in range(pairs.start[j], pairs.start[j + 1]):
+            a = pairs.gas[k]
             # What of the slip's change is the dust's: all of it where the gas does not move.
-            mine = rho[a] / (rho[a] + density[j]) if two_way else 1.0
-            f, g = response(1.0 / (mine * time[k]), dt, exponential)
-            factor = mass[j] * part[k] * mine
+            mine = gas.density[a] / (gas.density[a] + dust.density[j]) if two_way else 1.0
+            f, g = response(1.0 / (mine * pairs.time[k]), dt, exponential)
+            factor = dust.mass[j] * pairs.part[k] * mine
             r2, y, b = 0.0, 0.0, 0.0
             for i in range(dim):
                 r2 += offset[k, i] * offset[k, i]
-                y += (vel[j, i] - gvel[a, i]) * offset[k, i]
-                b += ((own[j, i] if len(own) > 0 else 0.0) - gown[a, i]) * offset[k, i]
+                y += (dust.vel[j, i] - gas.vel[a, i]) * offset[k, i]
+                b += ((own[j, i] if len(own) > 0 else 0.0) - gas_own[a, i]) * offset[k, i]
             pull[k] = -factor * f * (1.0 if r2 == 0.0 else dim)
             if r2 == 0.0:  # no line of sight: the mean over all of them
                 for i in range(dim):
-                    source = (own[j, i] if len(own) > 0 else 0.0) - gown[a, i]
-                    impulse[k, i] = factor * (f * (vel[j, i] - gvel[a, i]) + g * source)
+                    source = (own[j, i] if len(own) > 0 else 0.0) - gas_own[a, i]
+                    impulse[k, i] = factor * (f * (dust.vel[j, i] - gas.vel[a, i]) + g * source)
                 continue
             if len(slope) > 0:
                 s, gs = 0.0, 0.0
                 for i in range(dim):
                     for l in range(dim):
                         s += offset[k, i] * offset[k, l] * slope[j, i, l]
-                        gs += offset[k, i] * offset[k, l] * gslope[a, i, l]
+                        gs += offset[k, i] * offset[k, l] * gas_slope[a, i, l]
                 y -= limited(s, gs)
             for i in range(dim):
                 impulse[k, i] = factor * dim * (f * y + g * b) / r2 * offset[k, i]
