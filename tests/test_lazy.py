@@ -124,22 +124,6 @@ def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, withou
     assert not absent & found
 
 
-POISSON = """
-import json, sys
-import discsim.numerics.poisson
-found = list(sys.modules)
-import scipy.fftpack, pyfftw.interfaces.scipy_fft
-assert scipy.fftpack.fft([1.0])[0] == 1.0
-print(json.dumps(found))
-"""
-
-
-def test_pyfftw_comes_without_scipy_which_is_there_for_others():
-    found = modules(POISSON)
-    assert "pyfftw" in found
-    assert not {"scipy.fft", "scipy.fftpack", "scipy.special"} & found
-
-
 @pytest.mark.parametrize("arguments", [["check"], ["effects"], ["--help"]])
 def test_checking_imports_nothing_slow(path, arguments):
     path.write_text(DISC)

@@ -116,33 +116,16 @@ def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
     The seeds of spiral arms, leading and trailing: phases are random, ten from edge to edge and smooth
     between. On quiet rings nothing else breaks the symmetry. Gas and dust share them.
     """
+    from scipy.interpolate import make_interp_spline  # slow to import
+
     start: Any = scene.initial
     stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
-    where = (radius - start.inner) / (start.outer - start.inner) * 9.0
+    nodes = np.linspace(start.inner, start.outer, 10)
     moved = angle.copy()
     for m in range(2, 7):
-        phase = smooth(2.0 * np.pi * stream.random(10), where)
+        phase = make_interp_spline(nodes, 2.0 * np.pi * stream.random(len(nodes)), k=3)(radius)
         moved -= start.perturbation / m * np.sin(m * angle + phase)
     return moved
-
-
-def smooth(values: Array, x: Array) -> Array:
-    """The cubic spline through values (n,) at 0, 1, ..., n - 1, at places x (m,) among them.
-
-    Its third derivative does not jump at the second place, nor at the last but one ("not a knot").
-    """
-    # scipy has one too, and takes a quarter of a warm start to import.
-    n = len(values)
-    system, right = np.zeros((n, n)), np.zeros(n)  # of the second derivatives c
-    system[range(1, n - 1), range(n - 2)] = system[range(1, n - 1), range(2, n)] = 1.0
-    system[range(1, n - 1), range(1, n - 1)] = 4.0
-    system[0, :3] = system[-1, -3:] = 1.0, -2.0, 1.0
-    right[1:-1] = 6.0 * np.diff(values, 2)
-    c = np.linalg.solve(system, right)
-    i = np.clip(x.astype(int), 0, n - 2)
-    slope = np.diff(values) - (2.0 * c[:-1] + c[1:]) / 6.0
-    t = x - i
-    return values[i] + t * (slope[i] + t * (c[i] / 2.0 + t * (np.diff(c) / 6.0)[i]))
 
 
 def settle(state: State, effects: dict[str, Any]) -> None:

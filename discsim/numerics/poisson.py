@@ -18,15 +18,15 @@ Rows and columns go through one-dimensional FFTW_ESTIMATE plans in batches of fi
 of threads.
 """
 
-import math
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numba
 import numpy as np
+import pyfftw
+from scipy.fft import dctn, next_fast_len
+from scipy.special import erfcx, gamma, k0e, k1e
 
 from discsim.kernels.poisson import (
     TILE,
@@ -37,22 +37,6 @@ from discsim.kernels.poisson import (
     tiles_to_rows,
 )
 from discsim.numerics.threads import share
-from discsim.parts import Lazy
-
-special = Lazy("scipy.special")  # slow to import; for thin discs alone
-
-
-def _without_scipy(name: str) -> Any:
-    """pyfftw without what it has to stand in for scipy's transforms, which imports half of scipy."""
-    absent = sys.modules.setdefault("scipy.fftpack", None) is None
-    try:
-        return import_module(name)
-    finally:
-        if absent:
-            del sys.modules["scipy.fftpack"]
-
-
-pyfftw = _without_scipy("pyfftw")
 
 Array = np.ndarray
 ROWS = 8  # that a plan transforms at once: more would leave the cache between its steps
@@ -83,18 +67,18 @@ class ThinDisc:
     thickness: float
     # w ~ ln d near 0. With this distance for 0 the sum over the nodes of a square lattice is the integral of a smooth
     # density to fourth order: -ln lone = ln(2 pi)/2 + beta'(0), from the lattice sum 4 zeta(s) beta(s) of |n|^-2s.
-    lone: ClassVar[float] = 2 * np.sqrt(np.pi) / math.gamma(0.25) ** 2
+    lone: ClassVar[float] = 2 * np.sqrt(np.pi) / gamma(0.25) ** 2
 
     def potential(self, distance: Array) -> Array:
-        return -special.k0e(distance**2 / (8 * self.thickness**2)) / (2 * np.sqrt(np.pi) * self.thickness)  # eq. (2)
+        return -k0e(distance**2 / (8 * self.thickness**2)) / (2 * np.sqrt(np.pi) * self.thickness)  # eq. (2)
 
     def pull(self, distance: Array) -> Array:
         """Attraction over distance, which is below 1e6 H: there the two terms cancel to four digits."""
         x = distance**2 / (8 * self.thickness**2)
-        return (special.k1e(x) - special.k0e(x)) / (8 * np.sqrt(np.pi) * self.thickness**3)
+        return (k1e(x) - k0e(x)) / (8 * np.sqrt(np.pi) * self.thickness**3)
 
     def transform(self, k: Array) -> Array:
-        return -2 * np.pi * special.erfcx(k * self.thickness) / k
+        return -2 * np.pi * erfcx(k * self.thickness) / k
 
 
 Kernel = Plummer | ThinDisc
@@ -194,16 +178,13 @@ class _Worker:
             row[:border] = found[len(found) - border :]
 
 
-def _plan(source: Array, target: Array, direction: str, *flags: str) -> Any:
+def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
     return pyfftw.FFTW(source, target, axes=(1,), direction=direction, flags=("FFTW_ESTIMATE", *flags), threads=1)
 
 
 def _padded(count: int) -> int:
-    # At least 2 count, so that no pair of nodes meets around the edge; even, so that the kernel has a middle; and of
-    # factors 2, 3 and 5.
-    while math.gcd(count, 30**20) < count:
-        count += 1
-    return 2 * count
+    # At least 2 count, so that no pair of nodes meets around the edge; even, so that the kernel has a middle.
+    return 2 * next_fast_len(count, real=True)
 
 
 def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
@@ -211,12 +192,7 @@ def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Arr
     x, y = (cell * np.arange(n // 2 + 1) for n in padded)
     distance = np.hypot(x, y[:, None])
     distance[0, 0] = kernel.lone * cell
-    values, transform = pyfftw.empty_aligned(distance.shape), pyfftw.empty_aligned(distance.shape)
-    even = ("FFTW_REDFT00",) * 2
-    plan = pyfftw.FFTW(values, transform, axes=(0, 1), direction=even, flags=("FFTW_ESTIMATE",))
-    values[:] = cell**2 * kernel.potential(distance)
-    plan.execute()
-    return transform
+    return dctn(cell**2 * kernel.potential(distance), type=1)
 
 
 def _periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:

@@ -5,7 +5,7 @@ import pytest
 
 from discsim import Simulation, load_scene
 from discsim.exact import nsh
-from discsim.initial.disc import perturbed, smooth
+from discsim.initial.disc import perturbed
 from discsim.physics import profile
 
 ASPECT = 0.05
@@ -108,20 +108,6 @@ def test_the_start_is_held_by_the_pressure_of_its_tapers():
     expected = -slope / profile.surface_density(scene, r)
     # Of the difference, step^2, and its rounding, 1e-16 / step.
     np.testing.assert_allclose(profile.pressure_acceleration(scene, r), expected, rtol=1e-6, atol=1e-9)
-
-
-def test_what_is_smooth_between_places_is_exact_for_cubics():
-    """A spline without knots at its second places goes through four values, and any more of a cubic, as the cubic."""
-    x = np.linspace(0.0, 9.0, 1001)
-
-    def cubic(x):
-        return 1.0 + x * (2.0 - x * (0.7 - 0.05 * x))
-
-    np.testing.assert_allclose(smooth(cubic(np.arange(10.0)), x), cubic(x), rtol=0, atol=1e-13)
-    # Without a kink, in its curvature too, where it is no cubic: what is left is the step times the third derivative.
-    values, step = np.random.default_rng(3).random(10), 1e-3
-    curvature = np.diff(smooth(values, np.arange(0.0, 9.0 + step, step)[:-1]), 2) / step**2
-    assert np.abs(np.diff(curvature)).max() < 60.0 * step
 
 
 def test_a_perturbation_is_that_of_the_density():
