@@ -52,18 +52,22 @@ def curvature(home, about, sums, slope, bend):
 
 @inner
 def own_line(first, last, row, value, base, f, x0, y0, pooled, dim):
-    """Mean of columns f and f + 1 of `value` (row `base` there is row 0), and their slope about the centroid (x0, y0).
+    """Centroid of some particles, near (x0, y0), mean of columns f and f + 1 of `value` (row `base` there is row 0),
+    and their slope.
 
     Any more than a line needs will do: with few of them little is left beside it, but nothing false. Those too few
     have the slope `pooled` and a rotation of their own: what is beside their line never has angular momentum.
     """
-    m, su, sv, xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m, sx, sy, su, sv = 0.0, 0.0, 0.0, 0.0, 0.0
+    xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     u0, v0 = value[first - base, f], value[first - base, f + 1]
     for k in range(first, last):
         one, x, y = row[k, MASS], row[k, X] - x0, row[k, Y] - y0
         u, v = value[k - base, f] - u0, value[k - base, f + 1] - v0
         mx, my = one * x, one * y
         m += one
+        sx += mx
+        sy += my
         su += one * u
         sv += one * v
         xx += mx * x
@@ -73,16 +77,19 @@ def own_line(first, last, row, value, base, f, x0, y0, pooled, dim):
         xv += mx * v
         yu += my * u
         yv += my * v
+    x0, y0, su, sv = x0 + sx / m, y0 + sy / m, su / m, sv / m
+    # Where all are at one place their distance from (x0, y0) is its rounding, and has to meet no mean velocity.
+    xu, xv, yu, yv = xu - sx * su, xv - sx * sv, yu - sy * su, yv - sy * sv
     if last - first > np.uint64(dim + 1):
         found, uu, uv, vu, vv = solve(xx, xy, yy, xu, xv, yu, yv, dim, 1.0)
         if found:
-            return u0 + su / m, v0 + sv / m, uu, uv, vu, vv
+            return x0, y0, u0 + su, v0 + sv, uu, uv, vu, vv
     uu, uv, vu, vv = pooled
     if dim == 2 and xx + yy > 0.0:
         torque = xv - yu - uv * xx - (vv - uu) * xy + vu * yy
         uv += torque / (xx + yy)
         vu -= torque / (xx + yy)
-    return u0 + su / m, v0 + sv / m, uu, uv, vu, vv
+    return x0, y0, u0 + su, v0 + sv, uu, uv, vu, vv
 
 
 @inner
@@ -108,14 +115,14 @@ def damp(first, last, row, x0, y0, pooled, sources, f, g, dim, new):
     """Turn the velocity in `new` into what the decay of what is left beside the own line changes; returns the mean of
     the velocity.
     """
-    u, v, uu, uv, vu, vv = own_line(first, last, row, new, first, V, x0, y0, pooled, dim)
+    x0, y0, u, v, uu, uv, vu, vv = own_line(first, last, row, new, first, V, x0, y0, pooled, dim)
     for k in range(first, last):
         x, y, p = row[k, X] - x0, row[k, Y] - y0, k - first
         new[p, 0] = f * (new[p, 0] - u - uu * x - vu * y)
         new[p, 1] = f * (new[p, 1] - v - uv * x - vv * y)
     if sources:
         even, base = (0.0, 0.0, 0.0, 0.0), np.uint64(0)
-        a, b, uu, uv, vu, vv = own_line(first, last, row, row, base, A, x0, y0, even, dim)
+        x0, y0, a, b, uu, uv, vu, vv = own_line(first, last, row, row, base, A, x0, y0, even, dim)
         for k in range(first, last):
             x, y, p = row[k, X] - x0, row[k, Y] - y0, k - first
             new[p, 0] += g * (row[k, BX] - a - uu * x - vu * y)
