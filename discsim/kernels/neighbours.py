@@ -209,6 +209,15 @@ def list_candidates(first, last, filled, bounds, extent, mutual, cells):
 
 
 @njit(nogil=True, inline="always")
+def most_held(filled, start):
+    """The largest number of particles that a cell holds."""
+    most = 0
+    for cell in filled:
+        most = max(most, start[cell + 1] - start[cell])
+    return most
+
+
+@njit(nogil=True, inline="always")
 def most_of(begin):
     """The largest number of candidates of a cell, in whole vectors."""
     most = 0
