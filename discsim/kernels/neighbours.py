@@ -15,6 +15,7 @@ from numba import njit
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
 MAX_CLASSES = 24
+BLOCK = 256  # particles of a run that are looked at together
 LANES = 8  # candidates come in whole vectors, the last filled up with some of no mass: rests of a loop are slow
 
 # Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
@@ -150,22 +151,28 @@ def find_runs(box, reach, mutual, cells, runs, turns):
 
 
 @njit(nogil=True, inline="always", error_model="numpy")
-def scan(runs, turns, count, box, reach, mutual, cells, index, turned, found):
+def scan(runs, turns, count, box, reach, mutual, cells, keep, index, turned, found):
     """Particles of `count` runs that are within `reach` of the box or, with `mutual`, meet it, added to `index`.
 
-    `found` is how many there were; it is returned with the new ones.
+    `found` is how many there were; it is returned with the new ones. `keep` (BLOCK,) is overwritten.
     """
     order, x, y, radius = cells.order, cells.x, cells.y, cells.radius
     ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
     for run in range(count):
         sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
         before = found
-        for k in range(runs[run, 0], runs[run, 1]):
-            dx, dy = max(abs(x[k] + sx) - half_x, 0.0), max(abs(y[k] + sy) - half_y, 0.0)
-            far = max(reach, radius[k]) if mutual else reach
-            # Written first and counted after: a branch here would be guessed wrong half of the time.
-            index[found] = order[k]
-            found += dx * dx + dy * dy <= far * far
+        # Two loops over blocks: the first is vectorised, and in the second a branch would be guessed wrong half of the
+        # time. Signed numbers may be indices from the end, and would keep loops from being vectorised.
+        for block in range(runs[run, 0], runs[run, 1], BLOCK):
+            begin, many = np.uint64(block), np.uint64(min(runs[run, 1] - block, BLOCK))
+            for k in range(many):
+                i = begin + k
+                dx, dy = max(abs(x[i] + sx) - half_x, 0.0), max(abs(y[i] + sy) - half_y, 0.0)
+                far = max(reach, radius[i]) if mutual else reach
+                keep[k] = dx * dx + dy * dy <= far * far
+            for k in range(many):
+                index[np.uint64(found)] = order[begin + k]
+                found += keep[k]
         if cells.periodic:
             for k in range(before, found):
                 turned[0, k], turned[1, k] = turns[run, 0], turns[run, 1]
@@ -180,7 +187,7 @@ def list_candidates(first, last, filled, bounds, extent, mutual, cells):
     cell. The candidates of the n-th cell begin at begin[n] of `index`, `turned` (2, n) times the box away on periodic
     axes. Returns (begin, index, turned).
     """
-    runs, turns = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
+    runs, turns, keep = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64), np.empty(BLOCK, np.bool_)
     begin = np.zeros(last - first + 1, np.int64)
     room = 1024 + 64 * (last - first)
     index, turned = np.empty(room, np.uint32), np.empty((2, room if cells.periodic else 0), np.int32)
@@ -204,8 +211,17 @@ def list_candidates(first, last, filled, bounds, extent, mutual, cells):
                 for k in range(found):
                     more_turned[0, k], more_turned[1, k] = turned[0, k], turned[1, k]
                 turned = more_turned
-        begin[c - first + 1] = scan(runs, turns, count, box, reach, mutual, cells, index, turned, found)
+        begin[c - first + 1] = scan(runs, turns, count, box, reach, mutual, cells, keep, index, turned, found)
     return begin, index, turned
+
+
+@njit(nogil=True, inline="always")
+def most_held(filled, start):
+    """The largest number of particles that a cell holds."""
+    most = 0
+    for cell in filled:
+        most = max(most, start[cell + 1] - start[cell])
+    return most
 
 
 @njit(nogil=True, inline="always")

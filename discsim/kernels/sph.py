@@ -12,12 +12,9 @@
 kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction:
 Price 2008, eq. 28.
 
-h goes from step to step by so little that one sum over the neighbours is nearly always enough: with its first two
-derivatives in h the root of (1) is known to third order in the change, and rho and Omega follow by their series.
-
 All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the
-same on any number of threads. Candidates of a cell are packed once, relative to the cell's centre, and serve
-every particle of it.
+same on any number of threads. Candidates of a cell are packed once (`sph_packs.py`). The sums
+of (1) and (2) are in `sph_density.py`.
 """
 
 import functools
@@ -26,209 +23,48 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.neighbours import LANES, place, whole
-from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
+from discsim.kernels.neighbours import place, whole
+from discsim.kernels.smoothing import shape
+from discsim.kernels.sph_packs import (
+    CHUNK,
+    ENERGY,
+    FAST,
+    INV_H,
+    INV_R,
+    INV_RHO,
+    MASS,
+    NEAREST2,
+    NORM_H,
+    OTHER,
+    OWN,
+    PRESS,
+    ROWS,
+    SOUND,
+    STRIDE,
+    SWITCH,
+    VX,
+    VY,
+    P,
+    Q,
+    X,
+    Y,
+    inverse_root,
+    relative,
+)
 
-# No 'nnan'/'ninf': a run that goes wrong must still be seen to.
-# Drivers take error_model="numpy": with Python's, a division may raise, and no loop with one is vectorised.
-FAST = {"reassoc", "contract", "arcp", "nsz"}
-TOLERANCE = 4e-3  # of h, on the last step; the error left is some times its cube
-ITERATIONS = 60
-# Where nearly all of rho is that of particles at one place, h hangs on the edge of its support: pressure felt through
-# it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
-LEAST_OMEGA = 0.05
 # Means of 1 / rho and of grad W, each over a pair, are much more than the mean of grad W / rho where a light particle
 # sits on a heavy one: its kernel is narrow, and the other's density low. Viscosity and conduction, which no step would
 # then resolve, have this many times that mean at most; even gas has 1, and that of equal masses needs no such bound.
 MOST_UNEVEN = 4.0
-NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
-
-# A pack holds what sums read of up to CHUNK candidates, and what their loops hand on to each other: a long chain of
-# instructions keeps a processor waiting, where some short loops over the same candidates do not. Its rows are of one
-# array, and the distance between them is known when it is compiled: so loops that write are vectorised too.
-CHUNK = 256
-STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
-MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(11)  # columns of `force_columns` too
-X, Y, INV_R, Q, OWN, OTHER = range(P + 1, P + 7)
-ROWS = OTHER + 1
-
-
-@njit(inline="always")
-def inverse_root(x):
-    """1 / sqrt(x) to rounding: a guess in single precision, for which there is an instruction, and one step."""
-    y = np.float64(np.float32(1.0) / np.sqrt(np.float32(x)))
-    e = 1.0 - x * y * y
-    return y + y * e * (0.5 + 0.375 * e)
-
-
-@njit(inline="always")
-def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
-    """Add n packed candidates' share of what `in_units_of_density` takes to `sums` (7,)."""
-    total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(n):
-        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
-        r2 = dx * dx + (dy * dy + NEAREST2)
-        inv_r = inverse_root(r2)
-        pack[INV_R * STRIDE + k] = inv_r
-        pack[Q * STRIDE + k] = r2 * inv_r * inv_h
-    for k in range(n):
-        q, m = pack[Q * STRIDE + k], pack[MASS * STRIDE + k]
-        w, dw = shape(kernel, dim, q)
-        ddw = q * bend(kernel, dim, q)
-        total += m * w
-        first += m * (q * dw)
-        second += m * (q * ddw)
-        if shear:
-            dx, dy, m_per_r = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k], m * pack[INV_R * STRIDE + k]
-            dvx, dvy = vx - pack[VX * STRIDE + k], vy - pack[VY * STRIDE + k]
-            along, across = m_per_r * (dvx * dx + dvy * dy), m_per_r * (dvy * dx - dvx * dy)
-            div += dw * along
-            curl += dw * across
-            more_div += ddw * along
-            more_curl += ddw * across
-    sums[0] += total
-    sums[1] += first
-    sums[2] += second
-    if shear:
-        sums[3] += div
-        sums[4] += curl
-        sums[5] += more_div
-        sums[6] += more_curl
-
-
-@njit(inline="always")
-def in_units_of_density(kernel, dim, sums):
-    """Of a particle's sums: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
-
-    The last two values are those two's slopes, as much of the velocity's derivatives per relative change of h.
-    """
-    rate = 1.0 / sums[0]
-    first, div, curl = sums[1] * rate, sums[3] * rate, sums[4] * rate
-    slope = -(dim + first)
-    curve = dim * (dim + 1) + 2 * (dim + 1) * first + sums[2] * rate
-    more_div, more_curl = (first - 1.0) * div - sums[5] * rate, (first - 1.0) * curl - sums[6] * rate
-    return NORM[dim - 1][kernel] * sums[0], slope, curve, div, curl, more_div, more_curl
-
-
-@njit(inline="always")
-def improve(dim, m, h, eta, h_least, h_most, low, high, rho, slope, curve):
-    """(settled, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
-
-    Where it is short enough, rho and Omega are taken along by their series. `step` is relative to h.
-    """
-    inv_h = 1.0 / h
-    # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
-    t = eta * inv_h * (m / rho if dim == 1 else math.sqrt(m / rho))
-    # A lone particle, or a crowd at one place, where (1) has no root: h stays at its limit, as if fixed.
-    if (t >= 1.0 and h >= h_most) or (t <= 1.0 and h <= h_least):
-        return True, 0.0, h, rho, 1.0, low, high
-    rise = 1.0 + t * slope / dim
-    step = (t - 1.0) / rise
-    if step != step:  # no number: h stays rather than grow to its limit, and the step's limit will see it
-        return True, 0.0, h, rho, 1.0, low, high
-    if abs(step) <= TOLERANCE and h + h * step > h_least:
-        step *= 1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise
-        step = min(step, h_most * inv_h - 1.0)
-        grown = 1.0 + step * (slope + 0.5 * step * curve)
-        omega = 1.0 + (1.0 + step) * (slope + step * curve) / (dim * grown)
-        return True, step, h * (1.0 + step), rho * grown, max(omega, LEAST_OMEGA), low, high
-    if t < 1.0:
-        high = h
-    else:
-        low = h
-    new = min(max(h + h * min(max(step, -0.3), 0.5), h_least), h_most)
-    if not low < new < high:
-        new = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
-    return False, 0.0, new, rho, 1.0 + slope / dim, low, high
-
-
-@functools.cache
-def density_driver(kernel: int, dim: int, shear: bool):
-    """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|.
-
-    `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for.
-    """
-    support = SUPPORT[kernel]
-
-    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def density(
-        first, last, lists, filled, pos, vel, mass, h, rho, gradh, div, curl, eta, h_least, h_most, fixed, cells,
-        outgrown,
-    ):  # fmt: skip
-        order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
-        begin, index, turned = lists
-        pack = np.zeros(ROWS * STRIDE)
-        cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
-        most = 0
-        for c in range(first, last):
-            most = max(most, start[filled[c] + 1] - start[filled[c]])
-        sums, low, high, settled = np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)
-        for c in range(first, last):
-            cell = filled[c]
-            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
-            per_unit = 1.0 / unit
-            own, members = start[cell], start[cell + 1] - start[cell]
-            for p in range(members):
-                settled[p], low[p], high[p] = False, 0.0, np.inf
-                if not fixed:
-                    h[order[own + p]] = min(max(h[order[own + p]], h_least), h_most)
-            for _ in range(ITERATIONS):
-                sums[:members] = 0.0
-                for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
-                    end = min(listed + CHUNK, begin[c - first + 1])
-                    place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
-                    for k in range(listed, end):
-                        j = index[k]
-                        pack[MASS * STRIDE + k - listed] = mass[j]
-                        if shear:
-                            pack[VX * STRIDE + k - listed] = vel[j, 0]
-                            if dim == 2:
-                                pack[VY * STRIDE + k - listed] = vel[j, 1]
-                    n = whole(end - listed)
-                    for k in range(end - listed, n):
-                        pack[MASS * STRIDE + k] = 0.0
-                    for p in range(members):
-                        if settled[p]:
-                            continue
-                        i = order[own + p]
-                        x, y, vx, vy = (pos[i, 0] - ox) * per_unit, 0.0, 0.0, 0.0
-                        if dim == 2:
-                            y = (pos[i, 1] - oy) * per_unit
-                        if shear:
-                            vx, vy = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
-                        add_density(kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack, sums[p])
-                # Apart from the sums, whose loop need not wait for all these divisions.
-                left = False
-                for p in range(members):
-                    if settled[p]:
-                        continue
-                    i = order[own + p]
-                    per_h, step = 1.0 / h[i], 0.0
-                    total, slope, curve, div_v, curl_v, more_div, more_curl = in_units_of_density(kernel, dim, sums[p])
-                    rho[i], gradh[i], settled[p] = total * per_h**dim, 1.0, True
-                    if not fixed:
-                        settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
-                            dim, mass[i], h[i], eta, h_least, h_most, low[p], high[p], rho[i], slope, curve
-                        )
-                    if shear:
-                        div[i] = abs(div_v + step * more_div) * per_h
-                        curl[i] = abs(curl_v + step * more_curl) * per_h
-                    if support * h[i] > radius[own + p]:
-                        outgrown[c], settled[p] = True, True
-                    left |= not settled[p]
-                if not left:
-                    break
-
-    return density
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def force_columns(
-    first, last, norm, vel, mass, h, rho, gradh, pressure, sound, div, curl, u, viscous, energetic, conductive, alpha,
-    columns,
+    first, last, norm, given, found, pressure, sound, u, viscous, energetic, conductive, alpha, columns
 ):  # fmt: skip
     """Write to `columns` (n, 11) what the sums of a scene read of each particle."""
+    vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
     for i in range(first, last):
         inv_h, inv_rho = 1.0 / h[i], 1.0 / rho[i]
@@ -347,9 +183,7 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                     pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
                 for k in range(start[cell], start[cell + 1]):
                     i = order[k]
-                    x, y = (pos[i, 0] - ox) * per_unit, 0.0
-                    if dim == 2:
-                        y = (pos[i, 1] - oy) * per_unit
+                    x, y = relative(dim, pos, i, ox, oy, per_unit)
                     ax, ay, r, d, passed = force_sums(
                         kernel, dim, viscous, energetic, conductive, uneven, x, y, unit, i, columns, beta, alpha_u, n,
                         pack,

@@ -8,7 +8,9 @@ import numpy as np
 
 from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, NORM, SQUEEZED, SUPPORT
-from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, P, density_driver, force_columns, force_driver
+from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_columns, force_driver
+from discsim.kernels.sph_density import Found, Given, Wanted, density_driver
+from discsim.kernels.sph_packs import P
 from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
 from discsim.numerics.threads import share
 
@@ -99,13 +101,12 @@ class Sph:
         lists = self.lists = candidates(cells, cells, mutual=True)
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
+        given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
+        wanted = Wanted(self.eta, h_least, self.h_most, self.fixed)
         left = cells.filled
         while len(left) > 0:
             outgrown = np.zeros(len(left), np.bool_)
-            share(
-                driver, len(left), left, gas.pos, vel, gas.mass, gas.h, gas.density, gas.gradh, *self.shear, self.eta,
-                h_least, self.h_most, self.fixed, cells, outgrown, least=LEAST, each=lists,
-            )  # fmt: skip
+            share(driver, len(left), left, given, found, wanted, cells, outgrown, least=LEAST, each=lists)
             left = left[outgrown]
             widen(left, 1.2 * self.support, gas.h, cells)
             lists = candidates(cells._replace(filled=left), cells, mutual=True)
@@ -117,14 +118,15 @@ class Sph:
         rate of conduction.
         """
         terms = self.pairs, u is not None, self.conductivity is not None
+        given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
         uneven = float(gas.mass.max()) > float(gas.mass.min())
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
         if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
             self.columns = np.empty((gas.count, P + 1))
         share(
-            force_columns, gas.count, NORM[self.dim - 1][self.kernel], vel, gas.mass, gas.h, gas.density, gas.gradh,
-            pressure, gas.sound_speed, *self.shear, NONE if u is None else u, *terms, alpha, self.columns,
+            force_columns, gas.count, NORM[self.dim - 1][self.kernel], given, found, pressure, gas.sound_speed,
+            NONE if u is None else u, *terms, alpha, self.columns,
         )  # fmt: skip
         divergence, conduction = np.zeros(gas.count), np.zeros(gas.count if self.conductivity else 0)
         met = self.cells._replace(filled=np.flatnonzero(self.met))

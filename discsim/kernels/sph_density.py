@@ -1,0 +1,230 @@
+"""Density of SPH with its smoothing length: eqs. (1, 2) of `sph.py`.
+
+h goes from step to step by so little that one sum over the neighbours is nearly always enough: with its first two
+derivatives in h the root of (1) is known to third order in the change, and rho and Omega follow by their series.
+"""
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.neighbours import most_held, place, whole
+from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
+from discsim.kernels.sph_packs import (
+    CHUNK,
+    FAST,
+    INV_R,
+    MASS,
+    NEAREST2,
+    ROWS,
+    STRIDE,
+    VX,
+    VY,
+    Q,
+    X,
+    Y,
+    inverse_root,
+    relative,
+)
+
+TOLERANCE = 4e-3  # of h, on the last step; the error left is some times its cube
+ITERATIONS = 60
+# Where nearly all of rho is that of particles at one place, h hangs on the edge of its support: pressure felt through
+# it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
+LEAST_OMEGA = 0.05
+
+
+class Given(NamedTuple):
+    """Of n particles: positions and velocities (n, d), masses (n,)."""
+
+    pos: np.ndarray
+    vel: np.ndarray
+    mass: np.ndarray
+
+
+class Found(NamedTuple):
+    """What density finds (n,): h, rho and Omega of eqs. (1, 2); for a switch |div v| and |curl v|, else empty."""
+
+    h: np.ndarray
+    rho: np.ndarray
+    gradh: np.ndarray
+    div: np.ndarray
+    curl: np.ndarray
+
+
+class Wanted(NamedTuple):
+    """How h is chosen: eta of eq. (1), the least and the largest h, and whether it stays as it is."""
+
+    eta: float
+    least: float
+    most: float
+    fixed: bool
+
+
+@njit(inline="always")
+def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
+    """Add n packed candidates' share of what `in_units_of_density` takes to `sums` (7,)."""
+    total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
+        r2 = dx * dx + (dy * dy + NEAREST2)
+        inv_r = inverse_root(r2)
+        pack[INV_R * STRIDE + k] = inv_r
+        pack[Q * STRIDE + k] = r2 * inv_r * inv_h
+    for k in range(n):
+        q, m = pack[Q * STRIDE + k], pack[MASS * STRIDE + k]
+        w, dw = shape(kernel, dim, q)
+        ddw = q * bend(kernel, dim, q)
+        total += m * w
+        first += m * (q * dw)
+        second += m * (q * ddw)
+        if shear:
+            dx, dy, m_per_r = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k], m * pack[INV_R * STRIDE + k]
+            dvx, dvy = vx - pack[VX * STRIDE + k], vy - pack[VY * STRIDE + k]
+            along, across = m_per_r * (dvx * dx + dvy * dy), m_per_r * (dvy * dx - dvx * dy)
+            div += dw * along
+            curl += dw * across
+            more_div += ddw * along
+            more_curl += ddw * across
+    sums[0] += total
+    sums[1] += first
+    sums[2] += second
+    if shear:
+        sums[3] += div
+        sums[4] += curl
+        sums[5] += more_div
+        sums[6] += more_curl
+
+
+@njit(inline="always")
+def in_units_of_density(kernel, dim, sums):
+    """Of a particle's sums: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
+
+    The last two values are those two's slopes, as much of the velocity's derivatives per relative change of h.
+    """
+    rate = 1.0 / sums[0]
+    first, div, curl = sums[1] * rate, sums[3] * rate, sums[4] * rate
+    slope = -(dim + first)
+    curve = dim * (dim + 1) + 2 * (dim + 1) * first + sums[2] * rate
+    more_div, more_curl = (first - 1.0) * div - sums[5] * rate, (first - 1.0) * curl - sums[6] * rate
+    return NORM[dim - 1][kernel] * sums[0], slope, curve, div, curl, more_div, more_curl
+
+
+@njit(inline="always")
+def improve(dim, m, h, wanted, low, high, rho, slope, curve):
+    """(settled, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
+
+    Where it is short enough, rho and Omega are taken along by their series. `step` is relative to h.
+    """
+    inv_h, eta, h_least, h_most = 1.0 / h, wanted.eta, wanted.least, wanted.most
+    # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
+    t = eta * inv_h * (m / rho if dim == 1 else math.sqrt(m / rho))
+    # A lone particle, or a crowd at one place, where (1) has no root: h stays at its limit, as if fixed.
+    if (t >= 1.0 and h >= h_most) or (t <= 1.0 and h <= h_least):
+        return True, 0.0, h, rho, 1.0, low, high
+    rise = 1.0 + t * slope / dim
+    step = (t - 1.0) / rise
+    if step != step:  # no number: h stays rather than grow to its limit, and the step's limit will see it
+        return True, 0.0, h, rho, 1.0, low, high
+    if abs(step) <= TOLERANCE and h + h * step > h_least:
+        step *= 1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise
+        step = min(step, h_most * inv_h - 1.0)
+        grown = 1.0 + step * (slope + 0.5 * step * curve)
+        omega = 1.0 + (1.0 + step) * (slope + step * curve) / (dim * grown)
+        return True, step, h * (1.0 + step), rho * grown, max(omega, LEAST_OMEGA), low, high
+    if t < 1.0:
+        high = h
+    else:
+        low = h
+    new = min(max(h + h * min(max(step, -0.3), 0.5), h_least), h_most)
+    if not low < new < high:
+        new = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
+    return False, 0.0, new, rho, 1.0 + slope / dim, low, high
+
+
+@njit(inline="always")
+def begin_cell(wanted, own, members, order, h, low, high, settled):
+    """Let the search for h begin within its limits."""
+    for p in range(members):
+        settled[p], low[p], high[p] = False, 0.0, np.inf
+        if not wanted.fixed:
+            h[order[own + p]] = min(max(h[order[own + p]], wanted.least), wanted.most)
+
+
+@njit(inline="always")
+def pack_masses(dim, shear, begin, end, index, vel, mass, pack):
+    """Pack masses, and with `shear` velocities, of the candidates from `begin` to `end`; how many with the filling."""
+    for k in range(begin, end):
+        j = index[k]
+        pack[MASS * STRIDE + k - begin] = mass[j]
+        if shear:
+            pack[VX * STRIDE + k - begin] = vel[j, 0]
+            if dim == 2:
+                pack[VY * STRIDE + k - begin] = vel[j, 1]
+    n = whole(end - begin)
+    for k in range(end - begin, n):
+        pack[MASS * STRIDE + k] = 0.0
+    return n
+
+
+@functools.cache
+def density_driver(kernel: int, dim: int, shear: bool):
+    """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|.
+
+    `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for.
+    """
+    support = SUPPORT[kernel]
+
+    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
+    def density(first, last, lists, filled, given, found, wanted, cells, outgrown):
+        order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
+        pos, vel, mass = given.pos, given.vel, given.mass
+        h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
+        begin, index, turned = lists
+        pack = np.zeros(ROWS * STRIDE)
+        cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
+        most = most_held(filled[first:last], start)
+        sums, low, high, settled = np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)
+        for c in range(first, last):
+            cell = filled[c]
+            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
+            per_unit = 1.0 / unit
+            own, members = start[cell], start[cell + 1] - start[cell]
+            begin_cell(wanted, own, members, order, h, low, high, settled)
+            for _ in range(ITERATIONS):
+                sums[:members] = 0.0
+                for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
+                    end = min(listed + CHUNK, begin[c - first + 1])
+                    place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
+                    n = pack_masses(dim, shear, listed, end, index, vel, mass, pack)
+                    for p in range(members):
+                        i = order[own + p]
+                        if not settled[p]:
+                            x, y = relative(dim, pos, i, ox, oy, per_unit)
+                            vx, vy = (vel[i, 0], vel[i, 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
+                            add_density(kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack, sums[p])
+                # Apart from the sums, whose loop need not wait for all these divisions.
+                left = False
+                for p in range(members):
+                    if settled[p]:
+                        continue
+                    i = order[own + p]
+                    per_h, step = 1.0 / h[i], 0.0
+                    total, slope, curve, div_v, curl_v, more_div, more_curl = in_units_of_density(kernel, dim, sums[p])
+                    rho[i], gradh[i], settled[p] = total * per_h**dim, 1.0, True
+                    if not wanted.fixed:
+                        settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
+                            dim, mass[i], h[i], wanted, low[p], high[p], rho[i], slope, curve
+                        )
+                    if shear:
+                        div[i], curl[i] = abs(div_v + step * more_div) * per_h, abs(curl_v + step * more_curl) * per_h
+                    if support * h[i] > radius[own + p]:
+                        outgrown[c], settled[p] = True, True
+                    left |= not settled[p]
+                if not left:
+                    break
+
+    return density

@@ -1,0 +1,35 @@
+"""Packs: what SPH sums read of a cell's candidates, packed once, relative to the cell's centre, for all its particles.
+
+A pack holds what sums read of up to CHUNK candidates, and what their loops hand on to each other: a long chain of
+instructions keeps a processor waiting, where some short loops over the same candidates do not. Its rows are of one
+array, and the distance between them is known when it is compiled: so loops that write are vectorised too.
+"""
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.neighbours import LANES
+
+# No 'nnan'/'ninf': a run that goes wrong must still be seen to.
+# Drivers take error_model="numpy": with Python's, a division may raise, and no loop with one is vectorised.
+FAST = {"reassoc", "contract", "arcp", "nsz"}
+NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
+CHUNK = 256
+STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
+MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(11)  # columns of `force_columns` too
+X, Y, INV_R, Q, OWN, OTHER = range(P + 1, P + 7)
+ROWS = OTHER + 1
+
+
+@njit(inline="always")
+def inverse_root(x):
+    """1 / sqrt(x) to rounding: a guess in single precision, for which there is an instruction, and one step."""
+    y = np.float64(np.float32(1.0) / np.sqrt(np.float32(x)))
+    e = 1.0 - x * y * y
+    return y + y * e * (0.5 + 0.375 * e)
+
+
+@njit(inline="always")
+def relative(dim, pos, i, ox, oy, per_length):
+    """Where particle i is, from (ox, oy) and times `per_length`; y is 0 in one dimension."""
+    return (pos[i, 0] - ox) * per_length, (pos[i, 1] - oy) * per_length if dim == 2 else 0.0
