@@ -45,6 +45,8 @@ GAS = {
     "discsim.effects.gas",
     "discsim.numerics.sph",
     "discsim.kernels.sph",
+    "discsim.kernels.sph_density",
+    "discsim.kernels.sph_packs",
     "discsim.numerics.neighbours",
     "discsim.kernels.neighbours",
 }
