@@ -183,9 +183,9 @@ def scatter_block(block, kind, cells, nodes, sharp, row, dt, exponential, met, n
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def scatter(block_from, block_to, kind, cells, nodes, sharp, row, dt, exponential, met):
-    """The kick of the particles in each block: free motion, eq. (3), the rotation of `sharp.spin` where it has entries,
-    and the decay of what is left beside the line. Writes the mean rate of each population in each block, `met`
-    (blocks, number).
+    """The kick of the particles in each block: free motion, eq. (3), the gas's rotation, eq. (4) taken back, and the
+    decay of what is left beside the line. Writes the mean rate of each population in each block, `met`
+    (blocks, number), and adds to `sharp.heat` where it has entries.
     """
     new, bend = np.empty((most_in(block_from, block_to, kind), 4)), np.empty((2, 3))
     table, work = np.empty((9, LANES)), np.empty((2, 9, LANES))
