@@ -1,7 +1,7 @@
 """One thread for every test: parallel regions of a few particles only wait. Read when numba is first imported.
 
-What runs learn of this machine's speed stays among the tests. Examples of property tests are the same every time. Ctrl-C
-interrupts tests as well that a shell has started in the background, where it would be ignored.
+What runs learn of this machine's speed stays among the tests. Examples of property tests are the same every time.
+Ctrl-C interrupts tests as well that a shell has started in the background, where it would be ignored.
 """
 
 import os

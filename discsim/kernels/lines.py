@@ -3,11 +3,11 @@
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import WITHIN, inner
 
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
 # callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
-fast = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True, _nrt=False)  # type: ignore[call-overload]
+fast = njit(fastmath={"reassoc", "contract", "nsz"}, **WITHIN)
 # Blocks are many and small. Their arrays are made once for all of them, and are few: to make one, to take a part of it
 # or to hand it on costs as much as what is done with ten particles. Loops over particles count with unsigned numbers,
 # which are no indices from the end: otherwise nothing is vectorised.
