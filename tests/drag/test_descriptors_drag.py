@@ -13,7 +13,7 @@ import pytest
 from installed import install
 
 import discsim
-from discsim.parts import EOS, LAWS, SCHEMES
+from discsim.parts import EOS, LAWS, SCHEMES, USUAL_SCHEME
 
 HOME = Path(discsim.__file__).parent
 
@@ -188,8 +188,8 @@ def test_previews_ask_parts_of_another_package(found):
     assert re.search(r"^  sound speed +2$", text, re.M) and re.search(r"^  stopping time +0.1$", text, re.M)
     drag = next(line for line in text.splitlines() if line.startswith("  drag "))
     assert "scheme everyone" in drag and "cell" not in drag and "integration" not in drag
-    # 800 particles at a millisecond in place of the half microsecond of the usual scheme.
-    assert found["seconds"] == pytest.approx(800 * (1e6 - 500.0) * 1e-9, rel=1e-6)
+    # 800 particles at a millisecond in place of what the usual scheme takes.
+    assert found["seconds"] == pytest.approx(800 * (1e6 - SCHEMES[USUAL_SCHEME].nanoseconds) * 1e-9, rel=1e-6)
 
 
 def test_warnings_of_another_scheme(other):
