@@ -57,7 +57,7 @@ def turns_about(home, about, turn, table):
 
 @inner
 def loss(first, last, kind, row, work, turns, u, v, dt, new):
-    """Energy that the particles of a cell lose beside what their nodes count, `nodes_sharpen.heat_of`.
+    """Energy that the particles of a cell lose beside what their nodes count, `heat_of`.
 
     `frame` is what packed velocities leave out, Kepler's and half a kick of what gas and dust share: from one orbit to
     another the same momentum is not the same energy. (u, v) is the mean that what is left of a particle decays to: the
