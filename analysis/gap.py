@@ -1,0 +1,200 @@
+"""The gap that a companion opens: its depth in the gas against Kanagawa et al. (2015), and where the dust gathers.
+
+    python analysis/gap.py DIR [-o OUT] [--last ORBITS]
+
+DIR is the output directory of a run with one companion and [alpha_viscosity]. Writes, into OUT or the present
+directory, NAME-gap.png (Sigma over that of the first snapshot, of gas and of each population of dust, and the pressure)
+and NAME-gap.csv, and prints
+
+    depth     least Sigma / Sigma_0 of the gas about the orbit, mean of the snapshots of the `last` orbits; without the
+              angles within two Hill radii of the companion, whose own disc is no part of the gap
+    theory    1 / (1 + 0.04 K), K = q^2 (H/r)^-5 / alpha (Kanagawa et al. 2015, MNRAS 448, 994, eqs. 14, 17)
+    ring      for each population of dust, the place of its largest surface density beyond the orbit, beside that of
+              the largest pressure there; and its least Sigma / Sigma_0 in the gap
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from discsim.physics.companions import scale_height
+from discsim.physics.viscosity import diffusivity
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+from scipy.ndimage import gaussian_filter1d
+
+from discsim import load_scene
+from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+
+RINGS = 160  # of a profile, between half and twice the orbit
+HILLS = 2.0  # Hill radii about the companion that a gap's depth leaves out
+
+
+class Fault(Exception):
+    """Something the user can put right; the message says what."""
+
+
+def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float, float]:
+    """Of the only companion, places (times, 2) relative to the star, its mass and semi-major axis. Raises Fault."""
+    path = directory / "companions.csv"
+    if not path.exists():
+        raise Fault(f"{path}: not there; expected the output directory of a run with a companion")
+    with path.open() as stream:
+        rows = list(csv.DictReader(stream))
+    if {row["number"] for row in rows} != {rows[0]["number"]}:
+        raise Fault(f"{path}: several companions; expected one")
+    when, x, y, mass, axis = (np.array([float(row[key]) for row in rows]) for key in ("time", "x", "y", "mass", "a"))
+    # The nearest row, and a linear step between two: rows are a small part of an orbit apart.
+    places = np.stack([np.interp(times, when, x), np.interp(times, when, y)], axis=1)
+    return places, float(mass[-1]), float(axis[-1])
+
+
+def profile(particles: Any, edges: np.ndarray, place: np.ndarray, hill: float) -> np.ndarray:
+    """Surface density (rings,) of the angles that are not within HILLS Hill radii of the companion."""
+    angle = np.arctan2(particles.pos[:, 1], particles.pos[:, 0]) - np.arctan2(place[1], place[0])
+    angle = np.abs((angle + np.pi) % (2 * np.pi) - np.pi)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    a = np.hypot(*place)
+    # Half the angle of each ring that is left out: where the ring cuts the circle about the companion.
+    cosine = (middle**2 + a**2 - (HILLS * hill) ** 2) / (2 * middle * a)
+    out = np.arccos(np.clip(cosine, -1.0, 1.0))
+    ring = np.clip(np.searchsorted(edges, particles.radius) - 1, 0, len(middle) - 1)
+    kept = (angle > out[ring]) & (particles.radius > edges[0]) & (particles.radius < edges[-1])
+    mass = np.bincount(ring[kept], particles.mass[kept], len(middle))
+    return mass / ((np.pi - out) * np.diff(np.square(edges)))
+
+
+class Gap:
+    """Profiles of a run, means over its last orbits, in units of the first snapshot's."""
+
+    def __init__(self, directory: Path, orbits: float) -> None:
+        files = sorted((directory / "snapshots").glob("*.h5"))
+        if not files:
+            raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+        self.first, last = read_snapshot(files[0]), read_snapshot(files[-1])
+        if last.gas is None:
+            raise Fault(f"{directory}: no gas, which a gap is in")
+        self.scene = load_scene(directory / "scene.toml")
+        if self.scene.table("alpha_viscosity") is None:
+            raise Fault(f"{directory}: no [alpha_viscosity], on which the depth of a gap depends")
+        _, self.mass, self.axis = companion_at(directory, [last.time])
+        self.ratio = self.mass / self.scene.star.mass
+        period = 2 * np.pi * np.sqrt(self.axis**3 / (self.scene.star.mass + self.mass))
+        self.hill = self.axis * (self.ratio / 3) ** (1 / 3)
+        self.time = last.time / period
+        chosen = [snap for snap in map(read_snapshot, files[1:]) if snap.time > last.time - orbits * period]
+        places, _, _ = companion_at(directory, [snap.time for snap in chosen])
+        self.edges = np.geomspace(0.5 * self.axis, 2.0 * self.axis, RINGS + 1)
+        self.radius = np.sqrt(self.edges[1:] * self.edges[:-1])
+        self.profiles = {name: self._mean(chosen, places, name, mask) for name, mask in self._kinds(last)}
+        self.start = {name: self._mean([self.first], places[:1], name, mask) for name, mask in self._kinds(last)}
+
+    @staticmethod
+    def _kinds(snap: Snapshot) -> list[tuple[str, int | None]]:
+        """The gas, and each population of dust."""
+        dust = [] if snap.dust is None else [(f"dust {k + 1}", k) for k in range(snap.dust.species.max() + 1)]
+        return [("gas", None), *dust]
+
+    def _mean(self, snaps: list[Snapshot], places: np.ndarray, name: str, population: int | None) -> np.ndarray:
+        found = []
+        for snap, place in zip(snaps, places, strict=True):
+            particles = snap.gas if population is None else only(snap.dust, population)
+            found.append(profile(particles, self.edges, place, self.hill))
+        # Of a quiet start's rings of particles some profiles show stripes, which a kernel's width takes out.
+        return gaussian_filter1d(np.mean(found, axis=0), 2.0, mode="nearest")
+
+    @property
+    def aspect_ratio(self) -> float:
+        return float(scale_height(self.scene, self.axis)) / self.axis
+
+    @property
+    def alpha(self) -> float:
+        height = float(scale_height(self.scene, self.axis))
+        nu = float(diffusivity(self.scene, np.array([self.axis]))[0])
+        return nu / (height**2 * np.sqrt(self.scene.star.mass / self.axis**3))
+
+    @property
+    def theory(self) -> float:
+        return 1.0 / (1.0 + 0.04 * self.ratio**2 * self.aspect_ratio**-5 / self.alpha)
+
+    def left(self, name: str) -> np.ndarray:
+        """Sigma over that of the start (rings,)."""
+        return self.profiles[name] / np.maximum(self.start[name], 1e-300)
+
+    def depth(self, name: str) -> float:
+        """Least of `left` within a scale height or two Hill radii of the orbit."""
+        wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
+        return float(self.left(name)[np.abs(self.radius - self.axis) < wide].min())
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """Sigma c_s^2 (rings,) of locally isothermal gas."""
+        heights = scale_height(self.scene, self.radius)
+        return self.profiles["gas"] * heights**2 / self.radius**3
+
+    def summit(self, values: np.ndarray) -> float:
+        """Where values (rings,) are largest beyond the orbit, and above those on both sides; nan for no such place."""
+        k = np.flatnonzero((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])) + 1
+        k = k[self.radius[k] > self.axis]
+        return float(self.radius[k[values[k].argmax()]]) if len(k) else float("nan")
+
+
+def only(dust: Any, population: int) -> Any:
+    """The particles of one population."""
+    from dataclasses import replace
+
+    kept = dust.species == population
+    return replace(dust, pos=dust.pos[kept], mass=dust.mass[kept], ids=dust.ids[kept])
+
+
+def draw(gap: Gap, path: Path) -> None:
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for name in gap.profiles:
+        axes.plot(gap.radius / gap.axis, gap.left(name), label=name)
+    pressure = gap.pressure
+    axes.plot(gap.radius / gap.axis, pressure / pressure.max(), "k:", label="pressure, over its largest")
+    axes.axhline(gap.theory, color="grey", lw=0.8, label="depth by Kanagawa et al. (2015)")
+    axes.set(xlabel="r / a", ylabel="surface density over that of the start", yscale="log", ylim=(1e-3, None))
+    axes.set_title(f"q = {gap.ratio:.3g}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}, {gap.time:.0f} orbits")
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("directory", type=Path, help="output directory of a run")
+    parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder for table and figure")
+    parser.add_argument("--last", type=float, default=10.0, help="orbits, whose snapshots are averaged")
+    options = parser.parse_args()
+    try:
+        gap = Gap(options.directory, options.last)
+    except (Fault, SnapshotError) as fault:
+        sys.exit(str(fault))
+    options.output.mkdir(parents=True, exist_ok=True)
+    name = options.directory.resolve().name
+    draw(gap, options.output / f"{name}-gap.png")
+    with (options.output / f"{name}-gap.csv").open("w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(["radius", *gap.profiles, *(f"{kind} over start" for kind in gap.profiles), "pressure"])
+        rows.writerows(zip(gap.radius, *gap.profiles.values(), *map(gap.left, gap.profiles), gap.pressure, strict=True))
+    table = Table("", "depth", "theory", "depth / theory", "ring", "largest pressure")
+    depth = gap.depth("gas")
+    table.add_row(
+        "gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", "", f"{gap.summit(gap.pressure):.4g}"
+    )
+    for kind in list(gap.profiles)[1:]:
+        table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", f"{gap.summit(gap.profiles[kind]):.4g}", "")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
