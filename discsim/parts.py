@@ -160,6 +160,7 @@ EFFECTS = Parts(
         "self_gravity": "discsim.effects.self_gravity:Effect",
         "external": "discsim.effects.external:Effect",
         "drag": "discsim.effects.drag:Effect",
+        "damping": "discsim.effects.damping:Effect",
     },
 )
 

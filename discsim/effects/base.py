@@ -124,7 +124,9 @@ class Effect:
         """Change velocities or energies over dt, exactly if it can: as a force cannot, being stiff or no acceleration.
 
         The step calls it for half of it before the move, and for half after (`run/integrators.py`): what composes, as
-        exp(-dt/t) does, is of second order. Effects that leave it as it is are not called.
+        exp(-dt/t) does, is of second order. Velocities are then ahead of the places (`state.lag` below 0), and behind:
+        on a circle of frequency Omega they have turned by asin(Omega lag) against it. Effects that leave it as it is
+        are not called.
         """
 
     def move(self, state: State, dt: float) -> None:

@@ -1,6 +1,7 @@
 """Local equilibrium of a disc: the velocities at which gas and dust turn in balance with the forces on them.
 
-Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr, with g(r) the mean inward pull of star, companions and self-gravity at r.
+Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr, with g(r) the mean inward pull of star, companions and self-gravity at r,
+and v_r that its viscosity gives, where there is [alpha_viscosity].
 Dust: with drag the steady drift of Nakagawa, Sekiya & Hayashi (1986) for the local Stokes numbers and dust-to-gas
 ratios of all populations, which gas with two-way drag takes part in; one-way dust that for a ratio of zero. Without
 drag, or where `initial.dust_velocity` is "balance", circles: v_phi^2 / r = g(r).
@@ -8,6 +9,7 @@ drag, or where `initial.dust_velocity` is "balance", circles: v_phi^2 / r = g(r)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,13 +17,19 @@ import numpy as np
 from pydantic import Field
 
 from discsim.exact import nsh
+from discsim.initial import start_of
+from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.scene.fields import Default, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
 
+companions = Lazy("discsim.physics.companions")
+viscosity = Lazy("discsim.physics.viscosity")
+SLOW = 0.1  # of the sound speed, that a viscous flow is at most
 Array = np.ndarray
+RING = 32  # particles of a ring of which a mean is taken, least
 
 
 class Settled(Table):
@@ -64,6 +72,8 @@ class Balance:
             elif name == "gas":
                 # Alone its balance is exact, not to first order in the headwind.
                 lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
+            if name == "gas" and scene.table("alpha_viscosity") is not None:
+                radial = radial + viscous_flow(scene, disc, r)
         return radial, keplerian + lag
 
     def _drift(
@@ -97,15 +107,61 @@ def settle(state: State, effects: dict[str, Any]) -> None:
         particles.vel[:] = radial[:, None] * direction + azimuthal[:, None] * across
 
 
+def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
+    """Radial velocity (n,) of the gas that its viscosity moves; at an edge, where it has no limit, SLOW c_s at most."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flow = viscosity.radial_flow(scene, r, disc.surface_density)
+    most = SLOW * profile.sound_speed(scene, r, disc.surface_density(r))
+    return np.clip(np.where(np.isfinite(flow), flow, 0.0), -most, most)
+
+
+def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
+    """Radial and azimuthal velocity of the equilibrium (kinds, n, 2) at `radius` (n,): of the gas, if there is any, and
+    of each population of dust.
+
+    Of a start without a balance the mean over azimuth of the velocities that it has.
+    """
+    scene: Any = state.scene
+    kinds = [("gas", 0)] if state.gas is not None else []
+    kinds += [("dust", k) for k in range(len(scene.dust or ()))]
+    known = scene.model.given is not None or (scene.initial is not None and start_of(scene).radial is not None)
+    found = Balance(state, effects) if known else None
+    out = np.empty((len(kinds), len(radius), 2))
+    for row, (name, k) in enumerate(kinds):
+        if found is not None:
+            pos = np.stack([radius, np.zeros_like(radius)], axis=1)
+            species = np.full(len(radius), k) if name == "dust" else None
+            out[row] = np.stack(found.velocities(name, pos, species), axis=1)
+        else:
+            out[row] = _mean_velocities(state.species[name], k, radius)
+    return out
+
+
+def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
+    """Mean radial and azimuthal velocity (n, 2) at `radius` (n,), in rings of as many particles each."""
+    chosen = np.flatnonzero(getattr(particles, "species", np.zeros(particles.count, int)) == population)
+    pos, vel = particles.pos[chosen], particles.vel[chosen]
+    r = np.sqrt((pos**2).sum(axis=1))
+    order = np.argsort(r, kind="stable")
+    turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
+    rings = np.array_split(order, max(1, len(order) // max(RING, math.isqrt(len(order)))))
+    middle = [r[ring].mean() for ring in rings]
+    means = [[(values[ring] / r[ring]).mean() for ring in rings] for values in ((pos * vel).sum(axis=1), turning)]
+    return np.stack([np.interp(radius, middle, mean) for mean in means], axis=1)
+
+
 def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
-    """Inward acceleration by the star and self-gravity, averaged in azimuth, as a function of radius.
+    """Inward acceleration by the star, companions and self-gravity, averaged in azimuth, as a function of radius.
 
     Taken at the limiting particles: one-way dust must not change the gas.
     """
     star = state.scene.star
 
     def pull(radius: Array) -> Array:
-        return star.mass * radius / (radius**2 + star.softening**2) ** 1.5 if star else np.zeros(len(radius))
+        if not star:
+            return np.zeros(len(radius))
+        own = star.mass * radius / (radius**2 + star.softening**2) ** 1.5
+        return own if state.scene.table("companion") is None else own + companions.mean_pull(state.scene, radius)
 
     if "self_gravity" not in effects:
         return pull

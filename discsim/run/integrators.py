@@ -19,10 +19,11 @@ def kdk(step: "Operators", dt: float, until: float) -> None:
     """From an open closing kick to the next."""
     state = step.state
     step.kick(state.lag + 0.5 * dt)
+    state.lag = -0.5 * dt
     step.operate(0.5 * dt)
     step.move(dt)
-    step.operate(0.5 * dt, backwards=True)
     state.lag = 0.5 * dt
+    step.operate(0.5 * dt, backwards=True)
     state.arrive(dt, until)
     step.events()
     step.forces()
