@@ -139,6 +139,7 @@ STARTS = Parts(
     "discsim.starts",
     {
         "disc": "discsim.initial.disc:START",
+        "table": "discsim.initial.table:START",
         "box": "discsim.initial.box:START",
         "wave": "discsim.initial.wave:START",
         "shock": "discsim.initial.shock:START",

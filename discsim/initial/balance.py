@@ -24,6 +24,7 @@ from discsim.scene.fields import Default, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
+    from discsim.scene import Scene
 
 companions = Lazy("discsim.physics.companions")
 viscosity = Lazy("discsim.physics.viscosity")

@@ -44,6 +44,7 @@ class Start:
             guess for h, u (n,), species and immobile (n,).
         radial(scene): the disc that it is, as functions of the radius (`physics/profile.py`). None: it is none.
         settle(state, effects): velocities, once forces are known.
+        thermal_speed(scene, r): sqrt(P / Sigma) of a temperature of its own; None where gas.eos has it.
         cells(scene, x, dx): the same on a fixed grid of cells at x (n,), dx wide: density (n,), velocities (n,) by
             species, and u (n,) or None. None: there is no such start on a grid.
     What it goes with, of which the rules of scenes are made:
@@ -78,6 +79,7 @@ class Start:
     places: Callable[[Any], Places]
     radial: Callable[[Any], Radial] | None = None
     settle: Callable[[Any, dict[str, Any]], None] | None = None
+    thermal_speed: Callable[[Any, Array], Array | None] | None = None
     cells: Callable[[Any, Array, float], tuple[Array, Arrays, Array | None]] | None = None
     dimensions: tuple[int, ...] = (1, 2)
     boundary: Literal["open", "periodic"] | None = "periodic"
