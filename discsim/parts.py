@@ -139,6 +139,7 @@ STARTS = Parts(
     "discsim.starts",
     {
         "disc": "discsim.initial.disc:START",
+        "table": "discsim.initial.table:START",
         "box": "discsim.initial.box:START",
         "wave": "discsim.initial.wave:START",
         "shock": "discsim.initial.shock:START",
@@ -160,6 +161,7 @@ EFFECTS = Parts(
         "self_gravity": "discsim.effects.self_gravity:Effect",
         "external": "discsim.effects.external:Effect",
         "drag": "discsim.effects.drag:Effect",
+        "damping": "discsim.effects.damping:Effect",
     },
 )
 

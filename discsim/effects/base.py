@@ -2,7 +2,8 @@
 
 A force adds to `acc` and moves nothing. The kick turns `acc` into velocities: each species by itself, or one effect
 for all (`is_kick`), which solves the relaxation of gas and dust with the accelerations inside. A move changes places;
-an event runs once the particles have moved. Each effect may limit the step, and the loop knows which did.
+an operator changes velocities or energies over dt by itself, around the move; an event runs once the particles have
+moved. Each effect may limit the step, and the loop knows which did.
 """
 
 from __future__ import annotations
@@ -98,6 +99,9 @@ class Effect:
         """What it keeps on a grid of this shape."""
         return 0
 
+    def begin(self, state: State, effects: Mapping[str, Effect]) -> None:
+        """What it has to know of the start, once that has its velocities; of a run that goes on it is called too."""
+
     def accelerate(self, state: State) -> None:
         """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""
 
@@ -115,6 +119,15 @@ class Effect:
 
     def kick(self, state: State, dt: float) -> None:
         """Turn accelerations into velocities over dt: of its species, or of all where it `is_kick`."""
+
+    def operate(self, state: State, dt: float) -> None:
+        """Change velocities or energies over dt, exactly if it can: as a force cannot, being stiff or no acceleration.
+
+        The step calls it for half of it before the move, and for half after (`run/integrators.py`): what composes, as
+        exp(-dt/t) does, is of second order. Velocities are then ahead of the places (`state.lag` below 0), and behind:
+        on a circle of frequency Omega they have turned by asin(Omega lag) against it. Effects that leave it as it is
+        are not called.
+        """
 
     def move(self, state: State, dt: float) -> None:
         """Move its particles over dt."""

@@ -102,10 +102,11 @@ class Drag(base.Effect):
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))
 
-    def drift(self, state: State) -> np.ndarray:
-        """Radial and azimuthal velocity (n, 2) of the dust's steady drift, the latter beyond Kepler's."""
-        grains, out = state.dust, np.empty_like(state.dust.vel)
-        share(kernels.path_velocities, grains.count, grains.pos, grains.species, self._disc, out)
+    def drift(self, pos: np.ndarray, species: np.ndarray) -> np.ndarray:
+        """Radial and azimuthal velocity (n, 2) of the steady drift of populations `species` (n,), the latter beyond
+        Kepler's."""
+        out = np.empty_like(pos)
+        share(kernels.path_velocities, len(pos), pos, species, self._disc, out)
         return out
 
     @property

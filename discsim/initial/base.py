@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from discsim.initial.measure import ErrorMeasure
+from discsim.physics.profile import Radial
 from discsim.scene.fields import Table
 from discsim.scene.rules import Rule
 
@@ -41,7 +42,9 @@ class Start:
     What is made:
         particles(scene): arrays by species, pos, vel (n, d), mass (n,), and where it matters density (n,), a first
             guess for h, u (n,), species and immobile (n,).
+        radial(scene): the disc that it is, as functions of the radius (`physics/profile.py`). None: it is none.
         settle(state, effects): velocities, once forces are known.
+        thermal_speed(scene, r): sqrt(P / Sigma) of a temperature of its own; None where gas.eos has it.
         cells(scene, x, dx): the same on a fixed grid of cells at x (n,), dx wide: density (n,), velocities (n,) by
             species, and u (n,) or None. None: there is no such start on a grid.
     What it goes with, of which the rules of scenes are made:
@@ -74,7 +77,9 @@ class Start:
     keys: type[Table]
     particles: Callable[[Any], dict[str, dict[str, Any]]]
     places: Callable[[Any], Places]
+    radial: Callable[[Any], Radial] | None = None
     settle: Callable[[Any, dict[str, Any]], None] | None = None
+    thermal_speed: Callable[[Any, Array], Array | None] | None = None
     cells: Callable[[Any, Array, float], tuple[Array, Arrays, Array | None]] | None = None
     dimensions: tuple[int, ...] = (1, 2)
     boundary: Literal["open", "periodic"] | None = "periodic"

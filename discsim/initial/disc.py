@@ -1,27 +1,23 @@
-"""A disc with power laws and tapers: particles of equal mass on rings, turning in balance.
-
-Gas: v_phi^2 / r = GM/r^2 (softened) + g_self + (1/Sigma) dP/dr; with two-way drag gas and dust start at the
-velocities of Nakagawa, Sekiya & Hayashi (1986) for the local Stokes numbers and dust-to-gas ratios of all populations;
-one-way dust at those for a ratio of zero.
+"""A disc with power laws and tapers (`physics/profile.py`): particles of equal mass on rings (`rings.py`), turning in
+balance (`balance.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from math import log10
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from discsim.exact import nsh
-from discsim.initial import SPECIES, populations, random_stream
+from discsim.initial import balance, rings
 from discsim.initial.base import Places, Start
 from discsim.physics import profile
-from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity, Table
+from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity
 
 if TYPE_CHECKING:
-    from discsim.numerics.state import State
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
@@ -29,7 +25,7 @@ Array = np.ndarray
 ROOM = 1.15  # half of space over the outer radius of a disc
 
 
-class Disc(Table):
+class Disc(balance.Settled):
     """A disc with Sigma ~ r^-p around the origin."""
 
     kind: Literal["disc"] = "disc"
@@ -49,151 +45,16 @@ class Disc(Table):
     )
 
 
-def particles(scene: Scene) -> dict[str, dict[str, Array]]:
+def radial(scene: Scene) -> profile.Radial:
+    """The disc as functions of the radius."""
     start: Any = scene.initial
-    out = {}
-    if scene.gas is not None:
-        stream = random_stream(scene, "gas")
-        out["gas"] = _species(scene, stream, scene.gas.particles, start.inner, start.outer, 1.0, "even")
-    if scene.dust is not None:
-        own = random_stream(scene, "dust")
-        out["dust"] = populations(
-            scene,
-            lambda dust: _species(scene, own, dust.particles, *_range(start, dust), dust.ratio, dust.placement),
-        )
-    return out
-
-
-def _range(start: Any, population: Any) -> tuple[float, float]:
-    """Radii between which a population of dust is."""
-    return max(population.inner or 0.0, start.inner), min(population.outer or np.inf, start.outer)
-
-
-def _species(
-    scene: Scene, stream: np.random.Generator, count: int, inner: float, outer: float, ratio: float, placement: str
-) -> dict[str, Array]:
-    r = np.linspace(inner, outer, profile.SAMPLES)
-    mass = profile.scale(scene) * profile.cumulative(scene.initial, r)
-    if placement == "random":
-        radius = np.interp(stream.random(count) * mass[-1], mass, r)
-        angle = 2.0 * np.pi * stream.random(count)
-    else:
-        radius, angle = rings(r, mass / mass[-1] * count, stream)
-    if scene.initial.perturbation > 0.0:
-        angle = perturbed(scene, radius, angle)
-    pos = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return {
-        "pos": pos,
-        "vel": np.zeros_like(pos),
-        "mass": np.full(count, ratio * mass[-1] / count),
-        "density": profile.surface_density(scene, radius),
-    }
-
-
-def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, Array]:
-    """Radius and angle of particles, as far apart along rings as the rings are from each other.
-
-    `number` is the number of particles within each of the rising radii `r`; ring k holds those between two of
-    its values, at the radius that halves them, evenly spaced from a random angle.
-    """
-    count = round(number[-1])
-    per_area = np.gradient(number, r) / (2.0 * np.pi * r)
-    ring = np.concatenate([[0.0], np.cumsum(np.diff(r) * np.sqrt(0.5 * (per_area[1:] + per_area[:-1])))])
-    total = max(1, round(ring[-1]))
-    edges = np.round(np.interp(np.arange(total + 1) * ring[-1] / total, ring, number)).astype(int)
-    edges[0], edges[-1] = 0, count
-    held = np.diff(edges)
-    radius = np.interp(0.5 * (edges[1:] + edges[:-1]), number, r)
-    phase = stream.random(total)
-    place = np.arange(count) - np.repeat(edges[:-1], held)
-    angle = 2.0 * np.pi * (place + np.repeat(phase, held)) / np.repeat(held, held)
-    return np.repeat(radius, held), angle
-
-
-def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
-    """Angles (n,) moved so that their density is 1 + A sum_m cos(m phi + phase_m(r)) to first order, m = 2 to 6.
-
-    The seeds of spiral arms, leading and trailing: phases are random, ten from edge to edge and smooth
-    between. On quiet rings nothing else breaks the symmetry. Gas and dust share them.
-    """
-    from scipy.interpolate import make_interp_spline  # slow to import
-
-    start: Any = scene.initial
-    stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
-    nodes = np.linspace(start.inner, start.outer, 10)
-    moved = angle.copy()
-    for m in range(2, 7):
-        phase = make_interp_spline(nodes, 2.0 * np.pi * stream.random(len(nodes)), k=3)(radius)
-        moved -= start.perturbation / m * np.sin(m * angle + phase)
-    return moved
-
-
-def settle(state: State, effects: dict[str, Any]) -> None:
-    """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
-    scene = state.scene
-    gravity = _mean_gravity(state, effects)
-    for name, particles in state.species.items():
-        r = np.sqrt((particles.pos**2).sum(axis=1))
-        # Where gravity points outwards nothing can turn in balance; a start at rest is as good as any.
-        keplerian = np.sqrt(np.maximum(gravity(r) * r, 1e-300))
-        radial, lag = np.zeros(len(r)), np.zeros(len(r))
-        if scene.model.given is not None:
-            radial, lag = effects["drag"].drift(state).T
-        elif scene.gas is not None:
-            headwind = 0.5 * profile.pressure_acceleration(scene, r) * r / keplerian  # eta v_K
-            headwind[keplerian <= 1e-100] = 0.0
-            if "drag" in effects and (name == "dust" or scene.drag.direction == "two-way"):
-                radial, lag = _drift(scene, effects["drag"], name, particles, r, keplerian / r, headwind)
-            elif name == "gas":
-                # Alone its balance is exact, not to first order in the headwind.
-                lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
-        direction = particles.pos / r[:, None]
-        across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
-        particles.vel[:] = radial[:, None] * direction + (keplerian + lag)[:, None] * across
-
-
-def _drift(
-    scene: Scene, drag: Any, name: str, particles: Any, r: Array, omega: Array, headwind: Array
-) -> tuple[Array, Array]:
-    """Radial and azimuthal velocity (n,) relative to Keplerian of one species, with the populations that there are."""
-    density = profile.surface_density(scene, r)
-    sound = profile.sound_speed(scene, r, density)
-    stokes, loads = np.empty((2, len(scene.dust), len(r)))
-    for k, population in enumerate(scene.dust):
-        # Beyond an edge there is no gas: a limit keeps what is infinite from meeting what is 0.
-        stokes[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
-        there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
-        loads[k] = np.where(there & (scene.drag.direction == "two-way"), population.ratio, 0.0)
-    found = nsh.of_populations(stokes, loads, headwind)
-    if name == "gas":
-        return found.gas_radial, found.gas_azimuthal
-    own = particles.species, np.arange(len(r))
-    return found.dust_radial[own], found.dust_azimuthal[own]
-
-
-def _mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
-    """Inward acceleration by the star and self-gravity, averaged in azimuth, as a function of radius.
-
-    Taken at the limiting particles: one-way dust must not change the gas.
-    """
-    star = state.scene.star
-
-    def pull(radius: Array) -> Array:
-        return star.mass * radius / (radius**2 + star.softening**2) ** 1.5 if star else np.zeros(len(radius))
-
-    if "self_gravity" not in effects:
-        return pull
-    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting])
-    for p in state.species.values():
-        p.acc[:] = 0.0
-    effects["self_gravity"].accelerate(state)
-    inward = -np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting]) / r
-    edges = np.linspace(r.min(), r.max(), max(2, int(np.ptp(r) / state.grid.cell)) + 1)
-    number, _ = np.histogram(r, edges)
-    total, _ = np.histogram(r, edges, weights=inward)
-    filled = number > 0
-    centre, mean = 0.5 * (edges[1:] + edges[:-1])[filled], total[filled] / number[filled]
-    return lambda radius: pull(radius) + np.interp(radius, centre, mean)
+    return profile.Radial(
+        start.inner,
+        start.outer,
+        surface_density=partial(profile.surface_density, scene),
+        pressure_acceleration=partial(profile.pressure_acceleration, scene),
+        mass_within=lambda r: profile.scale(scene) * profile.cumulative(start, r),
+    )
 
 
 # Rules
@@ -272,11 +133,6 @@ def has_dust_within(draft: Draft) -> Iterator[Problem]:
 # Previews
 
 
-def edges(scene: Scene) -> tuple[float, float]:
-    start: Any = scene.initial
-    return start.inner, start.outer
-
-
 def places(scene: Scene) -> Places:
     """Where the tapers end, and the middle."""
     start: Any = scene.initial
@@ -293,12 +149,6 @@ def spread(scene: Scene) -> tuple[Places, Array]:
     return Places([], profile.surface_density(scene, r), r), weight
 
 
-def mass(scene: Scene, population: Any) -> float:
-    inner, outer = edges(scene) if population is None else _range(scene.initial, population)
-    radius = np.linspace(inner, max(inner, outer), profile.SAMPLES)
-    return profile.scale(scene) * float(profile.cumulative(scene.initial, radius)[-1])
-
-
 def warnings(scene: Scene) -> Iterator[str]:
     half, outer = 0.5 * min(scene.space.size), scene.initial.outer
     if half < ROOM * outer and scene.model.given is None:
@@ -311,17 +161,18 @@ def warnings(scene: Scene) -> Iterator[str]:
 
 START = Start(
     Disc,
-    particles,
+    rings.particles,
     places,
-    settle=settle,
+    radial=radial,
+    settle=balance.settle,
     dimensions=(2,),
     boundary="open",
     rules=(has_edges_in_space, has_finite_powers, has_one_mass, needs_a_centre, has_a_q, has_dust_within),
     kernel="quintic",  # quieter for its cost (analysis/noise.py)
-    masses=mass,
+    masses=rings.mass,
     spread=spread,
     on_lattice=False,
-    edges=edges,
+    edges=rings.edges,
     reference_density=profile.scale,
     warnings=warnings,
 )

@@ -100,6 +100,8 @@ class Ledger:
     accreted_dust: float = 0.0
     accreted_momentum: Array = field(default_factory=lambda: np.zeros(2))
     accreted_angular_momentum: float = 0.0
+    damped_momentum: Array = field(default_factory=lambda: np.zeros(2))
+    damped_angular_momentum: float = 0.0
 
 
 @dataclass
@@ -112,7 +114,7 @@ class State:
     grid: Grid | None
     time: float = 0.0
     step: int = 0
-    lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due
+    lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from discsim.parts import EOS
+from discsim.parts import EOS, STARTS
 from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
 from discsim.scene.rules import Draft, Problem, Rule
 
@@ -77,9 +77,10 @@ def _needs_star(draft: Draft) -> Iterator[Problem]:
 
 def _one_temperature(draft: Draft) -> Iterator[Problem]:
     eos = draft.gas.eos
+    brings = getattr(draft.start, "brings_pressure", False) or getattr(draft.initial, "brings_temperature", False)
     if eos.sound_speed is not None and eos.aspect_ratio is not None:
         yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
-    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not draft.start.brings_pressure:
+    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not brings:
         yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
     if eos.aspect_ratio is not None and not draft.has("star"):
         yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
@@ -102,10 +103,16 @@ class Eos:
     closes_energy = False  # whether the total energy of a run is to stay what it is
     one_speed = False  # whether sound has one speed, the table's, everywhere and at any time
     on_grid = False  # whether fluids on a fixed grid may have it
+    takes_temperature = False  # whether a start may bring a temperature of its own, in place of the table's
     rules: tuple[Rule, ...] = ()  # what a scene whose [gas] has it must have
 
     def thermal_speed(self, scene: Scene, r: Array) -> Array:
         """sqrt(P / rho) at radius `r` that the scene's temperature asks for; of adiabatic gas the initial one."""
+        own = _speed_of_start(scene, r) if self.takes_temperature else None
+        return self.scene_speed(scene, r) if own is None else own
+
+    def scene_speed(self, scene: Scene, r: Array) -> Array:
+        """The same by the temperature of the table, whatever the start brings."""
         return _speed_of_temperature(scene, r)
 
     def sound_speed(self, scene: Scene, r: Array, density: Array) -> Array:
@@ -119,6 +126,8 @@ class Eos:
     def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
         """`wave_speed` at the start, of whatever kind; None where the table does not say, as where it has no radius."""
         eos: Any = scene.gas.eos
+        if self.takes_temperature and r is not None and _speed_of_start(scene, r) is not None:
+            return self.wave_speed(scene, r, density)
         if getattr(eos, "sound_speed", None) is not None:
             return np.full_like(density, eos.sound_speed)
         if getattr(eos, "aspect_ratio", None) is not None and scene.star and r is not None:
@@ -171,6 +180,7 @@ class IsothermalGas(Eos):
 
 class LocallyIsothermalGas(Eos):
     keys = LocallyIsothermal
+    takes_temperature = True
     rules = (_needs_star,)
 
     def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
@@ -182,10 +192,10 @@ class AdiabaticGas(Eos):
     """A given sound speed is the adiabatic one, an aspect ratio the isothermal one."""
 
     keys = Adiabatic
-    holds_heat = closes_energy = on_grid = True
+    holds_heat = closes_energy = on_grid = takes_temperature = True
     rules = (_one_temperature,)
 
-    def thermal_speed(self, scene: Scene, r: Array) -> Array:
+    def scene_speed(self, scene: Scene, r: Array) -> Array:
         eos: Any = scene.gas.eos
         speed = _speed_of_temperature(scene, r)
         return speed if eos.aspect_ratio is not None else speed / np.sqrt(eos.gamma)
@@ -276,6 +286,14 @@ def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -
 def radius(pos: Array) -> Array:
     """Distance from the origin (n,)."""
     return np.sqrt(np.einsum("ij,ij->i", pos, pos))
+
+
+def _speed_of_start(scene: Scene, r: Array) -> Array | None:
+    """The speed of the temperature that the start brings at radius `r`; None where it brings none."""
+    if scene.initial is None or (speed := STARTS[scene.initial.kind].thermal_speed) is None:
+        return None
+    found: Array | None = speed(scene, np.asarray(r, dtype=float))
+    return found
 
 
 def _speed_of_temperature(scene: Scene, r: Array) -> Array:

@@ -7,6 +7,8 @@ of sound waves (of adiabatic gas the adiabatic one), or given.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +21,28 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 SAMPLES = 20_001
+
+
+@dataclass(frozen=True)
+class Radial:
+    """A disc as functions of radii (n,), in code units: of it starts make particles, and balance its velocities.
+
+    surface_density: of the gas. pressure_acceleration: -(1/Sigma) dP/dr. mass_within: of the gas between the first of
+    rising radii and each. dust_share: what multiplies the ratio of each population (None: 1).
+    """
+
+    inner: float
+    outer: float
+    surface_density: Callable[[Array], Array]
+    pressure_acceleration: Callable[[Array], Array]
+    mass_within: Callable[[Array], Array]
+    dust_share: Callable[[Array], Array] | None = None
+
+
+def radial(scene: Scene) -> Radial:
+    """The disc that the scene starts with."""
+    found: Radial = STARTS[scene.initial.kind].radial(scene)
+    return found
 
 
 def shape(start: Any, r: Array) -> Array:
@@ -37,7 +61,12 @@ def radii(start: Any) -> Array:
 
 def cumulative(start: Any, r: Array) -> Array:
     """Integral of 2 pi r Sigma / Sigma_ref up to each of the rising radii `r`, from the first of them."""
-    f = 2.0 * np.pi * r * shape(start, r)
+    return integral(r, shape(start, r))
+
+
+def integral(r: Array, density: Array) -> Array:
+    """Integral of 2 pi r density up to each of the rising radii `r`, from the first of them."""
+    f = 2.0 * np.pi * r * density
     return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(r))])
 
 

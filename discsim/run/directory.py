@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import socket
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+from discsim.output.files import written
+from discsim.scene import Scene, tomltext
+from discsim.scene.loading import files_of
 
 try:
     import fcntl
@@ -57,6 +65,27 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
         way_on = ", or --resume" if "checkpoint.h5" in left else ""
         return f"{holds}; expected another directory{way_on}"
     return None
+
+
+def with_own_files(scene: Scene, directory: Path) -> Scene:
+    """The scene with copies in `directory` of the files that it names, so that the run there needs nothing else.
+
+    Raises OSError.
+    """
+    data: dict[str, Any] = tomllib.loads(scene.text)
+    values: list[tuple[list[str], str]] = []
+    update: dict[str, Any] = {}
+    for table, key, file in files_of(dict(scene)):
+        path = directory / f"{table}{file.path.suffix}"
+        if file.path != path.absolute():
+            with written(path) as temporary:
+                shutil.copyfile(file.path, temporary)
+        values.append(([table, key], path.name))
+        tomltext.with_value(data, [table, key], path.name)
+        update[table] = scene.table(table).model_copy(update={key: replace(file, path=path.absolute())})
+    if not values:
+        return scene
+    return scene.model_copy(update={**update, "text": tomltext.edited(scene.text, data, values, [])})
 
 
 def only_begun(directory: Path) -> bool:

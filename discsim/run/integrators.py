@@ -1,7 +1,7 @@
 """How a step is put together, one function an integrator, named in `run.integrator`.
 
-    kdk     kick(dt/2)  drift(dt)  events  forces  kick(dt/2)
-    euler   kick(dt)  drift(dt), with the velocities before the kick  events  forces
+    kdk     kick(dt/2)  operate(dt/2)  drift(dt)  operate(dt/2)  events  forces  kick(dt/2)
+    euler   kick(dt)  operate(dt)  drift(dt), with the velocities before the kick  events  forces
 
 A kick turns accelerations into velocities; where an effect owns it, as drag does, it is the exact relaxation of gas and
 dust with the accelerations inside. The closing kick of a step and the opening kick of the next have the same sources,
@@ -19,8 +19,11 @@ def kdk(step: "Operators", dt: float, until: float) -> None:
     """From an open closing kick to the next."""
     state = step.state
     step.kick(state.lag + 0.5 * dt)
+    state.lag = -0.5 * dt
+    step.operate(0.5 * dt)
     step.move(dt)
     state.lag = 0.5 * dt
+    step.operate(0.5 * dt, backwards=True)
     state.arrive(dt, until)
     step.events()
     step.forces()
@@ -31,6 +34,7 @@ def euler(step: "Operators", dt: float, until: float) -> None:
     state = step.state
     other = {name: p.vel.copy() for name, p in state.species.items()}
     step.kick(dt)
+    step.operate(dt)
     for name, p in state.species.items():
         p.vel, other[name] = other[name], p.vel
     step.move(dt)

@@ -1,4 +1,4 @@
-"""The four operators that a step is made of: kick, move, events and forces of all effects."""
+"""The operators that a step is made of: kick, what acts around the move, move, events and forces of all effects."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ class Operators:
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         self.state, self.effects = state, effects
+        self.operating = [name for name in effects if type(effects[name]).operate is not Effect.operate]
         self.costs = Costs(effects)
         self.limits = Limits()
 
@@ -38,6 +39,12 @@ class Operators:
         if self.state.lag > 0.0:
             self.kick(self.state.lag)
             self.state.lag = 0.0
+
+    def operate(self, dt: float, backwards: bool = False) -> None:
+        """What changes velocities or energies by itself over dt, one after another, or in the opposite order."""
+        for name in self.operating[:: -1 if backwards else 1]:
+            with self.costs(name):
+                self.effects[name].operate(self.state, dt)
 
     def move(self, dt: float) -> None:
         for name, effect in self.effects.items():

@@ -27,7 +27,7 @@ from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
 from discsim.preview.forecast import learn
 from discsim.run import ahead
-from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep
+from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
 from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
@@ -145,6 +145,7 @@ class _Run:
             self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
             return DONE
         self._announce(locked)
+        self.scene = with_own_files(self.scene, self.directory)
         self.sim = Simulation(self.scene)
         if cache.temporary:
             why = "numba's own places cannot be written; NUMBA_CACHE_DIR names another"

@@ -62,6 +62,8 @@ class Simulation:
             if settle is not None:
                 with np.errstate(**OVERFLOWS):
                     settle(self.state, effects)
+            for effect in effects.values():
+                effect.begin(self.state, effects)
         except ValueError as error:
             raise SceneError([str(error)]) from error
         except (FloatingPointError, ZeroDivisionError, OverflowError) as error:

@@ -6,9 +6,11 @@ while the table is validated, with the scene's `Units` as the validation context
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
@@ -175,6 +177,30 @@ Density = Annotated[float, Measure("density")]
 SurfaceDensity = Annotated[float, Measure("surface_density")]
 VelocityVector = Annotated[tuple[float, ...], Measure("velocity", vector=True)]
 AccelerationVector = Annotated[tuple[float, ...], Measure("acceleration", vector=True)]
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that a scene names, with the digest of its content: what holds the same is equal, wherever it is."""
+
+    path: Path = field(compare=False)
+    digest: str
+
+    def __str__(self) -> str:
+        return f'"{self.path.name}"'
+
+    @classmethod
+    def read(cls, value: Any, info: ValidationInfo) -> InputFile:
+        """The file that `value` names, relative to the scene's folder."""
+        if not isinstance(value, str) or not value:
+            raise fault(f'{shown(value)} is no path; expected one in quotes, like "profile.txt"')
+        path = (info.context or {}).get("folder", Path()) / Path(value).expanduser()
+        try:
+            with path.open("rb") as file:
+                return cls(path.absolute(), hashlib.file_digest(file, "sha256").hexdigest())
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise fault(f"{shown(value)}: {path}: {reason.lower()}; expected a file, relative to the scene's") from None
 
 
 class Table(BaseModel):

@@ -6,7 +6,7 @@ effect runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, MODELS, STARTS, found_at
 from discsim.scene import tables, tomltext
-from discsim.scene.fields import shown
+from discsim.scene.fields import InputFile, shown
 from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
 from discsim.scene.overrides import changed
 from discsim.scene.reading import parsed, plain, read, refuse_deep
@@ -26,6 +26,7 @@ from discsim.scene.tables import REQUIRED, TABLES, optional_tables
 from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
+    from discsim.effects.damping import Keys as Damping
     from discsim.effects.drag import Keys as Drag
     from discsim.effects.dust import Keys as Dust
     from discsim.effects.external import Keys as External
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
 else:  # imported only where a scene has them
-    Background = Drag = Dust = External = Gas = SelfGravity = Star = Any
+    Background = Damping = Drag = Dust = External = Gas = SelfGravity = Star = Any
 
 
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
@@ -58,6 +59,7 @@ class Scene(BaseModel):
     self_gravity: SelfGravity | None = None
     star: Star | None = None
     external: External | None = None
+    damping: Damping | None = None
     others: dict[str, Any] = {}  # tables of effects that other packages bring
     text: str
     path: Path | None = None
@@ -98,10 +100,12 @@ def load_scene(
     without: Sequence[str] = (),
     *,
     own_particles: bool = False,
+    folder: Path | None = None,
 ) -> Scene:
     """Read and validate a scene file or dict, with `overrides` ("table.key=value") and `without` (tables).
 
     Where the caller has `own_particles`, the scene needs no [initial], and no numbers of particles (1 stands for them).
+    folder: from which files are looked for that the scene names; that of a scene file, else the working directory.
     Raises SceneError with every fault.
     """
     if isinstance(source, dict):
@@ -114,15 +118,26 @@ def load_scene(
         refuse_deep(data, f"{path}:1")
     origins = Origins(path, text)
     values, removed, problems = changed(data, overrides, without, origins)
-    found, faults = _validated(data, own_particles)
+    found, faults = _validated(data, own_particles, folder or (path.parent if path else Path()))
     problems += [message(fault, origins) for fault in faults]
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
-    text = tomltext.edited(text, data, values, removed) if path else tomltext.dumped(data)
+    named = [([table, key], str(file.path)) for table, key, file in files_of(found)]
+    for where, place in named:  # so that the text can be read from anywhere
+        tomltext.with_value(data, where, place)
+    text = tomltext.edited(text, data, [*values, *named], removed) if path else tomltext.dumped(data)
     return Scene(**found, text=text, path=path)
 
 
-def _validated(data: dict[str, Any], own_particles: bool) -> tuple[dict[str, Any], list[Problem]]:
+def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:
+    """The files that tables name, with the names of their table and key."""
+    for name, table in tables.items():
+        for key, value in table if isinstance(table, BaseModel) else ():
+            if isinstance(value, InputFile):
+                yield name, key, value
+
+
+def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """The parts of the Scene that could be read, and every fault."""
     faults: list[Problem] = [
         ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}")
@@ -143,7 +158,7 @@ def _validated(data: dict[str, Any], own_particles: bool) -> tuple[dict[str, Any
     filled = _filled(data, own_particles)
     for name in TABLES:
         if name in data and name != "units":
-            found[name], table_faults = _table(name, filled[name], data[name], units)
+            found[name], table_faults = _table(name, filled[name], data[name], units, folder)
             faults += table_faults
             if table_faults:
                 del found[name]
@@ -227,13 +242,13 @@ def _adapter(name: str) -> TypeAdapter[Any]:
     return TypeAdapter(TABLES[name])
 
 
-def _table(name: str, filled: Any, raw: Any, units: Units) -> tuple[Any, list[Problem]]:
+def _table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()) -> tuple[Any, list[Problem]]:
     if not isinstance(raw, dict) and not (name == "dust" and isinstance(raw, list)):
         return None, [((name,), f"{shown(raw)} is not a table; expected [{name}] with its keys")]
     if raw == []:
         return None, [((name,), f"an empty list; expected [{name}] or [[{name}]]")]
     try:
-        return _adapter(name).validate_python(filled, context={"units": units}), []
+        return _adapter(name).validate_python(filled, context={"units": units, "folder": folder}), []
     except ValidationError as error:
         details = without_echoes(error.errors(include_url=False))
         return None, [_as_written(explained(name, detail, filled, units), {name: raw}) for detail in details]

@@ -5,7 +5,7 @@ import pytest
 
 from discsim import Simulation, load_scene
 from discsim.exact import nsh
-from discsim.initial.disc import perturbed
+from discsim.initial.rings import perturbed
 from discsim.physics import profile
 
 ASPECT = 0.05

@@ -1,0 +1,115 @@
+"""Calm edges: in zones velocities relax to the local equilibrium, dv/dt = -(v - v*(r)) R(r), exactly at any step.
+
+R = x^2 / tau, with x from 0 at the end of a zone that faces the disc to 1 at its far end, and tau `time` orbits there
+(de Val-Borro et al. 2006, sec. 3.2). v* is that of the start at each radius: the velocities of its balance, of dust its
+drift, or where a start has none (a snapshot, own particles) the mean over azimuth of the particles that it begins with.
+What it takes of momentum and angular momentum goes to the ledger. It limits no step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field
+
+from discsim.effects import base
+from discsim.initial import balance
+from discsim.numerics.state import State
+from discsim.numerics.threads import share
+from discsim.parts import Lazy
+from discsim.physics import profile
+from discsim.scene.fields import Length, Number, Table, Words
+from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
+kernels = Lazy("discsim.kernels.damping")
+DAMPED = 12.0  # CPU nanoseconds of a particle in a step
+NODES, BEYOND = 4096, 8.0  # of the table in ln r, which goes on to this factor beyond the zones
+NONE = np.zeros(0, np.int64)
+
+Zone = Annotated[tuple[Length, Length], Words("two lengths: [from, to]")]
+
+
+class Keys(Table):
+    """Velocities relax to the local equilibrium in zones at the edges."""
+
+    inner: Zone | None = Field(None, description="zone at the inner edge: all of it at the first radius and within")
+    outer: Zone | None = Field(None, description="zone at the outer edge: all of it at the second radius and beyond")
+    time: Number = Field(0.3, gt=0, description="relaxation time in orbits at the far end of the zone")
+
+
+def _zones(draft: Draft) -> Iterator[Problem]:
+    damping = draft.damping
+    if damping.inner is None and damping.outer is None:
+        yield ("damping",), "no zone is there; expected inner = [from, to], outer = [from, to], or both"
+    for key in ("inner", "outer"):
+        zone = getattr(damping, key)
+        if zone is not None and not 0.0 < zone[0] < zone[1]:
+            yield ("damping", key), "not two rising radii; expected [from, to] with 0 < from < to"
+
+
+def _about_a_star(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("star"):
+        yield ("damping",), "its time is in orbits about a star; expected a table [star] too"
+    elif draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
+        yield ("space",), 'zones of [damping] lie about a star; expected dimensions = 2 and boundary = "open"'
+
+
+class Effect(base.Effect):
+    keys = Keys
+    rules = (_zones, _about_a_star)
+    acts_on = ()
+
+    def __init__(self, scene: Scene, state: State) -> None:
+        self.scene = scene
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        return DAMPED * (counts.gas + counts.dust)
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        inner, outer = scene.table("damping").inner, scene.table("damping").outer
+        if inner and outer and inner[1] > outer[0]:
+            yield "damping.inner reaches into damping.outer: no gas between them is free; set them apart"
+
+    def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
+        keys, star = self.scene.table("damping"), self.scene.star
+        assert star is not None
+        ends = [(zone[::-1], zone[0]) for zone in (keys.inner,) if zone] + [
+            (zone, zone[1]) for zone in (keys.outer,) if zone
+        ]
+        rates = [float(profile.kepler_omega(self.scene, far)) / (2.0 * math.pi * keys.time) for _, far in ends]
+        first, last = (math.log(pick(far for _, far in ends)) for pick in (min, max))
+        first, last = first - math.log(BEYOND), last + math.log(BEYOND)
+        radius = np.exp(np.linspace(first, last, NODES))
+        circles = radius * profile.kepler_omega(self.scene, radius)
+        self.zones = kernels.Zones(
+            np.array([[*ends_of, rate] for (ends_of, _), rate in zip(ends, rates, strict=True)]),
+            first,
+            (NODES - 1) / (last - first),
+            balance.tabulated(state, dict(effects), radius) / circles[:, None],
+            star.mass,
+            star.softening,
+        )
+
+    def operate(self, state: State, dt: float) -> None:
+        # Grains in a given disc move on circles by themselves: their velocities turn with them.
+        ahead = 0.0 if self.scene.model.given is not None else -state.lag
+        for name, p in state.species.items():
+            kind = 0 if name == "gas" else int(state.gas is not None)
+            species = NONE if name == "gas" else p.species  # type: ignore[attr-defined]
+            given = p.pos, p.vel, p.mass, species, kind, self.centre(state), self.zones, ahead, dt
+            lost = np.array(share(kernels.relax, p.count, *given)).reshape(-1, 3).sum(axis=0)
+            state.ledger.damped_momentum += lost[:2]
+            state.ledger.damped_angular_momentum += float(lost[2])
+
+    def centre(self, state: State) -> np.ndarray:
+        """Place and velocity (4,) of the star, about which the zones lie."""
+        return np.zeros(4)

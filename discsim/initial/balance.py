@@ -1,0 +1,179 @@
+"""Local equilibrium of a disc: the velocities at which gas and dust turn in balance with the forces on them.
+
+Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr, with g(r) the mean inward pull of star, companions and self-gravity at r,
+and v_r that its viscosity gives, where there is [alpha_viscosity].
+Dust: with drag the steady drift of Nakagawa, Sekiya & Hayashi (1986) for the local Stokes numbers and dust-to-gas
+ratios of all populations, which gas with two-way drag takes part in; one-way dust that for a ratio of zero. Without
+drag, or where `initial.dust_velocity` is "balance", circles: v_phi^2 / r = g(r).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from discsim.exact import nsh
+from discsim.initial import start_of
+from discsim.parts import Lazy
+from discsim.physics import profile
+from discsim.scene.fields import Default, Table
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import State
+    from discsim.scene import Scene
+
+companions = Lazy("discsim.physics.companions")
+viscosity = Lazy("discsim.physics.viscosity")
+SLOW = 0.1  # of the sound speed, that a viscous flow is at most
+Array = np.ndarray
+RING = 32  # particles of a ring of which a mean is taken, least
+
+
+class Settled(Table):
+    """Keys of a start whose velocities are those of balance."""
+
+    dust_velocity: Annotated[
+        Literal["balance", "drift"] | None, Default('"drift" where dust drags gas or gas dust, else "balance"')
+    ] = Field(
+        None, description='circles about the centre, or "drift": the steady drift of all populations with the gas'
+    )
+
+
+class Balance:
+    """The equilibrium of a disc whose particles are those of `state`, under the forces of `effects`.
+
+    Self-gravity and companions count by their mean at each radius.
+    """
+
+    def __init__(self, state: State, effects: dict[str, Any]) -> None:
+        self.scene, self.effects = state.scene, effects
+        self.gravity = mean_gravity(state, effects)
+        self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
+
+    def velocities(self, name: str, pos: Array, species: Array | None) -> tuple[Array, Array]:
+        """Radial and azimuthal velocity (n,) of gas, or of dust of the populations `species` (n,), at `pos` (n, 2)."""
+        scene = self.scene
+        r = np.sqrt((pos**2).sum(axis=1))
+        # Where gravity points outwards nothing can turn in balance; a start at rest is as good as any.
+        keplerian = np.sqrt(np.maximum(self.gravity(r) * r, 1e-300))
+        radial, lag = np.zeros(len(r)), np.zeros(len(r))
+        if scene.model.given is not None:
+            if self.drifts:
+                radial, lag = self.effects["drag"].drift(pos, species).T
+        elif scene.gas is not None:
+            disc = profile.radial(scene)
+            headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
+            headwind[keplerian <= 1e-100] = 0.0
+            if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
+                radial, lag = self._drift(disc, species, r, keplerian / r, headwind)
+            elif name == "gas":
+                # Alone its balance is exact, not to first order in the headwind.
+                lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
+            if name == "gas" and scene.table("alpha_viscosity") is not None:
+                radial = radial + viscous_flow(scene, disc, r)
+        return radial, keplerian + lag
+
+    def _drift(
+        self, disc: profile.Radial, species: Array | None, r: Array, omega: Array, headwind: Array
+    ) -> tuple[Array, Array]:
+        """Radial and azimuthal velocity (n,) relative to Keplerian, with the populations that there are; None: gas."""
+        scene, drag = self.scene, self.effects["drag"]
+        density = disc.surface_density(r)
+        sound = profile.sound_speed(scene, r, density)
+        stokes, loads = np.empty((2, len(scene.dust), len(r)))
+        for k, population in enumerate(scene.dust):
+            # Beyond an edge there is no gas: a limit keeps what is infinite from meeting what is 0.
+            stokes[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
+            ratio = population.ratio if disc.dust_share is None else population.ratio * disc.dust_share(r)
+            there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
+            loads[k] = np.where(there & (scene.drag.direction == "two-way"), ratio, 0.0)
+        found = nsh.of_populations(stokes, loads, headwind)
+        if species is None:
+            return found.gas_radial, found.gas_azimuthal
+        own = species, np.arange(len(r))
+        return found.dust_radial[own], found.dust_azimuthal[own]
+
+
+def settle(state: State, effects: dict[str, Any]) -> None:
+    """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
+    found = Balance(state, effects)
+    for name, particles in state.species.items():
+        radial, azimuthal = found.velocities(name, particles.pos, getattr(particles, "species", None))
+        direction = particles.pos / np.sqrt((particles.pos**2).sum(axis=1))[:, None]
+        across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+        particles.vel[:] = radial[:, None] * direction + azimuthal[:, None] * across
+
+
+def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
+    """Radial velocity (n,) of the gas that its viscosity moves; at an edge, where it has no limit, SLOW c_s at most."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flow = viscosity.radial_flow(scene, r, disc.surface_density)
+    most = SLOW * profile.sound_speed(scene, r, disc.surface_density(r))
+    return np.clip(np.where(np.isfinite(flow), flow, 0.0), -most, most)
+
+
+def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
+    """Radial and azimuthal velocity of the equilibrium (kinds, n, 2) at `radius` (n,): of the gas, if there is any, and
+    of each population of dust.
+
+    Of a start without a balance the mean over azimuth of the velocities that it has.
+    """
+    scene: Any = state.scene
+    kinds = [("gas", 0)] if state.gas is not None else []
+    kinds += [("dust", k) for k in range(len(scene.dust or ()))]
+    known = scene.model.given is not None or (scene.initial is not None and start_of(scene).radial is not None)
+    found = Balance(state, effects) if known else None
+    out = np.empty((len(kinds), len(radius), 2))
+    for row, (name, k) in enumerate(kinds):
+        if found is not None:
+            pos = np.stack([radius, np.zeros_like(radius)], axis=1)
+            species = np.full(len(radius), k) if name == "dust" else None
+            out[row] = np.stack(found.velocities(name, pos, species), axis=1)
+        else:
+            out[row] = _mean_velocities(state.species[name], k, radius)
+    return out
+
+
+def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
+    """Mean radial and azimuthal velocity (n, 2) at `radius` (n,), in rings of as many particles each."""
+    chosen = np.flatnonzero(getattr(particles, "species", np.zeros(particles.count, int)) == population)
+    pos, vel = particles.pos[chosen], particles.vel[chosen]
+    r = np.sqrt((pos**2).sum(axis=1))
+    order = np.argsort(r, kind="stable")
+    turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
+    rings = np.array_split(order, max(1, len(order) // max(RING, math.isqrt(len(order)))))
+    middle = [r[ring].mean() for ring in rings]
+    means = [[(values[ring] / r[ring]).mean() for ring in rings] for values in ((pos * vel).sum(axis=1), turning)]
+    return np.stack([np.interp(radius, middle, mean) for mean in means], axis=1)
+
+
+def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
+    """Inward acceleration by the star, companions and self-gravity, averaged in azimuth, as a function of radius.
+
+    Taken at the limiting particles: one-way dust must not change the gas.
+    """
+    star = state.scene.star
+
+    def pull(radius: Array) -> Array:
+        if not star:
+            return np.zeros(len(radius))
+        own = star.mass * radius / (radius**2 + star.softening**2) ** 1.5
+        return own if state.scene.table("companion") is None else own + companions.mean_pull(state.scene, radius)
+
+    if "self_gravity" not in effects:
+        return pull
+    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting])
+    for p in state.species.values():
+        p.acc[:] = 0.0
+    effects["self_gravity"].accelerate(state)
+    inward = -np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting]) / r
+    edges = np.linspace(r.min(), r.max(), max(2, int(np.ptp(r) / state.grid.cell)) + 1)
+    number, _ = np.histogram(r, edges)
+    total, _ = np.histogram(r, edges, weights=inward)
+    filled = number > 0
+    centre, mean = 0.5 * (edges[1:] + edges[:-1])[filled], total[filled] / number[filled]
+    return lambda radius: pull(radius) + np.interp(radius, centre, mean)

@@ -1,0 +1,108 @@
+"""Particles of a disc that is known as functions of the radius (`physics/profile.py`), of equal mass, on rings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.initial import SPECIES, populations, random_stream
+from discsim.physics import profile
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+
+
+def particles(scene: Scene) -> dict[str, dict[str, Array]]:
+    """Gas, and each population of dust between its radii, of the start's disc; at rest."""
+    disc = profile.radial(scene)
+    out = {}
+    if scene.gas is not None:
+        stream = random_stream(scene, "gas")
+        out["gas"] = _species(scene, disc, stream, scene.gas.particles, None)
+    if scene.dust is not None:
+        own = random_stream(scene, "dust")
+        out["dust"] = populations(scene, lambda dust: _species(scene, disc, own, dust.particles, dust))
+    return out
+
+
+def edges(scene: Scene) -> tuple[float, float]:
+    disc = profile.radial(scene)
+    return disc.inner, disc.outer
+
+
+def mass(scene: Scene, population: Any) -> float:
+    """Mass of the gas where a population is; dust's is that times its ratio."""
+    return float(_mass_within(profile.radial(scene), population)[1][-1])
+
+
+def _mass_within(disc: profile.Radial, population: Any) -> tuple[Array, Array]:
+    """Radii from edge to edge, and the mass of gas, or of dust of a ratio of 1, within each of them."""
+    inner, outer = disc.inner, disc.outer
+    if population is not None:
+        inner, outer = max(population.inner or 0.0, inner), min(population.outer or np.inf, outer)
+    r = np.linspace(inner, max(inner, outer), profile.SAMPLES)
+    if population is None or disc.dust_share is None:
+        return r, disc.mass_within(r)
+    return r, profile.integral(r, disc.surface_density(r) * disc.dust_share(r))
+
+
+def _species(
+    scene: Scene, disc: profile.Radial, stream: np.random.Generator, count: int, population: Any
+) -> dict[str, Array]:
+    r, mass = _mass_within(disc, population)
+    ratio, placement = (1.0, "even") if population is None else (population.ratio, population.placement)
+    if placement == "random":
+        radius = np.interp(stream.random(count) * mass[-1], mass, r)
+        angle = 2.0 * np.pi * stream.random(count)
+    else:
+        radius, angle = rings(r, mass / mass[-1] * count, stream)
+    if getattr(scene.initial, "perturbation", 0.0) > 0.0:
+        angle = perturbed(scene, radius, angle)
+    pos = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return {
+        "pos": pos,
+        "vel": np.zeros_like(pos),
+        "mass": np.full(count, ratio * mass[-1] / count),
+        "density": disc.surface_density(radius),
+    }
+
+
+def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, Array]:
+    """Radius and angle of particles, as far apart along rings as the rings are from each other.
+
+    `number` is the number of particles within each of the rising radii `r`; ring k holds those between two of
+    its values, at the radius that halves them, evenly spaced from a random angle.
+    """
+    count = round(number[-1])
+    per_area = np.gradient(number, r) / (2.0 * np.pi * r)
+    ring = np.concatenate([[0.0], np.cumsum(np.diff(r) * np.sqrt(0.5 * (per_area[1:] + per_area[:-1])))])
+    total = max(1, round(ring[-1]))
+    edges = np.round(np.interp(np.arange(total + 1) * ring[-1] / total, ring, number)).astype(int)
+    edges[0], edges[-1] = 0, count
+    held = np.diff(edges)
+    radius = np.interp(0.5 * (edges[1:] + edges[:-1]), number, r)
+    phase = stream.random(total)
+    place = np.arange(count) - np.repeat(edges[:-1], held)
+    angle = 2.0 * np.pi * (place + np.repeat(phase, held)) / np.repeat(held, held)
+    return np.repeat(radius, held), angle
+
+
+def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
+    """Angles (n,) moved so that their density is 1 + A sum_m cos(m phi + phase_m(r)) to first order, m = 2 to 6.
+
+    The seeds of spiral arms, leading and trailing: phases are random, ten from edge to edge and smooth
+    between. On quiet rings nothing else breaks the symmetry. Gas and dust share them.
+    """
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    start: Any = scene.initial
+    stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
+    nodes = np.linspace(start.inner, start.outer, 10)
+    moved = angle.copy()
+    for m in range(2, 7):
+        phase = make_interp_spline(nodes, 2.0 * np.pi * stream.random(len(nodes)), k=3)(radius)
+        moved -= start.perturbation / m * np.sin(m * angle + phase)
+    return moved

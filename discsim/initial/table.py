@@ -1,0 +1,169 @@
+"""A disc whose Sigma(r), and perhaps T(r) and dust-to-gas ratio, are columns of a file (`physics/columns.py`).
+
+Particles of equal mass on rings (`rings.py`) from the first radius of the file to the last, turning in balance
+(`balance.py`) with the pull of the pressure -(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r of its smooth columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from discsim.initial import balance, rings
+from discsim.initial.base import Places, Start
+from discsim.initial.disc import has_dust_within, has_edges_in_space, needs_a_centre
+from discsim.initial.disc import warnings as room
+from discsim.parts import EOS
+from discsim.physics import profile
+from discsim.physics.columns import ColumnsFile
+from discsim.physics.eos import eos_of
+from discsim.scene.fields import Length
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+    from discsim.scene.rules import Draft, Problem
+
+Array = np.ndarray
+FAR = 0.05  # of the sound speed of gas.eos, that the table's may differ from it without a word
+
+
+class FromTable(balance.Settled):
+    """A disc whose Sigma(r), T(r) and dust-to-gas ratio are columns of a file."""
+
+    kind: Literal["table"] = "table"
+    file: ColumnsFile = Field(
+        description="columns r, Sigma, and if wanted T, in place of the temperature of gas.eos, and ratio, of all "
+        "populations together, of which dust.ratio then says the proportions; units in the header: "
+        '"# r [au]  Sigma [g/cm2]  T [K]  ratio"'
+    )
+    reference_radius: Length = Field(1.0, gt=0, description="of orbits, and of laws that refer to a surface density")
+
+    @property
+    def inner(self) -> float:
+        return self.file.inner
+
+    @property
+    def outer(self) -> float:
+        return self.file.outer
+
+    @property
+    def brings_temperature(self) -> bool:
+        return self.file.has("T")
+
+    @property
+    def inner_taper(self) -> float:
+        return 0.0
+
+    outer_taper = inner_taper
+
+
+def thermal_speed(scene: Scene, r: Array) -> Array | None:
+    """sqrt(P / Sigma) (n,) of the column T at radii (n,); None where there is no such column."""
+    file: Any = scene.initial.file
+    if not file.has("T"):
+        return None
+    return np.sqrt(file.speed2(r, scene.gas.eos.mean_molecular_weight, scene.units.cgs("velocity")))
+
+
+def radial(scene: Scene) -> profile.Radial:
+    file: Any = scene.initial.file
+
+    def surface_density(r: Array) -> Array:
+        return np.where((r >= file.inner) & (r <= file.outer), file.value("Sigma", r), 0.0)
+
+    def pressure_acceleration(r: Array) -> Array:
+        speed2 = profile.sound_speed(scene, r, file.value("Sigma", r)) ** 2
+        cooler = -file.slope("T", r) if file.has("T") else eos_of(scene).temperature_slope(scene.gas.eos)
+        out = speed2 / r * (cooler - file.slope("Sigma", r))
+        # As of a taper: no rotation balances a fall within less than H = c_s / Omega.
+        steepest = np.sqrt(speed2) * profile.kepler_omega(scene, r) if scene.star else np.inf
+        return np.clip(out, -steepest, steepest)
+
+    def dust_share(r: Array) -> Array:
+        return file.ratio(r) / sum(population.ratio for population in scene.dust or ())
+
+    return profile.Radial(
+        file.inner,
+        file.outer,
+        surface_density,
+        pressure_acceleration,
+        mass_within=lambda r: profile.integral(r, surface_density(r)),
+        dust_share=dust_share if file.has("ratio") else None,
+    )
+
+
+def reference_density(scene: Scene) -> float:
+    start: Any = scene.initial
+    return float(start.file.value("Sigma", np.array([start.reference_radius]))[0])
+
+
+def places(scene: Scene) -> Places:
+    """The edges, and the middle."""
+    file: Any = scene.initial.file
+    radius = np.array([file.inner, 0.5 * (file.inner + file.outer), file.outer])
+    return Places([scene.units.show(r, "length") for r in radius], file.value("Sigma", radius), radius)
+
+
+def spread(scene: Scene) -> tuple[Places, Array]:
+    file: Any = scene.initial.file
+    r = np.linspace(file.inner, file.outer, profile.SAMPLES)
+    density = file.value("Sigma", r)
+    return Places([], density, r), r * density
+
+
+def warnings(scene: Scene) -> Iterator[str]:
+    yield from room(scene)
+    file, gas = scene.initial.file, scene.gas
+    if gas is None or not file.has("T") or getattr(gas.eos, "aspect_ratio", None) is None or scene.star is None:
+        return
+    r = file.values["r"]
+    of_scene = eos_of(scene).scene_speed(scene, r)
+    ratio = thermal_speed(scene, r) / of_scene
+    worst = int(np.argmax(np.abs(np.log(ratio))))
+    if abs(ratio[worst] - 1.0) > FAR:
+        yield (
+            f"T of initial.file makes H/r {ratio[worst]:.3g} times that of gas.eos at "
+            f"{scene.units.show(r[worst], 'length')}, and holds: leave the column out, or take gas.eos from it"
+        )
+
+
+def has_a_use_for_t(draft: Draft) -> Iterator[Problem]:
+    if not draft.initial.brings_temperature or not draft.gas:
+        return
+    kinds = [name for name in EOS if EOS[name].takes_temperature]
+    if draft.eos_kind not in kinds:
+        words = " or ".join(f'"{kind}"' for kind in kinds)
+        wrong = f'has a column T, but the gas is "{draft.eos_kind}", which does not take one'
+        yield ("initial", "file"), f"{wrong}; expected gas.eos.kind = {words}, or no column T"
+
+
+def has_a_ratio_of_dust(draft: Draft) -> Iterator[Problem]:
+    for i, dust in enumerate(draft.dust or ()):
+        inner = max(dust.inner or 0.0, draft.initial.inner)
+        outer = min(dust.outer or np.inf, draft.initial.outer)
+        file = draft.initial.file
+        if file.has("ratio") and inner < outer and not file.ratio(np.geomspace(inner, outer, 1000)).any():
+            yield ("dust", i), "the ratio of initial.file is 0 wherever it may be; expected some"
+
+
+START = Start(
+    FromTable,
+    rings.particles,
+    places,
+    radial=radial,
+    settle=balance.settle,
+    thermal_speed=thermal_speed,
+    dimensions=(2,),
+    boundary="open",
+    rules=(has_edges_in_space, needs_a_centre, has_dust_within, has_a_use_for_t, has_a_ratio_of_dust),
+    kernel="quintic",
+    masses=rings.mass,
+    spread=spread,
+    on_lattice=False,
+    edges=rings.edges,
+    reference_density=reference_density,
+    warnings=warnings,
+)

@@ -1,0 +1,68 @@
+"""Velocities that relax to a local equilibrium: dv/dt = -(v - v*(r)) R(r), over dt v - v* falls by exp(-R dt).
+
+R is a sum over zones, each rate x^2 with x from 0 at its near end to 1 at its far end and beyond (de Val-Borro et al.
+2006, sec. 3.2). v* is radial and azimuthal, tabulated over v_K of the star. Where velocities are ahead of the places by
+s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a leapfrog, at which v* is taken.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+
+class Zones(NamedTuple):
+    """Where velocities relax, and to what."""
+
+    ends: np.ndarray  # (zones, 3): near end, far end, rate at the far end
+    first: float  # ln r of the first node of the table
+    nodes: float  # number of them per unit of ln r
+    table: np.ndarray  # (kinds, nodes, 2): radial and azimuthal velocity over v_K
+    star: float
+    softening: float
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
+    """Relax particles of kind `kind`, or of kind + species, over dt; returns (momentum x, y, angular momentum) lost.
+
+    centre: (x, y, v_x, v_y) about which the zones lie.
+    """
+    px = py = spin = 0.0
+    most = zones.table.shape[1] - 1
+    for i in range(first, last):
+        x, y = pos[i, 0] - centre[0], pos[i, 1] - centre[1]
+        r2 = x * x + y * y
+        r = math.sqrt(r2)
+        rate = 0.0
+        for k in range(len(zones.ends)):
+            near, far = zones.ends[k, 0], zones.ends[k, 1]
+            depth = min(1.0, (r - near) / (far - near))
+            if depth > 0.0:
+                rate += zones.ends[k, 2] * depth * depth
+        if rate == 0.0 or r == 0.0:
+            continue
+        x /= r
+        y /= r
+        row = kind + (species[i] if len(species) > 0 else 0)
+        place = min(max((math.log(r) - zones.first) * zones.nodes, 0.0), float(most))
+        node = min(int(place), most - 1)
+        part = place - node
+        kepler = math.sqrt(zones.star * r2 / (r2 + zones.softening * zones.softening) ** 1.5)
+        radial = kepler * ((1.0 - part) * zones.table[row, node, 0] + part * zones.table[row, node + 1, 0])
+        azimuthal = kepler * ((1.0 - part) * zones.table[row, node, 1] + part * zones.table[row, node + 1, 1])
+        sine = min(1.0, max(-1.0, azimuthal / r * ahead))
+        cosine = math.sqrt(1.0 - sine * sine)
+        # A drift has reached another radius by then, where circles are slower by half of that.
+        around = azimuthal - 0.5 * sine * radial
+        v, w = radial * cosine - around * sine, around * cosine + radial * sine
+        gone = -math.expm1(-rate * dt)
+        vx, vy = vel[i, 0] - centre[2], vel[i, 1] - centre[3]
+        dx, dy = gone * (vx - (v * x - w * y)), gone * (vy - (v * y + w * x))
+        vel[i, 0] -= dx
+        vel[i, 1] -= dy
+        px += mass[i] * dx
+        py += mass[i] * dy
+        spin += mass[i] * (pos[i, 0] * dy - pos[i, 1] * dx)
+    return px, py, spin
