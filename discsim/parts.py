@@ -158,7 +158,9 @@ EFFECTS = Parts(
         "dust": "discsim.effects.dust:Effect",
         "star": "discsim.effects.star:Effect",
         "self_gravity": "discsim.effects.self_gravity:Effect",
+        "radiation_pressure": "discsim.effects.radiation_pressure:Effect",
         "external": "discsim.effects.external:Effect",
+        "cooling": "discsim.effects.cooling:Effect",
         "drag": "discsim.effects.drag:Effect",
     },
 )
