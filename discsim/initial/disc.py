@@ -17,7 +17,7 @@ from pydantic import Field
 from discsim.exact import nsh
 from discsim.initial import SPECIES, populations, random_stream
 from discsim.initial.base import Places, Start
-from discsim.physics import profile
+from discsim.physics import profile, radiation
 from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity, Table
 
 if TYPE_CHECKING:
@@ -139,6 +139,8 @@ def settle(state: State, effects: dict[str, Any]) -> None:
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
             radial, lag = effects["drag"].drift(state).T
+        elif name == "dust" and "drag" not in effects and scene.radiation_pressure is not None:
+            lag = radiation.lag(scene, particles.species, r, keplerian)
         elif scene.gas is not None:
             headwind = 0.5 * profile.pressure_acceleration(scene, r) * r / keplerian  # eta v_K
             headwind[keplerian <= 1e-100] = 0.0
@@ -164,7 +166,7 @@ def _drift(
         stokes[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
         there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
         loads[k] = np.where(there & (scene.drag.direction == "two-way"), population.ratio, 0.0)
-    found = nsh.of_populations(stokes, loads, headwind)
+    found = nsh.of_populations(stokes, loads, headwind, radiation.pushes(scene, r, omega * r))
     if name == "gas":
         return found.gas_radial, found.gas_azimuthal
     own = particles.species, np.arange(len(r))
