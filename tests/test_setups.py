@@ -140,9 +140,16 @@ EVERYTHING = disc(
     self_gravity={"softening": 0.2},
     external={"gas": [0.01, 0.0], "dust": [0.0, 0.01]},
     drag={"law": "stopping-time", "t_stop": 0.1},
+    radiation_pressure={"beta": 0.1},
+    cooling={"kind": "constant", "t_cool": 0.5, "aspect_ratio": 0.05},
 )
-STEPPED = ("gas", "gas.viscosity", "gas.conductivity", "dust", "star", "self_gravity", "external", "drag")
-NEEDS = {"gas": ("drag",), "dust": ("drag",)}  # what cannot stay without it
+STEPPED = (
+    "gas", "gas.viscosity", "gas.conductivity", "dust", "star", "self_gravity", "radiation_pressure", "external",
+    "cooling", "drag",
+)  # fmt: skip
+NEEDS = {
+    "gas": ("drag", "cooling"), "dust": ("drag", "radiation_pressure"), "star": ("radiation_pressure", "cooling"),
+}  # fmt: skip
 
 
 def test_every_effect_is_stepped_here():
@@ -203,7 +210,8 @@ def test_acceleration_of_each_effect(effect, with_everything):
     gas, dust = with_everything.acceleration(effect)
     assert gas.shape == (400, 2) and dust.shape == (300, 2)
     # SPH pushes gas alone; dust alone gives nothing; drag is the kick itself.
-    acts = {"gas": (True, False), "dust": (False, False), "drag": (False, False)}.get(effect, (True, True))
+    nothing = dict.fromkeys(("dust", "drag", "cooling"), (False, False))
+    acts = (nothing | {"gas": (True, False), "radiation_pressure": (False, True)}).get(effect, (True, True))
     assert (np.abs(gas).max() > 0, np.abs(dust).max() > 0) == acts
 
 

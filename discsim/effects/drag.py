@@ -16,7 +16,7 @@ from pydantic import Field, StrictBool
 from discsim.drag import cautions
 from discsim.drag.base import Scheme
 from discsim.effects import base
-from discsim.effects.gas import kick_gas
+from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
@@ -200,7 +200,7 @@ class Effect(base.Effect):
             self.uncoupled = 1.0 if dust.count > 0 else 0.0
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
-            kick_gas(gas, dt)
+            kick_gas(state, dt)
             return
         if gas.kick_acc is not None:
             fill(gas.kick_acc, lambda piece: (gas.vel[piece] - before[piece]) / dt)
@@ -211,7 +211,7 @@ class Effect(base.Effect):
                 heat += dt * np.einsum("ij,ij->i", gas.pressure_acc, gas.pressure_vel - 0.5 * (before + gas.vel))
                 heat_of_drag.share_losses(gas.pos, gas.mass, gas.u, gas.h.mean(), heat)
                 gas.kick_rate += heat / dt
-            gas.u += dt * gas.kick_rate
+            kick_energy(state, dt)
         if gas.immobile is not None:
             gas.vel[gas.immobile] = before[gas.immobile]
 

@@ -192,13 +192,13 @@ class Effect(base.Effect):
         """Velocity and energy at the time of the positions, which viscosity and pressure need.
 
         `vel` and `u` await their closing kick: it is foreseen with the mean rates of the last one, drag and
-        its heat included, which keeps the step second order.
+        its heat included, which keeps the step second order. Cooling is foreseen as the kick will make it.
         """
         gas = state.gas
         vel = gas.vel if gas.kick_acc is None else copied(gas.vel)
         if gas.kick_acc is not None:
             share(moves.add_scaled, gas.count, vel, gas.kick_acc, state.lag)
-        return vel, None if gas.u is None else gas.u + state.lag * gas.kick_rate
+        return vel, None if gas.u is None else _energy_after(state, state.lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
         """The part of the acceleration that artificial viscosity gives (n, d)."""
@@ -218,7 +218,7 @@ class Effect(base.Effect):
         return self._limit
 
     def kick(self, state: State, dt: float) -> None:
-        kick_gas(state.gas, dt)
+        kick_gas(state, dt)
 
     def move(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.gas, dt)
@@ -228,11 +228,26 @@ class Effect(base.Effect):
             state.gas.take(self.sph.order(state.gas))
 
 
-def kick_gas(gas: Gas, dt: float) -> None:
+def kick_gas(state: State, dt: float) -> None:
     """Velocities and energies over dt at constant rates."""
+    gas = state.gas
     share(moves.add_scaled, gas.count, gas.vel, gas.acc, dt)
     if gas.kick_acc is not None:
         fill(gas.kick_acc, lambda piece: gas.acc[piece])
     if gas.u is not None:
         gas.kick_rate[:] = gas.heating_rate
-        gas.u += dt * gas.kick_rate
+        kick_energy(state, dt)
+
+
+def kick_energy(state: State, dt: float) -> None:
+    """Energies over dt at the rate `kick_rate`, and of gas that cools what it has lost by that."""
+    gas = state.gas
+    after = _energy_after(state, dt)
+    if gas.radiated is not None:
+        gas.radiated += gas.u + dt * gas.kick_rate - after
+    gas.u[:] = after
+
+
+def _energy_after(state: State, dt: float) -> np.ndarray:
+    gas = state.gas
+    return gas.u + dt * gas.kick_rate if state.cooled is None else state.cooled(gas, dt)

@@ -22,6 +22,7 @@ from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
 from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
+from discsim.physics.radiation import pull_share
 from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
@@ -77,6 +78,7 @@ class Drag(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.law = SceneLaw(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
+        self.pull = pull_share(scene)
         self.star = scene.star
         self.disc = GivenDisc(scene)
 
@@ -112,7 +114,7 @@ class Drag(base.Effect):
     @property
     def _disc(self) -> Any:
         """What kernels take of the law, the star and the gas."""
-        law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios
+        law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
         return kernels.Disc(*law, self.star.mass, self.star.softening, self.disc.laws)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:

@@ -8,9 +8,17 @@ of each population, and A = sum_j eps_j / (1 + St_j^2), B = sum_j eps_j St_j / (
     dust   radial    2 (B - (1 + A) St_j) / (N (1 + St_j^2))      (3)
     dust   azimuth   -(1 + A + B St_j) / (N (1 + St_j^2))         (4)
 
+Grains that a force f_j pushes outwards, in units of v_K Omega over the headwind, as light does with beta_j v_K / (eta
+v_K), add with C = sum_j f_j eps_j / (1 + St_j^2) and D = sum_j f_j eps_j St_j / (1 + St_j^2):
+
+    gas    radial    V = (B C - (1 + A) D) / N                    (5)
+    gas    azimuth   W = -((1 + A) C + B D) / (2 N)               (6)
+    dust   radial    (V + 2 St_j W + St_j f_j) / (1 + St_j^2)     (7)
+    dust   azimuth   (W - St_j V / 2 - St_j^2 f_j / 2) / (1 + St_j^2)    (8)
+
 which is where the pressure, the drag, and the Coriolis and shear terms balance (Tanaka, Himeno & Ida 2005, sec. 2.2;
 Benitez-Llambay, Krapp & Pessah 2019, arXiv:1811.07925, sec. 3.5.1). For one population these are Youdin & Johansen
-(2007), eqs. (7a)-(7d). (3) is evaluated with its differences carried out, so that it keeps its digits at any St.
+(2007), eqs. (7a)-(7d); without gas's response (7) is Takeuchi & Artymowicz (2001), eq. (23). (3) is evaluated with its differences carried out, so that it keeps its digits at any St.
 """
 
 from __future__ import annotations
@@ -41,9 +49,11 @@ def velocities(stokes: ArrayLike, dust_ratio: ArrayLike, headwind: ArrayLike) ->
     return Drift(found.gas_radial, found.gas_azimuthal, found.dust_radial[0], found.dust_azimuthal[0])
 
 
-def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike) -> Drift:
+def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, push: ArrayLike | None = None) -> Drift:
     """The same with populations of `stokes` and `ratios` (populations, ...) and a headwind (...), that of one-way dust
     with ratios of 0; the gas's velocities have shape (...), the dust's (populations, ...).
+
+    `push` (populations, ...): a force outwards on grains alone, as a velocity, beta v_K of light.
     """
     stokes, ratios, headwind = (np.asarray(x, dtype=float) for x in (stokes, ratios, headwind))
     share = ratios / (1 + stokes**2)
@@ -51,9 +61,20 @@ def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike) ->
     scale = headwind / ((1 + a) ** 2 + b**2)
     # B - (1 + A) St_j is the sum of shares times differences of Stokes numbers, which vanish for one population.
     differences = np.array([(share * (stokes - own)).sum(axis=0) for own in stokes])
-    return Drift(
+    found = Drift(
         gas_radial=2 * b * scale,  # eq. (1)
         gas_azimuthal=-(1 + a) * scale,  # eq. (2)
         dust_radial=2 * (differences - stokes) * scale / (1 + stokes**2),  # eq. (3)
         dust_azimuthal=-(1 + a + b * stokes) * scale / (1 + stokes**2),  # eq. (4)
     )
+    return found if push is None else Drift(*map(np.add, found, _pushed(stokes, share, np.asarray(push, dtype=float))))
+
+
+def _pushed(stokes: np.ndarray, share: np.ndarray, push: np.ndarray) -> Drift:
+    """What forces on the grains add; `share` is eps_j / (1 + St_j^2)."""
+    a, b = share.sum(axis=0), (share * stokes).sum(axis=0)
+    c, d = (share * push).sum(axis=0), (share * stokes * push).sum(axis=0)
+    n = (1 + a) ** 2 + b**2
+    v, w = (b * c - (1 + a) * d) / n, -((1 + a) * c + b * d) / (2 * n)  # eqs. (5), (6)
+    slow = 1 + stokes**2
+    return Drift(v, w, (v + 2 * stokes * w + stokes * push) / slow, (w - 0.5 * stokes * (v + stokes * push)) / slow)

@@ -108,5 +108,6 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         kick_acc=np.zeros((n, dim)) if foreseen else None,
         pressure_acc=np.zeros((n, dim)) if heated else None,
         pressure_vel=np.zeros((n, dim)) if heated else None,
+        radiated=None if scene.cooling is None else np.zeros(n),
         immobile=given.get("immobile"),
     )

@@ -19,7 +19,7 @@ from pydantic import Field
 from discsim.exact import nsh
 from discsim.initial import start_of
 from discsim.parts import Lazy
-from discsim.physics import profile
+from discsim.physics import profile, radiation
 from discsim.scene.fields import Default, Table
 
 if TYPE_CHECKING:
@@ -64,6 +64,8 @@ class Balance:
         if scene.model.given is not None:
             if self.drifts:
                 radial, lag = self.effects["drag"].drift(pos, species).T
+        elif name == "dust" and not self.drifts and scene.radiation_pressure is not None:
+            lag = radiation.lag(scene, species, r, keplerian)
         elif scene.gas is not None:
             disc = profile.radial(scene)
             headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
@@ -91,7 +93,7 @@ class Balance:
             ratio = population.ratio if disc.dust_share is None else population.ratio * disc.dust_share(r)
             there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
             loads[k] = np.where(there & (scene.drag.direction == "two-way"), ratio, 0.0)
-        found = nsh.of_populations(stokes, loads, headwind)
+        found = nsh.of_populations(stokes, loads, headwind, radiation.pushes(scene, r, omega * r))
         if species is None:
             return found.gas_radial, found.gas_azimuthal
         own = species, np.arange(len(r))

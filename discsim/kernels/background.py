@@ -15,6 +15,8 @@ B = (1/r) dL_g/dr and kappa^2 = (Omega_K + Omega_g) B, such that grains that fee
 
     v* = -F / (1/t + kappa^2 t),        L* = L_g + r w*,    w* = F B / (1/t^2 + kappa^2)                  (3)
 
+Of a grain that starlight pushes, Omega_K is that of a star of mass (1 - beta) M in (2), F and kappa.
+
 The kick relaxes what differs from it. Half a step before or after the time of its place a grain on that path has
 
     v* + s q,   L* - s r w*/t,          q = L*^2 / r^3 - Omega_K^2 r - v*/t,   s = -dt/2 or dt/2          (4)
@@ -56,6 +58,7 @@ class Disc(NamedTuple):
     grains: np.ndarray  # (populations, 5), as in `formulas/laws.py`
     nonlinear: bool
     ratios: np.ndarray  # (populations,): dust over gas
+    pull: np.ndarray  # (populations,): what light leaves of the star's pull
     star: float
     softening: float
     gas: np.ndarray  # (Sigma, p, c_s^2, q, f): Sigma ~ r^-p, c_s^2 ~ r^-q, given at r = 1; -(1/Sigma) dP/dr = f c_s^2/r
@@ -67,7 +70,7 @@ class Path(NamedTuple):
     r: float
     density: float
     sound: float
-    kepler: float  # Omega_K
+    kepler: float  # Omega_K, without light
     orbit: float  # L_g / r
     mach2: float  # how the slip shortens the stopping time: as of `formulas.laws.quickening`
     reynolds2: float
@@ -127,8 +130,9 @@ def path_at(x, y, k, disc):
     # 2 Omega_g B = 4 Omega_g^2 + r d(Omega_g^2)/dr, of the star's part and of the pressure's, a power of the radius.
     turns = max(0.0, 4.0 * omega2 - 3.0 * r2 / d2 * kepler2 + (2.0 + disc.gas[3]) * pressure)
     shear = 0.5 * turns / omega if omega > 0.0 else 0.0
-    kappa2 = (omega + kepler) * shear
-    excess = (kepler2 - omega2) * r
+    pull = disc.pull[k]
+    kappa2 = (omega + kepler * math.sqrt(max(0.0, pull))) * shear
+    excess = (kepler2 * pull - omega2) * r
     slow = time = stopping_time(disc.law, disc.grains[k], disc.ratios[k], density, sound, kepler)
     mach2, reynolds2 = 0.0, 0.0
     if disc.nonlinear:
@@ -305,8 +309,8 @@ def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
         r = path.r
         x /= r
         y /= r
-        kepler2 = path.kepler * path.kepler
-        a_r = acc[i, 0] * x + acc[i, 1] * y + kepler2 * r  # without the star's, which the path has
+        kepler2 = path.kepler * path.kepler * disc.pull[k]
+        a_r = acc[i, 0] * x + acc[i, 1] * y + kepler2 * r  # without the star's and its light's, which the path has
         a_phi = acc[i, 1] * x - acc[i, 0] * y
         spin, torque = r * (path.orbit + path.azimuthal), -r * path.azimuthal / path.time
         delta = vel[i, 0] * x + vel[i, 1] * y - path.radial + lag * path.push

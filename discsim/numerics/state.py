@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Self
 
@@ -82,6 +83,7 @@ class Gas(Particles):
     # What pressure and viscosity gave, and the velocity at which their work was reckoned (gas that drag heats).
     pressure_acc: Array | None = None
     pressure_vel: Array | None = None
+    radiated: Array | None = None  # what each has lost by cooling since the start, per mass (gas that cools)
 
 
 @dataclass(kw_only=True)
@@ -118,6 +120,8 @@ class State:
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)
+    # Where gas cools: its energies (n,) after a time at `kick_rate`. Kicks of u, and foreseen ones, take it.
+    cooled: Callable[[Gas, float], Array] | None = None
 
     def arrive(self, dt: float, until: float = math.inf) -> None:
         """Count a step of dt, which ends at `until` itself where it does but for rounding."""

@@ -27,7 +27,7 @@ Array = np.ndarray
 COLUMNS = (
     "step", "time", "dt", "dt_set_by", "mass_gas", "mass_dust", "momentum_x", "momentum_y",
     "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
-    "accreted_dust", "uncoupled_dust",
+    "accreted_dust", "uncoupled_dust", "radiated",
 )  # fmt: skip
 
 
@@ -97,7 +97,7 @@ def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_b
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
         float(sum(effect.potential_energy(state) for effect in effects.values())),
         state.ledger.accreted_gas, state.ledger.accreted_dust,
-        float(max((effect.uncoupled for effect in effects.values()), default=0.0)),
+        float(max((effect.uncoupled for effect in effects.values()), default=0.0)), _radiated(state.gas),
     ]  # fmt: skip
 
 
@@ -127,6 +127,11 @@ def _thermal(state: State) -> float:
     free = _free(gas)
     u = None if gas.u is None else gas.u[free]
     return thermal_energy(state.scene, gas.mass[free], gas.density[free], u)
+
+
+def _radiated(gas: Gas | None) -> float:
+    """Energy that the gas there is has lost by cooling since the start."""
+    return 0.0 if gas is None or gas.radiated is None else float((gas.mass * gas.radiated).sum())
 
 
 def _free(particles: Particles) -> Array | slice:

@@ -16,7 +16,27 @@ if TYPE_CHECKING:
 def pull_share(scene: Scene) -> np.ndarray:
     """1 - beta of each population of dust (populations,): what light leaves of the star's pull; below 0 it pushes."""
     count = len(scene.dust or ())
-    table = scene.table("radiation_pressure")
-    if table is None:
+    if scene.radiation_pressure is None:
         return np.ones(count)
-    return np.ones(count) - np.broadcast_to(np.array(table.beta, float), count)
+    return np.ones(count) - np.broadcast_to(np.array(scene.radiation_pressure.beta), count)
+
+
+def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | None:
+    """Light's push on each population as a velocity (populations, n), r times it over the Keplerian one (n,), beta v_K
+    about the star alone; None where there is no light.
+    """
+    if scene.radiation_pressure is None:
+        return None
+    assert scene.star is not None
+    pull = scene.star.mass * r * r / (r * r + scene.star.softening**2) ** 1.5
+    return (1.0 - pull_share(scene))[:, None] * pull / keplerian
+
+
+def lag(scene: Scene, species: np.ndarray, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray:
+    """By how much grains without drag, of populations `species` (n,), turn faster than the Keplerian velocity (n,) on
+    their circles: less than 0. Those that light drives off turn with none.
+    """
+    found = pushes(scene, r, keplerian)
+    assert found is not None
+    own = found[species, np.arange(len(r))]
+    return np.sqrt(np.maximum(keplerian * (keplerian - own), 0.0)) - keplerian

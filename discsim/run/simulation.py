@@ -280,7 +280,7 @@ def _entry(array: np.ndarray) -> Any:
 
 
 LIMITS = ("limit", "limited_by", "dust_limit", "dust_limited_by")  # of `Limits`, in a checkpoint
-MOVED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes
+MOVED = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # what a kick changes
 OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
 
 

@@ -86,20 +86,22 @@ class Words:
 class Measure:
     """The dimension of a float, or of a tuple with one float a dimension ("x" and "y").
 
-    `name` is one of `discsim.scene.units`, or "" for a plain number. `whole` demands whole numbers.
+    `name` is one of `discsim.scene.units`, or "" for a plain number. `whole` demands whole numbers. `words` stand for
+    themselves, in place of a quantity.
     """
 
     name: str = ""
     vector: bool = False
     whole: bool = False
+    words: tuple[str, ...] = ()
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
         read = self._vector if self.vector else self._float
         return core_schema.with_info_before_validator_function(read, handler(source))
 
-    def _float(self, value: Any, info: ValidationInfo) -> float | None:
-        if value is None:
-            return None
+    def _float(self, value: Any, info: ValidationInfo) -> Any:
+        if value is None or (isinstance(value, str) and value in self.words):
+            return value
         units = units_of(info)
         if not self.name or units.system == "code":
             if self.name and isinstance(value, str):
@@ -110,8 +112,9 @@ class Measure:
             try:
                 return _in_reach(units.parse(value, self.name, gamma), shown(value))
             except UnitError as error:
-                raise fault(str(error)) from error
-        words = units.expected(self.name, gamma)
+                also = "".join(f', or "{word}"' for word in self.words)
+                raise fault(f"{error}{also}") from error
+        words = units.expected(self.name, gamma) + "".join(f', or "{word}"' for word in self.words)
         if isinstance(value, int | float) and not isinstance(value, bool):
             raise fault(f"{shown(value)} has no unit; {words.replace(', like', ' needs a unit, like')}")
         raise fault(f"{shown(value)} is not a quantity; expected {words}")

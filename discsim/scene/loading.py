@@ -26,6 +26,7 @@ from discsim.scene.tables import REQUIRED, TABLES, optional_tables
 from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
+    from discsim.effects.cooling import Keys as Cooling
     from discsim.effects.damping import Keys as Damping
     from discsim.effects.drag import Keys as Drag
     from discsim.effects.dust import Keys as Dust
@@ -33,10 +34,11 @@ if TYPE_CHECKING:
     from discsim.effects.gas import Keys as Gas
     from discsim.effects.given_disc import Keys as Background
     from discsim.effects.models import GasModel
+    from discsim.effects.radiation_pressure import Keys as RadiationPressure
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
 else:  # imported only where a scene has them
-    Background = Damping = Drag = Dust = External = Gas = SelfGravity = Star = Any
+    Background = Cooling = Damping = Drag = Dust = External = Gas = RadiationPressure = SelfGravity = Star = Any
 
 
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
@@ -58,7 +60,9 @@ class Scene(BaseModel):
     drag: Drag | None = None
     self_gravity: SelfGravity | None = None
     star: Star | None = None
+    radiation_pressure: RadiationPressure | None = None
     external: External | None = None
+    cooling: Cooling | None = None
     damping: Damping | None = None
     others: dict[str, Any] = {}  # tables of effects that other packages bring
     text: str

@@ -30,6 +30,7 @@ DIMENSIONS: dict[str, Exponents] = {
     "angular_momentum": (1, 2, -1),
     "energy": (1, 2, -2),
     "specific_energy": (0, 2, -2),
+    "opacity": (-1, 2, 0),
 }
 
 EXAMPLES = {
@@ -41,6 +42,7 @@ EXAMPLES = {
     "frequency": "1 / yr",
     "surface_density": "100 g/cm2",
     "volume_density": "3 g/cm3",
+    "opacity": "1 cm2/g",
 }
 
 _COMMON_UNITS = (
@@ -289,6 +291,7 @@ _SHOWN = {
     "velocity": (("km/s", 0.1), ("m/s", 0.0)),
     "surface_density": (("g/cm2", 0.0),),
     "volume_density": (("g/cm3", 0.0),),
+    "opacity": (("cm2/g", 0.0),),
 }
 
 

@@ -64,7 +64,7 @@ def totals(sim: Simulation) -> dict[str, float]:
             float(p.mass @ (speed * np.sqrt((p.pos**2).sum(axis=1)))) for p, speed in zip(species, speeds, strict=True)
         )
         ledger = state.ledger
-    energy = row["kinetic_gas"] + row["kinetic_dust"] + row["thermal"] + row["potential"]
+    energy = row["kinetic_gas"] + row["kinetic_dust"] + row["thermal"] + row["potential"] + row["radiated"]
     momentum = np.array([row["momentum_x"], row["momentum_y"]]) + ledger.accreted_momentum
     return {
         "mass": row["mass_gas"] + row["mass_dust"] + ledger.accreted_gas + ledger.accreted_dust,

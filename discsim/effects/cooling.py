@@ -1,0 +1,142 @@
+"""Cooling of adiabatic gas: du/dt = heating - (u - u_eq) / t_cool, or the light of a grey disc's two surfaces.
+
+    kind = "beta"         t_cool = beta / Omega_K about the star
+    kind = "constant"     t_cool the same everywhere
+    kind = "radiative"    du/dt = heating - 2 sigma (T^4 - T_irr^4) / (tau_eff Sigma),
+                          tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau), tau = kappa Sigma / 2 (Hubeny 1990)
+
+u_eq and T_irr are those of a passive disc, u_eq = (H/r)^2 (G M / r) / (gamma - 1). Cooling is part of the kick of u,
+solved there with the heat of everything else (`kernels/cooling.py`): right at any step, so it limits none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from discsim.effects import base
+from discsim.numerics.state import Gas, State
+from discsim.numerics.threads import share
+from discsim.parts import SCHEMES, Lazy
+from discsim.physics import cooling as physics
+from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, Words
+from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+kernels = Lazy("discsim.kernels.cooling")
+
+KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key that each kind has
+TABLE = "bell-lin"
+# CPU nanoseconds of a particle in a step, whose energy is kicked once and foreseen once.
+NANOSECONDS = {"beta": 60.0, "constant": 40.0, "radiative": 600.0}
+
+
+class Keys(Table):
+    """Only gas with eos.kind = "adiabatic" has heat to lose."""
+
+    kind: Literal["beta", "constant", "radiative"] = Field(description="by what law")
+    beta: Number | None = Field(None, gt=0, description='kind "beta": t_cool Omega_K')
+    t_cool: Time | None = Field(None, gt=0, description='kind "constant"')
+    opacity: Annotated[Any, Measure("opacity", words=(TABLE,)), Words(f'opacity, "{TABLE}"')] = Field(
+        None, description=f'kind "radiative": a constant, or "{TABLE}": that of Bell & Lin (1994)'
+    )
+    aspect_ratio: Annotated[Number | None, Default("that of gas.eos")] = Field(
+        None, ge=0, description="H/r at reference_radius of the passive disc that it cools to; 0: to no heat at all"
+    )
+    temperature_index: Annotated[Number | None, Default("that of gas.eos")] = Field(
+        None, description="q of the passive disc, c_s^2 ~ r^-q"
+    )
+    reference_radius: Annotated[Length | None, Default("that of gas.eos")] = Field(
+        None, gt=0, description="where aspect_ratio holds"
+    )
+
+
+def _heat_to_lose(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("gas"):
+        yield ("cooling",), "there is no gas to cool; expected a table [gas] too, or no [cooling]"
+    elif draft.gas and not draft.eos.holds_heat:
+        yield ("cooling",), f'the gas is "{draft.eos_kind}", which keeps no heat; expected eos.kind = "adiabatic"'
+    elif draft.drag and SCHEMES[draft.drag.scheme].on_grid:
+        yield ("cooling",), f'gas of scheme "{draft.drag.scheme}" does not cool; expected another drag.scheme'
+
+
+def _key_of_the_kind(draft: Draft) -> Iterator[Problem]:
+    own = draft.cooling
+    for kind, key in KEY_OF.items():
+        given = getattr(own, key) is not None
+        if kind == own.kind and not given:
+            yield ("cooling", key), f'missing; kind "{kind}" needs it'
+        elif kind != own.kind and given:
+            yield ("cooling", key), f'goes with kind "{kind}", but cooling.kind is "{own.kind}"; expected one of the two'
+    if isinstance(own.opacity, float) and own.opacity <= 0.0:
+        yield ("cooling", "opacity"), "not above 0; expected an opacity above 0"
+
+
+def _star(draft: Draft) -> Iterator[Problem]:
+    own = draft.cooling
+    if draft.has("star"):
+        return
+    if own.kind != "constant":
+        what = "beta / Omega" if own.kind == "beta" else "the height of a disc"
+        yield ("cooling", "kind"), f"{what} needs a star to orbit; expected a table [star] too"
+    elif own.aspect_ratio is not None:
+        yield ("cooling", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
+
+
+def _passive_temperature(draft: Draft) -> Iterator[Problem]:
+    own, gas = draft.cooling, draft.gas
+    if not gas or not draft.eos.holds_heat or own.aspect_ratio is not None or gas.eos.aspect_ratio is not None:
+        return
+    if gas.eos.sound_speed is None:
+        yield ("cooling", "aspect_ratio"), "missing; gas.eos has no temperature to cool to either"
+        return
+    for key in ("temperature_index", "reference_radius"):
+        if draft.gives("cooling", key):
+            yield ("cooling", key), "goes with an aspect_ratio, here or in gas.eos; expected that too"
+
+
+def _physical_units(draft: Draft) -> Iterator[Problem]:
+    if draft.cooling.kind == "radiative" and draft.in_code_units:
+        wrong = "light needs temperatures, and a scene in code units has none"
+        yield ("cooling", "kind"), f'{wrong}; expected units.system = "physical", or kind = "beta" or "constant"'
+
+
+class Effect(base.Effect):
+    keys = Keys
+    rules = (_heat_to_lose, _key_of_the_kind, _star, _passive_temperature, _physical_units)
+    acts_on = ()
+
+    def __init__(self, scene: Scene, state: State) -> None:
+        own = scene.cooling
+        assert own is not None
+        self.own = own
+        self.passive = physics.passive_law(scene)
+        self.star = (scene.star.mass, scene.star.softening) if scene.star else (1.0, 0.0)
+        self.light = physics.light(scene) if own.kind == "radiative" else np.empty(0)
+        state.cooled = self.cooled
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        return NANOSECONDS[scene.cooling.kind] * counts.gas
+
+    def cooled(self, gas: Gas, dt: float) -> np.ndarray:
+        """Energies (n,) of the gas where it is after dt of heating at its `kick_rate`; immobile gas keeps its own."""
+        if dt == 0.0:
+            return gas.u.copy()
+        own, rate, out = self.own, gas.kick_rate, np.empty_like(gas.u)
+        if own.kind == "radiative":
+            kappa = 0.0 if own.opacity == TABLE else own.opacity
+            law = kappa, self.passive, *self.star, self.light
+            share(kernels.radiative, gas.count, gas.pos, gas.u, gas.density, rate, dt, *law, out)
+        else:
+            time = own.beta if own.kind == "beta" else own.t_cool
+            law = own.kind == "beta", time, self.passive, *self.star
+            share(kernels.towards, gas.count, gas.pos, gas.u, rate, dt, *law, out)
+        if gas.immobile is not None:
+            out[gas.immobile] = gas.u[gas.immobile]
+        return out

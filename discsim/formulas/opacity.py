@@ -1,0 +1,25 @@
+"""Opacity of the dust and gas of a disc after Bell & Lin (1994, ApJ 427, 987, appendix): kappa = k rho^a T^b in cgs.
+
+    ice grains            2e-4 T^2                    evaporation of metals   2e81 rho T^-24
+    evaporation of ice    2e16 T^-7                   molecules               1e-8 rho^(2/3) T^3
+    metal grains          0.1 T^(1/2)                 H scattering            1e-36 rho^(1/3) T^10
+                                                      bound-free, free-free   1.5e20 rho T^(-5/2)
+                                                      electron scattering     0.348
+
+Each holds from where it meets the one before: the least of two that cross is a peak, the greatest a valley, so that
+kappa is continuous for any rho.
+"""
+
+BELL_LIN = (
+    (2e-4, 0.0, 2.0),
+    (2e16, 0.0, -7.0),
+    (0.1, 0.0, 0.5),
+    (2e81, 1.0, -24.0),
+    (1e-8, 2.0 / 3.0, 3.0),
+    (1e-36, 1.0 / 3.0, 10.0),
+    (1.5e20, 1.0, -2.5),
+    (0.348, 0.0, 0.0),
+)  # (k, a, b) in the order of rising temperature
+METALS = 2e17 ** (1.0 / 7.5)  # K, above which metal grains absorb what ice left: 2e16 T^-7 = 0.1 T^(1/2)
+# g/cm3; thinner gas has the opacity of this one, whose metal grains still outlast the ice. It is transparent.
+THINNEST = 1e-24

@@ -1,0 +1,16 @@
+"""Push of a star's light on dust: acc += beta G M r / (r^2 + s^2)^(3/2)."""
+
+import math
+
+from numba import njit
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def push(begin, end, pos, species, strength, softening, acc):
+    """Add it to the accelerations (n, 2) of grains whose populations have the strengths beta G M (populations,)."""
+    for i in range(begin, end):
+        x, y = pos[i, 0], pos[i, 1]
+        d2 = x * x + y * y + softening * softening
+        f = strength[species[i]] / (d2 * math.sqrt(d2))
+        acc[i, 0] += f * x
+        acc[i, 1] += f * y
