@@ -82,6 +82,7 @@ class Gas(Particles):
     # What pressure and viscosity gave, and the velocity at which their work was reckoned (gas that drag heats).
     pressure_acc: Array | None = None
     pressure_vel: Array | None = None
+    nu: Array | None = None  # kinematic viscosity (gas with a shear viscosity)
 
 
 @dataclass(kw_only=True)

@@ -26,6 +26,7 @@ from discsim.scene.tables import REQUIRED, TABLES, optional_tables
 from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
+    from discsim.effects.alpha_viscosity import Keys as AlphaViscosity
     from discsim.effects.drag import Keys as Drag
     from discsim.effects.dust import Keys as Dust
     from discsim.effects.external import Keys as External
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
 else:  # imported only where a scene has them
-    Background = Drag = Dust = External = Gas = SelfGravity = Star = Any
+    AlphaViscosity = Background = Drag = Dust = External = Gas = SelfGravity = Star = Any
 
 
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
@@ -58,6 +59,7 @@ class Scene(BaseModel):
     self_gravity: SelfGravity | None = None
     star: Star | None = None
     external: External | None = None
+    alpha_viscosity: AlphaViscosity | None = None
     others: dict[str, Any] = {}  # tables of effects that other packages bring
     text: str
     path: Path | None = None

@@ -24,6 +24,7 @@ DIMENSIONS: dict[str, Exponents] = {
     "velocity": (0, 1, -1),
     "acceleration": (0, 1, -2),
     "frequency": (0, 0, -1),
+    "diffusivity": (0, 2, -1),
     "surface_density": (1, -2, 0),
     "volume_density": (1, -3, 0),
     "momentum": (1, 1, -1),
@@ -39,6 +40,7 @@ EXAMPLES = {
     "velocity": "1 km/s",
     "acceleration": "1 cm/s2",
     "frequency": "1 / yr",
+    "diffusivity": "1e15 cm2/s",
     "surface_density": "100 g/cm2",
     "volume_density": "3 g/cm3",
 }
