@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
-PARTICLE, NEIGHBOUR = 60.0, 1.5  # CPU nanoseconds in a step: of a particle, and of each of its neighbours
+PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step: of a particle, and of each of its neighbours
 STEP = ("inner_alpha", "outer_alpha", "radius", "width")
 DEAD = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
 

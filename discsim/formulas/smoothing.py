@@ -30,13 +30,11 @@ class Smoothing(NamedTuple):
 # eta: in 1D whole numbers of spacings; only then is a B-spline's sum density exact. In 2D on a square lattice, along an
 # axis, c_s^2 is right to .5% with the B-splines (with eta = 1.2 the cubic one is 8% off), to 2% with Wendland's.
 # quintic-h is the quintic squeezed to support h: thrice the eta.
+CUBIC_Q, QUINTIC_Q, WENDLAND_Q = (5 / 7, 31 / 49), (210 / 239, 2771 / 2868), (32 / 55, 14 / 33)
+SQUEEZED_Q = QUINTIC_Q[0] / 3, QUINTIC_Q[1] / 9
 SMOOTHING = {
-    "cubic": Smoothing(2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), (5 / 7, 31 / 49)),
-    "quintic": Smoothing(
-        3.0, 1.0, (1.0 / 120.0, 7.0 / (478.0 * math.pi)), (2.0, 1.1), (0.55, 0.555), (210 / 239, 2771 / 2868)
-    ),
-    "quintic-h": Smoothing(
-        1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), (70 / 239, 2771 / 25812)
-    ),
-    "wendland-c4": Smoothing(2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), (32 / 55, 14 / 33)),
+    "cubic": Smoothing(2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), CUBIC_Q),
+    "quintic": Smoothing(3.0, 1.0, (1.0 / 120.0, 7.0 / (478.0 * math.pi)), (2.0, 1.1), (0.55, 0.555), QUINTIC_Q),
+    "quintic-h": Smoothing(1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), SQUEEZED_Q),
+    "wendland-c4": Smoothing(2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_Q),
 }

@@ -136,7 +136,7 @@ class Sph:
             lists = candidates(cells, cells, mutual=True) if again else self.lists
             share(
                 force_driver(self.kernel, self.dim, *terms, len(nu) > 0, uneven), len(cells.filled), gas.pos,
-                self.columns, gas.acc, NONE if u is None else gas.heating_rate, divergence, conduction, strengths, cells,
-                self.met, again, least=LEAST, each=lists,
+                self.columns, gas.acc, NONE if u is None else gas.heating_rate, divergence, conduction, strengths,
+                cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
         return divergence, float(conduction.max(initial=0.0))

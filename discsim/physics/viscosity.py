@@ -10,8 +10,8 @@
 c_s is the isothermal sound speed, sqrt(P / Sigma), of gas that holds heat that of its present temperature; of a
 polytrope it is sqrt(dP/dSigma), as in every H of discsim. Omega_K is that of circles about the star, softened as it is.
 
-What the gas has beside it: of the artificial viscosity's linear term on all pairs, half as much on approaching ones, and
-of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas,
+What the gas has beside it: of the artificial viscosity's linear term on all pairs, half as much on approaching ones,
+and of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas,
 
     nu    = 3/16 alpha_sph <q> c_s h + beta <q^2> S h^2 / (6 pi)                   (5)
 
