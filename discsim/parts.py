@@ -155,6 +155,7 @@ EFFECTS = Parts(
     "discsim.effects",
     {
         "gas": "discsim.effects.gas:Effect",
+        "alpha_viscosity": "discsim.effects.alpha_viscosity:Effect",
         "background": "discsim.effects.given_disc:Background",
         "dust": "discsim.effects.dust:Effect",
         "star": "discsim.effects.star:Effect",

@@ -90,6 +90,11 @@ class Effect:
         return ()
 
     @classmethod
+    def rows(cls, scene: Scene, at: Local) -> Iterable[tuple[str, str]]:
+        """Names and texts of numbers of its own, for `check` and the log of a run."""
+        return ()
+
+    @classmethod
     def nanoseconds(cls, scene: Scene, counts: Counts) -> float:
         """CPU time of a step, in the measure of `preview/forecast.py`."""
         return 0.0

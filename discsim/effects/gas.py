@@ -19,7 +19,8 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import copied, fill, share
 from discsim.parts import EOS, Lazy
-from discsim.physics.eos import pressure_and_sound_speed
+from discsim.physics import viscosity
+from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius
 from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
@@ -151,8 +152,7 @@ class Effect(base.Effect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        neighbours = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
-        return counts.gas * (PARTICLE + NEIGHBOUR * neighbours)
+        return counts.gas * (PARTICLE + NEIGHBOUR * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
 
     def accelerate(self, state: State) -> None:
         gas = state.gas
@@ -162,6 +162,8 @@ class Effect(base.Effect):
         vel, u = self.predicted(state)
         self.sph.density(gas, vel)
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(gas, u)
+        if gas.nu is not None:
+            fill(gas.nu, lambda piece: self._diffusivity(gas, piece))
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = copied(gas.acc)
@@ -187,6 +189,10 @@ class Effect(base.Effect):
 
         share(part, gas.count)
         return out
+
+    def _diffusivity(self, gas: Gas, piece: slice) -> np.ndarray:
+        speed = gas.sound_speed[piece] / math.sqrt(eos_of(self.scene).heat_ratio(self.scene.gas.eos))
+        return viscosity.diffusivity(self.scene, radius(gas.pos[piece]), speed)
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Velocity and energy at the time of the positions, which viscosity and pressure need.

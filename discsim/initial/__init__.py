@@ -93,7 +93,8 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         volume = float(np.prod(scene.space.size))
         density = np.asarray(given.get("density", common["mass"].sum() / volume))
         h = scene.gas.eta * (common["mass"] / density) ** (1.0 / dim)
-    foreseen = scene.gas.viscosity is not None or u is not None
+    viscous = scene.alpha_viscosity is not None
+    foreseen = scene.gas.viscosity is not None or viscous or u is not None
     heated = u is not None and scene.drag is not None and scene.drag.heating
     return Gas(
         **common,
@@ -110,4 +111,5 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         pressure_vel=np.zeros((n, dim)) if heated else None,
         radiated=None if scene.cooling is None else np.zeros(n),
         immobile=given.get("immobile"),
+        nu=np.zeros(n) if viscous else None,
     )

@@ -12,10 +12,11 @@ from discsim.formulas.smoothing import SMOOTHING
 CUBIC, QUINTIC, QUINTIC_H, WENDLAND_C4 = range(4)
 KERNELS = {name: code for code, name in enumerate(SMOOTHING)}
 
-# By kernel: radius of the support in h; h over that of the same kernel in the usual units; sigma in one and in two
-# dimensions.
+# By kernel: radius of the support in h; h over that of the same kernel in the usual units; <q^2>; sigma in one and in
+# two dimensions.
 SUPPORT = tuple(kernel.support for kernel in SMOOTHING.values())
 SQUEEZED = tuple(kernel.squeezed for kernel in SMOOTHING.values())
+MEAN_Q2 = tuple(kernel.mean_q[1] for kernel in SMOOTHING.values())
 NORM = tuple(tuple(kernel.norm[dim] for kernel in SMOOTHING.values()) for dim in (0, 1))
 
 

@@ -10,7 +10,7 @@
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
 kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction:
-Price 2008, eq. 28.
+Price 2008, eq. 28. Shear viscosity nu: eq. (1) of `effects/alpha_viscosity.py`.
 
 All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the
 same on any number of threads. Candidates of a cell are packed once (`sph_packs.py`). The sums
@@ -24,11 +24,12 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.neighbours import place, whole
-from discsim.kernels.smoothing import shape
+from discsim.kernels.smoothing import MEAN_Q2, shape
 from discsim.kernels.sph_packs import (
     CHUNK,
     ENERGY,
     FAST,
+    FLUIDITY,
     INV_H,
     INV_R,
     INV_RHO,
@@ -61,9 +62,9 @@ NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def force_columns(
-    first, last, norm, given, found, pressure, sound, u, viscous, energetic, conductive, alpha, columns
+    first, last, norm, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, columns
 ):  # fmt: skip
-    """Write to `columns` (n, 11) what the sums of a scene read of each particle."""
+    """Write to `columns` (n, 12) what the sums of a scene read of each particle; nu (n,), or none."""
     vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
     for i in range(first, last):
@@ -71,7 +72,7 @@ def force_columns(
         columns[i, MASS], columns[i, INV_H] = mass[i], inv_h
         columns[i, NORM_H] = mass[i] * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
         columns[i, PRESS] = pressure[i] * inv_rho * inv_rho / gradh[i]
-        if viscous != NO_VISCOSITY or energetic:
+        if viscous != NO_VISCOSITY or energetic or len(nu) > 0:
             columns[i, VX], columns[i, VY] = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
         columns[i, INV_RHO] = inv_rho
         if viscous != NO_VISCOSITY:
@@ -80,11 +81,13 @@ def force_columns(
                 columns[i, SWITCH] = div[i] / (div[i] + curl[i] + 1e-4 * sound[i] * inv_h)
         if conductive:
             columns[i, ENERGY], columns[i, P] = u[i], pressure[i]
+        if len(nu) > 0:
+            columns[i, FLUIDITY] = inv_rho / nu[i]
 
 
 @njit(inline="always")
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, uneven, x, y, unit, i, columns, beta, alpha_u, n, pack
+    kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, i, columns, strengths, n, pack
 ):  # fmt: skip
     """Sums of particle i over n candidates, in units of `unit`: acceleration, du/dt, divergence and the rate at which
     conduction takes u towards that of its neighbours.
@@ -92,7 +95,9 @@ def force_sums(
     norm, inv_h = columns[i, NORM_H] / columns[i, MASS], columns[i, INV_H] * unit
     press, inv_rho_i, c_i = columns[i, PRESS] * norm, columns[i, INV_RHO], columns[i, SOUND]
     vx, vy, f_i, u_i, p_i = columns[i, VX], columns[i, VY], columns[i, SWITCH], columns[i, ENERGY], columns[i, P]
+    beta, alpha_u = strengths
     conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
+    fluidity, sheared = columns[i, FLUIDITY], 2.0 * dim / MEAN_Q2[kernel] * inv_rho_i / unit
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
@@ -110,11 +115,11 @@ def force_sums(
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         inv_r, own, other = pack[INV_R * STRIDE + k], pack[OWN * STRIDE + k], pack[OTHER * STRIDE + k]
         force = press * own + pack[PRESS * STRIDE + k] * other
-        if viscous != NO_VISCOSITY or energetic:
+        if viscous != NO_VISCOSITY or energetic or shearing:
             w = ((vx - pack[VX * STRIDE + k]) * dx + (vy - pack[VY * STRIDE + k]) * dy) * inv_r
             div += w * own
             heat = press * own * w
-            if viscous != NO_VISCOSITY or conductive:
+            if viscous != NO_VISCOSITY or conductive or shearing:
                 inv_rho_j = pack[INV_RHO * STRIDE + k]
                 inv_rho, both = inv_rho_i + inv_rho_j, norm * own + other
                 strength = inv_rho * both
@@ -127,6 +132,16 @@ def force_sums(
                 pi *= (f_i + pack[SWITCH * STRIDE + k]) * strength
                 force += pi
                 heat += 0.5 * pi * felt
+            if shearing:  # with q^2 dW/dr of each kernel in place of its gradient
+                r = pack[Q * STRIDE + k]
+                q, q_j = r * inv_h, r * pack[INV_H * STRIDE + k]
+                near, far = norm * own * q * q, other * q_j * q_j
+                spread = near + far
+                if uneven:
+                    spread = max(spread, MOST_UNEVEN * (inv_rho_i * near + inv_rho_j * far) / inv_rho)
+                drag = sheared * inv_rho_j / (fluidity + pack[FLUIDITY * STRIDE + k]) * spread * inv_r * w
+                force -= drag
+                heat -= 0.5 * drag * w
             if conductive:
                 signal = math.sqrt(abs(p_i - pack[P * STRIDE + k]) * inv_rho)
                 passed = conducted * signal * strength
@@ -141,16 +156,19 @@ def force_sums(
 
 
 @functools.cache
-def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, uneven: bool):
+def force_driver(
+    kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool
+):  # fmt: skip
     """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ.
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence, and the rate of
     conduction where there is any. Takes the cells whose `met` is `now` alone.
     """
-    moving, rubbing = viscous != NO_VISCOSITY or energetic, viscous != NO_VISCOSITY
+    rubbing = viscous != NO_VISCOSITY
+    moving, weighed = rubbing or energetic or shearing, rubbing or conductive or shearing
 
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def forces(first, last, lists, pos, columns, acc, rate, div, conduction, beta, alpha_u, cells, met, now):
+    def forces(first, last, lists, pos, columns, acc, rate, div, conduction, strengths, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         begin, index, turned = lists
         pack = np.zeros(ROWS * STRIDE)
@@ -172,12 +190,14 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                     pack[PRESS * STRIDE + to] = columns[j, PRESS]
                     if moving:
                         pack[VX * STRIDE + to], pack[VY * STRIDE + to] = columns[j, VX], columns[j, VY]
-                    if rubbing or conductive:
+                    if weighed:
                         pack[INV_RHO * STRIDE + to] = columns[j, INV_RHO]
                     if rubbing:
                         pack[SOUND * STRIDE + to], pack[SWITCH * STRIDE + to] = columns[j, SOUND], columns[j, SWITCH]
                     if conductive:
                         pack[ENERGY * STRIDE + to], pack[P * STRIDE + to] = columns[j, ENERGY], columns[j, P]
+                    if shearing:
+                        pack[FLUIDITY * STRIDE + to] = columns[j, FLUIDITY]
                 n = whole(end - listed)
                 for k in range(end - listed, n):
                     pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
@@ -185,15 +205,15 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                     i = order[k]
                     x, y = relative(dim, pos, i, ox, oy, per_unit)
                     ax, ay, r, d, passed = force_sums(
-                        kernel, dim, viscous, energetic, conductive, uneven, x, y, unit, i, columns, beta, alpha_u, n,
-                        pack,
+                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, i, columns,
+                        strengths, n, pack,
                     )  # fmt: skip
                     acc[i, 0] += ax
                     if dim == 2:
                         acc[i, 1] += ay
                     if energetic:
                         rate[i] += r
-                    if viscous != NO_VISCOSITY or energetic:
+                    if moving:
                         div[i] += d
                     if conductive:
                         conduction[i] += passed

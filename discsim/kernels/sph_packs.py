@@ -16,8 +16,9 @@ FAST = {"reassoc", "contract", "arcp", "nsz"}
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 CHUNK = 256
 STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
-MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P = range(11)  # columns of `force_columns` too
-X, Y, INV_R, Q, OWN, OTHER = range(P + 1, P + 7)
+# Columns of `force_columns` too.
+MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P, FLUIDITY = range(12)
+X, Y, INV_R, Q, OWN, OTHER = range(FLUIDITY + 1, FLUIDITY + 7)
 ROWS = OTHER + 1
 
 

@@ -10,7 +10,7 @@ from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, NORM, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_columns, force_driver
 from discsim.kernels.sph_density import Found, Given, Wanted, density_driver
-from discsim.kernels.sph_packs import P
+from discsim.kernels.sph_packs import FLUIDITY
 from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
 from discsim.numerics.threads import share
 
@@ -60,7 +60,7 @@ class Sph:
         self.pairs = NO_VISCOSITY
         if self.viscosity is not None:
             self.pairs = ALL_PAIRS if self.viscosity.pairs == "all" else APPROACHING
-        self.columns = np.empty((0, P + 1))
+        self.columns = np.empty((0, FLUIDITY + 1))
         self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
 
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
@@ -118,23 +118,25 @@ class Sph:
         rate of conduction.
         """
         terms = self.pairs, u is not None, self.conductivity is not None
+        nu = NONE if gas.nu is None else gas.nu
         given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
         uneven = float(gas.mass.max()) > float(gas.mass.min())
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
         if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
-            self.columns = np.empty((gas.count, P + 1))
+            self.columns = np.empty((gas.count, FLUIDITY + 1))
         share(
             force_columns, gas.count, NORM[self.dim - 1][self.kernel], given, found, pressure, gas.sound_speed,
-            NONE if u is None else u, *terms, alpha, self.columns,
+            NONE if u is None else u, nu, *terms, alpha, self.columns,
         )  # fmt: skip
         divergence, conduction = np.zeros(gas.count), np.zeros(gas.count if self.conductivity else 0)
         met = self.cells._replace(filled=np.flatnonzero(self.met))
+        strengths = beta, self.conductivity.alpha if self.conductivity else 0.0
         for cells, again in ((self.cells, False), (met, True)):
             lists = candidates(cells, cells, mutual=True) if again else self.lists
             share(
-                force_driver(self.kernel, self.dim, *terms, uneven), len(cells.filled), gas.pos, self.columns, gas.acc,
-                NONE if u is None else gas.heating_rate, divergence, conduction, beta,
-                self.conductivity.alpha if self.conductivity else 0.0, cells, self.met, again, least=LEAST, each=lists,
+                force_driver(self.kernel, self.dim, *terms, len(nu) > 0, uneven), len(cells.filled), gas.pos,
+                self.columns, gas.acc, NONE if u is None else gas.heating_rate, divergence, conduction, strengths,
+                cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
         return divergence, float(conduction.max(initial=0.0))

@@ -84,6 +84,7 @@ class Gas(Particles):
     pressure_acc: Array | None = None
     pressure_vel: Array | None = None
     radiated: Array | None = None  # what each has lost by cooling since the start, per mass (gas that cools)
+    nu: Array | None = None  # kinematic viscosity (gas with a shear viscosity)
 
 
 @dataclass(kw_only=True)

@@ -23,7 +23,7 @@ def resolution(scene: Scene, h: Array) -> Array:
 
 
 def longest_step(scene: Scene, h: Array, sound_speed: Array) -> Array:
-    """The longest step that sound and viscosity allow: h / (c_s (1 + 1.2 alpha)), h as other kernels mean it."""
+    """Of sound and artificial viscosity the longest step: h / (c_s (1 + 1.2 alpha)), h as other kernels mean it."""
     alpha = scene.gas.viscosity.alpha if scene.gas and scene.gas.viscosity else 0.0
     return resolution(scene, h) / (sound_speed * (1.0 + 1.2 * alpha))
 

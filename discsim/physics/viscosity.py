@@ -9,6 +9,14 @@
 
 c_s is the isothermal sound speed, sqrt(P / Sigma), of gas that holds heat that of its present temperature; of a
 polytrope it is sqrt(dP/dSigma), as in every H of discsim. Omega_K is that of circles about the star, softened as it is.
+
+What the gas has beside it: of the artificial viscosity's linear term on all pairs, half as much on approaching ones,
+and of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas,
+
+    nu    = 3/16 alpha_sph <q> c_s h + beta <q^2> S h^2 / (6 pi)                   (5)
+
+a quarter of it with Balsara's switch; and the noise of particles, .04 c_s h, less by (34 / N)^2 with N > 34 neighbours
+(the rest of the figures of `analysis/noise.py`; of one start each, so within a factor of two).
 """
 
 from __future__ import annotations
@@ -18,13 +26,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.physics import profile
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 Array = np.ndarray
 STEP = 1e-4  # of ln r, for the slope in (4): off by its square
+STABLE = 25.0  # of the step's limit: from 20 on, of particles on a lattice or none, velocities grow
+SWITCHED = 0.25  # what Balsara's switch leaves in shear
+NOISE, QUIET = 0.04, 34.0
 
 
 def alpha(scene: Scene, r: Array) -> Array:
@@ -82,3 +95,37 @@ def radial_flow(
 
     rise = torque(r * np.exp(STEP)) - torque(r * np.exp(-STEP))
     return -1.5 * rise / (STEP * r**1.5 * surface_density(r))  # eq. (4)
+
+
+def longest_step(scene: Scene, nu: Array, h: Array) -> Array:
+    """The longest step (n,) of gas with a viscosity nu (n,) and smoothing lengths h (n,): 1 / (25 W(0, h) nu)."""
+    central = SMOOTHING[scene.gas.kernel].least_eta[1] ** 2  # W(0, h) h^2
+    with np.errstate(divide="ignore"):
+        return h * h / (STABLE * central * nu)
+
+
+def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, h: Array) -> Array | None:
+    """nu (n,) where `radius` and c_s are so; None where the scene asks for none, or does not define it there."""
+    keys: Any = scene.table("alpha_viscosity")
+    if keys is None or (keys.nu is None and (radius is None or thermal_speed is None)):
+        return None
+    return diffusivity(scene, np.ones_like(h) if radius is None else radius, thermal_speed)
+
+
+def artificial(scene: Scene, at: Local) -> Array:
+    """nu (n,) of the artificial viscosity at the places of `at`, eq. (5); beta's part only where there is an Omega."""
+    given, kernel = scene.gas.viscosity, SMOOTHING[scene.gas.kernel]
+    if given is None or at.h is None or at.sound_speed is None:
+        return np.zeros_like(at.density)
+    found = 3.0 / 16.0 * given.alpha * kernel.mean_q[0] * at.sound_speed * at.h * (1.0 if given.pairs == "all" else 0.5)
+    if at.omega is not None:
+        found = found + given.beta * kernel.mean_q[1] * 1.5 * at.omega * at.h**2 / (6.0 * np.pi)
+    return SWITCHED * found if given.switch == "balsara" else found
+
+
+def noise(scene: Scene, at: Local) -> Array:
+    """nu (n,) of the particles' noise in a disc at the places of `at`, about."""
+    if at.resolution is None or at.thermal_speed is None:
+        return np.zeros_like(at.density)
+    neighbours = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta)
+    return NOISE * at.thermal_speed * at.resolution * min(1.0, (QUIET / neighbours) ** 2)

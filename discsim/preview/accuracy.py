@@ -1,7 +1,7 @@
 """What a scene's settings cost in accuracy, from what is known: figures of `docs/accuracy.md`, and searches made here.
 
     pressure    its mean pull is off by about .02 (h / .32 H)^2, of second order       (`analysis/drift.py`)
-    alpha       of viscosity and noise about (.031 alpha_sph + .01) h / .25 H          (`analysis/noise.py`)
+    alpha       of artificial viscosity and noise: eq. (5) of `physics/viscosity.py`   (`analysis/noise.py`)
     step        energy of a disc changes by about 3e-3 (C / .8)^2.4 over three orbits, C the Courant factor
                                                                                        (`analysis/cost_of_accuracy.py`)
     gravity     forces are off by up to .003 (2 cells / softening)^2                   (`analysis/forces.py`)
@@ -26,6 +26,7 @@ import numpy as np
 from discsim.initial import start_of
 from discsim.output.files import written
 from discsim.parts import USUAL_SCHEME
+from discsim.physics import viscosity
 from discsim.physics.local import Local
 from discsim.preview.derived import drag_cell_sides, local
 from discsim.scene import Scene
@@ -59,8 +60,8 @@ def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     ratio = float(np.interp(0.5, below, by_mass))
     yield "h/H of half the gas, at most", f"{ratio:.2g}"
     yield "pull of the pressure off by about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
-    strength = scene.gas.viscosity.alpha if scene.gas.viscosity else 0.0
-    alpha = 0.031 * strength * ratio / 0.25 + 0.01 * ratio / 0.25
+    beside = (viscosity.artificial(scene, at) + viscosity.noise(scene, at)) / (at.resolution * at.thermal_speed)
+    alpha = ratio * float(np.median(beside))
     yield "alpha of viscosity and noise, about", f"{float(f'{alpha:.1g}'):g}"
     if scene.run.timestep is None:
         orbits = scene.run.until * float(np.median(at.omega)) / (2.0 * np.pi)

@@ -19,7 +19,7 @@ from discsim.initial import lattice, start_of
 from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
 from discsim.parts import SCHEMES
-from discsim.physics import laws, profile
+from discsim.physics import laws, profile, viscosity
 from discsim.physics.eos import eos_of
 from discsim.physics.local import Local, longest_step, resolution
 from discsim.scene import Scene
@@ -48,6 +48,9 @@ def _local(scene: Scene, places: Places) -> Local:
     h = _smoothing(scene, density)
     fine = None if h is None else resolution(scene, h)
     step = None if h is None or sound is None else longest_step(scene, h, sound)
+    nu = None if h is None else viscosity.at_places(scene, radius, thermal, h)
+    if nu is not None and step is not None:
+        step = np.minimum(step, viscosity.longest_step(scene, nu, h))
     particle_mass = gas_mass(scene) / particle_count(scene, scene.gas) if scene.gas else None
     found = grid(scene)
     at = Local(
@@ -102,7 +105,16 @@ def derived(scene: Scene) -> list[tuple[str, str]]:
     if at.h is not None:
         rows.append(("smoothing length h", _list(scene.units, at.h, "length")))
     rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
-    return rows
+    return rows + effect_rows(scene)
+
+
+def effect_rows(scene: Scene) -> list[tuple[str, str]]:
+    """Name and text of the derived numbers that effects have of their own, which the log of a run has too."""
+    if scene.initial is None:
+        return []
+    at = local(scene)
+    with np.errstate(all="ignore"):  # numbers beyond floats are said as they are
+        return [row for effect in effect_classes(scene).values() for row in effect.rows(scene, at)]
 
 
 def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:

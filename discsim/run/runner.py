@@ -25,6 +25,7 @@ from discsim.output.history import History, HistoryError, history_row, rows_unti
 from discsim.output.snapshot import write_snapshot
 from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
+from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
 from discsim.run import ahead
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
@@ -209,6 +210,8 @@ class _Run:
         say = self.progress.say
         say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
         say(f"effects: {', '.join(self.scene.effects)}")
+        for name, text in effect_rows(self.scene):
+            say(f"{name}: {text}")
         for line in warnings(self.scene):
             say(f"warning: {line}")
         if not locked:

@@ -26,6 +26,7 @@ from discsim.scene.tables import REQUIRED, TABLES, optional_tables
 from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
+    from discsim.effects.alpha_viscosity import Keys as AlphaViscosity
     from discsim.effects.cooling import Keys as Cooling
     from discsim.effects.damping import Keys as Damping
     from discsim.effects.drag import Keys as Drag
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
 else:  # imported only where a scene has them
-    Background = Cooling = Damping = Drag = Dust = External = Gas = RadiationPressure = SelfGravity = Star = Any
+    AlphaViscosity = Background = Cooling = Damping = Drag = Dust = External = Gas = Any
+    RadiationPressure = SelfGravity = Star = Any
 
 
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
@@ -64,6 +66,7 @@ class Scene(BaseModel):
     external: External | None = None
     cooling: Cooling | None = None
     damping: Damping | None = None
+    alpha_viscosity: AlphaViscosity | None = None
     others: dict[str, Any] = {}  # tables of effects that other packages bring
     text: str
     path: Path | None = None

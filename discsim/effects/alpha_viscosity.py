@@ -1,0 +1,166 @@
+"""Shear viscosity of SPH gas, nu = alpha c_s H or a constant: a force between pairs, along the line of centres.
+
+    dv_i/dt = (d + 2) sum_j m_j 4 / [(1 / mu_i + 1 / mu_j) rho_i rho_j] (v_ij . e_ij / r_ij) e_ij F_ij             (1)
+    F_ij    = d / (2 (d + 2) <q^2>) [q_i^2 dW(h_i)/dr + q_j^2 dW(h_j)/dr],   q = r_ij / h                          (2)
+
+with e_ij = r_ij / |r_ij| and mu = rho nu of each particle (Espanol & Revenga 2003; of a viscosity that varies Lodato &
+Price 2010). Pairs pull along the line between them, so momentum and angular momentum are exact. In even gas (1) is
+nu (lap v + 2 grad div v): with the shear viscosity nu comes a bulk viscosity of 2 nu. Of a kernel's gradient itself the
+nearest neighbours would have so much of the sum that on a lattice nu is off by 12% and in a disc by 4 to 7%; with the
+q^2 of (2) it is right to 2%, and a step may be twice as long. The harmonic mean of mu keeps the stress continuous where
+nu has a step (Cleary & Monaghan 1999, of heat). Gas that holds heat takes what the pairs lose, in equal shares.
+
+The sum is made with those of pressure (`kernels/sph.py`) and is part of the acceleration of [gas]; nu is that of
+`physics/viscosity.py`, by each particle's present sound speed. A [background] has its radial flow alone.
+Step limit: 1 / (25 W(0, h) nu), .088 h^2 / nu of the cubic kernel; from 1 / (20 W(0, h) nu) on velocities grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import Field
+
+from discsim.effects import base
+from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics.state import State
+from discsim.numerics.threads import share
+from discsim.physics import viscosity
+from discsim.scene.fields import Diffusivity, Length, Number, Table
+from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
+PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step: of a particle, and of each of its neighbours
+STEP = ("inner_alpha", "outer_alpha", "radius", "width")
+DEAD = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
+
+
+class Keys(Table):
+    alpha: Number | None = Field(None, gt=0, description="nu = alpha c_s H")
+    nu: Diffusivity | None = Field(None, gt=0, description="the same everywhere, instead of alpha")
+    index: Number = Field(0.0, description="alpha ~ r^index, about initial.reference_radius")
+    inner_alpha: Number | None = Field(None, ge=0, description="far within radius, instead of alpha")
+    outer_alpha: Number | None = Field(None, ge=0, description="far beyond radius")
+    radius: Length | None = Field(None, gt=0, description="where alpha is the mean of the two")
+    width: Number | None = Field(None, gt=0, description="of the step between them, tanh(ln(r / radius) / width)")
+    dead_alpha: Number | None = Field(None, ge=0, description="in the midst of a dead zone")
+    dead_inner: Length | None = Field(None, gt=0, description="inner edge of the dead zone")
+    dead_outer: Length | None = Field(None, gt=0, description="outer edge of the dead zone")
+    dead_width: Number | None = Field(None, gt=0, description="of its edges, tanh(ln(r / edge) / dead_width)")
+
+
+def _one_law(draft: Draft) -> Iterator[Problem]:
+    keys = draft.alpha_viscosity
+    given = [key for key in ("alpha", "nu") if getattr(keys, key) is not None]
+    given += [key for key in STEP if getattr(keys, key) is not None][:1]
+    if len(given) != 1:
+        wrong = f"{' and '.join(given)} are there together" if given else "there is no viscosity"
+        words = "expected exactly one of alpha, nu, or inner_alpha and outer_alpha with radius and width"
+        yield ("alpha_viscosity", *given[-1:]), f"{wrong}; {words}"
+    for group in (STEP, DEAD):
+        there = [key for key in group if getattr(keys, key) is not None]
+        for key in group if there else ():
+            if key not in there:
+                yield ("alpha_viscosity", key), f"missing; {' and '.join(there)} need it too"
+    if keys.nu is not None and keys.dead_alpha is not None:
+        yield (
+            ("alpha_viscosity", "dead_alpha"),
+            "nu is one everywhere; expected alpha instead of it, or no dead zone",
+        )
+    if None not in (keys.dead_inner, keys.dead_outer) and keys.dead_outer <= keys.dead_inner:
+        yield ("alpha_viscosity", "dead_outer"), "not outside dead_inner; expected dead_outer > dead_inner"
+    if keys.index != 0.0 and keys.alpha is None:
+        yield ("alpha_viscosity", "index"), "a power of r goes with alpha; expected alpha, or no index"
+
+
+def _a_reference(draft: Draft) -> Iterator[Problem]:
+    keys, start = draft.alpha_viscosity, draft.initial
+    if keys.index != 0.0 and start is not None and not hasattr(start, "reference_radius"):
+        yield ("alpha_viscosity", "index"), f"a {draft.kind} has no reference_radius; expected no index"
+
+
+def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
+    if draft.dimensions == 1:
+        yield (
+            ("alpha_viscosity",),
+            "one dimension has no shear; expected space.dimensions = 2, or [gas.viscosity]",
+        )
+    elif not draft.has("gas") and not draft.has("background"):
+        yield ("alpha_viscosity",), "there is no gas to be viscous; expected a table [gas] or [background] too"
+    if not draft.has("star") and draft.alpha_viscosity.nu is None:
+        yield ("alpha_viscosity",), "alpha c_s H needs a star to orbit; expected a table [star], or nu"
+
+
+class Effect(base.Effect):
+    keys = Keys
+    rules = (_one_law, _a_reference, _gas_that_shears)
+    acts_on = ()  # its acceleration is in that of [gas]
+
+    @classmethod
+    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+        found = _viscosities(scene, at)
+        if found is None:
+            return
+        name, (asked, artificial, noise) = found
+        if name == "nu":
+            yield "nu asked for", scene.units.show(asked[0], "diffusivity")
+            yield "nu of artificial viscosity", scene.units.show(artificial[0], "diffusivity")
+            return
+        yield "alpha asked for", _texts(asked)
+        if scene.gas:
+            yield "alpha of artificial viscosity", _texts(artificial)
+            yield "alpha of noise, about", _texts(noise)
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        found = _viscosities(scene, at)
+        if found is None or not scene.gas:
+            return
+        name, (asked, artificial, noise) = found
+        beside = artificial + noise
+        worst = int(np.argmax(beside - asked))
+        if beside[worst] > asked[worst]:
+            yield (
+                f"artificial viscosity and noise have {name} = {beside[worst]:.2g} {at.where(worst)}, more than "
+                f"alpha_viscosity's {asked[worst]:.2g}: lower gas.viscosity.alpha, or raise gas.eta or gas.particles"
+            )
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        if not scene.gas:
+            return 0.0
+        return counts.gas * (PARTICLE + NEIGHBOUR * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
+
+    def limit(self, state: State) -> float:
+        gas = state.gas
+        if gas is None or gas.count == 0:
+            return np.inf
+
+        def part(first: int, last: int) -> float:
+            return float(viscosity.longest_step(state.scene, gas.nu[first:last], gas.h[first:last]).min())
+
+        return min(share(part, gas.count))
+
+
+def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.ndarray, np.ndarray]] | None:
+    """What is asked for, and the artificial viscosity's and the noise's, (n,) each at the places of `at`: as alpha,
+    or as nu where nothing turns. None where the scene does not define it there.
+    """
+    asked = viscosity.at_places(scene, at.radius, at.thermal_speed, at.density)
+    if asked is None:
+        return None
+    none = np.zeros_like(asked)
+    of_gas = (viscosity.artificial(scene, at), viscosity.noise(scene, at)) if scene.gas else (none, none)
+    if at.omega is None or at.thermal_speed is None:
+        return "nu", (asked, of_gas[0], none)
+    unit = at.thermal_speed**2 / at.omega
+    return "alpha", (asked / unit, of_gas[0] / unit, of_gas[1] / unit)
+
+
+def _texts(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.2g}" for value in values)
