@@ -1,0 +1,103 @@
+"""What companions of the star are to the disc: their softening, their mass in time, their mean pull. Numpy only.
+
+A companion of mass m at distance a pulls a ring of radius r, averaged over its orbit, inwards with
+
+    g(r) = m < (r - a cos phi) / (r^2 + a^2 - 2 r a cos phi + eps^2)^(3/2) >_phi                              (1)
+
+and its mass grows as m(t) = m sin^2(pi t / 2 ramp) until `ramp`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.parts import EOS
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+ANGLES = 2048  # of an orbit, over which (1) is averaged: twelve within a softening of a fiftieth of it
+RADII = 4096  # at which it is, and between which it is interpolated
+
+
+def mass_at(companion: Any, time: float) -> float:
+    """Mass of a companion at a time, without what it has accreted."""
+    if time >= companion.ramp:
+        return companion.mass
+    return companion.mass * math.sin(0.5 * math.pi * max(time, 0.0) / companion.ramp) ** 2
+
+
+def central_mass(scene: Scene) -> float:
+    """What the disc turns about: the star, or about the barycentre all that is bound to it."""
+    star: Any = scene.star
+    return star.mass + sum(c.mass for c in _about_barycentre(scene) if c.eccentricity < 1.0)
+
+
+def scale_height(scene: Scene, r: Array | float) -> Array:
+    """H = c_s / Omega (n,) at radius r, of the temperature that the scene gives; needs one that density leaves alone."""
+    r = np.asarray(r, dtype=float)
+    if scene.background is not None:
+        speed = scene.model.given(scene).sound_speed(r)  # type: ignore[misc]
+    else:
+        speed = EOS[scene.gas.eos.kind].thermal_speed(scene, r)
+    return speed / np.sqrt(central_mass(scene) / r**3)
+
+
+def softening(scene: Scene, companion: Any, r: float) -> float:
+    """Plummer length of a companion at distance r from the star: a length, or so many of the local H."""
+    number, in_heights = companion.softening
+    return number * float(scale_height(scene, r)) if in_heights else number
+
+
+def mean_pull(scene: Scene, radius: Array) -> Array:
+    """Inward acceleration (n,) at `radius` (n,) by companions, eq. (1), at t = 0: nothing of one with a ramp.
+
+    To be added to the softened pull of the star's whole mass at the centre of the disc. About the barycentre the star
+    is on a circle too, and what that changes is part of it. Orbits count as circles of their semi-major axis; unbound
+    companions have no mean pull.
+    """
+    radius = np.asarray(radius, dtype=float)
+    rings = list(_rings(scene))
+    if not rings or radius.size == 0:
+        return np.zeros_like(radius)
+    at = np.linspace(radius.min(), radius.max(), RADII) if np.ptp(radius) > 0.0 else radius.ravel()[:1]
+    total = np.zeros_like(at)
+    for mass, distance, length in rings:
+        total += mass * _of_ring(at, distance, length)
+    return np.interp(radius, at, total)
+
+
+def _about_barycentre(scene: Scene) -> Any:
+    return (scene.table("companion") or ()) if getattr(scene.star, "centre", "star") == "barycentre" else ()
+
+
+def _rings(scene: Scene) -> Any:
+    """Mass, radius and softening of the rings that companions are on the average."""
+    star: Any = scene.star
+    outside = bool(_about_barycentre(scene))
+    for companion in scene.table("companion") or ():
+        mass = mass_at(companion, 0.0)
+        if companion.eccentricity >= 1.0 or mass == 0.0:
+            continue
+        distance = companion.semi_major_axis
+        share = star.mass / (star.mass + mass) if outside else 1.0  # of the distance, that the companion is away
+        yield mass, share * distance, softening(scene, companion, distance)
+        if outside:
+            yield star.mass, (1.0 - share) * distance, star.softening
+            yield -star.mass, 0.0, star.softening
+
+
+def _of_ring(r: Array, distance: float, length: float) -> Array:
+    """Eq. (1) of unit mass (n,)."""
+    if distance == 0.0:
+        return r / (r * r + length * length) ** 1.5
+    out = np.zeros_like(r)
+    # At the middles of even parts of half a circle; the other half is its mirror image.
+    for angle in (np.arange(ANGLES // 2) + 0.5) * (2.0 * math.pi / ANGLES):
+        cosine = math.cos(angle)
+        out += (r - distance * cosine) / (r * r + distance * (distance - 2.0 * r * cosine) + length * length) ** 1.5
+    return out / (ANGLES // 2)
