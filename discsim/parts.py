@@ -157,6 +157,7 @@ EFFECTS = Parts(
         "background": "discsim.effects.given_disc:Background",
         "dust": "discsim.effects.dust:Effect",
         "star": "discsim.effects.star:Effect",
+        "companion": "discsim.effects.companion:Effect",
         "self_gravity": "discsim.effects.self_gravity:Effect",
         "external": "discsim.effects.external:Effect",
         "drag": "discsim.effects.drag:Effect",

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_origin
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
@@ -26,6 +26,7 @@ from discsim.scene.tables import REQUIRED, TABLES, optional_tables
 from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
+    from discsim.effects.companion import Keys as Companion
     from discsim.effects.drag import Keys as Drag
     from discsim.effects.dust import Keys as Dust
     from discsim.effects.external import Keys as External
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
 else:  # imported only where a scene has them
-    Background = Drag = Dust = External = Gas = SelfGravity = Star = Any
+    Background = Companion = Drag = Dust = External = Gas = SelfGravity = Star = Any
 
 
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
@@ -57,6 +58,7 @@ class Scene(BaseModel):
     drag: Drag | None = None
     self_gravity: SelfGravity | None = None
     star: Star | None = None
+    companion: tuple[Companion, ...] | None = None
     external: External | None = None
     others: dict[str, Any] = {}  # tables of effects that other packages bring
     text: str
@@ -200,8 +202,9 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
         kind = value_at(data, "gas", "eos", "kind")
         hot = isinstance(kind, str) and kind in EOS and EOS[kind].holds_heat
         drag.setdefault("heating", hot and drag.get("direction") != "one-way")
-    if isinstance(filled.get("dust"), dict):
-        filled["dust"] = [filled["dust"]]
+    for name, table in filled.items():
+        if isinstance(table, dict) and _several(name):
+            filled[name] = [table]
     if own_particles:
         dust = filled.get("dust")
         for table in (gas, *(dust if isinstance(dust, list) else ())):
@@ -215,11 +218,16 @@ def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
     path, wrong = fault
     if len(path) > 1 and isinstance(path[-1], int) and not isinstance(value_at(data, *path[:-1]), list):
         path = path[:-1]  # one number for every dimension
-    if path[:1] == ("dust",) and len(path) > 1 and isinstance(data.get("dust"), dict):
-        path = ("dust", *path[2:])
+    if len(path) > 1 and _several(path[0]) and isinstance(data.get(str(path[0])), dict):
+        path = (path[0], *path[2:])
     if path == ("drag", "cell_length") and value_at(data, *path) is None:
         path = ("drag", "cell")
     return path, wrong
+
+
+def _several(name: str | int) -> bool:
+    """Whether a table may be a list; asked of those that a scene has, so that no other is imported."""
+    return name in EFFECTS and get_origin(TABLES[str(name)]) is tuple
 
 
 @cache
@@ -228,7 +236,7 @@ def _adapter(name: str) -> TypeAdapter[Any]:
 
 
 def _table(name: str, filled: Any, raw: Any, units: Units) -> tuple[Any, list[Problem]]:
-    if not isinstance(raw, dict) and not (name == "dust" and isinstance(raw, list)):
+    if not isinstance(raw, dict) and not (isinstance(raw, list) and _several(name)):
         return None, [((name,), f"{shown(raw)} is not a table; expected [{name}] with its keys")]
     if raw == []:
         return None, [((name,), f"an empty list; expected [{name}] or [[{name}]]")]
