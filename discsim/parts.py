@@ -159,6 +159,7 @@ EFFECTS = Parts(
         "background": "discsim.effects.given_disc:Background",
         "dust": "discsim.effects.dust:Effect",
         "star": "discsim.effects.star:Effect",
+        "companion": "discsim.effects.companion:Effect",
         "self_gravity": "discsim.effects.self_gravity:Effect",
         "radiation_pressure": "discsim.effects.radiation_pressure:Effect",
         "external": "discsim.effects.external:Effect",

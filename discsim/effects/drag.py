@@ -232,6 +232,9 @@ class Effect(base.Effect):
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
         assert self.scheme.relax is not None
-        self.scheme.relax(self, state, dt, gas_vel, heat)
+        if state.bodies is not None:
+            self.star = (state.central_mass, state.scene.star.softening)
+        with state.about_centre(gas_vel):
+            self.scheme.relax(self, state, dt, gas_vel, heat)
         if resting is not None:
             dust.vel[dust.immobile] = resting

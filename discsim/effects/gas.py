@@ -161,7 +161,7 @@ class Effect(base.Effect):
             return
         vel, u = self.predicted(state)
         self.sph.density(gas, vel)
-        gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(gas, u)
+        gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(state, u)
         if gas.nu is not None:
             fill(gas.nu, lambda piece: self._diffusivity(gas, piece))
         if gas.heating_rate is not None:
@@ -179,13 +179,14 @@ class Effect(base.Effect):
         # beside heavier ones, more than there is.
         self._limit = min(self._step_limit(gas, before, divergence), 1.0 / conduction if conduction > 0.0 else np.inf)
 
-    def _pressure_and_sound_speed(self, gas: Gas, u: np.ndarray | None) -> np.ndarray:
+    def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> np.ndarray:
+        gas, pos = state.gas, state.from_centre(state.gas.pos)
         out = np.empty((2, gas.count))
 
         def part(first: int, last: int) -> None:
             within = slice(first, last)
             energy = None if u is None else u[within]
-            out[:, within] = pressure_and_sound_speed(self.scene, gas.pos[within], gas.density[within], energy)
+            out[:, within] = pressure_and_sound_speed(self.scene, pos[within], gas.density[within], energy)
 
         share(part, gas.count)
         return out

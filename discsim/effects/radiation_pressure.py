@@ -47,7 +47,10 @@ def _needs(draft: Draft) -> Iterator[Problem]:
 def _one_a_population(draft: Draft) -> Iterator[Problem]:
     given, there = len(draft.radiation_pressure.beta), len(draft.dust or ())
     if draft.dust and given not in (1, there):
-        yield ("radiation_pressure", "beta"), f"{given} numbers for {there} populations of dust; expected {there}, or one"
+        yield (
+            ("radiation_pressure", "beta"),
+            f"{given} numbers for {there} populations of dust; expected {there}, or one",
+        )
 
 
 def _moves_by_particles(draft: Draft) -> Iterator[Problem]:

@@ -1,22 +1,28 @@
-"""A fixed star at the origin: a = -G M r / (r^2 + s^2)^(3/2), s its softening; optional accretion radius.
+"""A star: a = -G M d / (d^2 + s^2)^(3/2), s its softening, d the way from it; optional accretion radius.
 
 What comes within the accretion radius is removed at the end of the step; its mass, momentum and angular momentum go
-to the ledger. Step limit: 1/Omega = sqrt((r^2 + s^2)^(3/2) / (G M)) of the innermost particle.
+to the ledger, and with grows = true its mass, and where the star moves its momentum, to the star. Step limit:
+1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest particle.
+
+frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that `indirect` lists
+frame = "inertial"   the star moves with A_0; with its companions its barycentre starts at rest at the origin
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from discsim.effects import base
+from discsim.effects.accretion import swallow
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
-from discsim.scene.fields import Length, Mass, Table
+from discsim.physics.orbits import Orbits, pulling
+from discsim.scene.fields import Default, Length, Mass, Table
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -24,13 +30,22 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.star")
 
-PULL = 6.0  # CPU nanoseconds of a particle in a step
+PULL = 6.0  # CPU nanoseconds of a particle in a step, and again of one whose pull on the star counts
 
 
 class Keys(Table):
-    mass: Mass = Field(gt=0, description="fixed at the origin")
+    mass: Mass = Field(gt=0, description="of the star")
     accretion_radius: Length = Field(0.0, ge=0, description="what comes closer is removed and accounted for")
     softening: Length = Field(0.0, ge=0, description="Plummer length")
+    frame: Literal["star", "inertial"] = Field("star", description='origin on the star, or "inertial": it moves')
+    indirect: Annotated[
+        tuple[Literal["companions", "gas", "dust"], ...] | None,
+        Default("companions, and gas and dust where they gravitate"),
+    ] = Field(None, description="whose pull on the star counts")
+    grows: StrictBool = Field(False, description="takes the mass it accretes; inertial: its momentum too")
+    centre: Literal["star", "barycentre"] = Field(
+        "star", description='of the disc at the start and of c_s(r); "barycentre": with its companions, inertial'
+    )
 
 
 def _at_the_centre(draft: Draft) -> Iterator[Problem]:
@@ -40,23 +55,68 @@ def _at_the_centre(draft: Draft) -> Iterator[Problem]:
         yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
 
 
+def _who_pulls(draft: Draft) -> Iterator[Problem]:
+    names = draft.star.indirect or ()
+    if len(set(names)) < len(names):
+        yield ("star", "indirect"), "a name is there twice; expected each once"
+    for name in dict.fromkeys(names):
+        table = "companion" if name == "companions" else name
+        if not draft.has(table):
+            yield ("star", "indirect"), f'"{name}" is to pull, but there is no table [{table}]'
+    if "dust" in names and draft.one_way_beside_gas:
+        wrong = "one-way dust must leave the gas alone, and a star that it pulls moves the gas"
+        yield ("star", "indirect"), f'{wrong}; expected no "dust", or drag.direction = "two-way"'
+
+
+def _frame(draft: Draft) -> Iterator[Problem]:
+    star = draft.star
+    if star.frame == "inertial" and draft.has("background"):
+        yield ("star", "frame"), 'a [background] turns about a star at the origin; expected "star"'
+    if star.centre == "barycentre":
+        if not draft.has("companion"):
+            yield ("star", "centre"), "without companions the star is the barycentre; expected a table [[companion]]"
+        if star.frame == "star":
+            yield ("star", "centre"), 'the barycentre moves about the star; expected star.frame = "inertial" too'
+    if star.grows and star.accretion_radius == 0.0:
+        yield ("star", "grows"), "the star takes nothing; expected star.accretion_radius too"
+
+
 class Effect(base.Effect):
     keys = Keys
-    rules = (_at_the_centre,)
+    rules = (_at_the_centre, _who_pulls, _frame)
     shared = marks_centre = True
     softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.star = scene.star
+        self.orbits = Orbits(scene)
+        self.counted = [name for name in pulling(scene) if name in self.orbits.felt_by_star]
+        # Drag by a given disc has to know the whole acceleration; else the star's drift is undone by one of particles.
+        self.all_in_kick = scene.model.given is not None
+        self._place = 0.0, 0.0
         self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return PULL * (counts.gas + counts.dust)
+        felt = Orbits(scene).felt_by_star
+        return PULL * (counts.gas * (1 + ("gas" in felt)) + counts.dust * (1 + ("dust" in felt)))
 
     def accelerate(self, state: State) -> None:
-        for particles in state.species.values():
-            share(kernels.attract, particles.count, particles.pos, particles.acc, self.star.mass, self.star.softening)
+        self._place = place = state.star_place
+        for p in state.species.values():
+            share(kernels.attract, p.count, p.pos, p.acc, state.star_mass, self.star.softening, *place)
+        bodies = state.bodies
+        if bodies is None:
+            return
+        for number, name in enumerate(("gas", "dust")):
+            if name in self.counted:
+                bodies.pulled[0, number] = pull_of(state.species[name], self.star.softening, place)
+        if not self.orbits.inertial:
+            pull = self.orbits.pull_on_star(bodies, beyond_drift=not self.all_in_kick)
+            for p in state.species.values():
+                share(kernels.add, p.count, p.acc, *(-pull).tolist())
+        if bodies.count == 1:
+            self.orbits.accelerate(bodies)
 
     def limit(self, state: State) -> float:
         limiting = {id(particles) for particles in state.limiting}
@@ -64,21 +124,41 @@ class Effect(base.Effect):
 
     def limit_of(self, state: State, name: str) -> float:
         p = state.species[name]
-        distance2 = self._nearest.pop(name, None) or min(share(kernels.nearest, p.count, p.pos))
-        return ((distance2 + self.star.softening**2) ** 1.5 / self.star.mass) ** 0.5
+        distance2 = self._nearest.pop(name, None) or min(share(kernels.nearest, p.count, p.pos, *state.star_place))
+        return ((distance2 + self.star.softening**2) ** 1.5 / state.star_mass) ** 0.5
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        return int((particles.pos**2).sum(axis=1).argmin())
+        return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())
+
+    def move(self, state: State, dt: float) -> None:
+        if state.bodies is None:
+            return
+        off, turned = self.orbits.drift(state.bodies, state.time, dt)
+        if self.orbits.inertial or self.all_in_kick or not np.any([off, turned]):
+            return
+        for p in state.species.values():
+            for vectors, moved in ((p.pos, off), (p.vel, turned)):
+                if p.immobile is None:
+                    share(kernels.add, p.count, vectors, *(-moved).tolist())
+                else:
+                    vectors[~p.immobile] -= moved
 
     def event(self, state: State) -> None:
+        if state.bodies is not None:
+            self.orbits.place(state.bodies, state.time)
         if self.star.accretion_radius > 0.0:
+            place = state.star_place
             for name, particles in state.species.items():
-                self._accrete(state, name, particles)
+                self._accrete(state, name, particles, place)
+            if state.bodies is not None and self.orbits.inertial and self.star.grows:
+                self._nearest = {}  # it may have moved
+                self.orbits.place(state.bodies, state.time)
 
-    def _accrete(self, state: State, name: str, particles: Particles) -> None:
+    def _accrete(self, state: State, name: str, particles: Particles, place: tuple[float, float]) -> None:
         squared = self.star.accretion_radius**2
         inside = np.empty(particles.count, bool)
-        self._nearest[name] = min(share(kernels.divide, particles.count, particles.pos, squared, inside))
+        found = share(kernels.divide, particles.count, particles.pos, squared, inside, *place)
+        self._nearest[name] = min(found)
         gone = np.flatnonzero(inside)
         if len(gone) == 0:
             return
@@ -88,11 +168,21 @@ class Effect(base.Effect):
         ledger.accreted_momentum += (mass[:, None] * vel).sum(axis=0)
         spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])
         ledger.accreted_angular_momentum += float(spin.sum())
+        if state.bodies is not None:
+            swallow(state, 0, name, gone, grows=self.star.grows, moves=self.orbits.inertial)
         particles.remove(inside)
 
     def potential_energy(self, state: State) -> float:
-        total = 0.0
+        total, place = 0.0, np.array(state.star_place)
         for p in state.species.values():
-            distance = np.sqrt((p.pos**2).sum(axis=1) + self.star.softening**2)
-            total -= float((p.mass * self.star.mass / distance).sum())
+            distance = np.sqrt(((p.pos - place) ** 2).sum(axis=1) + self.star.softening**2)
+            total -= float((p.mass * state.star_mass / distance).sum())
         return total
+
+
+def pull_of(particles: Particles, softening: float, place: tuple[float, float]) -> np.ndarray:
+    """What particles give to a point at `place` (2,), softened."""
+    blocks = -(-particles.count // kernels.BLOCK)
+    sums = np.zeros((blocks, 2))
+    share(kernels.pull_of, blocks, particles.pos, particles.mass, softening, *place, sums, least=1)
+    return np.asarray(sums.sum(axis=0))

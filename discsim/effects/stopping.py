@@ -10,6 +10,6 @@ def stopping_columns(state: State, times: np.ndarray) -> dict[str, dict[str, np.
     found = {"stopping_time": times}
     star = state.scene.star
     if star is not None and state.dust is not None:
-        squared = (state.dust.pos**2).sum(axis=1) + star.softening**2
-        found["stokes"] = times * np.sqrt(star.mass / squared**1.5)
+        squared = (state.from_centre(state.dust.pos) ** 2).sum(axis=1) + star.softening**2
+        found["stokes"] = times * np.sqrt(state.central_mass / squared**1.5)
     return {"dust": found}

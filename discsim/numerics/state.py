@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+
+from discsim.numerics.bodies import Bodies
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
@@ -115,6 +118,8 @@ class State:
     gas: Gas | None
     dust: Dust | None
     grid: Grid | None
+    # Star and companions; None where there is a star alone, at the origin and of one mass, or none.
+    bodies: Bodies | None = None
     time: float = 0.0
     step: int = 0
     lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
@@ -146,3 +151,59 @@ class State:
     def limiting(self) -> list[Particles]:
         """Whose motion may limit the step. One-way dust never does while there is gas."""
         return [particles for name, particles in self.species.items() if name == "gas" or not self.unnoticed]
+
+    @property
+    def star_mass(self) -> float:
+        """Mass of the star now; of a scene that has one."""
+        return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[0])
+
+    @property
+    def star_place(self) -> tuple[float, float]:
+        return (0.0, 0.0) if self.bodies is None else (float(self.bodies.pos[0, 0]), float(self.bodies.pos[0, 1]))
+
+    @property
+    def central_mass(self) -> float:
+        """What the disc turns about: the star, or about the barycentre all bodies."""
+        if self.bodies is not None and self.scene.star.centre == "barycentre":
+            return float(self.bodies.mass.sum())
+        return self.star_mass
+
+    @property
+    def centre(self) -> tuple[Array, Array] | None:
+        """Place and velocity (2,) of the centre of the disc; None where it stays at the origin."""
+        if self.bodies is None or self.scene.star.frame == "star":
+            return None
+        if self.scene.star.centre == "barycentre":
+            return self.bodies.barycentre
+        return self.bodies.pos[0], self.bodies.vel[0]
+
+    def from_centre(self, pos: Array) -> Array:
+        """Positions (n, 2) relative to the centre of the disc."""
+        centre = self.centre
+        return pos if centre is None else pos - centre[0]
+
+    @contextmanager
+    def about_centre(self, gas_vel: Array) -> Iterator[None]:
+        """Gas and dust, and velocities `gas_vel` (n, 2) of the gas, relative to the centre of the disc, for a while.
+
+        What becomes of `gas_vel` and the dust's velocities stays; the gas's own, where they are others, stay theirs.
+        """
+        centre, gas, dust = self.centre, self.gas, self.dust
+        if centre is None or gas is None or dust is None:
+            yield
+            return
+        pos, vel = (part.copy() for part in centre)
+        places = gas.pos, dust.pos
+        own = gas.vel
+        gas.pos, dust.pos = gas.pos - pos, dust.pos - pos
+        if gas_vel is not own:
+            gas.vel = own - vel
+        gas_vel -= vel
+        dust.vel -= vel
+        try:
+            yield
+        finally:
+            gas.pos, dust.pos = places
+            gas.vel = own
+            gas_vel += vel
+            dust.vel += vel

@@ -10,6 +10,7 @@ import csv
 import itertools
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -27,8 +28,9 @@ Array = np.ndarray
 COLUMNS = (
     "step", "time", "dt", "dt_set_by", "mass_gas", "mass_dust", "momentum_x", "momentum_y",
     "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
-    "accreted_dust", "uncoupled_dust", "radiated",
+    "accreted_dust", "uncoupled_dust", "accretion_rate_gas", "accretion_rate_dust", "radiated",
 )  # fmt: skip
+WORDS = ("dt_set_by",)  # columns that are no numbers
 
 
 class HistoryError(Exception):
@@ -36,22 +38,22 @@ class HistoryError(Exception):
 
 
 class History:
-    """The open file. It starts with `rows`, which earlier ones up to a checkpoint are."""
+    """The open file of some `columns`, the step first. It starts with `rows`, earlier ones up to a checkpoint."""
 
-    def __init__(self, path: Path, rows: Sequence[Sequence[str]] = ()) -> None:
+    def __init__(self, path: Path, rows: Sequence[Sequence[str]] = (), columns: Sequence[str] = COLUMNS) -> None:
         with written(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([COLUMNS, *rows])
+            csv.writer(file).writerows([columns, *rows])
         self._file = path.open("a", newline="", encoding="utf-8")
         self.count = len(rows)
-        self._last = int(rows[-1][0]) if rows else -1
+        self.last: Sequence[object] | None = rows[-1] if rows else None
 
-    def add(self, row: Sequence[object]) -> None:
-        """Append a row, unless its step has one already."""
-        if row[0] != self._last:
-            csv.writer(self._file).writerow(row)
+    def add(self, *rows: Sequence[object]) -> None:
+        """Append the rows of a step, unless it has some already."""
+        if rows and (self.last is None or rows[0][0] != int(str(self.last[0]))):
+            csv.writer(self._file).writerows(rows)
             self._file.flush()
-            self._last = int(str(row[0]))
-            self.count += 1
+            self.last = rows[-1]
+            self.count += len(rows)
 
     def sync(self) -> None:
         """Have the rows on the disk: a checkpoint says how many there are."""
@@ -61,35 +63,40 @@ class History:
         self._file.close()
 
 
-def rows_until(path: Path, step: int, count: int) -> list[list[str]]:
-    """The rows up to `step`, `count` of them or fewer where some are lost. Raises HistoryError.
+def rows_until(path: Path, step: int, count: int, columns: Sequence[str] = COLUMNS) -> list[list[str]]:
+    """The rows of a file up to `step`, `count` of them or fewer where some are lost. Raises HistoryError.
 
     A crash may cut the last line short, later than those rows: what is no row among them is damage.
     """
     if not path.exists():
         return []
     head, *table = [line.split(",") for line in path.read_text(encoding="utf-8", errors="replace").splitlines()] or [[]]
-    whole = list(itertools.takewhile(_is_row, table)) if head == [*COLUMNS] else []
+    whole = list(itertools.takewhile(partial(_is_row, columns), table)) if head == [*columns] else []
     rows = [row for row in whole if int(row[0]) <= step]
     if len(rows) < count and len(whole) < len(table):
-        line = len(whole) + 2 if head == [*COLUMNS] else 1
-        wrong = f"no row of a history; expected {len(COLUMNS)} entries" if line > 1 else "not the header of a history"
+        line = len(whole) + 2 if head == [*columns] else 1
+        wrong = f"no row of a history; expected {len(columns)} entries" if line > 1 else "not the header of a history"
         raise HistoryError(f"{path}:{line}: {wrong}. Mend it, or move the file away to go on without its rows")
     return rows
 
 
-def _is_row(entries: list[str]) -> bool:
+def _is_row(columns: Sequence[str], entries: list[str]) -> bool:
     try:
-        for name, entry in zip(COLUMNS, entries, strict=True):
-            if name != "dt_set_by":
+        for name, entry in zip(columns, entries, strict=True):
+            if name not in WORDS:
                 float(entry)
     except ValueError:
         return False
     return entries[0].isdecimal() and ",".join(entries).isascii()
 
 
-def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str) -> list[object]:
-    """The row of a synchronised state, entries as in COLUMNS; `dt` is the step that led to it."""
+def history_row(
+    state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str, before: Sequence[object] | None = None
+) -> list[object]:
+    """The row of a synchronised state, entries as in COLUMNS; `dt` is the step that led to it.
+
+    Rates of accretion are means since the row `before`; without one they are 0.
+    """
     gas, dust = _totals(state.gas), _totals(state.dust)
     momentum = gas.momentum + dust.momentum
     return [
@@ -97,8 +104,22 @@ def history_row(state: State, effects: Mapping[str, Effect], dt: float, dt_set_b
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
         float(sum(effect.potential_energy(state) for effect in effects.values())),
         state.ledger.accreted_gas, state.ledger.accreted_dust,
-        float(max((effect.uncoupled for effect in effects.values()), default=0.0)), _radiated(state.gas),
+        float(max((effect.uncoupled for effect in effects.values()), default=0.0)),
+        *_accretion_rates(state, before), _radiated(state.gas),
     ]  # fmt: skip
+
+
+def _accretion_rates(state: State, before: Sequence[object] | None) -> tuple[float, float]:
+    """Of gas and dust by the star, since the row `before`."""
+    if before is None:
+        return 0.0, 0.0
+    then = dict(zip(COLUMNS, before, strict=True))
+    dt = state.time - float(str(then["time"]))
+    if dt <= 0.0:
+        return 0.0, 0.0
+    taken = state.ledger.accreted_gas, state.ledger.accreted_dust
+    gas, dust = (now - float(str(then[f"accreted_{n}"])) for n, now in zip(("gas", "dust"), taken, strict=True))
+    return gas / dt, dust / dt
 
 
 class _Totals(NamedTuple):

@@ -51,7 +51,8 @@ DUST = COMMON | {
     "stopping_time": Field("StoppingTimes", "time", "stopping time"),
     "stokes": Field("StokesNumbers", "", "stopping time times the Keplerian frequency"),
 }
-GROUPS = {"gas": ("PartType0", GAS), "dust": ("PartType3", DUST)}
+BODIES = {name: COMMON[name] for name in ("pos", "vel", "mass", "ids")}
+GROUPS = {"gas": ("PartType0", GAS), "dust": ("PartType3", DUST), "bodies": ("PartType5", BODIES)}
 TYPES = 7  # kinds of particles in the layout's header
 PLAIN_UNITS = {"": "", "temperature": "K"}  # the same in every system of code units
 BASES = ("U_M", "U_L", "U_t", "U_T", "U_I")

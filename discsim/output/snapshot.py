@@ -1,7 +1,8 @@
 """Snapshots in the HDF5 layout of SWIFT (Schaller et al. 2024, arXiv:2305.13380), which yt and others read.
 
-Gas is PartType0, dust is PartType3. Coordinates have three columns and lie in [0, BoxSize], as readers
-want; the shift back to the scene's own frame, and what else `read_snapshot` needs, is in the group "discsim".
+Gas is PartType0, dust is PartType3; the star and its companions, where they are bodies of the run, are PartType5 (black
+holes there), with their numbers as ids, the star's 0. Coordinates have three columns and lie in [0, BoxSize], as
+readers want; the shift back to the scene's own frame, and what else `read_snapshot` needs, is in the group "discsim".
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from discsim.scene.units import Units
 
 if TYPE_CHECKING:
     from discsim.effects.base import Column
+    from discsim.numerics.bodies import Bodies
     from discsim.numerics.state import Dust, Gas, Particles
     from discsim.scene import Scene
 
@@ -129,6 +131,7 @@ class Snapshot:
     dimensions: int
     lower: Array  # corners of the box, in the scene's own frame, (dimensions,)
     upper: Array
+    bodies: SnapshotParticles | None = None  # star, then companions; None where there is only a star at the origin
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -170,6 +173,7 @@ def write_snapshot(
     gas: Gas | None,
     dust: Dust | None,
     extra: dict[str, dict[str, Array | Column]] | None = None,
+    bodies: Bodies | None = None,
 ) -> None:
     """Write the particles at `time` to `path`, which appears only when it is complete.
 
@@ -177,7 +181,7 @@ def write_snapshot(
     particles. Raises OSError where the file cannot be written.
     """
     extra = extra or {}
-    present = {name: p for name, p in (("gas", gas), ("dust", dust)) if p is not None}
+    present = {name: p for name, p in (("gas", gas), ("dust", dust), ("bodies", bodies)) if p is not None}
     lower, upper = _box(scene, list(present.values()))
     support = _support(scene)
     with hdf5.create(path) as file:
@@ -193,6 +197,7 @@ def write_snapshot(
         hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
         for name, particles in present.items():
             arrays: dict[str, Any] = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
+            arrays.setdefault("ids", np.arange(particles.count))
             arrays = arrays | {"pos": _into_box(particles.pos, lower, upper)}
             if name == "gas":
                 arrays["h"] = arrays["h"] * support
@@ -229,6 +234,7 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             time=float(file["Header"].attrs["Time"][0]),
             gas=kinds.get("gas"),
             dust=kinds.get("dust"),
+            bodies=kinds.get("bodies"),
             units=units,
             scene_text=own["Scene"][()].tobytes().decode(),
             dimensions=dimensions,
@@ -250,7 +256,7 @@ def _support(scene: Scene) -> float:
     return SUPPORT[KERNELS[scene.gas.kernel]]
 
 
-def _box(scene: Scene, kinds: list[Particles]) -> tuple[Array, Array]:
+def _box(scene: Scene, kinds: list[Particles | Bodies]) -> tuple[Array, Array]:
     """Corners of the scene's box, widened to hold what has left it through an open boundary."""
     size = np.asarray(scene.space.size, dtype=float)
     lower = -size / 2 if scene.centred else np.zeros_like(size)
@@ -272,7 +278,7 @@ def _into_box(pos: Array, lower: Array, upper: Array) -> Array:
 
 def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
     """What the layout holds beside the state."""
-    if kind == "dust" or scene.gas is None:
+    if kind != "gas" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density
     derived, gamma = {}, eos_of(scene).index(scene.gas.eos)

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from discsim.parts import EOS, STARTS
+from discsim.physics.companions import central_mass
 from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
 from discsim.scene.rules import Draft, Problem, Rule
 
@@ -303,5 +304,5 @@ def _speed_of_temperature(scene: Scene, r: Array) -> Array:
     if getattr(eos, "aspect_ratio", None) is None:
         return np.full(r.shape, eos.sound_speed)
     r0 = eos.reference_radius
-    at_r0 = eos.aspect_ratio * np.sqrt(scene.star.mass / r0)
+    at_r0 = eos.aspect_ratio * np.sqrt(central_mass(scene) / r0)
     return at_r0 * (np.maximum(r, 1e-12 * r0) / r0) ** (-0.5 * eos.temperature_index)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.parts import STARTS
+from discsim.physics.companions import central_mass
 from discsim.physics.eos import eos_of
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
 def kepler_omega(scene: Scene, r: Array | float) -> Array:
     """Frequency of circles of radius `r` about the star alone, softened as it is."""
     star: Any = scene.star
-    return np.sqrt(star.mass / (r**3 * (1.0 + (star.softening / r) ** 2) ** 1.5))
+    return np.sqrt(central_mass(scene) / (r**3 * (1.0 + (star.softening / r) ** 2) ** 1.5))
 
 
 def surface_density(scene: Scene, r: Array) -> Array:
@@ -122,6 +123,6 @@ def pressure_acceleration(scene: Scene, r: Array) -> Array:
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:
             phase = 0.5 * np.pi * np.clip(sign * (r - edge) / width, 1e-6, 1.0)
-            steepest = np.sqrt(scene.star.mass / r**3 / speed2) if scene.star else np.inf
+            steepest = np.sqrt(central_mass(scene) / r**3 / speed2) if scene.star else np.inf
             out = out - sign * speed2 * np.minimum(np.pi / width / np.tan(phase), steepest)
     return out

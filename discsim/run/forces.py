@@ -64,15 +64,15 @@ def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
 
 def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
     """What one effect gives now, (n, dimensions) by species; made on copies, since some settle more than `acc`."""
-    gas, dust = state.gas, state.dust
+    gas, dust, bodies = state.gas, state.dust, state.bodies
     try:
-        state.gas, state.dust = gas and gas.copy(), dust and dust.copy()
+        state.gas, state.dust, state.bodies = gas and gas.copy(), dust and dust.copy(), bodies and bodies.copy()
         for p in state.species.values():
             p.acc[:] = 0.0
         effect.accelerate(state)
         return {name: p.acc for name, p in state.species.items()}
     finally:
-        state.gas, state.dust = gas, dust
+        state.gas, state.dust, state.bodies = gas, dust, bodies
 
 
 def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:

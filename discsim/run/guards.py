@@ -36,6 +36,7 @@ def check_kicked(state: State, effects: Effects) -> None:
     """That velocities and energies are finite after a kick."""
     for name, p in state.species.items():
         _check_finite(state, effects, name, p.vel, "in its vel after a kick")
+    _check_bodies(state)
     if state.gas is not None and state.gas.u is not None:
         _check_finite(state, effects, "gas", state.gas.u, "in its u after a kick")
 
@@ -44,6 +45,7 @@ def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> No
     """That accelerations are finite, and that each effect allows a step."""
     for name, p in state.species.items():
         _check_finite(state, effects, name, p.acc, "in its acceleration")
+    _check_bodies(state)
     for name, limit in limits.items():
         if math.isnan(limit) or limit <= 0.0:
             raise PhysicsError(f"the step that {name} allows is {limit}{_without_heat(state)}")
@@ -62,6 +64,19 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
         f"the gas, and above {LOST:g} its orbit is lost; expected {effects[name].softer}, or a smaller "
         f"run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
     )
+
+
+def _check_bodies(state: State) -> None:
+    """That the star and its companions are somewhere, and move."""
+    bodies = state.bodies
+    if bodies is None:
+        return
+    for name in ("pos", "vel", "acc"):
+        right = np.isfinite(getattr(bodies, name)).all(axis=1)
+        if not right.all():
+            i = int(np.argmin(right))
+            who = f"companion {i}" if i > 0 else "the star"
+            raise PhysicsError(f"{who} is not finite in its {name} (step {state.step}); do two bodies meet?")
 
 
 def _without_heat(state: State) -> str:

@@ -12,6 +12,8 @@ velocities still await. `euler` is the papers' first-order scheme.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from discsim.numerics.bodies import Bodies
+    from discsim.numerics.state import Particles
     from discsim.run.operators import Operators
 
 
@@ -32,14 +34,16 @@ def kdk(step: "Operators", dt: float, until: float) -> None:
 def euler(step: "Operators", dt: float, until: float) -> None:
     """Velocities with the forces at the old places, places with the old velocities: both of first order."""
     state = step.state
-    other = {name: p.vel.copy() for name, p in state.species.items()}
+    moving: list[Particles | Bodies] = [*state.species.values(), *([state.bodies] if state.bodies is not None else [])]
+    before = [m.vel.copy() for m in moving]
     step.kick(dt)
     step.operate(dt)
-    for name, p in state.species.items():
-        p.vel, other[name] = other[name], p.vel
+    kicked = [m.vel for m in moving]
+    for m, vel in zip(moving, before, strict=True):
+        m.vel = vel.copy()
     step.move(dt)
-    for name, p in state.species.items():
-        p.vel = other[name]
+    for m, vel, old in zip(moving, kicked, before, strict=True):
+        m.vel = vel + (m.vel - old)  # on its orbit a companion turns, and with it what the star is the origin of
     state.arrive(dt, until)
     step.events()
     step.forces()

@@ -32,6 +32,8 @@ class Operators:
                     self.effects[name].kick(self.state, dt)
         except FloatingPointError as fault:
             raise PhysicsError(str(fault)) from fault
+        if self.state.bodies is not None:
+            self.state.bodies.kick(dt)
         guards.check_kicked(self.state, self.effects)
 
     def close(self) -> None:

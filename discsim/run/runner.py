@@ -21,7 +21,7 @@ from discsim.kernels import cache
 from discsim.numerics.state import Gas, State
 from discsim.output.checkpoint import CheckpointError, read_checkpoint
 from discsim.output.files import written
-from discsim.output.history import History, HistoryError, history_row, rows_until
+from discsim.output.history import HistoryError
 from discsim.output.snapshot import write_snapshot
 from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
@@ -32,6 +32,7 @@ from discsim.run.directory import DirectoryError, directory_fault, held, only_be
 from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
+from discsim.run.records import Records
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene, SceneError
 from discsim.scene.differences import refuse_another
@@ -115,7 +116,7 @@ class _Run:
     """One run: the simulation, and the files of its directory."""
 
     sim: Simulation
-    history: History
+    records: Records
 
     def __init__(self, scene: Scene, directory: Path, quiet: bool) -> None:
         self.scene, self.directory = scene, directory
@@ -181,9 +182,9 @@ class _Run:
     def close(self) -> None:
         self.compilation.close()
         self.progress.close()
-        if hasattr(self, "history"):
+        if hasattr(self, "records"):
             with suppress(OSError):  # of a row that found no room: told already
-                self.history.close()
+                self.records.close()
         self.held.close()
 
     def _show(self, t: float) -> str:
@@ -221,7 +222,8 @@ class _Run:
     def _open(self, resume: bool) -> None:
         """Open the directory's files, and take up the state where the run goes on."""
         sim, folder = self.sim, self.directory / "snapshots"
-        rows = self._take_up() if resume else []
+        self.records = Records(self.scene, self.directory)
+        short = self._take_up() if resume else []
         sweep(self.directory)
         with written(self.directory / "scene.toml") as temporary:
             temporary.write_text(self.scene.text, encoding="utf-8")
@@ -230,23 +232,22 @@ class _Run:
             if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
                 path.unlink()
         self.progress.open_log(self.directory / "run.log", resume)
-        self.history = History(self.directory / "history.csv", rows)
+        self.records.open()
         self.costs_before = self.costs_after_first = sim.costs.copy()
         with sim.synchronised():  # makes the first forces, which say what sets the first step
             self.time, self.next_set_by = sim.time, self._limiter()
         self.set_by = self.set_by or self.next_set_by
         if resume:
             self.progress.say(f"resumed {self.where()}")
-            if len(rows) != self.rows:
-                wrong = f"has {len(rows)} rows up to step {sim.state.step}, where the run had written {self.rows}"
-                self.progress.say(f"warning: {self.directory / 'history.csv'} {wrong}")
+            for line in short:
+                self.progress.say(f"warning: {line}")
 
-    def _take_up(self) -> list[list[str]]:
-        """Take up the state of the checkpoint; the rows of the history until there. Nothing is written."""
+    def _take_up(self) -> list[str]:
+        """Take up the state of the checkpoint, and the rows until there; what these lack. Nothing is written."""
         values = self.sim.restore(self.checkpoint)
-        self.saved_time, self.rows = self.sim.time, int(values["rows"])
+        self.saved_time = self.sim.time
         self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
-        return rows_until(self.directory / "history.csv", self.sim.state.step, self.rows)
+        return self.records.take_up(self.sim.state.step, values)
 
     # Stepping
 
@@ -256,6 +257,7 @@ class _Run:
         self.dt, self.time, self.set_by = state.time - self.time, state.time, self.next_set_by
         self.next_set_by = self._limiter()
         self._forget_compilation()
+        self.records.add_companions(state, self.dt)
         if state.step % self.rows_every == 0:
             with self.sim.synchronised():
                 self._add_row()
@@ -289,9 +291,12 @@ class _Run:
         sim = self.sim
         with sim.synchronised() as state:
             extra = columns(state, sim.effects.values())
-            gas = _with_present_pressure(self.scene, state.gas)
-            write_snapshot(self._snapshot(self.snapshots), self.scene, state.time, gas, state.dust, extra)
+            gas = _with_present_pressure(state)
+            path = self._snapshot(self.snapshots)
+            write_snapshot(path, self.scene, state.time, gas, state.dust, extra, state.bodies)
             self._add_row()
+            if state.step == 0:
+                self.records.add_companions(state, 0.0)
         sim.costs.write(self.directory / "costs.csv")
         self.put_out = sim.time
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
@@ -301,11 +306,11 @@ class _Run:
         return self.directory / "snapshots" / f"{number:04d}.h5"
 
     def _add_row(self) -> None:
-        self.history.add(history_row(self.sim.state, self.sim.effects, self.dt, self.set_by))
+        self.records.add_history(self.sim.state, self.sim.effects, self.dt, self.set_by)
 
     def _save(self) -> None:
-        self.history.sync()
-        notes = {"snapshots": self.snapshots, "put_out": self.put_out, "rows": self.history.count}
+        self.records.sync()
+        notes = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
         sim, costs = self.sim, self.sim.costs
         if self.steps < 2:  # what follows forgets the first step, in which kernels compiled
             sim.costs = self.costs_before
@@ -333,7 +338,7 @@ class _Run:
         self._draw()
         say = self.progress.say
         say(f"done {self.where()}, after {clock(time.monotonic() - self.begun)}")
-        say(f"output  {self.directory}: {self.snapshots} snapshots, history.csv, costs.csv, run.log")
+        say(f"output  {self.directory}: {self.snapshots} snapshots, {self.records.names}, costs.csv, run.log")
         say(f"figure  {self.figure}")
         say(f"cost    {cost}")
         if self.steps >= LONG_RUN:
@@ -373,9 +378,10 @@ def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Arra
     return extra
 
 
-def _with_present_pressure(scene: Scene, gas: Gas | None) -> Gas | None:
+def _with_present_pressure(state: State) -> Gas | None:
     """The gas with the pressure of its present energy: the forces had to foresee that."""
+    gas = state.gas
     if gas is None or gas.u is None:
         return gas
-    pressure, sound_speed = pressure_and_sound_speed(scene, gas.pos, gas.density, gas.u)
+    pressure, sound_speed = pressure_and_sound_speed(state.scene, state.from_centre(gas.pos), gas.density, gas.u)
     return replace(gas, pressure=pressure, sound_speed=sound_speed)

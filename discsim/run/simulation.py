@@ -21,6 +21,8 @@ import numpy as np
 from discsim.effects import load_effects
 from discsim.effects.base import Effect
 from discsim.initial import make_particles, make_state, own, start_of
+from discsim.initial.frame import enter_frame, make_bodies
+from discsim.numerics.bodies import Bodies
 from discsim.numerics.state import Dust, Gas, Ledger, State
 from discsim.numerics.threads import use_threads
 from discsim.output.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
@@ -57,6 +59,7 @@ class Simulation:
         use_threads(scene.run.threads)
         try:
             self.state = make_state(scene, _made(scene) if given is None else given)
+            self.state.bodies = make_bodies(scene)
             effects = load_effects(scene, self.state)
             settle = None if particles is not None else start_of(scene).settle
             if settle is not None:
@@ -64,6 +67,7 @@ class Simulation:
                     settle(self.state, effects)
             for effect in effects.values():
                 effect.begin(self.state, effects)
+            enter_frame(self.state, with_particles=particles is None)
         except ValueError as error:
             raise SceneError([str(error)]) from error
         except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
@@ -110,6 +114,11 @@ class Simulation:
     @property
     def dust(self) -> Dust | None:
         return self.state.dust
+
+    @property
+    def bodies(self) -> Bodies | None:
+        """Star and companions; None where there is a star alone, at the origin and of one mass, or none."""
+        return self.state.bodies
 
     def step(self, most: float = math.inf) -> float:
         """One whole step, of `most` at most, velocities and positions at the same time after it; returns its length.
@@ -159,6 +168,7 @@ class Simulation:
             yield state
             return
         saved = [(p, {k: v.copy() for k, v in p.arrays().items() if k in MOVED}) for p in state.species.values()]
+        bodies = None if state.bodies is None else state.bodies.copy()
         lag = state.lag
         kept_costs = self.costs
         self.costs = Costs(self.effects)
@@ -167,7 +177,7 @@ class Simulation:
             yield state
         finally:
             self.costs = kept_costs
-            state.lag = lag
+            state.lag, state.bodies = lag, bodies
             for particles, arrays in saved:
                 for name, array in arrays.items():
                     setattr(particles, name, array)
@@ -187,6 +197,8 @@ class Simulation:
         groups = {name: p.arrays() for name, p in state.species.items()}
         groups["own_acc"] = state.own_acc
         groups["ledger"] = {name: np.atleast_1d(value) for name, value in asdict(state.ledger).items()}
+        if state.bodies is not None:
+            groups["bodies"] = state.bodies.arrays()
         groups["scene"] = {"text": np.frombuffer(self.scene.text.encode(), np.uint8)}
         groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
@@ -207,6 +219,7 @@ class Simulation:
             lengths = {len(array) for array in held.values()}
             if held.keys() != own.keys() or len(lengths) > 1 or any(held[k].shape[1:] != own[k].shape[1:] for k in own):
                 raise CheckpointError(f"{path}: does not hold the {name} of this scene")
+        bodies = _bodies_of(path, groups, state.bodies)
         ledger = Ledger(**{f.name: _entry(groups["ledger"][f.name]) for f in fields(Ledger)})
         for table, numbers in ((costs.calls, "calls"), (costs.seconds, "seconds")):
             table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
@@ -216,7 +229,7 @@ class Simulation:
         for name, particles in state.species.items():
             for array_name, array in groups[name].items():
                 setattr(particles, array_name, array)
-        state.own_acc, state.ledger, self.costs = own_acc, ledger, costs
+        state.own_acc, state.ledger, state.bodies, self.costs = own_acc, ledger, bodies, costs
         state.time, state.step, state.lag = time, step, lag
         self.operators.limits = limits
         self._fresh, self._in_midst = True, False  # forces are among the arrays
@@ -272,6 +285,16 @@ class Simulation:
     def _advance(self, dt: float, until: float = math.inf) -> None:
         """From an open closing kick to the next."""
         self._integrate(self.operators, dt, until)
+
+
+def _bodies_of(path: str | Path, groups: Mapping[str, Any], own: Bodies | None) -> Bodies | None:
+    """The bodies of a checkpoint, as many as a scene's `own`."""
+    if own is None:
+        return None
+    held = groups["bodies"]
+    if held.keys() != own.arrays().keys() or any(held[k].shape != array.shape for k, array in own.arrays().items()):
+        raise CheckpointError(f"{path}: does not hold the star and the companions of this scene")
+    return Bodies(**held)
 
 
 def _entry(array: np.ndarray) -> Any:

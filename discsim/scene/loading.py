@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_origin
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
@@ -27,6 +27,7 @@ from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
     from discsim.effects.alpha_viscosity import Keys as AlphaViscosity
+    from discsim.effects.companion import Keys as Companion
     from discsim.effects.cooling import Keys as Cooling
     from discsim.effects.damping import Keys as Damping
     from discsim.effects.drag import Keys as Drag
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
 else:  # imported only where a scene has them
-    AlphaViscosity = Background = Cooling = Damping = Drag = Dust = External = Gas = Any
+    AlphaViscosity = Background = Companion = Cooling = Damping = Drag = Dust = External = Gas = Any
     RadiationPressure = SelfGravity = Star = Any
 
 
@@ -62,6 +63,7 @@ class Scene(BaseModel):
     drag: Drag | None = None
     self_gravity: SelfGravity | None = None
     star: Star | None = None
+    companion: tuple[Companion, ...] | None = None
     radiation_pressure: RadiationPressure | None = None
     external: External | None = None
     cooling: Cooling | None = None
@@ -222,8 +224,9 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
         kind = value_at(data, "gas", "eos", "kind")
         hot = isinstance(kind, str) and kind in EOS and EOS[kind].holds_heat
         drag.setdefault("heating", hot and drag.get("direction") != "one-way")
-    if isinstance(filled.get("dust"), dict):
-        filled["dust"] = [filled["dust"]]
+    for name, table in filled.items():
+        if isinstance(table, dict) and _several(name):
+            filled[name] = [table]
     if own_particles:
         dust = filled.get("dust")
         for table in (gas, *(dust if isinstance(dust, list) else ())):
@@ -237,11 +240,16 @@ def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
     path, wrong = fault
     if len(path) > 1 and isinstance(path[-1], int) and not isinstance(value_at(data, *path[:-1]), list):
         path = path[:-1]  # one number for every dimension
-    if path[:1] == ("dust",) and len(path) > 1 and isinstance(data.get("dust"), dict):
-        path = ("dust", *path[2:])
+    if len(path) > 1 and _several(path[0]) and isinstance(data.get(str(path[0])), dict):
+        path = (path[0], *path[2:])
     if path == ("drag", "cell_length") and value_at(data, *path) is None:
         path = ("drag", "cell")
     return path, wrong
+
+
+def _several(name: str | int) -> bool:
+    """Whether a table may be a list; asked of those that a scene has, so that no other is imported."""
+    return name in EFFECTS and get_origin(TABLES[str(name)]) is tuple
 
 
 @cache
@@ -250,7 +258,7 @@ def _adapter(name: str) -> TypeAdapter[Any]:
 
 
 def _table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()) -> tuple[Any, list[Problem]]:
-    if not isinstance(raw, dict) and not (name == "dust" and isinstance(raw, list)):
+    if not isinstance(raw, dict) and not (isinstance(raw, list) and _several(name)):
         return None, [((name,), f"{shown(raw)} is not a table; expected [{name}] with its keys")]
     if raw == []:
         return None, [((name,), f"an empty list; expected [{name}] or [[{name}]]")]

@@ -63,6 +63,11 @@ class Draft:
         return isinstance(units, dict) and units.get("system") == "code"
 
     @property
+    def one_way_beside_gas(self) -> bool:
+        """Is there dust that the gas must not notice?"""
+        return self.has("gas") and self.drag is not None and self.drag.direction == "one-way"
+
+    @property
     def eos_kind(self) -> str:
         return self.gas.eos.kind if self.gas else ""
 

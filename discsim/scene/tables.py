@@ -71,7 +71,7 @@ class Space(Table):
 
 
 class Tables(Mapping[str, Any]):
-    """The type of every table by its name, imported where it is looked up; `dust` may be a list of tables."""
+    """The type of every table by its name, imported where it is looked up; some may be lists of tables."""
 
     _own: ClassVar[dict[str, Any]] = {"units": UnitsTable, "run": Run, "space": Space}
 

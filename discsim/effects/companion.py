@@ -1,0 +1,249 @@
+"""Companions of the star: planets, a second star, a body that flies by; G m d / (d^2 + eps^2)^(3/2) on gas and dust.
+
+orbit = "fixed"   Kepler's orbit about GM = M + m in closed form of the time
+orbit = "live"    feels star, companions, gas and dust, each by choice; exact while nothing but the star pulls
+                  (`physics/orbits.py`), and the pull on a particle is the particle's on it, turned round
+
+The mass grows as m sin^2(pi t / 2 ramp). Within accretion_radius particles are taken, all at once or each with the
+chance 1 - exp(-rate dt / P) of a step, P = 2 pi / Omega of the companion where it is; their mass and momentum go to a
+live companion, their mass to one on a fixed orbit. Step limits: ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the nearest
+particle, 1/Omega about the star, and that of two live companions about each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationInfo
+
+from discsim.effects import base
+from discsim.effects.accretion import swallow
+from discsim.numerics.bodies import SPECIES, Bodies
+from discsim.numerics.state import Particles, State
+from discsim.numerics.threads import share
+from discsim.parts import Lazy
+from discsim.physics.companions import softening
+from discsim.physics.orbits import Orbits
+from discsim.scene.fields import Default, Length, Mass, Number, Table, Time, Words, fault, number, shown, units_of
+from discsim.scene.rules import Draft, Problem
+from discsim.scene.units import UnitError
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+kernels = Lazy("discsim.kernels.star")
+
+PULL = 12.0  # CPU nanoseconds of a particle in a step, for each companion
+
+
+class Softening(NamedTuple):
+    """A Plummer length: a length in code units, or a number of scale heights."""
+
+    value: float
+    in_heights: bool
+
+
+def _softening(value: Any, info: ValidationInfo) -> Softening:
+    """A bare number counts the local H, a text is a length."""
+    if not isinstance(value, str):
+        found = Softening(number(value), True)
+    elif units_of(info).system == "code":
+        try:
+            found = Softening(number(float(value)), False)
+        except ValueError:
+            raise fault(f'{shown(value)} is no length; expected one like "0.03", or a number of H') from None
+    else:
+        try:
+            found = Softening(units_of(info).parse(value, "length", 2.0), False)
+        except UnitError as error:
+            raise fault(str(error)) from error
+    if found.value < 0.0:
+        raise fault(f"{shown(value)} is out of range; expected at least 0")
+    return found
+
+
+class Keys(Table):
+    """A companion of the star."""
+
+    mass: Mass = Field(gt=0, description="once the ramp is over")
+    semi_major_axis: Length = Field(gt=0, description="about the star; of a hyperbola its absolute value")
+    eccentricity: Number = Field(0.0, ge=0, description="above 1: an unbound companion that flies by")
+    phase: Number = Field(0.0, description="true anomaly at t = 0 in degrees, counter-clockwise; pericentre on +x")
+    orbit: Literal["fixed", "live"] = Field("fixed", description="Kepler's for good, or one that feels what pulls")
+    feels: Annotated[
+        tuple[Literal["star", "companions", "gas", "dust"], ...] | None, Default("all there are, of a live one")
+    ] = Field(None, description="what pulls a live companion")
+    softening: Annotated[Any, BeforeValidator(_softening), Words("length in quotes, or number")] = Field(
+        description="Plummer length of its pull on gas and dust: a length, or a number times the local H"
+    )
+    ramp: Time = Field(0.0, ge=0, description="the mass grows as sin^2 over this time")
+    accretion_radius: Length = Field(0.0, ge=0, description="what comes closer it takes")
+    accretion_rate: Annotated[Number | None, Default("all of it, at once")] = Field(
+        None, gt=0, description="share of what is within the radius taken per local orbit"
+    )
+    every: Annotated[Time | None, Default("every step")] = Field(None, gt=0, description="rows of companions.csv")
+
+
+def _about_a_star(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("star"):
+        yield ("companion",), "there is no star to have companions; expected a table [star] too"
+    for k, companion in enumerate(draft.companion or ()):
+        e, phase = companion.eccentricity, companion.phase
+        if e == 1.0:
+            yield ("companion", k, "eccentricity"), "1 is a parabola, which has no semi-major axis; expected another"
+        elif e > 1.0 and abs(phase) >= (most := math.degrees(math.acos(-1.0 / e))):
+            wrong = f"{phase:g} degrees is beyond the asymptote of a hyperbola with e = {e:g}"
+            yield ("companion", k, "phase"), f"{wrong}; expected between -{most:.4g} and {most:.4g}"
+
+
+def _what_it_feels(draft: Draft) -> Iterator[Problem]:
+    for k, companion in enumerate(draft.companion or ()):
+        where, names = ("companion", k, "feels"), companion.feels
+        if names is None:
+            continue
+        if companion.orbit == "fixed":
+            yield where, 'a fixed orbit feels nothing; expected orbit = "live" beside it'
+        if len(set(names)) < len(names):
+            yield where, "a name is there twice; expected each once"
+        for name in dict.fromkeys(names):
+            if name in SPECIES and not draft.has(name):
+                yield where, f'it is to feel "{name}", but there is no table [{name}]'
+        if "dust" in names and draft.one_way_beside_gas:
+            wrong = "one-way dust must leave the gas alone, and a companion that it pulls moves the gas"
+            yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
+
+
+def _its_softening(draft: Draft) -> Iterator[Problem]:
+    gas = draft.gas or draft.background
+    for k, companion in enumerate(draft.companion or ()):
+        where, wanted = ("companion", k, "softening"), "expected a length in quotes"
+        if companion.softening.in_heights and gas is None:
+            yield where, f"a number counts scale heights, and there is no gas to have one; {wanted}"
+        elif companion.softening.in_heights and draft.gas and not _has_height(draft.gas.eos):
+            yield where, f"the scale height of this gas changes with its density or heat; {wanted}"
+        taken = companion.accretion_radius > 0.0 and companion.accretion_rate is None
+        if companion.softening.value == 0.0 and not taken:
+            yield where, "0 pulls without end what comes near; expected more, or an accretion_radius"
+        if companion.accretion_rate is not None and companion.accretion_radius == 0.0:
+            yield ("companion", k, "accretion_rate"), "nothing is within a radius of 0; expected accretion_radius too"
+
+
+def _has_height(eos: Any) -> bool:
+    return getattr(eos, "sound_speed", None) is not None or getattr(eos, "aspect_ratio", None) is not None
+
+
+class Effect(base.Effect):
+    """The pull of companions on particles, the particles' on them, and what they take; their motion is the star's."""
+
+    keys = Keys
+    several = True
+    rules = (_about_a_star, _what_it_feels, _its_softening)
+    shared = True
+    softer = "a longer companion.softening"
+
+    def __init__(self, scene: Scene, state: State) -> None:
+        self.scene = scene
+        self.companions = scene.table("companion")
+        self.orbits = Orbits(scene)
+        self._near: dict[str, np.ndarray] = {}  # least squared distances (companions,) of a species
+        self._lengths = np.zeros(len(self.companions))  # softenings
+        self._places = np.zeros((len(self.companions), 2))
+        self._dt = 0.0
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        return PULL * len(scene.table("companion")) * (counts.gas + counts.dust)
+
+    def accelerate(self, state: State) -> None:
+        bodies = _bodies(state)
+        distances = np.sqrt((state.from_centre(bodies.pos[1:]) ** 2).sum(axis=1))
+        if state.centre is None:
+            distances = np.sqrt(((bodies.pos[1:] - bodies.pos[0]) ** 2).sum(axis=1))
+        self._places = bodies.pos[1:].copy()
+        for k, companion in enumerate(self.companions):
+            self._lengths[k] = softening(self.scene, companion, float(distances[k]))
+        for name, p in state.species.items():
+            blocks = -(-p.count // kernels.BLOCK)
+            self._near[name] = np.full(len(self.companions), np.inf)
+            for k in range(len(self.companions)):
+                sums = np.zeros((blocks, 3))
+                given = bodies.mass[k + 1], self._lengths[k], *bodies.pos[k + 1].tolist()
+                share(kernels.attract_both, blocks, p.pos, p.acc, p.mass, *given, sums, least=1)
+                bodies.pulled[k + 1, SPECIES.index(name)] = sums[:, :2].sum(axis=0)
+                self._near[name][k] = sums[:, 2].min(initial=np.inf)
+        self.orbits.accelerate(bodies)
+
+    def limit(self, state: State) -> float:
+        limiting = {id(particles) for particles in state.limiting}
+        near = [self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting]
+        return min(self.orbits.limit(_bodies(state)), *near)
+
+    def limit_of(self, state: State, name: str) -> float:
+        with np.errstate(divide="ignore"):  # of a mass that is still to grow from 0
+            squared = (self._near[name] + self._lengths**2) ** 1.5 / _bodies(state).mass[1:]
+        return float(np.sqrt(squared.min()))
+
+    def tightest(self, particles: Particles, acc: np.ndarray) -> int:
+        away = ((particles.pos[:, None] - self._places) ** 2).sum(axis=2) + self._lengths**2
+        return int(away.min(axis=1).argmin())
+
+    def move(self, state: State, dt: float) -> None:
+        self._dt = dt
+
+    def event(self, state: State) -> None:
+        bodies = _bodies(state)
+        for k, companion in enumerate(self.companions):
+            if companion.accretion_radius > 0.0:
+                place = bodies.pos[k + 1].tolist()
+                for name in state.species:
+                    self._accrete(state, k, name, place)
+        self.orbits.place(bodies, state.time)
+
+    def _accrete(self, state: State, k: int, name: str, place: list[float]) -> None:
+        companion, p = self.companions[k], state.species[name]
+        inside = np.empty(p.count, bool)
+        share(kernels.divide, p.count, p.pos, companion.accretion_radius**2, inside, *place)
+        gone = np.flatnonzero(inside)
+        if companion.accretion_rate is not None:
+            kept = _chances(self.scene.run.seed, state.step, k, p.ids[gone]) >= self._share(state, k)
+            inside[gone[kept]] = False
+            gone = gone[~kept]
+        if len(gone) > 0:
+            swallow(state, k + 1, name, gone, grows=True, moves=bool(self.orbits.live[k]))
+            p.remove(inside)
+
+    def _share(self, state: State, k: int) -> float:
+        """Of what is within the radius, taken in the step that has been made."""
+        bodies = _bodies(state)
+        r = math.dist(bodies.pos[k + 1], bodies.pos[0])
+        period = 2.0 * math.pi * math.sqrt(r**3 / (bodies.mass[0] + bodies.mass[k + 1]))
+        return -math.expm1(-self.companions[k].accretion_rate * self._dt / period)
+
+    def potential_energy(self, state: State) -> float:
+        """That of gas and dust in the field of the companions."""
+        bodies, total = _bodies(state), 0.0
+        for p in state.species.values():
+            for k in range(len(self.companions)):
+                distance = np.sqrt(((p.pos - bodies.pos[k + 1]) ** 2).sum(axis=1) + self._lengths[k] ** 2)
+                total -= float((p.mass * bodies.mass[k + 1] / distance).sum())
+        return total
+
+
+def _bodies(state: State) -> Bodies:
+    assert state.bodies is not None
+    return state.bodies
+
+
+def _chances(seed: int, step: int, companion: int, ids: np.ndarray) -> np.ndarray:
+    """Numbers in [0, 1) (n,) of particles, of nothing but these: a hash (splitmix64; Steele et al. 2014) by counter."""
+    golden = np.uint64(0x9E3779B97F4A7C15)
+    z = ids.astype(np.uint64)
+    for word in (seed, step, companion):
+        z = (z + np.uint64(word % 2**64)) * golden
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        z ^= z >> np.uint64(31)
+    return (z >> np.uint64(11)) * 2.0**-53

@@ -1,0 +1,39 @@
+"""Star and companions at the start, and the frame that the run is in: starts make discs about the origin."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.physics.orbits import Orbits, felt_by_star
+
+if TYPE_CHECKING:
+    from discsim.numerics.bodies import Bodies
+    from discsim.numerics.state import State
+    from discsim.scene import Scene
+
+
+def make_bodies(scene: Scene) -> Bodies | None:
+    """Star and companions, the centre of the disc at rest at the origin.
+
+    None where there is no star, or one that stays there with its mass and moves nothing.
+    """
+    star = scene.star
+    if star is None:
+        return None
+    alone = scene.table("companion") is None and star.frame == "star" and not felt_by_star(scene)
+    return None if alone and not star.grows else Orbits(scene).at_start()
+
+
+def enter_frame(state: State, with_particles: bool) -> None:
+    """Take bodies, and particles that the start has made about the centre of the disc, into the frame of the run."""
+    bodies = state.bodies
+    if bodies is None:
+        return
+    pos, vel = Orbits(state.scene).offset(bodies)
+    if not np.any([pos, vel]):
+        return
+    for moved in (bodies, *(state.species.values() if with_particles else ())):
+        moved.pos += pos
+        moved.vel += vel

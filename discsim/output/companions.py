@@ -1,0 +1,53 @@
+"""companions.csv: each companion against time, a row a step or every `companion.every`. Code units, angles in degrees.
+
+Places and velocities are relative to the star, velocities at the time of the places; semi_major_axis, eccentricity,
+pericentre (its longitude) and anomaly (true) are those of the orbit that it would be on with the star alone. Torques
+are those of all gas and dust on it about the star, m r x a, whether it feels them or not. The star's own place and
+velocity are in the frame of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.exact import kepler
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import State
+
+COLUMNS = (
+    "step", "time", "number", "mass", "x", "y", "vx", "vy", "semi_major_axis", "eccentricity", "pericentre", "anomaly",
+    "torque_gas", "torque_dust", "accreted_gas", "accreted_dust", "star_mass", "star_x", "star_y", "star_vx", "star_vy",
+)  # fmt: skip
+EARLY = 1e-9  # of an interval, by which rounding may bring a row too early
+
+
+def companion_rows(state: State, dt: float) -> list[list[object]]:
+    """Rows of the companions that are due after a step of dt, entries as in COLUMNS; at the start all of them."""
+    bodies = state.bodies
+    if bodies is None:
+        return []
+    vel = bodies.vel + state.lag * bodies.acc  # with the closing kick
+    star = [float(value) for value in (bodies.mass[0], *bodies.pos[0], *vel[0])]
+    rows: list[list[object]] = []
+    for k, companion in enumerate(state.scene.table("companion") or (), 1):
+        if state.step > 0 and not _due(companion.every, state.time, dt):
+            continue
+        r, v = bodies.pos[k] - bodies.pos[0], vel[k] - vel[0]
+        orbit = kepler.elements(float(bodies.mass[0] + bodies.mass[k]), *r.tolist(), *v.tolist())
+        torques = bodies.mass[k] * (r[0] * bodies.pulled[k, :, 1] - r[1] * bodies.pulled[k, :, 0])
+        rows.append(
+            [
+                state.step, state.time, k, float(bodies.mass[k]), *r.tolist(), *v.tolist(), orbit.semi_major_axis,
+                orbit.eccentricity, math.degrees(orbit.pericentre), math.degrees(orbit.anomaly), *torques.tolist(),
+                *bodies.accreted[k].tolist(), *star,
+            ]
+        )  # fmt: skip
+    return rows
+
+
+def _due(every: float | None, time: float, dt: float) -> bool:
+    return every is None or bool(np.floor(time / every + EARLY) > np.floor((time - dt) / every + EARLY))

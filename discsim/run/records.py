@@ -1,0 +1,65 @@
+"""The tables that a run writes as it goes: history.csv and, with companions, companions.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from discsim.effects.base import Effect
+from discsim.numerics.state import State
+from discsim.output import companions
+from discsim.output.history import COLUMNS, History, history_row, rows_until
+from discsim.scene import Scene
+
+# By the name of the number of their rows in a checkpoint: file and columns.
+HISTORY, COMPANIONS = ("rows", "history.csv", COLUMNS), ("companion_rows", "companions.csv", companions.COLUMNS)
+
+
+class Records:
+    """Each file starts with the rows until the checkpoint that a run goes on from."""
+
+    def __init__(self, scene: Scene, directory: Path) -> None:
+        self.directory = directory
+        self.tables = [HISTORY] + ([COMPANIONS] if scene.table("companion") is not None else [])
+        self._rows: dict[str, list[list[str]]] = {}
+        self._files: dict[str, History] = {}
+
+    @property
+    def names(self) -> str:
+        return ", ".join(file for _, file, _ in self.tables)
+
+    def take_up(self, step: int, values: Mapping[str, object]) -> list[str]:
+        """Read the rows up to `step` of a checkpoint with these values; what is lost of them, in words."""
+        lost = []
+        for name, file, columns in self.tables:
+            path, number = self.directory / file, int(str(values[name]))
+            self._rows[name] = rows = rows_until(path, step, number, columns)
+            if len(rows) != number:
+                lost.append(f"{path} has {len(rows)} rows up to step {step}, where the run had written {number}")
+        return lost
+
+    def open(self) -> None:
+        for name, file, columns in self.tables:
+            self._files[name] = History(self.directory / file, self._rows.get(name, []), columns)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of rows of each, for a checkpoint."""
+        return {name: file.count for name, file in self._files.items()}
+
+    def add_history(self, state: State, effects: Mapping[str, Effect], dt: float, set_by: str) -> None:
+        history = self._files[HISTORY[0]]
+        history.add(history_row(state, effects, dt, set_by, history.last))
+
+    def add_companions(self, state: State, dt: float) -> None:
+        """The rows that are due after a step of dt."""
+        if COMPANIONS[0] in self._files:
+            self._files[COMPANIONS[0]].add(*companions.companion_rows(state, dt))
+
+    def sync(self) -> None:
+        for file in self._files.values():
+            file.sync()
+
+    def close(self) -> None:
+        for file in self._files.values():
+            file.close()
