@@ -52,7 +52,7 @@ def torque(directory: Path, start: float) -> Torque:
     if {row["number"] for row in rows} != {rows[0]["number"]}:
         raise Fault(f"{path}: several companions; expected one")
     time, value, mass, axis = (
-        np.array([float(row[key]) for row in rows]) for key in ("time", "torque_gas", "mass", "a")
+        np.array([float(row[key]) for row in rows]) for key in ("time", "torque_gas", "mass", "semi_major_axis")
     )
     a, q = axis[0], mass[-1] / scene.star.mass
     omega = np.sqrt(scene.star.mass / a**3)
