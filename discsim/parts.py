@@ -140,6 +140,7 @@ STARTS = Parts(
     {
         "disc": "discsim.initial.disc:START",
         "table": "discsim.initial.table:START",
+        "snapshot": "discsim.output.restart:START",
         "box": "discsim.initial.box:START",
         "wave": "discsim.initial.wave:START",
         "shock": "discsim.initial.shock:START",

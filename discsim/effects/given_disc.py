@@ -1,8 +1,9 @@
 """The gas as a given disc (`[background]`), and dust in it with one-way drag: no SPH, no cells, no grid.
 
-Sigma ~ r^-p, c_s^2 ~ r^-q, turning in balance, Omega_g^2 r = GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick
-relaxes each particle exactly to its steady drift there (`kernels/background.py`), and limits no step. Dust moves with
-its radial velocity and angular momentum (eq. 1 there), so that circles stay circles.
+Sigma and c_s are functions of the radius (`physics/given_disc.py`), and the gas turns in balance, Omega_g^2 r =
+GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick relaxes each particle exactly to its steady drift there
+(`kernels/background.py`), and limits no step. Dust moves with its radial velocity and angular momentum (eq. 1 there), so
+that circles stay circles.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
+from discsim.physics.columns import ColumnsFile
 from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
 from discsim.physics.radiation import pull_share
@@ -35,13 +37,36 @@ KICKED = 150.0  # CPU nanoseconds of a particle in a step
 EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat)
 
 
+class Bump(Table):
+    """More gas about a radius: Sigma times 1 + height exp(-(r - radius)^2 / (2 width^2))."""
+
+    radius: Length = Field(gt=0, description="where it is highest")
+    width: Length = Field(gt=0, description="standard deviation of the Gaussian")
+    height: Number = Field(gt=0, description="at its radius, over the gas there")
+
+
+class Gap(Table):
+    """Less gas about a radius, as a planet leaves: Sigma times 1 - depth exp(-(r - radius)^2 / (2 width^2))."""
+
+    radius: Length = Field(gt=0, description="where it is deepest")
+    width: Length = Field(gt=0, description="standard deviation of the Gaussian")
+    depth: Number = Field(gt=0, lt=1, description="at its radius, over the gas there")
+
+
 class Keys(Table):
     """The gas as a given disc in balance about the star, instead of [gas]; it drags the dust and nothing moves it."""
 
-    surface_density: SurfaceDensity = Field(gt=0, description="Sigma at reference_radius")
+    surface_density: SurfaceDensity | None = Field(None, gt=0, description="Sigma at reference_radius")
+    file: ColumnsFile = Field(
+        None,
+        description="instead of a power law: columns r and Sigma, and if wanted T, in place of the temperature of eos, "
+        'with units in the header: "# r [au]  Sigma [g/cm2]  T [K]"',
+    )
     surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
     reference_radius: Length = Field(1.0, gt=0, description="where surface_density holds")
     eos: EosWithoutHeat = Field(description="equation of state")
+    bump: Bump | None = None
+    gap: Gap | None = None
 
 
 def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
@@ -58,11 +83,25 @@ def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "direction"), 'nothing moves a [background]; expected direction = "one-way"'
 
 
+def _one_density(draft: Draft) -> Iterator[Problem]:
+    given = draft.background
+    if given.file is None and given.surface_density is None:
+        yield ("background",), "the gas has no density; expected surface_density, or file"
+    for key in ("surface_density", "surface_density_index"):
+        if given.file is not None and draft.gives("background", key):
+            yield ("background", key), "background.file is there too; expected one of the two"
+    takes = [name for name in EOS if EOS[name].takes_temperature and not EOS[name].holds_heat]
+    if given.file is not None and given.file.has("T") and given.eos.kind not in takes:
+        words = " or ".join(f'"{name}"' for name in takes)
+        wrong = f'has a column T, but the gas is "{given.eos.kind}", which does not take one'
+        yield ("background", "file"), f"{wrong}; expected background.eos.kind = {words}, or no column T"
+
+
 class Background(base.Effect):
     """The table alone: it says of what the drag is made, and moves nothing."""
 
     keys = Keys
-    rules = (_alone_about_a_star,)
+    rules = (_alone_about_a_star, _one_density)
     runs = False
 
 
@@ -81,6 +120,7 @@ class Drag(base.Effect):
         self.pull = pull_share(scene)
         self.star = scene.star
         self.disc = GivenDisc(scene)
+        self.gas = self.disc.laws, *self.disc.table()
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -115,7 +155,7 @@ class Drag(base.Effect):
     def _disc(self) -> Any:
         """What kernels take of the law, the star and the gas."""
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
-        return kernels.Disc(*law, self.star.mass, self.star.softening, self.disc.laws)
+        return kernels.Disc(*law, self.star.mass, self.star.softening, *self.gas)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust

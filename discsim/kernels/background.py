@@ -13,7 +13,10 @@ without drag L is exact: a leapfrog in x and y has velocities off by (Omega dt)^
 Grains settle into the drift where (2) balances (Nakagawa, Sekiya & Hayashi 1986), with F = (Omega_K^2 - Omega_g^2) r,
 B = (1/r) dL_g/dr and kappa^2 = (Omega_K + Omega_g) B, such that grains that feel no drag are on circular orbits:
 
-    v* = -F / (1/t + kappa^2 t),        L* = L_g + r w*,    w* = F B / (1/t^2 + kappa^2)                  (3)
+    v* = -E / (1/t + kappa^2 t),        L* = L_g + r w*,    w* = E B / (1/t^2 + kappa^2),   E = F - v_g/t   (3)
+
+where the gas flows inwards or outwards at v_g, which it does by its viscosity, and then v - v_g takes the place of v
+in the drag of (2).
 
 Of a grain that starlight pushes, Omega_K is that of a star of mass (1 - beta) M in (2), F and kappa.
 
@@ -62,6 +65,9 @@ class Disc(NamedTuple):
     star: float
     softening: float
     gas: np.ndarray  # (Sigma, p, c_s^2, q, f): Sigma ~ r^-p, c_s^2 ~ r^-q, given at r = 1; -(1/Sigma) dP/dr = f c_s^2/r
+    table: np.ndarray  # (nodes, 5), instead if it has nodes: ln Sigma, ln c_s^2, g = f c_s^2, dg / d ln r and v_g
+    first: float  # ln r of the first of them
+    nodes: float  # their number per unit of ln r
 
 
 class Path(NamedTuple):
@@ -78,14 +84,33 @@ class Path(NamedTuple):
     time: float  # and on the path
     radial: float  # v*
     azimuthal: float  # w*
+    slip: float  # v* - v_g
     push: float  # q
 
 
 @njit(cache=True, error_model="numpy")
-def drift_speeds(time, excess, shear, kappa2):
+def drift_speeds(time, excess, shear, kappa2, flow):
     """(v*, w*) of eq. (3)."""
     rate = 1.0 / time
-    return -excess / (rate + kappa2 * time), excess * shear / (rate * rate + kappa2)
+    carried = excess - flow * rate
+    return -carried / (rate + kappa2 * time), carried * shear / (rate * rate + kappa2)
+
+
+@njit(cache=True, error_model="numpy")
+def gas_at(r2, disc):
+    """(Sigma, c_s^2, P', -r dP'/dr, v_g) of the gas, with P' = -(1/Sigma) dP/dr / r."""
+    if len(disc.table) == 0:
+        sound2 = disc.gas[2] * r2 ** (-0.5 * disc.gas[3])
+        pressure = disc.gas[4] * sound2 / r2
+        return disc.gas[0] * r2 ** (-0.5 * disc.gas[1]), sound2, pressure, (2.0 + disc.gas[3]) * pressure, 0.0
+    most = len(disc.table) - 1
+    place = min(max((0.5 * math.log(r2) - disc.first) * disc.nodes, 0.0), float(most))
+    node = min(int(place), most - 1)
+    part = place - node
+    low, high, less = disc.table[node], disc.table[node + 1], 1.0 - part
+    density, sound2 = math.exp(less * low[0] + part * high[0]), math.exp(less * low[1] + part * high[1])
+    pull, rise = less * low[2] + part * high[2], less * low[3] + part * high[3]
+    return density, sound2, pull / r2, (2.0 * pull - rise) / r2, less * low[4] + part * high[4]
 
 
 @njit(cache=True, error_model="numpy")
@@ -121,14 +146,13 @@ def path_at(x, y, k, disc):
     """The Path of a grain of population k through a place."""
     r2 = x * x + y * y
     r = math.sqrt(r2)
-    density, sound2 = disc.gas[0] * r2 ** (-0.5 * disc.gas[1]), disc.gas[2] * r2 ** (-0.5 * disc.gas[3])
+    density, sound2, pressure, turning, flow = gas_at(r2, disc)
     d2 = r2 + disc.softening * disc.softening
     kepler2 = disc.star / (d2 * math.sqrt(d2))
-    pressure = disc.gas[4] * sound2 / r2
     omega2 = max(0.0, kepler2 - pressure)
     omega, sound, kepler = math.sqrt(omega2), math.sqrt(sound2), math.sqrt(kepler2)
-    # 2 Omega_g B = 4 Omega_g^2 + r d(Omega_g^2)/dr, of the star's part and of the pressure's, a power of the radius.
-    turns = max(0.0, 4.0 * omega2 - 3.0 * r2 / d2 * kepler2 + (2.0 + disc.gas[3]) * pressure)
+    # 2 Omega_g B = 4 Omega_g^2 + r d(Omega_g^2)/dr, of the star's part and of the pressure's.
+    turns = max(0.0, 4.0 * omega2 - 3.0 * r2 / d2 * kepler2 + turning)
     shear = 0.5 * turns / omega if omega > 0.0 else 0.0
     pull = disc.pull[k]
     kappa2 = (omega + kepler * math.sqrt(max(0.0, pull))) * shear
@@ -139,9 +163,10 @@ def path_at(x, y, k, disc):
         mach2, reynolds2 = quickening(disc.law, disc.grains[k], density, sound, kepler)
         if mach2 + reynolds2 > 0.0:
             time = time_on_path(mach2, reynolds2, slow, excess, shear, kappa2)
-    radial, azimuthal = drift_speeds(time, excess, shear, kappa2)
-    push = (2.0 * omega + azimuthal / r) * azimuthal - excess - radial / time
-    return Path(r, density, sound, kepler, omega * r, mach2, reynolds2, slow, time, radial, azimuthal, push)
+    radial, azimuthal = drift_speeds(time, excess, shear, kappa2, flow)
+    slip = radial - flow
+    push = (2.0 * omega + azimuthal / r) * azimuthal - excess - slip / time
+    return Path(r, density, sound, kepler, omega * r, mach2, reynolds2, slow, time, radial, azimuthal, slip, push)
 
 
 @njit(cache=True, error_model="numpy")
@@ -172,7 +197,7 @@ def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
 @njit(cache=True, error_model="numpy")
 def hastening_at(path, delta, m):
     """The slip squared, and by how much it hastens the drag."""
-    v, w = path.radial + delta, path.azimuthal + m / path.r
+    v, w = path.slip + delta, path.azimuthal + m / path.r
     slip2 = v * v + w * w
     return slip2, hastened(path.mach2, path.reynolds2, slip2)
 
@@ -180,7 +205,7 @@ def hastening_at(path, delta, m):
 @njit(cache=True, error_model="numpy")
 def rest_of_drag(path, rate, v, w):
     """N of eq. (6), radial and azimuthal, of a slip beyond the path's; 1/t0 is `rate`."""
-    v += path.radial
+    v += path.slip
     w += path.azimuthal
     less = rate - hastened(path.mach2, path.reynolds2, v * v + w * w) / path.slow
     return v * less, w * less
@@ -240,7 +265,7 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     slip2, fast = hastening_at(path, delta, m)
     rate = fast / path.slow
     time, x, more = 1.0 / rate, dt * rate, 1.0 / path.time - rate
-    a_r, a_phi = a_r + path.radial * more, a_phi + path.azimuthal * more
+    a_r, a_phi = a_r + path.slip * more, a_phi + path.azimuthal * more
     half, whole = responses(0.5 * x), responses(x)
     # Without N.
     d1, m1 = relax(delta, m, time, half, a_r, a_phi, spin, r, 0.5 * dt)
@@ -295,7 +320,7 @@ def is_linear(path, delta, m, a_r, a_phi, spin, dt):
     """Whether no slip that a grain can have during dt hastens its drag."""
     r, lasting = path.r, min(dt, path.slow)
     turned = abs(m) / r + lasting * abs(a_phi)
-    reach = abs(path.radial) + abs(path.azimuthal) + abs(delta) + turned
+    reach = abs(path.slip) + abs(path.azimuthal) + abs(delta) + turned
     reach += lasting * (abs(a_r) + turned * (2.0 * spin / r + turned) / r)
     return unhastened(path.mach2, path.reynolds2, reach * reach)
 

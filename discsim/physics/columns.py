@@ -93,7 +93,9 @@ class Columns(InputFile):
         return {name: (curve, curve.derivative()) for name, curve in curves.items()}
 
 
-def _read(value: Any, info: ValidationInfo) -> Columns:
+def _read(value: Any, info: ValidationInfo) -> Columns | None:
+    if value is None:
+        return None
     found = InputFile.read(value, info)
     try:
         text = found.path.read_text(encoding="utf-8")

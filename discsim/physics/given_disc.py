@@ -1,4 +1,8 @@
-"""The gas of `[background]` as functions of radius: power laws in balance about the star. Numpy only."""
+"""The gas of `[background]` as functions of radius, in balance about the star. Numpy only.
+
+Sigma is a power law or a column of a file (`physics/columns.py`), times 1 + height G(r) of a bump and 1 - depth G(r) of
+a gap, G(r) = exp(-(r - radius)^2 / (2 width^2)); its viscosity, where there is [alpha_viscosity], moves it radially.
+"""
 
 from __future__ import annotations
 
@@ -6,29 +10,78 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.parts import EOS
+from discsim.parts import EOS, Lazy
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
+viscosity = Lazy("discsim.physics.viscosity")
 Array = np.ndarray
+NODES, INWARDS = 16_384, 1e5  # of the table in ln r, from beyond the corners of space to this factor within
 
 
 class GivenDisc:
-    """Sigma ~ r^-p and c_s^2 ~ r^-q in code units; radii (n,) in, values (n,) out.
+    """Sigma and c_s in code units; radii (n,) in, values (n,) out.
 
-    laws: (Sigma, p, c_s^2, q, f), the first and third at radius 1, with -(1/Sigma) dP/dr = f c_s^2 / r.
+    laws: (Sigma, p, c_s^2, q, f) of power laws Sigma ~ r^-p and c_s^2 ~ r^-q, the first and third at radius 1, with
+    -(1/Sigma) dP/dr = f c_s^2 / r. plain: whether they are all there is to it.
     """
 
     def __init__(self, scene: Scene):
         given: Any = scene.background
-        eos, p = given.eos, given.surface_density_index
-        sigma = given.surface_density * given.reference_radius**p
-        speed2, q, f = EOS[eos.kind].power_law(eos, scene.star, sigma, p)
+        self.scene, self.given, self.eos = scene, given, EOS[given.eos.kind]
+        self.viscous = scene.table("alpha_viscosity") is not None
+        p = given.surface_density_index
+        sigma = 1.0 if given.file is not None else given.surface_density * given.reference_radius**p
+        speed2, q, f = self.eos.power_law(given.eos, scene.star, sigma, p)
         self.laws = np.array([sigma, p, speed2, q, f])
+        self.plain = given.file is None and given.bump is None and given.gap is None
 
     def surface_density(self, r: Array) -> Array:
-        return self.laws[0] * r ** -self.laws[1]
+        if self.plain:
+            return self.laws[0] * r ** -self.laws[1]
+        return self._density_and_slope(r)[0]
 
     def sound_speed(self, r: Array) -> Array:
-        return np.sqrt(self.laws[2] * r ** -self.laws[3])
+        if self.plain:
+            return np.sqrt(self.laws[2] * r ** -self.laws[3])
+        return np.sqrt(self._speed2_and_pull(r)[0])
+
+    def table(self) -> tuple[Array, float, float]:
+        """(nodes, 5) of ln Sigma, ln c_s^2, g = f c_s^2, dg / d ln r and v_r at even ln r, the first of these, and how
+        many nodes there are per unit; no nodes where power laws are all there is to it.
+        """
+        if self.plain and not self.viscous:
+            return np.empty((0, 5)), 0.0, 1.0
+        last = np.log(1.5 * max(self.scene.space.size))
+        log = np.linspace(last - np.log(INWARDS), last, NODES)
+        r = np.exp(log)
+        speed2, pull = self._speed2_and_pull(r)
+        flow = np.zeros_like(r)
+        if self.viscous:
+            flow = viscosity.radial_flow(self.scene, r, self.surface_density, self.sound_speed)
+        columns = np.log(self._density_and_slope(r)[0]), np.log(speed2), pull, np.gradient(pull, log), flow
+        return np.stack(columns, axis=1), float(log[0]), (NODES - 1) / float(log[-1] - log[0])
+
+    def _density_and_slope(self, r: Array) -> tuple[Array, Array]:
+        """Sigma and -d ln Sigma / d ln r."""
+        file = self.given.file
+        density = self.laws[0] * r ** -self.laws[1] if file is None else file.value("Sigma", r)
+        slope = np.full_like(r, self.laws[1]) if file is None else -file.slope("Sigma", r)
+        for part, high in ((self.given.bump, "height"), (self.given.gap, "depth")):
+            if part is not None:
+                away = (r - part.radius) / part.width
+                rise = getattr(part, high) * np.exp(-0.5 * away**2) * (1.0 if high == "height" else -1.0)
+                density, slope = density * (1.0 + rise), slope + r * away / part.width * rise / (1.0 + rise)
+        return density, slope
+
+    def _speed2_and_pull(self, r: Array) -> tuple[Array, Array]:
+        """c_s^2 and g, with -(1/Sigma) dP/dr = g / r."""
+        scene, file = self.scene, self.given.file
+        density, slope = self._density_and_slope(r)
+        if file is not None and file.has("T"):
+            speed2 = file.speed2(r, self.given.eos.mean_molecular_weight, scene.units.cgs("velocity"))
+            return speed2, (slope - file.slope("T", r)) * speed2
+        at_one, q, _ = self.eos.power_law(self.given.eos, scene.star, density, 0.0)
+        speed2 = at_one * r**-q
+        return speed2, self.eos.power_law(self.given.eos, scene.star, density, slope)[2] * speed2

@@ -87,7 +87,13 @@ def scale(scene: Scene) -> float:
 
 def reference_density(scene: Scene) -> float:
     """Sigma at the reference radius of the scene's disc, given or started with."""
-    return scene.background.surface_density if scene.background else STARTS[scene.initial.kind].reference_density(scene)
+    given: Any = scene.background
+    if not given:
+        found: float = STARTS[scene.initial.kind].reference_density(scene)
+        return found
+    if given.surface_density is not None:
+        return given.surface_density
+    return float(given.file.value("Sigma", np.array([given.reference_radius]))[0])
 
 
 def sound_speed(scene: Scene, r: Array, density: Array) -> Array:

@@ -171,6 +171,8 @@ def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple
             faults += table_faults
             if table_faults:
                 del found[name]
+            elif name == "initial":
+                _count(filled, getattr(found[name], "counts", {}))
     faults += [_as_written(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
     others = {name: found.pop(name) for name in list(found) if name not in Scene.model_fields}
     return {"title": title, "units": units, "others": others, **found}, faults
@@ -233,6 +235,15 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
             if isinstance(table, dict):
                 table.setdefault("particles", 1)
     return filled
+
+
+def _count(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
+    """Set the numbers of particles that the start has itself."""
+    for name, numbers in counts.items():
+        tables = filled.get(name)
+        for table, number in zip(tables if isinstance(tables, list) else [tables], numbers, strict=False):
+            if isinstance(table, dict):
+                table["particles"] = number
 
 
 def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
