@@ -72,7 +72,10 @@ def _key_of_the_kind(draft: Draft) -> Iterator[Problem]:
         if kind == own.kind and not given:
             yield ("cooling", key), f'missing; kind "{kind}" needs it'
         elif kind != own.kind and given:
-            yield ("cooling", key), f'goes with kind "{kind}", but cooling.kind is "{own.kind}"; expected one of the two'
+            yield (
+                ("cooling", key),
+                f'goes with kind "{kind}", but cooling.kind is "{own.kind}"; expected one of the two',
+            )
     if isinstance(own.opacity, float) and own.opacity <= 0.0:
         yield ("cooling", "opacity"), "not above 0; expected an opacity above 0"
 

@@ -58,7 +58,13 @@ def light(scene: Scene) -> Array:
     flux = units.cgs("energy") / units.cgs("length") ** 2 / units.cgs("time")
     stefan = constants.sigma_sb.cgs.value / flux
     return np.array(
-        [2.0 * stefan * per_energy**4, units.cgs("volume_density"), eos.gamma - 1.0, per_energy, 1.0 / units.cgs("opacity")]
+        [
+            2.0 * stefan * per_energy**4,
+            units.cgs("volume_density"),
+            eos.gamma - 1.0,
+            per_energy,
+            1.0 / units.cgs("opacity"),
+        ]
     )
 
 
