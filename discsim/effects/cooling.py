@@ -134,8 +134,8 @@ class Effect(base.Effect):
         own, rate, out = self.own, gas.kick_rate, np.empty_like(gas.u)
         if own.kind == "radiative":
             kappa = 0.0 if own.opacity == TABLE else own.opacity
-            law = kappa, self.passive, *self.star, self.light
-            share(kernels.radiative, gas.count, gas.pos, gas.u, gas.density, rate, dt, *law, out)
+            grey = kappa, self.passive, *self.star, self.light
+            share(kernels.radiative, gas.count, gas.pos, gas.u, gas.density, rate, dt, *grey, out)
         else:
             time = own.beta if own.kind == "beta" else own.t_cool
             law = own.kind == "beta", time, self.passive, *self.star

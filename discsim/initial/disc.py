@@ -140,7 +140,7 @@ def settle(state: State, effects: dict[str, Any]) -> None:
         if scene.model.given is not None:
             radial, lag = effects["drag"].drift(state).T
         elif name == "dust" and "drag" not in effects and scene.radiation_pressure is not None:
-            lag = radiation.lag(scene, particles.species, r, keplerian)
+            lag = radiation.lag(scene, state.dust.species, r, keplerian)
         elif scene.gas is not None:
             headwind = 0.5 * profile.pressure_acceleration(scene, r) * r / keplerian  # eta v_K
             headwind[keplerian <= 1e-100] = 0.0

@@ -150,7 +150,7 @@ def shining(**cooling):
 
 @pytest.mark.parametrize("opacity", ["1e-3 cm2/g", "0.05 m2/kg", "50 cm2/g", "bell-lin"])
 def test_balance_of_a_viscous_irradiated_disc(opacity):
-    """Each particle heated as by alpha = .01 for a million years: T^4 = T_irr^4 + (9/8) nu Sigma Omega^2 tau_eff / sigma.
+    """Each particle heated as by alpha = .01 for long: T^4 = T_irr^4 + (9/8) nu Sigma Omega^2 tau_eff / sigma.
 
     In cgs by astropy, with nu = alpha c_s^2 / Omega at the temperature of the balance. The energies are those of an
     exact balance to 1e-6; what is left is that both sides have constants of their own.
@@ -184,7 +184,7 @@ def test_balance_of_a_viscous_irradiated_disc(opacity):
 
 @pytest.mark.parametrize("opacity", ["1e-2 cm2/g", "bell-lin"])
 def test_light_in_the_loop(opacity):
-    """Five years in steps of 1/22 and 1/88 of the innermost orbit: the same energies, but for the step's second order."""
+    """Five years in steps of 1/22 and 1/88 of the innermost orbit: the same energies, to second order."""
     found = []
     for step in ("0.5 yr", "0.125 yr"):
         sim = Simulation(shining(opacity=opacity) | {"run": {"until": "5 yr", "timestep": step}})
@@ -275,7 +275,7 @@ def test_scenes_that_have_nothing_to_cool():
     }
     with pytest.raises(SceneError, match=r"cooling.aspect_ratio: missing; gas.eos has no temperature to cool to"):
         load_scene(shock)
-    with pytest.raises(SceneError, match="cooling.temperature_index: goes with an aspect_ratio"):
+    with pytest.raises(SceneError, match=r"cooling\.temperature_index: goes with an aspect_ratio"):
         load_scene(box(1.0, {}, cooling={"kind": "constant", "t_cool": 1.0, "temperature_index": 0.5}))
     grid = box(1.0, {}, dust={"particles": 64, "ratio": 1.0}, drag={"law": "constant", "K": 1.0, "scheme": "emsi-ppm"})
     with pytest.raises(SceneError, match='gas of scheme "emsi-ppm" does not cool'):

@@ -56,7 +56,7 @@ def test_the_exact_solution_by_the_fourth_power():
 @pytest.mark.parametrize("start", [1e-2, 0.9, 1.1, 5.0, 100.0])
 @pytest.mark.parametrize("time", [1e-6, 1e-2, 1.0, 1e2, 1e6, 1e12])
 def test_light_of_constant_opacity(start, time):
-    """Steps within the kick err by 1e-6 of u at most each, and by far less where there are many: they are of order 3."""
+    """Steps within the kick err by 1e-6 of u each at most, and where there are many by far less."""
     wanted = exact.fourth_power(start, 1.0, STRENGTH, time / STRENGTH)
     for times in (1, 5):
         assert light(start, 1.0, 0.0, time / STRENGTH, times=times) == pytest.approx(wanted, rel=1e-5)
