@@ -33,7 +33,7 @@ kernels = Lazy("discsim.kernels.cooling")
 KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key that each kind has
 TABLE = "bell-lin"
 # CPU nanoseconds of a particle in a step, whose energy is kicked once and foreseen once.
-NANOSECONDS = {"beta": 60.0, "constant": 40.0, "radiative": 600.0}
+NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
 
 
 class Keys(Table):
