@@ -9,7 +9,7 @@ taken off and the adiabatic sound speed:
     gravity     T = -(torque of the disc's gravity on the gas within r) / (2 pi r^2)
 
 alpha = sum T A / (3/2 sum Sigma c_s^2 A) over the rings' areas A between the two radii (code units; default: those that
-hold the middle three fifths of the gas at the end), and over the snapshots of the last N orbits at the radius between
+held the middle three fifths of the gas at the start), and over the snapshots of the last N orbits at the radius between
 (default 20). In a disc that heats itself as fast as it cools alpha = 4 / (9 gamma (gamma - 1) beta) (Gammie 2001,
 ApJ 553, 174, eq. 20), times the share of u that is above the energy to which it cools. The error is the scatter of four
 parts of that time. Prints it in time, and writes stress.csv (by radius and time) and stress.png into OUT or DIR.
@@ -155,7 +155,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         run = read(given.directory)
-        usual = np.quantile(run[-1].gas.radius, (0.2, 0.8))
+        usual = np.quantile(run[0].gas.radius, (0.2, 0.8))
         inner, outer = given.inner or usual[0], given.outer or usual[1]
         if not 0.0 < inner < outer:
             raise Fault(f"radii from {inner:g} to {outer:g} are no range; expected --outer above --inner")

@@ -26,6 +26,8 @@ KEPT = HERE / "_generated"
 SHIPPED = {
     "disc": "first_disc.png",
     "dusty_disc": "dusty_disc.png",
+    "gravitoturbulent": "gravitoturbulent.png",
+    "cooling_fragments": "cooling_fragments.png",
     "twin_oneway": "oneway_twoway.png",
     "twin_twoway": "oneway_twoway.png",
 }

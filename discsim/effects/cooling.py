@@ -33,7 +33,7 @@ kernels = Lazy("discsim.kernels.cooling")
 KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key that each kind has
 TABLE = "bell-lin"
 # CPU nanoseconds of a particle in a step, whose energy is kicked once and foreseen once.
-NANOSECONDS = {"beta": 60.0, "constant": 40.0, "radiative": 600.0}
+NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
 
 
 class Keys(Table):
@@ -134,8 +134,8 @@ class Effect(base.Effect):
         own, rate, out = self.own, gas.kick_rate, np.empty_like(gas.u)
         if own.kind == "radiative":
             kappa = 0.0 if own.opacity == TABLE else own.opacity
-            law = kappa, self.passive, *self.star, self.light
-            share(kernels.radiative, gas.count, gas.pos, gas.u, gas.density, rate, dt, *law, out)
+            grey = kappa, self.passive, *self.star, self.light
+            share(kernels.radiative, gas.count, gas.pos, gas.u, gas.density, rate, dt, *grey, out)
         else:
             time = own.beta if own.kind == "beta" else own.t_cool
             law = own.kind == "beta", time, self.passive, *self.star

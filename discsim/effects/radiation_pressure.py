@@ -17,7 +17,7 @@ from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.radiation import pull_share
-from discsim.scene.fields import Number, Table, Words
+from discsim.scene.fields import Number, Table, Words, fault
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -29,12 +29,14 @@ PUSH = 6.0  # CPU nanoseconds of a grain in a step
 
 
 def _each(value: Any) -> Any:
+    if isinstance(value, list | tuple) and not value:
+        raise fault("an empty list; expected a number, or one a population of dust")
     return list(value) if isinstance(value, list | tuple) else [value]
 
 
 class Keys(Table):
     beta: Annotated[tuple[Annotated[Number, Field(ge=0)], ...], BeforeValidator(_each), Words("number, or a list")] = (
-        Field(min_length=1, description="F_rad / F_grav of the grains; a list has one a population of dust")
+        Field(description="F_rad / F_grav of the grains; a list has one a population of dust")
     )
 
 

@@ -8,17 +8,18 @@ of each population, and A = sum_j eps_j / (1 + St_j^2), B = sum_j eps_j St_j / (
     dust   radial    2 (B - (1 + A) St_j) / (N (1 + St_j^2))      (3)
     dust   azimuth   -(1 + A + B St_j) / (N (1 + St_j^2))         (4)
 
-Grains that a force f_j pushes outwards, in units of v_K Omega over the headwind, as light does with beta_j v_K / (eta
-v_K), add with C = sum_j f_j eps_j / (1 + St_j^2) and D = sum_j f_j eps_j St_j / (1 + St_j^2):
+which is where the pressure, the drag, and the Coriolis and shear terms balance (Tanaka, Himeno & Ida 2005, sec. 2.2;
+Benitez-Llambay, Krapp & Pessah 2019, arXiv:1811.07925, sec. 3.5.1). For one population these are Youdin & Johansen
+(2007), eqs. (7a)-(7d); of grains without mass (7) is Takeuchi & Artymowicz (2001), eq. (23), at small St. (3) is
+evaluated with its differences carried out, so that it keeps its digits at any St.
+
+A force outwards on the grains alone, of acceleration Omega f_j (light's has f_j = beta_j v_K), adds velocities in the
+unit of f, with C = sum_j f_j eps_j / (1 + St_j^2) and D = sum_j f_j eps_j St_j / (1 + St_j^2):
 
     gas    radial    V = (B C - (1 + A) D) / N                    (5)
     gas    azimuth   W = -((1 + A) C + B D) / (2 N)               (6)
     dust   radial    (V + 2 St_j W + St_j f_j) / (1 + St_j^2)     (7)
     dust   azimuth   (W - St_j V / 2 - St_j^2 f_j / 2) / (1 + St_j^2)    (8)
-
-which is where the pressure, the drag, and the Coriolis and shear terms balance (Tanaka, Himeno & Ida 2005, sec. 2.2;
-Benitez-Llambay, Krapp & Pessah 2019, arXiv:1811.07925, sec. 3.5.1). For one population these are Youdin & Johansen
-(2007), eqs. (7a)-(7d); without gas's response (7) is Takeuchi & Artymowicz (2001), eq. (23). (3) is evaluated with its differences carried out, so that it keeps its digits at any St.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def of_number(number, rho, temperature):
 
 @inner
 def bell_lin(rho, temperature):
-    """Opacity in cm2/g at a density in g/cm3 and a temperature in K, with its slopes d ln kappa / d ln rho and / d ln T."""
+    """Opacity in cm2/g at a density in g/cm3 and a temperature in K, with its slopes in ln rho and ln T."""
     rho = max(rho, THINNEST)
     if temperature < METALS:
         return lesser(of_number(0, rho, temperature), of_number(1, rho, temperature))

@@ -123,6 +123,55 @@ def test_clumps_are_found_with_their_dust(tmp_path, capsys):
     assert "1 clumps" in capsys.readouterr().out
 
 
+# Stress
+
+
+HEAVY = {
+    "units": {"system": "code"},
+    "run": {"until": 1.0},
+    "space": {"size": 8.0, "cells": 96},
+    "initial": {"kind": "disc", "mass": 0.1, "inner": 1.0, "outer": 2.0},
+    "gas": {"particles": 30_000, "eos": {"kind": "adiabatic", "gamma": 1.5, "aspect_ratio": 0.1}},
+    "star": {"mass": 1.0},
+    "self_gravity": {"softening": 0.05},
+    "cooling": {"kind": "beta", "beta": 4.0, "aspect_ratio": 0.0},
+}
+
+
+@pytest.mark.parametrize("winding", [6.0, -6.0], ids=["trailing", "leading"])
+def test_stress_of_known_arms(tmp_path, capsys, winding):
+    """Velocities A cos 2 phi in both directions about Kepler's: T = Sigma A^2 / 2; arms that trail carry L outwards."""
+    pos, amplitude = even(30_000, 1.0, 2.0), 0.05
+    r, angle = np.hypot(*pos.T), np.arctan2(pos[:, 1], pos[:, 0])
+    angle -= 0.1 * np.sin(2 * angle + winding * np.log(r))  # crests of Sigma along 2 phi = -winding ln r
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pos, across = r[:, None] * along, np.stack([-along[:, 1], along[:, 0]], axis=1)
+    wave = amplitude * np.cos(2 * angle)
+    gas = gas_of(pos, 0.1)
+    gas.vel = wave[:, None] * along + (r**-0.5 + wave)[:, None] * across
+    gas.u, gas.sound_speed = np.full(len(r), 0.02), np.full(len(r), 0.1)
+    (tmp_path / "snapshots").mkdir()
+    write_snapshot(tmp_path / "snapshots" / "0000.h5", load_scene(HEAVY), 0.0, gas, None)
+    module = script("stress")
+    assert module.main([str(tmp_path), "--inner", "1.2", "--outer", "1.8"]) == 0
+    rows = list(csv.DictReader((tmp_path / "stress.csv").read_text().splitlines()))
+    reynolds, gravity, sigma = (np.array([float(row[key]) for row in rows]) for key in ("reynolds", "gravity", "sigma"))
+    # The arms' own Sigma is 1.2 to .8 of the mean, and out of phase but for one ring in several.
+    assert reynolds.mean() / sigma.mean() == pytest.approx(amplitude**2 / 2, rel=0.05)
+    assert np.sign(gravity.mean()) == np.sign(winding)
+    # WKB: T = pi G m Sigma_a^2 / (2 k^2 r) = pi/2 m Sigma_a^2 r / winding^2 (Lynden-Bell & Kalnajs 1972), k r being 6.
+    wkb = 0.5 * np.pi * 2 * (0.2 * sigma.mean()) ** 2 * 1.5 / winding**2
+    assert 0.4 < abs(gravity.mean()) / wkb < 1.5  # of tight arms without softening or edges
+    assert "= 0.1481, times 1.000 of u" in capsys.readouterr().out  # 4 / (9 1.5 .5 4)
+
+
+def test_stress_wants_a_disc_that_pulls(tmp_path, capsys):
+    run = run_of(tmp_path / "a", [even(100, 1.0, 2.0)])
+    assert script("stress").main([str(run)]) == 2
+    assert "expected a disc with [self_gravity]" in capsys.readouterr().err
+    assert script("stress").main([str(tmp_path)]) == 2
+
+
 # Drift and noise
 
 

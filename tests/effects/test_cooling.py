@@ -1,0 +1,282 @@
+"""Cooling within the step: zones, waves, balances of heat, energy, resume, and scenes that may name [cooling]."""
+
+import numpy as np
+import pytest
+from astropy import constants
+from astropy import units as u
+from scipy.linalg import expm
+
+from discsim import Simulation
+from discsim.exact import cooling as exact
+from discsim.kernels import cooling as kernels
+from discsim.physics import cooling as physics
+from discsim.scene import SceneError, load_scene
+from discsim.study.errors import drifts, totals
+
+GAMMA = 1.4
+
+
+def box(t_cool, run, particles=64, **tables):
+    """A wave of sound in one dimension, of adiabatic speed 1 (code units)."""
+    return {
+        "units": {"system": "code"},
+        "run": {"until": 0.5} | run,
+        "space": {"dimensions": 1, "size": 1.0, "boundary": "periodic"},
+        "initial": {"kind": "wave"},
+        "gas": {"particles": particles, "eos": {"kind": "adiabatic", "gamma": GAMMA, "sound_speed": 1.0}},
+        "cooling": {"kind": "constant", "t_cool": t_cool},
+    } | tables
+
+
+def disc(**tables):
+    """Of adiabatic gas, in code units; `tables` take the place of its own, or are more."""
+    eos = {"kind": "adiabatic", "gamma": GAMMA, "aspect_ratio": 0.1}
+    return {
+        "units": {"system": "code"},
+        "run": {"until": 1.0},
+        "space": {"size": 6.0, "cells": 32},
+        "initial": {"kind": "disc", "mass": 0.01, "inner": 1.0, "outer": 2.0},
+        "gas": {"particles": 1000, "eos": eos, "viscosity": {}},
+        "star": {"mass": 1.0},
+        "cooling": {"kind": "beta", "beta": 3.0},
+    } | tables
+
+
+DUSTY = {"dust": {"particles": 500, "ratio": 0.3}, "drag": {"law": "stopping-time", "t_stop": 0.1}}
+
+
+@pytest.mark.parametrize("ratio", 10.0 ** np.arange(-6, 7, 2))
+def test_a_zone_in_the_loop(ratio):
+    """Still, even gas, ten times as hot as it is to be, in steps of .1: rounding, whatever t_cool is."""
+    tables = box(
+        0.1 * ratio, {"until": 0.5, "timestep": 0.1}, space={"dimensions": 1, "size": 40.0, "boundary": "periodic"}
+    )
+    warm = 1.0 / GAMMA / (GAMMA - 1.0)
+    x = (np.arange(64.0)[:, None] + 0.5) * 40 / 64
+    given = {"pos": x, "vel": np.zeros_like(x), "mass": np.full(64, 1 / 64), "u": np.full(64, 10.0 * warm)}
+    sim = Simulation(tables, particles={"gas": given})
+    sim.run()
+    np.testing.assert_allclose(sim.gas.u, exact.towards(10.0 * warm, warm, 0.0, 0.1 * ratio, 0.5), rtol=1e-12)
+    np.testing.assert_allclose(sim.gas.radiated, 10.0 * warm - sim.gas.u, atol=1e-13)
+
+
+def amplitudes(sim):
+    """Density, velocity and energy of the wave: sums of exp(-i k x), over those of the even gas."""
+    phase = np.exp(-2j * np.pi * sim.gas.pos[:, 0])
+    warm = 1.0 / GAMMA / (GAMMA - 1.0)
+    density = 2.0 * (sim.gas.mass * phase).sum()
+    return np.array([density, 2.0 * (sim.gas.mass * sim.gas.vel[:, 0] * phase).sum(),
+                     2.0 * (sim.gas.mass * (sim.gas.u / warm - 1.0) * phase).sum()])  # fmt: skip
+
+
+@pytest.mark.parametrize("t_cool", [1e-6, 1e-2, 0.1, 1.0, 1e3])
+def test_a_wave_that_cools(t_cool):
+    """Linear: d(rho) = -ik v, dv = -ik P, du = -(gamma - 1) ik v - u / t_cool; isothermal where cooling is quick, and
+    damped between. SPH's sound is off by up to .6% (tests/effects/test_gas.py), of a phase of up to pi.
+    """
+    sim = Simulation(box(t_cool, {"until": 0.5, "courant": 0.2}, 100, initial={"kind": "wave", "amplitude": 1e-3}))
+    ik = 2j * np.pi
+    rates = np.array([[0, -ik, 0], [-ik / GAMMA, 0, -ik / GAMMA], [0, -(GAMMA - 1.0) * ik, -1.0 / t_cool]])
+    start = amplitudes(sim)
+    wanted = expm(0.5 * rates) @ start
+    sim.run()
+    np.testing.assert_allclose(amplitudes(sim), wanted, rtol=0, atol=0.02 * np.abs(start).max())
+
+
+@pytest.mark.parametrize("t_cool", [0.025, 1.0])
+def test_second_order_in_the_step(t_cool):
+    """A wave of a tenth, against steps a sixteenth as long; where it cools within six of the longest steps too."""
+
+    def ends(dt):
+        sim = Simulation(box(t_cool, {"until": 0.4, "timestep": dt}, 32, initial={"kind": "wave", "amplitude": 0.1}))
+        sim.run()
+        order = np.argsort(sim.gas.ids)
+        return np.concatenate([sim.gas.u[order], sim.gas.vel[order, 0]])
+
+    best = ends(0.00025)
+    errors = [np.abs(ends(dt) - best).max() for dt in (0.004, 0.002)]
+    assert 3.5 < errors[0] / errors[1] < 4.5
+
+
+@pytest.mark.parametrize("more", [{}, DUSTY], ids=["gas", "dusty"])
+@pytest.mark.parametrize(
+    "cooling",
+    [{"kind": "beta", "beta": 3.0, "aspect_ratio": 0.05}, {"kind": "constant", "t_cool": 1e-9, "aspect_ratio": 0.05}],
+)
+def test_energy_with_what_was_radiated_stays(cooling, more):
+    """As without cooling: .3% of the energies of a disc whose edges spread; the heat of drag is in it."""
+    found = []
+    for tables in (disc(cooling=cooling, **more), {k: v for k, v in disc(**more).items() if k != "cooling"}):
+        sim = Simulation(tables)
+        before = totals(sim)
+        sim.run()
+        found.append(drifts(before, totals(sim))["energy"])
+        if "cooling" in tables:
+            assert abs((sim.gas.mass * sim.gas.radiated).sum()) > 5e-6  # of a thermal energy of 2e-4
+    assert found[0] < max(1.5 * found[1], 1e-4)
+
+
+def test_quick_cooling_is_a_held_temperature():
+    """beta = 1e-9 beside gas that is locally isothermal: the same disc, step by step."""
+    isothermal = {"particles": 1000, "viscosity": {}, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1}}
+    cooled = Simulation(disc(cooling={"kind": "beta", "beta": 1e-9}, run={"until": 0.5, "timestep": 0.02}))
+    held = disc(gas=isothermal, run={"until": 0.5, "timestep": 0.02})
+    del held["cooling"]
+    held = Simulation(held)
+    for sim in (cooled, held):
+        sim.run()
+    r = np.linalg.norm(cooled.gas.pos, axis=1)
+    np.testing.assert_allclose(cooled.gas.u, physics.passive_energy(cooled.scene, r), rtol=1e-6)
+    one, other = (sim.gas.pos[np.argsort(sim.gas.ids)] for sim in (cooled, held))
+    # The viscosity's signal is that of the adiabatic sound; bits of the velocities too.
+    assert np.abs(one - other).max() < 1e-3
+
+
+# Light
+
+
+def shining(**cooling):
+    """A disc of 3e-3 solar masses between 5 and 15 au, irradiated to H/r = .03 at 5 au."""
+    eos = {"kind": "adiabatic", "gamma": GAMMA, "aspect_ratio": 0.05, "reference_radius": "5 au"}
+    return {
+        "run": {"until": "5 yr", "timestep": "1 yr"},
+        "space": {"size": "40 au"},
+        "initial": {"kind": "disc", "mass": "0.003 Msun", "inner": "5 au", "outer": "15 au"},
+        "gas": {"particles": 1000, "eos": eos, "viscosity": {}},
+        "star": {"mass": "1 Msun"},
+        "cooling": {"kind": "radiative", "aspect_ratio": 0.03, **cooling},
+    }
+
+
+@pytest.mark.parametrize("opacity", ["1e-3 cm2/g", "0.05 m2/kg", "50 cm2/g", "bell-lin"])
+def test_balance_of_a_viscous_irradiated_disc(opacity):
+    """Each particle heated as by alpha = .01 for long: T^4 = T_irr^4 + (9/8) nu Sigma Omega^2 tau_eff / sigma.
+
+    In cgs by astropy, with nu = alpha c_s^2 / Omega at the temperature of the balance. The energies are those of an
+    exact balance to 1e-6; what is left is that both sides have constants of their own.
+    """
+    sim = Simulation(shining(opacity=opacity))
+    sim.step()
+    gas, scene = sim.gas, sim.scene
+    r = scene.units.quantity(np.linalg.norm(gas.pos, axis=1), "length").cgs
+    sigma = scene.units.quantity(gas.density, "density").cgs
+    omega = np.sqrt(constants.G * u.Msun / r**3).cgs
+    mean = scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e)
+    per_energy = ((GAMMA - 1.0) * mean / constants.k_B).cgs
+    irradiated = (0.03**2 * constants.G * u.Msun / (5 * u.au) * (5 * u.au / r) ** 0.5 * mean / constants.k_B).to(u.K)
+    for _ in range(60):  # the heat that this temperature makes, and the temperature that this heat makes
+        found = (scene.units.quantity(gas.u, "specific_energy") * per_energy).to(u.K)
+        speed2 = (constants.k_B * found / mean).cgs
+        heat = (2.25 * 0.01 * speed2 * omega).cgs  # (9/4) nu Omega^2 of a unit of mass
+        gas.kick_rate[:] = heat.value / scene.units.cgs("specific_energy") * scene.units.cgs("time")
+        gas.u[:] = sim.state.cooled(gas, 1e6 / scene.units.time.to(u.yr))
+    if opacity == "bell-lin":
+        kappa = np.empty(gas.count)
+        rho = (sigma * omega / np.sqrt(2 * np.pi * speed2)).cgs.value
+        kernels.opacities(0, gas.count, rho, found.value, kappa)
+    else:
+        kappa = u.Quantity(opacity).cgs.value
+    tau = 0.5 * kappa * sigma.value
+    wanted = (irradiated**4 + heat * sigma * physics.depth(tau) / 2.0 / constants.sigma_sb).to(u.K**4) ** 0.25
+    np.testing.assert_allclose(found.value, wanted.value, rtol=1e-3)
+    assert (found > 1.005 * irradiated).any()
+
+
+@pytest.mark.parametrize("opacity", ["1e-2 cm2/g", "bell-lin"])
+def test_light_in_the_loop(opacity):
+    """Five years in steps of 1/22 and 1/88 of the innermost orbit: the same energies, to second order."""
+    found = []
+    for step in ("0.5 yr", "0.125 yr"):
+        sim = Simulation(shining(opacity=opacity) | {"run": {"until": "5 yr", "timestep": step}})
+        sim.run()
+        found.append(sim.gas.u[np.argsort(sim.gas.ids)])
+    assert min(each.min() for each in found) > 0.0
+    assert np.abs(found[0] / found[1] - 1.0).mean() < 0.03
+
+
+# The promises of every effect
+
+
+def test_resume_and_threads_to_the_last_bit(tmp_path):
+    tables = disc(cooling={"kind": "beta", "beta": 0.5}, **DUSTY)
+    tables["gas"] |= {"particles": 9000}  # several pieces for two threads
+    runs = []
+    for threads in (1, 2):
+        sim = Simulation(tables | {"run": {"until": 0.3, "threads": threads}})
+        sim.evolve(0.15)
+        sim.save(tmp_path / "half.h5")
+        sim.evolve(0.3)
+        runs.append(sim)
+    again = Simulation(tables | {"run": {"until": 0.3, "threads": 2}})
+    again.restore(tmp_path / "half.h5")
+    again.evolve(0.3)
+    for name, array in runs[0].gas.arrays().items():
+        for other in (runs[1], again):
+            np.testing.assert_array_equal(array, getattr(other.gas, name), err_msg=name)
+    with again.synchronised():
+        pass  # looking at it leaves what was radiated as it was
+    np.testing.assert_array_equal(again.gas.radiated, runs[0].gas.radiated)
+
+
+def test_gas_without_cooling_holds_nothing_of_it():
+    tables = disc()
+    del tables["cooling"]
+    sim = Simulation(tables)
+    assert sim.gas.radiated is None and sim.state.cooled is None
+
+
+BAD = [
+    ({"kind": "beta"}, r"cooling\.beta: missing; kind \"beta\" needs it"),
+    ({"kind": "beta", "beta": 0.0}, r"cooling\.beta: 0\.0 is not positive"),
+    ({"kind": "beta", "beta": 3.0, "t_cool": 1.0}, r"cooling\.t_cool: goes with kind \"constant\""),
+    ({"kind": "bta", "beta": 3.0}, r"cooling\.kind: \"bta\" is unknown; .* did you mean \"beta\""),
+    ({"kind": "radiative", "opacity": 1.0}, r"cooling\.kind: light needs temperatures"),
+    ({"kind": "constant", "t_cool": 1.0, "aspect_ratio": -0.1}, r"cooling\.aspect_ratio: -0\.1 is out of range"),
+    ({"beta": 3.0}, r"cooling\.kind: missing"),
+]
+
+
+@pytest.mark.parametrize(("cooling", "wrong"), BAD)
+def test_bad_keys(cooling, wrong):
+    with pytest.raises(SceneError, match=wrong) as fault:
+        load_scene(disc(cooling=cooling))
+    assert len(fault.value.problems) == 1
+
+
+@pytest.mark.parametrize(
+    ("opacity", "wrong"),
+    [
+        (None, r"cooling\.opacity: missing; kind \"radiative\" needs it"),
+        ("bell-linn", r"cooling\.opacity: .* expected .* or \"bell-lin\""),
+        ("1 g/cm2", r"cooling\.opacity: .* expected an opacity, like \"1 cm2/g\", or \"bell-lin\""),
+        ("-1 cm2/g", r"cooling\.opacity: not above 0"),
+        (2.0, r"cooling\.opacity: 2\.0 has no unit; an opacity needs a unit, like \"1 cm2/g\", or \"bell-lin\""),
+    ],
+)
+def test_bad_opacities(opacity, wrong):
+    tables = shining(opacity=opacity)
+    if opacity is None:
+        del tables["cooling"]["opacity"]
+    with pytest.raises(SceneError, match=wrong) as fault:
+        load_scene(tables)
+    assert len(fault.value.problems) == 1
+
+
+def test_scenes_that_have_nothing_to_cool():
+    isothermal = disc(gas={"particles": 100, "eos": {"kind": "isothermal", "sound_speed": 0.1}})
+    with pytest.raises(
+        SceneError, match=r'the gas is "isothermal", which keeps no heat; expected eos.kind = "adiabatic"'
+    ):
+        load_scene(isothermal)
+    with pytest.raises(SceneError, match="beta / Omega needs a star to orbit"):
+        load_scene(box(1.0, {}, cooling={"kind": "beta", "beta": 1.0}))
+    shock = box(1.0, {}, initial={"kind": "shock"}, space={"dimensions": 1, "size": 1.0}) | {
+        "gas": {"particles": 100, "eos": {"kind": "adiabatic", "gamma": 1.4}}
+    }
+    with pytest.raises(SceneError, match=r"cooling.aspect_ratio: missing; gas.eos has no temperature to cool to"):
+        load_scene(shock)
+    with pytest.raises(SceneError, match=r"cooling\.temperature_index: goes with an aspect_ratio"):
+        load_scene(box(1.0, {}, cooling={"kind": "constant", "t_cool": 1.0, "temperature_index": 0.5}))
+    grid = box(1.0, {}, dust={"particles": 64, "ratio": 1.0}, drag={"law": "constant", "K": 1.0, "scheme": "emsi-ppm"})
+    with pytest.raises(SceneError, match='gas of scheme "emsi-ppm" does not cool'):
+        load_scene(grid)
