@@ -139,6 +139,8 @@ STARTS = Parts(
     "discsim.starts",
     {
         "disc": "discsim.initial.disc:START",
+        "viscous-ring": "discsim.initial.viscous_ring:START",
+        "steady": "discsim.initial.steady:START",
         "box": "discsim.initial.box:START",
         "wave": "discsim.initial.wave:START",
         "shock": "discsim.initial.shock:START",

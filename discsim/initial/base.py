@@ -59,6 +59,7 @@ class Start:
             each weighing the same.
         on_lattice: whether particles that are placed evenly are whole rows and columns, as many as fit.
         edges(scene): inner and outer radius, of a start about the origin. None: radii mean nothing to it.
+        surface_density(scene, r): Sigma at radii (n,) of a start that is made as a disc is, with one of its own.
         reference_density(scene): Sigma at the radius that laws of drag refer to. None: it has no such radius.
         known_step: whether the gas of `places` sets the step, so that a run's time can be forecast.
         warnings(scene): what will run, but perhaps not as meant.
@@ -88,6 +89,7 @@ class Start:
     spread: Callable[[Any], tuple[Places, Array]] | None = None
     on_lattice: bool = True
     edges: Callable[[Any], tuple[float, float]] | None = None
+    surface_density: Callable[[Any, Array], Array] | None = None
     reference_density: Callable[[Any], float] | None = None
     known_step: bool = True
     warnings: Callable[[Any], Iterator[str]] | None = None

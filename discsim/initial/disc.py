@@ -73,7 +73,7 @@ def _species(
     scene: Scene, stream: np.random.Generator, count: int, inner: float, outer: float, ratio: float, placement: str
 ) -> dict[str, Array]:
     r = np.linspace(inner, outer, profile.SAMPLES)
-    mass = profile.scale(scene) * profile.cumulative(scene.initial, r)
+    mass = profile.enclosed(scene, r)
     if placement == "random":
         radius = np.interp(stream.random(count) * mass[-1], mass, r)
         angle = 2.0 * np.pi * stream.random(count)
@@ -288,7 +288,7 @@ def places(scene: Scene) -> Places:
 
 def spread(scene: Scene) -> tuple[Places, Array]:
     r = profile.radii(scene.initial)
-    weight = r * profile.shape(scene.initial, r)
+    weight = r * profile.law(scene)[1](r)
     r, weight = r[weight > 0], weight[weight > 0]
     return Places([], profile.surface_density(scene, r), r), weight
 
@@ -296,7 +296,7 @@ def spread(scene: Scene) -> tuple[Places, Array]:
 def mass(scene: Scene, population: Any) -> float:
     inner, outer = edges(scene) if population is None else _range(scene.initial, population)
     radius = np.linspace(inner, max(inner, outer), profile.SAMPLES)
-    return profile.scale(scene) * float(profile.cumulative(scene.initial, radius)[-1])
+    return float(profile.enclosed(scene, radius)[-1])
 
 
 def warnings(scene: Scene) -> Iterator[str]:

@@ -7,6 +7,8 @@ of sound waves (of adiabatic gas the adiabatic one), or given.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,12 +21,17 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 SAMPLES = 20_001
+SLOPE = 1e-4  # of r, for the slope of a start's own Sigma
 
 
 def shape(start: Any, r: Array) -> Array:
     """Sigma / Sigma_ref at radius `r`, zero beyond the edges."""
-    out = (r / start.reference_radius) ** -start.surface_density_index
-    out = out * ((r >= start.inner) & (r <= start.outer))
+    return (r / start.reference_radius) ** -start.surface_density_index * tapers(start, r)
+
+
+def tapers(start: Any, r: Array) -> Array:
+    """What the edges leave of Sigma at radius `r`."""
+    out = 1.0 * ((r >= start.inner) & (r <= start.outer))
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:
             out = out * np.sin(0.5 * np.pi * np.clip(sign * (r - edge) / width, 0.0, 1.0)) ** 2
@@ -35,9 +42,21 @@ def radii(start: Any) -> Array:
     return np.linspace(start.inner, start.outer, SAMPLES)
 
 
-def cumulative(start: Any, r: Array) -> Array:
+def law(scene: Scene) -> tuple[float, Callable[[Array], Array]]:
+    """Sigma_ref and, as a function of the radius, Sigma / Sigma_ref: of a disc, or as its start has it."""
+    own = STARTS[scene.initial.kind].surface_density
+    return (scale(scene), partial(shape, scene.initial)) if own is None else (1.0, partial(own, scene))
+
+
+def enclosed(scene: Scene, r: Array) -> Array:
+    """Mass up to each of the rising radii `r`, from the first of them."""
+    unit, relative = law(scene)
+    return unit * cumulative(relative, r)
+
+
+def cumulative(relative: Callable[[Array], Array], r: Array) -> Array:
     """Integral of 2 pi r Sigma / Sigma_ref up to each of the rising radii `r`, from the first of them."""
-    f = 2.0 * np.pi * r * shape(start, r)
+    f = 2.0 * np.pi * r * relative(r)
     return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(r))])
 
 
@@ -48,7 +67,7 @@ def scale(scene: Scene) -> float:
         return start.surface_density
     r = radii(start)
     if start.mass is not None:
-        return start.mass / float(cumulative(start, r)[-1])
+        return start.mass / float(cumulative(partial(shape, start), r)[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         q = wave_speed(scene, r, shape(start, r)) * kepler_omega(scene, r) / (np.pi * shape(start, r))
     power = eos_of(scene).toomre_power(scene.gas.eos)
@@ -77,7 +96,8 @@ def kepler_omega(scene: Scene, r: Array | float) -> Array:
 
 
 def surface_density(scene: Scene, r: Array) -> Array:
-    return scale(scene) * shape(scene.initial, r)
+    unit, relative = law(scene)
+    return unit * relative(r)
 
 
 def pressure_acceleration(scene: Scene, r: Array) -> Array:
@@ -87,7 +107,15 @@ def pressure_acceleration(scene: Scene, r: Array) -> Array:
     as if it fell over H.
     """
     start: Any = scene.initial
-    speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2
+    sigma = surface_density(scene, r)
+    speed2 = sound_speed(scene, r, sigma) ** 2
+    if STARTS[start.kind].surface_density is not None:
+        steepest = kepler_omega(scene, r) * r / np.sqrt(speed2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise = surface_density(scene, r * (1.0 + SLOPE)) - surface_density(scene, r * (1.0 - SLOPE))
+            slope = np.nan_to_num(-0.5 * rise / (SLOPE * sigma), nan=0.0)
+        slope = np.clip(slope, -steepest, steepest)
+        return (slope + eos_of(scene).temperature_slope(scene.gas.eos)) * speed2 / r
     slope = start.surface_density_index + eos_of(scene).temperature_slope(scene.gas.eos)
     out = slope * speed2 / r
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):

@@ -25,6 +25,7 @@ DIMENSIONS: dict[str, Exponents] = {
     "acceleration": (0, 1, -2),
     "frequency": (0, 0, -1),
     "diffusivity": (0, 2, -1),
+    "accretion_rate": (1, 0, -1),
     "surface_density": (1, -2, 0),
     "volume_density": (1, -3, 0),
     "momentum": (1, 1, -1),
@@ -41,6 +42,7 @@ EXAMPLES = {
     "acceleration": "1 cm/s2",
     "frequency": "1 / yr",
     "diffusivity": "1e15 cm2/s",
+    "accretion_rate": "1e-8 Msun/yr",
     "surface_density": "100 g/cm2",
     "volume_density": "3 g/cm3",
 }
