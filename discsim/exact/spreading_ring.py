@@ -11,13 +11,14 @@ I scaled by exp(-z) keeps both within floats. Right but for the pressure: by abo
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ive
 
 Array = np.ndarray
 
 
 def surface_density(r: Array, tau: float, mass: float = 1.0, radius: float = 1.0) -> Array:
     """Sigma at `r` > 0 at viscous time `tau`, of a ring of this mass that was at `radius`."""
+    from scipy.special import ive  # slow to import
+
     x = r / radius
     bessel = ive(0.25, 2.0 * x / tau)
     return mass / (np.pi * radius**2 * tau * x**0.25) * np.exp(-((1.0 - x) ** 2) / tau) * bessel  # eq. (1)
@@ -25,6 +26,8 @@ def surface_density(r: Array, tau: float, mass: float = 1.0, radius: float = 1.0
 
 def radial_velocity(r: Array, tau: float, nu: Array | float, radius: float = 1.0) -> Array:
     """v_r at `r` > 0 at viscous time `tau`."""
+    from scipy.special import ive
+
     x = r / radius
     z = 2.0 * x / tau
     return -3.0 * nu / r * (0.5 - 2.0 * x**2 / tau + z * ive(1.25, z) / ive(0.25, z))  # eq. (2)
