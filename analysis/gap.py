@@ -22,8 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from discsim.physics.companions import scale_height
-from discsim.physics.viscosity import diffusivity
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -32,6 +30,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from discsim import load_scene
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.physics.companions import scale_height
+from discsim.physics.viscosity import diffusivity
 
 RINGS = 160  # of a profile, between half and twice the orbit
 HILLS = 2.0  # Hill radii about the companion that a gap's depth leaves out

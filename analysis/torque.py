@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from discsim.physics.companions import scale_height
 from rich.console import Console
 from rich.table import Table
 
 from discsim import load_scene
 from discsim.physics import profile
+from discsim.physics.companions import scale_height
 
 
 class Fault(Exception):
@@ -56,7 +56,7 @@ def torque(directory: Path, start: float) -> Torque:
     )
     a, q = axis[0], mass[-1] / scene.star.mass
     omega = np.sqrt(scene.star.mass / a**3)
-    sigma = float(profile.surface_density(scene, np.array([a]))[0])
+    sigma = float(profile.radial(scene).surface_density(np.array([a]))[0])
     aspect = float(scale_height(scene, a)) / a
     unit = (q / aspect) ** 2 * sigma * a**4 * omega**2
     orbit = time * omega / (2 * np.pi)

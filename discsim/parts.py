@@ -141,6 +141,8 @@ STARTS = Parts(
         "disc": "discsim.initial.disc:START",
         "table": "discsim.initial.table:START",
         "snapshot": "discsim.output.restart:START",
+        "viscous-ring": "discsim.initial.viscous_ring:START",
+        "steady": "discsim.initial.steady:START",
         "box": "discsim.initial.box:START",
         "wave": "discsim.initial.wave:START",
         "shock": "discsim.initial.shock:START",

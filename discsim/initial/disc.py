@@ -144,9 +144,9 @@ def places(scene: Scene) -> Places:
 
 def spread(scene: Scene) -> tuple[Places, Array]:
     r = profile.radii(scene.initial)
-    weight = r * profile.shape(scene.initial, r)
-    r, weight = r[weight > 0], weight[weight > 0]
-    return Places([], profile.surface_density(scene, r), r), weight
+    density = profile.radial(scene).surface_density(r)
+    r, density = r[density > 0], density[density > 0]
+    return Places([], density, r), r * density
 
 
 def warnings(scene: Scene) -> Iterator[str]:

@@ -86,6 +86,25 @@ def force_columns(
 
 
 @njit(inline="always")
+def pack_distances(x, y, n, pack):
+    """Pack the distances of n candidates from (x, y), and one over them."""
+    for k in range(n):
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
+        r2 = dx * dx + (dy * dy + NEAREST2)
+        inv_r = inverse_root(r2)
+        pack[INV_R * STRIDE + k] = inv_r
+        pack[Q * STRIDE + k] = r2 * inv_r
+
+
+@njit(inline="always")
+def widened(uneven, own, other, inv_rho_i, inv_rho_j):
+    """The sum of q^2 dW/dr by both kernels of a pair, `own` and `other`; of unequal masses within a bound."""
+    if uneven:
+        return max(own + other, MOST_UNEVEN * (inv_rho_i * own + inv_rho_j * other) / (inv_rho_i + inv_rho_j))
+    return own + other
+
+
+@njit(inline="always")
 def force_sums(
     kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, i, columns, strengths, n, pack
 ):  # fmt: skip
@@ -99,12 +118,7 @@ def force_sums(
     conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
     fluidity, sheared = columns[i, FLUIDITY], 2.0 * dim / MEAN_Q2[kernel] * inv_rho_i / unit
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(n):
-        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
-        r2 = dx * dx + (dy * dy + NEAREST2)
-        inv_r = inverse_root(r2)
-        pack[INV_R * STRIDE + k] = inv_r
-        pack[Q * STRIDE + k] = r2 * inv_r
+    pack_distances(x, y, n, pack)
     for k in range(n):
         r = pack[Q * STRIDE + k]
         _, own = shape(kernel, dim, r * inv_h)
@@ -132,16 +146,13 @@ def force_sums(
                 pi *= (f_i + pack[SWITCH * STRIDE + k]) * strength
                 force += pi
                 heat += 0.5 * pi * felt
-            if shearing:  # with q^2 dW/dr of each kernel in place of its gradient
-                r = pack[Q * STRIDE + k]
+            if shearing:
+                r, inv_mu = pack[Q * STRIDE + k], fluidity + pack[FLUIDITY * STRIDE + k]
                 q, q_j = r * inv_h, r * pack[INV_H * STRIDE + k]
-                near, far = norm * own * q * q, other * q_j * q_j
-                spread = near + far
-                if uneven:
-                    spread = max(spread, MOST_UNEVEN * (inv_rho_i * near + inv_rho_j * far) / inv_rho)
-                drag = sheared * inv_rho_j / (fluidity + pack[FLUIDITY * STRIDE + k]) * spread * inv_r * w
-                force -= drag
-                heat -= 0.5 * drag * w
+                spread = widened(uneven, norm * own * q * q, other * q_j * q_j, inv_rho_i, inv_rho_j)
+                stress = sheared * inv_rho_j / inv_mu * spread * inv_r * w
+                force -= stress
+                heat -= 0.5 * stress * w
             if conductive:
                 signal = math.sqrt(abs(p_i - pack[P * STRIDE + k]) * inv_rho)
                 passed = conducted * signal * strength
@@ -156,9 +167,7 @@ def force_sums(
 
 
 @functools.cache
-def force_driver(
-    kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool
-):  # fmt: skip
+def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool):
     """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ.
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence, and the rate of
@@ -184,8 +193,7 @@ def force_driver(
                 place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
                 for k in range(listed, end):
                     j, to = index[k], k - listed
-                    pack[MASS * STRIDE + to] = columns[j, MASS]
-                    pack[INV_H * STRIDE + to] = columns[j, INV_H] * unit
+                    pack[MASS * STRIDE + to], pack[INV_H * STRIDE + to] = columns[j, MASS], columns[j, INV_H] * unit
                     pack[NORM_H * STRIDE + to] = columns[j, NORM_H]
                     pack[PRESS * STRIDE + to] = columns[j, PRESS]
                     if moving:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 SAMPLES = 20_001
+SLOPE = 1e-4  # of r, over which the slope of a Sigma of no known power is taken
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,30 @@ def radial(scene: Scene) -> Radial:
     return found
 
 
+def of_density(scene: Scene, inner: float, outer: float, surface_density: Callable[[Array], Array]) -> Radial:
+    """The disc of any Sigma(r), with the temperature of gas.eos; where Sigma falls within less than H, as if it fell
+    over H.
+    """
+
+    def pressure_acceleration(r: Array) -> Array:
+        sigma = surface_density(r)
+        speed2 = sound_speed(scene, r, sigma) ** 2
+        steepest = kepler_omega(scene, r) * r / np.sqrt(speed2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise = surface_density(r * (1.0 + SLOPE)) - surface_density(r * (1.0 - SLOPE))
+            slope = np.clip(np.nan_to_num(-0.5 * rise / (SLOPE * sigma), nan=0.0), -steepest, steepest)
+        return (slope + eos_of(scene).temperature_slope(scene.gas.eos)) * speed2 / r
+
+    return Radial(inner, outer, surface_density, pressure_acceleration, lambda r: integral(r, surface_density(r)))
+
+
 def shape(start: Any, r: Array) -> Array:
     """Sigma / Sigma_ref at radius `r`, zero beyond the edges."""
-    out = (r / start.reference_radius) ** -start.surface_density_index
+    return tapered(start, r, (r / start.reference_radius) ** -start.surface_density_index)
+
+
+def tapered(start: Any, r: Array, out: Array) -> Array:
+    """What edges and tapers leave of a surface density `out` (n,) at radius `r`."""
     out = out * ((r >= start.inner) & (r <= start.outer))
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:

@@ -1,0 +1,102 @@
+"""steady: a disc that a viscosity lets fall onto the star everywhere at one rate, Sigma = Mdot / (3 pi nu(r)).
+
+It turns in balance (`balance.py`) and falls with v_r = -3 nu / (2 r) (Lynden-Bell & Pringle 1974). Tapers of its
+edges are those of a disc; where Sigma has them it is not steady.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from discsim.initial import balance, disc, rings
+from discsim.initial.base import Array, Start
+from discsim.initial.viscous_ring import needs_a_viscosity
+from discsim.physics import profile, viscosity
+from discsim.scene.fields import Length, Measure, Number, SurfaceDensity
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+    from discsim.scene.rules import Draft, Problem
+
+
+class Steady(balance.Settled):
+    """A disc in steady accretion by its viscosity."""
+
+    kind: Literal["steady"] = "steady"
+    surface_density: SurfaceDensity | None = Field(None, gt=0, description="of the gas at reference_radius")
+    accretion_rate: Annotated[float | None, Measure("accretion_rate")] = Field(
+        None, gt=0, description="of the gas onto the star, instead of its surface density"
+    )
+    inner: Length = Field(gt=0, description="inner edge")
+    outer: Length = Field(gt=0, description="outer edge")
+    reference_radius: Length = Field(1.0, gt=0, description="where surface_density holds")
+    inner_taper: Length = Field(0.0, ge=0, description="width of the inner taper")
+    outer_taper: Length = Field(0.0, ge=0, description="width of the outer taper")
+    perturbation: Number = Field(
+        0.0, ge=0, lt=0.2, description="amplitude in Sigma of each of the azimuthal modes 2 to 6, of random phases"
+    )
+
+
+def accretion_rate(scene: Scene) -> float:
+    """Mdot in code units."""
+    start: Any = scene.initial
+    if start.accretion_rate is not None:
+        return float(start.accretion_rate)
+    nu = viscosity.diffusivity(scene, np.array([start.reference_radius]))
+    return float(3.0 * np.pi * nu[0] * start.surface_density)
+
+
+def radial(scene: Scene) -> profile.Radial:
+    """The disc as functions of the radius."""
+    start: Any = scene.initial
+    rate = accretion_rate(scene)
+
+    def surface_density(r: Array) -> Array:
+        return profile.tapered(start, r, rate / (3.0 * np.pi * viscosity.diffusivity(scene, r)))
+
+    return profile.of_density(scene, start.inner, start.outer, surface_density)
+
+
+def reference_density(scene: Scene) -> float:
+    start: Any = scene.initial
+    nu = viscosity.diffusivity(scene, np.array([start.reference_radius]))
+    return float(accretion_rate(scene) / (3.0 * np.pi * nu[0]))
+
+
+def _one_scale(draft: Draft) -> Iterator[Problem]:
+    scales = ("surface_density", "accretion_rate")
+    given = [key for key in scales if getattr(draft.initial, key) is not None]
+    if len(given) != 1:
+        wrong = "both are there" if given else "the disc has no mass"
+        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
+
+
+def _viscous_everywhere(draft: Draft) -> Iterator[Problem]:
+    keys = draft.alpha_viscosity
+    for key in ("inner_alpha", "outer_alpha", "dead_alpha"):
+        if keys and getattr(keys, key) == 0.0:
+            yield ("alpha_viscosity", key), "a steady disc has no end of Sigma where nu = 0; expected more"
+
+
+START = Start(
+    Steady,
+    rings.particles,
+    disc.places,
+    radial=radial,
+    settle=balance.settle,
+    dimensions=(2,),
+    boundary="open",
+    eos=("isothermal", "locally-isothermal", "adiabatic"),
+    rules=(needs_a_viscosity, disc.has_edges_in_space, disc.has_dust_within, _one_scale, _viscous_everywhere),
+    kernel="quintic",
+    masses=rings.mass,
+    spread=disc.spread,
+    on_lattice=False,
+    edges=rings.edges,
+    reference_density=reference_density,
+    warnings=disc.warnings,
+)

@@ -1,0 +1,161 @@
+"""viscous-ring: the ring of Lynden-Bell & Pringle (1974) at a viscous time tau = 12 nu t / R^2, in balance.
+
+It spreads as `exact/spreading_ring.py` has it where nu is the same everywhere: a given nu, or alpha with an index that
+makes it so. Gas moves radially with the flow that its viscosity drives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from discsim.exact import spreading_ring
+from discsim.initial import balance, disc, rings
+from discsim.initial.base import Array, Curve, Places, Start
+from discsim.initial.measure import ErrorMeasure
+from discsim.physics import profile, viscosity
+from discsim.scene.fields import Length, Mass, Number
+
+if TYPE_CHECKING:
+    from discsim.run.simulation import Simulation
+    from discsim.scene import Scene
+    from discsim.scene.rules import Draft, Problem
+
+FAINT = 1e-5  # of the largest Sigma, is where the ring is cut
+EVEN = 1e-6  # how far nu may vary and still be one
+BINS = 40  # of the radii of the start, for its error
+
+
+class ViscousRing(balance.Settled):
+    """The ring of Lynden-Bell & Pringle, which a viscosity spreads."""
+
+    kind: Literal["viscous-ring"] = "viscous-ring"
+    radius: Length = Field(gt=0, description="where the ring was at tau = 0")
+    mass: Mass = Field(gt=0, description="of the gas")
+    tau: Number = Field(0.016, ge=1e-4, le=1.0, description="viscous time 12 nu t / radius^2 at the start")
+
+    perturbation: ClassVar[float] = 0.0
+    inner_taper: ClassVar[float] = 0.0
+    outer_taper: ClassVar[float] = 0.0
+
+    @property
+    def reference_radius(self) -> float:
+        return self.radius
+
+    @property
+    def inner(self) -> float:
+        return self._edges()[0]
+
+    @property
+    def outer(self) -> float:
+        return self._edges()[1]
+
+    def _edges(self) -> tuple[float, float]:
+        x = np.linspace(0.02, 1.0 + 4.0 * self.tau**0.5, 2001)
+        bright = x[(sigma := spreading_ring.surface_density(x, self.tau)) > FAINT * sigma.max()]
+        return self.radius * float(bright[0]), self.radius * float(bright[-1])
+
+
+def radial(scene: Scene) -> profile.Radial:
+    """The ring as functions of the radius."""
+    start: Any = scene.initial
+    inner, outer = start.inner, start.outer
+
+    def surface_density(r: Array) -> Array:
+        inside = (r >= inner) & (r <= outer)
+        return np.where(inside, spreading_ring.surface_density(r, start.tau, start.mass, start.radius), 0.0)
+
+    return profile.of_density(scene, inner, outer, surface_density)
+
+
+def places(scene: Scene) -> Places:
+    """The ring, and where Sigma is about half as large on either side."""
+    start: Any = scene.initial
+    radius = start.radius * np.clip(1.0 + np.array([-0.8, 0.0, 0.8]) * start.tau**0.5, 0.2, None)
+    names = [scene.units.show(r, "length") for r in radius]
+    return Places(names, profile.radial(scene).surface_density(radius), radius)
+
+
+def one_nu(scene: Scene) -> float | None:
+    """The ring's nu, where it has one all over and for all time."""
+    start: Any = scene.initial
+    keys, gas = scene.table("alpha_viscosity"), scene.gas
+    if keys.nu is None and (gas is None or gas.eos.kind == "adiabatic"):
+        return None
+    nu = viscosity.diffusivity(scene, start.radius * np.linspace(0.1, 3.0, 30))
+    return float(nu.mean()) if np.ptp(nu) <= EVEN * nu.mean() else None
+
+
+def _tau(scene: Scene, time: float, nu: float) -> float:
+    return float(scene.initial.tau + 12.0 * nu * time / scene.initial.radius**2)
+
+
+def measure(scene: Scene) -> ErrorMeasure | None:
+    nu = one_nu(scene)
+    if nu is None or scene.dust:
+        return None
+
+    def errors(sim: Simulation) -> dict[str, float]:
+        start: Any = scene.initial
+        r = np.sqrt((sim.gas.pos**2).sum(axis=1))
+        edges = np.linspace(0.2, 2.0, BINS + 1) * start.radius
+        found, _ = np.histogram(r, edges, weights=sim.gas.mass)
+        fine = np.linspace(edges[0], edges[-1], 50 * BINS + 1)
+        sigma = spreading_ring.surface_density(fine, _tau(scene, sim.time, nu), start.mass, start.radius)
+        mass = np.pi * np.diff(fine**2) * 0.5 * (sigma[1:] + sigma[:-1])
+        wanted = mass.reshape(BINS, -1).sum(axis=1)
+        return {"gas": float(np.abs(found - wanted).sum() / wanted.sum())}
+
+    return ErrorMeasure("mass of the gas in other rings than in the exact spreading one, over all", errors)
+
+
+def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
+    nu = one_nu(scene)
+    if nu is None or scene.dust:
+        return {}
+    start: Any = scene.initial
+    r, tau = r[r > 0.0], _tau(scene, time, nu)
+    sigma = spreading_ring.surface_density(r, tau, start.mass, start.radius)
+    return {"gas": (r, sigma, spreading_ring.radial_velocity(r, tau, nu, start.radius))}
+
+
+def needs_a_viscosity(draft: Draft) -> Iterator[Problem]:
+    for table, why in (("alpha_viscosity", "spreads"), ("star", "holds")):
+        if not draft.has(table):
+            yield ("initial", "kind"), f"nothing {why} the {draft.kind}; expected a table [{table}] too"
+
+
+def warnings(scene: Scene) -> Iterator[str]:
+    yield from disc.warnings(scene)
+    if one_nu(scene) is None:
+        yield (
+            "nu is not the same everywhere, so that no exact solution is known of the ring: give alpha_viscosity.nu, "
+            "or an alpha_viscosity.index of (temperature index) - 1.5"
+        )
+
+
+START = Start(
+    ViscousRing,
+    rings.particles,
+    places,
+    radial=radial,
+    settle=balance.settle,
+    dimensions=(2,),
+    boundary="open",
+    eos=("isothermal", "locally-isothermal", "adiabatic"),
+    rules=(needs_a_viscosity, disc.has_edges_in_space, disc.has_dust_within),
+    kernel="quintic",
+    masses=rings.mass,
+    spread=disc.spread,
+    on_lattice=False,
+    edges=rings.edges,
+    reference_density=lambda scene: float(profile.radial(scene).surface_density(np.array([scene.initial.radius]))[0]),
+    warnings=warnings,
+    measure=measure,
+    exact_with=("star", "alpha_viscosity"),
+    curves=curves,
+    around="radial",
+)
