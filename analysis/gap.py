@@ -50,7 +50,8 @@ def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float
         rows = list(csv.DictReader(stream))
     if {row["number"] for row in rows} != {rows[0]["number"]}:
         raise Fault(f"{path}: several companions; expected one")
-    when, x, y, mass, axis = (np.array([float(row[key]) for row in rows]) for key in ("time", "x", "y", "mass", "semi_major_axis"))
+    columns = ("time", "x", "y", "mass", "semi_major_axis")
+    when, x, y, mass, axis = (np.array([float(row[key]) for row in rows]) for key in columns)
     # The nearest row, and a linear step between two: rows are a small part of an orbit apart.
     places = np.stack([np.interp(times, when, x), np.interp(times, when, y)], axis=1)
     return places, float(mass[-1]), float(axis[-1])

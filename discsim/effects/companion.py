@@ -7,7 +7,8 @@ orbit = "live"    feels star, companions, gas and dust, each by choice; exact wh
 The mass grows as m sin^2(pi t / 2 ramp). Within accretion_radius particles are taken, all at once or each with the
 chance 1 - exp(-rate dt / P) of a step, P = 2 pi / Omega of the companion where it is; their mass and momentum go to a
 live companion, their mass to one on a fixed orbit. Step limits: ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the nearest
-particle, 1/Omega about the star, and that of two live companions about each other.
+particle, (d^2 + eps^2)^(1/2) / |v| of each at its relative velocity, 1/Omega about the star, and that of two live
+companions about each other.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ class Effect(base.Effect):
         self.scene = scene
         self.companions = scene.table("companion")
         self.orbits = Orbits(scene)
-        self._near: dict[str, np.ndarray] = {}  # least squared distances (companions,) of a species
+        self._near: dict[str, np.ndarray] = {}  # (companions, 2), as `kernels.attract_both`
         self._lengths = np.zeros(len(self.companions))  # softenings
         self._places = np.zeros((len(self.companions), 2))
         self._dt = 0.0
@@ -167,13 +168,13 @@ class Effect(base.Effect):
             self._lengths[k] = softening(self.scene, companion, float(distances[k]))
         for name, p in state.species.items():
             blocks = -(-p.count // kernels.BLOCK)
-            self._near[name] = np.full(len(self.companions), np.inf)
+            self._near[name] = np.full((len(self.companions), 2), np.inf)
             for k in range(len(self.companions)):
-                sums = np.zeros((blocks, 3))
-                given = bodies.mass[k + 1], self._lengths[k], *bodies.pos[k + 1].tolist()
-                share(kernels.attract_both, blocks, p.pos, p.acc, p.mass, *given, sums, least=1)
+                sums = np.zeros((blocks, 4))
+                given = bodies.mass[k + 1], self._lengths[k], *bodies.pos[k + 1].tolist(), *bodies.vel[k + 1].tolist()
+                share(kernels.attract_both, blocks, p.pos, p.vel, p.acc, p.mass, *given, sums, least=1)
                 bodies.pulled[k + 1, SPECIES.index(name)] = sums[:, :2].sum(axis=0)
-                self._near[name][k] = sums[:, 2].min(initial=np.inf)
+                self._near[name][k] = sums[:, 2:].min(axis=0, initial=np.inf)
         self.orbits.accelerate(bodies)
 
     def limit(self, state: State) -> float:
@@ -182,9 +183,10 @@ class Effect(base.Effect):
         return min(self.orbits.limit(_bodies(state)), *near)
 
     def limit_of(self, state: State, name: str) -> float:
-        with np.errstate(divide="ignore"):  # of a mass that is still to grow from 0
-            squared = (self._near[name] + self._lengths**2) ** 1.5 / _bodies(state).mass[1:]
-        return float(np.sqrt(squared.min()))
+        there = _bodies(state).mass[1:] > 0.0  # a mass may still have to grow from 0
+        near, crossing = self._near[name][there].T
+        squared = (near + self._lengths[there] ** 2) ** 1.5 / _bodies(state).mass[1:][there]
+        return float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
         away = ((particles.pos[:, None] - self._places) ** 2).sum(axis=2) + self._lengths**2

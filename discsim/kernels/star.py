@@ -48,22 +48,28 @@ def pull_of(block_begin, block_end, pos, mass, softening, x0, y0, sums):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def attract_both(block_begin, block_end, pos, acc, mass, pull, softening, x0, y0, sums):
-    """`attract` by a mass `pull` and `pull_of` at once; the third of the sums (blocks, 3) is the least d^2."""
+def attract_both(block_begin, block_end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0, sums):
+    """`attract` by a mass `pull` that moves with (vx0, vy0), and `pull_of`, at once.
+
+    The sums (blocks, 4) get the least d^2, and the least (d^2 + s^2) / v^2, v the relative velocity, too.
+    """
     for block in range(block_begin, block_end):
         ax = ay = 0.0
-        least = np.inf
+        nearest2 = crossing2 = np.inf
         for i in range(block * BLOCK, min((block + 1) * BLOCK, len(mass))):
             x, y = pos[i, 0] - x0, pos[i, 1] - y0
-            square = x * x + y * y
+            vx, vy = vel[i, 0] - vx0, vel[i, 1] - vy0
+            square, v2 = x * x + y * y, vx * vx + vy * vy
             d2 = square + softening * softening
             f = 1.0 / (d2 * math.sqrt(d2))
             ax += mass[i] * f * x
             ay += mass[i] * f * y
             acc[i, 0] -= pull * f * x
             acc[i, 1] -= pull * f * y
-            least = min(least, square)
-        sums[block, 0], sums[block, 1], sums[block, 2] = ax, ay, least
+            nearest2 = min(nearest2, square)
+            if d2 < crossing2 * v2:
+                crossing2 = d2 / v2
+        sums[block, 0], sums[block, 1], sums[block, 2], sums[block, 3] = ax, ay, nearest2, crossing2
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})

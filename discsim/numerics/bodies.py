@@ -38,6 +38,10 @@ class Bodies:
     def count(self) -> int:
         return len(self.mass)
 
+    def name(self, number: int) -> str:
+        """One of them, for a sentence."""
+        return f"companion {number}" if number > 0 else "the star"
+
     def arrays(self) -> dict[str, Array]:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 

@@ -17,12 +17,18 @@ from discsim.exact import kepler
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
+    from discsim.scene import Scene
 
 COLUMNS = (
     "step", "time", "number", "mass", "x", "y", "vx", "vy", "semi_major_axis", "eccentricity", "pericentre", "anomaly",
     "torque_gas", "torque_dust", "accreted_gas", "accreted_dust", "star_mass", "star_x", "star_y", "star_vx", "star_vy",
 )  # fmt: skip
 EARLY = 1e-9  # of an interval, by which rounding may bring a row too early
+
+
+def written_for(scene: Scene) -> bool:
+    """Whether a run of a scene has the file."""
+    return scene.table("companion") is not None
 
 
 def companion_rows(state: State, dt: float) -> list[list[object]]:

@@ -75,8 +75,7 @@ def _check_bodies(state: State) -> None:
         right = np.isfinite(getattr(bodies, name)).all(axis=1)
         if not right.all():
             i = int(np.argmin(right))
-            who = f"companion {i}" if i > 0 else "the star"
-            raise PhysicsError(f"{who} is not finite in its {name} (step {state.step}); do two bodies meet?")
+            raise PhysicsError(f"{bodies.name(i)} is not finite in its {name} (step {state.step}); do two bodies meet?")
 
 
 def _without_heat(state: State) -> str:

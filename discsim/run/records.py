@@ -20,7 +20,7 @@ class Records:
 
     def __init__(self, scene: Scene, directory: Path) -> None:
         self.directory = directory
-        self.tables = [HISTORY] + ([COMPANIONS] if scene.table("companion") is not None else [])
+        self.tables = [HISTORY] + ([COMPANIONS] if companions.written_for(scene) else [])
         self._rows: dict[str, list[list[str]]] = {}
         self._files: dict[str, History] = {}
 

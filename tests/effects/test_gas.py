@@ -10,6 +10,7 @@ import pytest
 from discsim import Simulation
 from discsim.effects.stopping import stopping_columns
 from discsim.exact import riemann, sheet
+from discsim.numerics.state import State
 from discsim.preview.derived import local
 from discsim.study.errors import totals
 
@@ -358,7 +359,7 @@ def test_energy_about_a_softened_star():
 def test_stokes_numbers_know_the_softening():
     """t_stop Omega with Omega^2 = M / (r^2 + s^2)^(3/2)."""
     dust, star = SimpleNamespace(pos=np.array([[3.0, 0.0]])), SimpleNamespace(mass=5.0, softening=4.0)
-    state = SimpleNamespace(dust=dust, scene=SimpleNamespace(star=star))
+    state = State(SimpleNamespace(star=star), None, dust, None)
     stokes = stopping_columns(state, np.array([2.0]))["dust"]["stokes"]
     assert stokes == pytest.approx(2.0 * math.sqrt(5.0 / 125.0), rel=1e-14)
 
