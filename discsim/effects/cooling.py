@@ -121,6 +121,7 @@ class Effect(base.Effect):
         self.passive = physics.passive_law(scene)
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (1.0, 0.0)
         self.light = physics.light(scene) if own.kind == "radiative" else np.empty(0)
+        self.state = state
         state.cooled = self.cooled
 
     @classmethod
@@ -132,14 +133,15 @@ class Effect(base.Effect):
         if dt == 0.0:
             return gas.u.copy()
         own, rate, out = self.own, gas.kick_rate, np.empty_like(gas.u)
+        pos = self.state.from_centre(gas.pos)
         if own.kind == "radiative":
             kappa = 0.0 if own.opacity == TABLE else own.opacity
             grey = kappa, self.passive, *self.star, self.light
-            share(kernels.radiative, gas.count, gas.pos, gas.u, gas.density, rate, dt, *grey, out)
+            share(kernels.radiative, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
         else:
             time = own.beta if own.kind == "beta" else own.t_cool
             law = own.kind == "beta", time, self.passive, *self.star
-            share(kernels.towards, gas.count, gas.pos, gas.u, rate, dt, *law, out)
+            share(kernels.towards, gas.count, pos, gas.u, rate, dt, *law, out)
         if gas.immobile is not None:
             out[gas.immobile] = gas.u[gas.immobile]
         return out

@@ -111,5 +111,6 @@ class Effect(base.Effect):
             state.ledger.damped_angular_momentum += float(lost[2])
 
     def centre(self, state: State) -> np.ndarray:
-        """Place and velocity (4,) of the star, about which the zones lie."""
-        return np.zeros(4)
+        """Place and velocity (4,) of the centre of the disc, about which the zones lie."""
+        centre = state.centre
+        return np.zeros(4) if centre is None else np.concatenate(centre)

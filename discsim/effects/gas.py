@@ -163,7 +163,8 @@ class Effect(base.Effect):
         self.sph.density(gas, vel)
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(state, u)
         if gas.nu is not None:
-            fill(gas.nu, lambda piece: self._diffusivity(gas, piece))
+            pos = state.from_centre(gas.pos)
+            fill(gas.nu, lambda piece: self._diffusivity(gas, pos, piece))
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = copied(gas.acc)
@@ -191,9 +192,9 @@ class Effect(base.Effect):
         share(part, gas.count)
         return out
 
-    def _diffusivity(self, gas: Gas, piece: slice) -> np.ndarray:
+    def _diffusivity(self, gas: Gas, pos: np.ndarray, piece: slice) -> np.ndarray:
         speed = gas.sound_speed[piece] / math.sqrt(eos_of(self.scene).heat_ratio(self.scene.gas.eos))
-        return viscosity.diffusivity(self.scene, radius(gas.pos[piece]), speed)
+        return viscosity.diffusivity(self.scene, radius(pos[piece]), speed)
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Velocity and energy at the time of the positions, which viscosity and pressure need.

@@ -69,30 +69,32 @@ class Effect(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.star is not None
         self.softening = scene.star.softening
-        self.strength = scene.star.mass * (1.0 - pull_share(scene))  # beta G M of each population
+        self.share = 1.0 - pull_share(scene)  # beta of each population
+        self._place = 0.0, 0.0
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return PUSH * counts.dust
 
     def accelerate(self, state: State) -> None:
-        dust = state.dust
-        share(kernels.push, dust.count, dust.pos, dust.species, self.strength, self.softening, dust.acc)
+        dust, self._place = state.dust, state.star_place
+        strength = state.star_mass * self.share
+        share(kernels.push, dust.count, state.from_star(dust.pos), dust.species, strength, self.softening, dust.acc)
 
     def limit(self, state: State) -> float:
         return np.inf if state.unnoticed else self.limit_of(state, "dust")
 
     def limit_of(self, state: State, name: str) -> float:
-        strongest = self.strength.max()
+        strongest = state.star_mass * self.share.max()
         if name != "dust" or state.dust.count == 0 or strongest == 0.0:
             return np.inf
-        distance2 = min(share(stars.nearest, state.dust.count, state.dust.pos))
+        distance2 = min(share(stars.nearest, state.dust.count, state.dust.pos, *state.star_place))
         return float(((distance2 + self.softening**2) ** 1.5 / strongest) ** 0.5)
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        return int((particles.pos**2).sum(axis=1).argmin())
+        return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())
 
     def potential_energy(self, state: State) -> float:
         dust = state.dust
-        distance = np.sqrt((dust.pos**2).sum(axis=1) + self.softening**2)
-        return float((dust.mass * self.strength[dust.species] / distance).sum())
+        distance = np.sqrt((state.from_star(dust.pos) ** 2).sum(axis=1) + self.softening**2)
+        return state.star_mass * float((dust.mass * self.share[dust.species] / distance).sum())

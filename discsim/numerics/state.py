@@ -182,6 +182,10 @@ class State:
         centre = self.centre
         return pos if centre is None else pos - centre[0]
 
+    def from_star(self, pos: Array) -> Array:
+        """Positions (n, 2) relative to the star."""
+        return pos if self.bodies is None else pos - self.bodies.pos[0]
+
     @contextmanager
     def about_centre(self, gas_vel: Array) -> Iterator[None]:
         """Gas and dust, and velocities `gas_vel` (n, 2) of the gas, relative to the centre of the disc, for a while.

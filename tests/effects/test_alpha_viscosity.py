@@ -193,7 +193,9 @@ def test_a_disc_keeps_its_angular_momentum():
     sim = Simulation(disc(alpha=0.1) | {"star": {"mass": 1.0}})
 
     def spin():
-        return float((sim.gas.mass * (sim.gas.pos[:, 0] * sim.gas.vel[:, 1] - sim.gas.pos[:, 1] * sim.gas.vel[:, 0])).sum())
+        return float(
+            (sim.gas.mass * (sim.gas.pos[:, 0] * sim.gas.vel[:, 1] - sim.gas.pos[:, 1] * sim.gas.vel[:, 0])).sum()
+        )
 
     before = spin()
     sim.run(0.5)
