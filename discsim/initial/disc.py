@@ -139,7 +139,7 @@ def places(scene: Scene) -> Places:
     inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper
     radius = np.array([inner, (start.inner + start.outer) / 2, outer])
     names = [scene.units.show(r, "length") for r in radius]
-    return Places(names, profile.surface_density(scene, radius), radius)
+    return Places(names, profile.radial(scene).surface_density(radius), radius)
 
 
 def spread(scene: Scene) -> tuple[Places, Array]:
