@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from discsim.initial import balance, rings
+from discsim.initial.balance import relaxes_gas
 from discsim.initial.base import Places, Start
 from discsim.physics import profile
 from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity
@@ -167,7 +168,15 @@ START = Start(
     settle=balance.settle,
     dimensions=(2,),
     boundary="open",
-    rules=(has_edges_in_space, has_finite_powers, has_one_mass, needs_a_centre, has_a_q, has_dust_within),
+    rules=(
+        has_edges_in_space,
+        has_finite_powers,
+        has_one_mass,
+        needs_a_centre,
+        has_a_q,
+        has_dust_within,
+        balance.relaxes_gas,
+    ),
     kernel="quintic",  # quieter for its cost (analysis/noise.py)
     masses=rings.mass,
     spread=spread,

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from discsim.initial import balance, rings
+from discsim.initial.balance import relaxes_gas
 from discsim.initial.base import Places, Start
 from discsim.initial.disc import has_dust_within, has_edges_in_space, needs_a_centre
 from discsim.initial.disc import warnings as room
@@ -158,7 +159,14 @@ START = Start(
     thermal_speed=thermal_speed,
     dimensions=(2,),
     boundary="open",
-    rules=(has_edges_in_space, needs_a_centre, has_dust_within, has_a_use_for_t, has_a_ratio_of_dust),
+    rules=(
+        has_edges_in_space,
+        needs_a_centre,
+        has_dust_within,
+        has_a_use_for_t,
+        has_a_ratio_of_dust,
+        balance.relaxes_gas,
+    ),
     kernel="quintic",
     masses=rings.mass,
     spread=spread,
