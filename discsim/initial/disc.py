@@ -13,7 +13,6 @@ import numpy as np
 from pydantic import Field
 
 from discsim.initial import balance, rings
-from discsim.initial.balance import relaxes_gas
 from discsim.initial.base import Places, Start
 from discsim.physics import profile
 from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity

@@ -13,7 +13,6 @@ import numpy as np
 from pydantic import Field
 
 from discsim.initial import balance, rings
-from discsim.initial.balance import relaxes_gas
 from discsim.initial.base import Places, Start
 from discsim.initial.disc import has_dust_within, has_edges_in_space, needs_a_centre
 from discsim.initial.disc import warnings as room
