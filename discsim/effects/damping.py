@@ -86,7 +86,7 @@ class Effect(base.Effect):
             (zone, zone[1]) for zone in (keys.outer,) if zone
         ]
         rates = [float(profile.kepler_omega(self.scene, far)) / (2.0 * math.pi * keys.time) for _, far in ends]
-        first, last = (math.log(pick(far for _, far in ends)) for pick in (min, max))
+        first, last = (math.log(pick(r for zone, _ in ends for r in zone)) for pick in (min, max))
         first, last = first - math.log(BEYOND), last + math.log(BEYOND)
         radius = np.exp(np.linspace(first, last, NODES))
         circles = radius * profile.kepler_omega(self.scene, radius)

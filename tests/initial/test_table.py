@@ -1,0 +1,99 @@
+"""A disc from a table of columns: its profile and balance, what is wrong with a file, a run that keeps its file."""
+
+import numpy as np
+import pytest
+from scenes import problems
+
+from discsim import Simulation
+from discsim.physics import profile
+
+R = np.geomspace(1.0, 3.0, 60)
+
+
+def table(tmp_path, text=None):
+    path = tmp_path / "disc.txt"
+    rows = np.stack([R, 1e-4 * R**-1.5, 0.0025 * R**-1.0, 0.02 * R], axis=1)
+    body = "\n".join(" ".join(f"{x:.17g}" for x in row) for row in rows)
+    path.write_text(f"# r  Sigma  T  ratio\n{body}\n" if text is None else text)
+    return path
+
+
+def scene(path, **tables):
+    return {
+        "units": {"system": "code"},
+        "run": {"until": 0.1},
+        "space": {"size": 8.0, "cells": 32},
+        "initial": {"kind": "table", "file": str(path)},
+        "gas": {"particles": 3000, "eos": {"kind": "adiabatic", "gamma": 1.4}},
+        "dust": {"particles": 1000, "ratio": 0.5},
+        "star": {"mass": 1.0},
+        **tables,
+    }
+
+
+def test_power_laws_in_a_file_are_that_disc(tmp_path):
+    sim = Simulation(scene(table(tmp_path)))
+    mass = 2.0 * np.pi * 1e-4 * (3.0**0.5 - 1.0) / 0.5
+    assert sim.gas.mass.sum() == pytest.approx(mass, rel=1e-7)  # cubics through powers, integrated in 20,000 parts
+    dust = 2.0 * np.pi * 2e-6 * (3.0**1.5 - 1.0) / 1.5  # the column is the ratio, whatever dust.ratio
+    assert sim.dust.mass.sum() == pytest.approx(dust, rel=1e-4)  # linear in ln r between 60 rows
+    r = np.hypot(*sim.gas.pos.T)
+    np.testing.assert_allclose(sim.gas.u, 0.0025 / r / 0.4, rtol=1e-9)
+    speed2 = ((sim.gas.pos[:, 0] * sim.gas.vel[:, 1] - sim.gas.pos[:, 1] * sim.gas.vel[:, 0]) / r) ** 2
+    np.testing.assert_allclose(speed2, 1.0 / r - 2.5 * 0.0025 / r, rtol=1e-9)  # v^2 = GM/r - (p + q) c_s^2
+    below = np.histogram(r, [1.0, 1.5, 2.0, 2.5, 3.0], weights=sim.gas.mass)[0]
+    edges = np.array([1.0, 1.5, 2.0, 2.5, 3.0]) ** 0.5
+    np.testing.assert_allclose(below / mass, np.diff(edges) / (3.0**0.5 - 1.0), atol=0.02)  # a ring of 3000 in 40
+
+
+def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
+    rough = "r Sigma\n" + "\n".join(f"{x} {y}" for x, y in [(1, 1e-4), (1.5, 3e-4), (2, 1e-4), (3, 2e-5)])
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.05}
+    sim = Simulation(scene(table(tmp_path, rough), gas={"particles": 500, "eos": eos}))
+    disc, r, d = profile.radial(sim.scene), np.linspace(1.05, 2.9, 50), 1e-6
+
+    def pressure(x):
+        return disc.surface_density(x) * profile.sound_speed(sim.scene, x, x) ** 2
+
+    expected = -(pressure(r + d) - pressure(r - d)) / (2 * d) / disc.surface_density(r)
+    np.testing.assert_allclose(disc.pressure_acceleration(r), expected, rtol=1e-4, atol=1e-7)  # of differences
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("", "empty; expected a header"),
+        ("1 2\n2 3\n", ':1: "1 2" is no header'),
+        ("r Sigma\n1 1\n2 x\n", ':3: "x" is not a number'),
+        ("r Sigma\n1 1\n2\n", ":3: 1 numbers; expected 2: r, Sigma"),
+        ("r Sigma\n2 1\n1 1\n", ":3: r = 1 is not beyond 2"),
+        ("r Sigma\n1 1\n2 0\n", ":3: Sigma = 0 is out of range"),
+        ("r Sigma\n1 1\n", "1 rows; expected two"),
+        ("r T\n1 1\n2 1\n", ":1: no column Sigma"),
+        ("r Sigma mass\n1 1 1\n2 1 1\n", ':1: column "mass" is unknown'),
+        ("r [au] Sigma\n1 1\n2 1\n", ':1: column r: "au" is a unit'),
+    ],
+)
+def test_a_bad_file_is_told_with_its_line(tmp_path, text, wrong):
+    (message,) = problems(scene(table(tmp_path, text)))
+    assert message.startswith("scene: initial.file: ") and wrong in message
+
+
+def test_units_are_read(tmp_path):
+    path = table(tmp_path, "# r [km]  Sigma [kg/m2]\n1.495978707e8 10\n2.991957414e8 5\n")
+    given = scene(path, units={}, run={"until": "1 yr"}, space={"size": "8 au"}, star={"mass": "1 Msun"})
+    given["gas"]["eos"] = {"kind": "isothermal", "sound_speed": "1 km/s"}
+    sim = Simulation(given)
+    assert sim.scene.initial.inner == pytest.approx(1.0) and sim.scene.initial.outer == pytest.approx(2.0)
+    sigma = sim.units.quantity(sim.scene.initial.file.values["Sigma"], "density")
+    assert sigma[0].to_value("g/cm2") == pytest.approx(1.0)
+
+
+def test_circles_or_drift_as_asked(tmp_path):
+    drag = {"law": "stopping-time", "t_stop": 0.1}
+    for word, falls in (("balance", False), ("drift", True)):
+        given = scene(table(tmp_path), drag=drag)
+        given["initial"]["dust_velocity"] = word
+        dust = Simulation(given).dust
+        inwards = -(dust.pos * dust.vel).sum(axis=1)
+        assert (inwards > 1e-5).all() if falls else (np.abs(inwards) < 1e-12).all()
