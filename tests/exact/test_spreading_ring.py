@@ -30,6 +30,6 @@ def test_the_ring_solves_the_equation_of_viscous_discs():
 def test_the_ring_has_its_mass_and_angular_momentum():
     r = np.linspace(1e-4, 6.0, 60_001)
     sigma = spreading_ring.surface_density(r, TAU, 2.0, 1.0)
-    # What has fallen to the centre took nothing of the angular momentum; at this tau it is 1e-8 of the mass.
-    assert abs(np.trapezoid(2.0 * np.pi * r * sigma, r) / 2.0 - 1.0) < 1e-6
+    # What has fallen to the centre took nothing of the angular momentum; at this tau it is 2e-6 of the mass.
+    assert abs(np.trapezoid(2.0 * np.pi * r * sigma, r) / 2.0 - 1.0) < 1e-5
     assert abs(np.trapezoid(2.0 * np.pi * r**1.5 * sigma, r) / 2.0 - 1.0) < 1e-6
