@@ -93,6 +93,15 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
         scene["initial"] |= _filled(rng, STARTS[kind], 1.0, (pick(("mass", "toomre_q", "surface_density")),), only=True)
         if chance(0.9):
             scene["star"] = _filled(rng, TABLES["star"], 0.4)
+    if "star" in scene and chance(0.3):
+        model = fields.models_in(TABLES["companion"])[0]
+        scene["companion"] = [_filled(rng, model, 0.3) for _ in range(rng.integers(1, 3))]
+        for companion in scene["companion"]:
+            companion["softening"] = pick((0.6, "0.05"))
+            if companion.get("orbit") != "live":
+                companion.pop("feels", None)
+            if chance(0.9):
+                companion["eccentricity"] = 0.9 * float(rng.random())
     if kind == "settling" or chance(0.15):
         scene["external"] = _filled(rng, TABLES["external"], 0.5, ("vertical_frequency",))
     if not given_disc and chance(0.93):
