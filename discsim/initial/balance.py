@@ -10,38 +10,27 @@ drag, or where `initial.dust_velocity` is "balance", circles: v_phi^2 / r = g(r)
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from discsim.exact import nsh
 from discsim.initial import start_of
 from discsim.parts import Lazy
 from discsim.physics import profile, radiation
-from discsim.scene.fields import Default, Table, Words, fault, number, shown
+from discsim.scene.fields import Default, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
     from discsim.scene import Scene
-    from discsim.scene.rules import Draft, Problem
 
 companions = Lazy("discsim.physics.companions")
 viscosity = Lazy("discsim.physics.viscosity")
 SLOW = 0.1  # of the sound speed, that a viscous flow is at most
 Array = np.ndarray
 RING = 32  # particles of a ring of which a mean is taken, least
-
-
-def _orbits(value: Any) -> float:
-    """The number in "3 orbits", or a plain one."""
-    match = re.fullmatch(r"\s*([-+.0-9eE]+)\s*orbits?\s*", value) if isinstance(value, str) else None
-    try:
-        return number(float(match[1]) if match else value)
-    except ValueError:
-        raise fault(f'{shown(value)} is no number of orbits; expected one, like "3 orbits"') from None
 
 
 class Settled(Table):
@@ -52,21 +41,6 @@ class Settled(Table):
     ] = Field(
         None, description='circles about the centre, or "drift": the steady drift of all populations with the gas'
     )
-
-    relax: Annotated[float, BeforeValidator(_orbits), Words('a number of orbits, like "3 orbits"')] = Field(
-        0.0,
-        ge=0,
-        le=1000,
-        description="at reference_radius, for which the gas settles under damping before t = 0: a quiet start",
-    )
-
-
-def relaxes_gas(draft: Draft) -> Iterator[Problem]:
-    """The rule of starts with these keys."""
-    if draft.initial.relax > 0.0:
-        for table in ("gas", "star"):
-            if not draft.has(table):
-                yield ("initial", "relax"), f"gas settles about a star; expected a table [{table}] too, or 0"
 
 
 class Balance:

@@ -27,7 +27,7 @@ from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
-from discsim.run import ahead, relaxation
+from discsim.run import ahead
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
 from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
@@ -233,8 +233,6 @@ class _Run:
                 path.unlink()
         self.progress.open_log(self.directory / "run.log", resume)
         self.records.open()
-        if not resume and (number := relaxation.orbits(self.scene)) > 0.0:
-            self.progress.say(f"the gas settles for {number:g} orbits before t = 0")
         self.costs_before = self.costs_after_first = sim.costs.copy()
         with sim.synchronised():  # makes the first forces, which say what sets the first step
             self.time, self.next_set_by = sim.time, self._limiter()

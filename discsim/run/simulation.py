@@ -28,7 +28,7 @@ from discsim.numerics.threads import use_threads
 from discsim.output.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
 from discsim.parts import INTEGRATORS, found_at
 from discsim.preview.memory import too_much
-from discsim.run import guards, relaxation
+from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import Limits, PhysicsError, acceleration_of
 from discsim.run.operators import Operators
@@ -75,7 +75,6 @@ class Simulation:
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
         self._fresh = self._in_midst = False
-        self._restless = particles is None and relaxation.orbits(scene) > 0.0
 
     @property
     def time(self) -> float:
@@ -233,7 +232,7 @@ class Simulation:
         state.own_acc, state.ledger, state.bodies, self.costs = own_acc, ledger, bodies, costs
         state.time, state.step, state.lag = time, step, lag
         self.operators.limits = limits
-        self._fresh, self._in_midst, self._restless = True, False, False  # forces are among the arrays
+        self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values
 
     # The step
@@ -270,10 +269,6 @@ class Simulation:
         use_threads(self.scene.run.threads)
         if self._in_midst:
             raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
-        if self._restless:
-            with self._whole():
-                relaxation.relax(self.state, self.effects)
-            self._restless = False
         if not self._fresh or not guards.coupled(self.state):
             guards.check_inputs(self.state, self.effects)
         if not self._fresh:
