@@ -105,17 +105,16 @@ class Drag(base.Effect):
     def drift(self, state: State) -> np.ndarray:
         """Radial and azimuthal velocity (n, 2) of the dust's steady drift, the latter beyond Kepler's."""
         grains, out = state.dust, np.empty_like(state.dust.vel)
-        share(kernels.path_velocities, grains.count, grains.pos, grains.species, self._disc, out)
+        share(kernels.path_velocities, grains.count, grains.pos, grains.species, self._disc(state), out)
         return out
 
-    @property
-    def _disc(self) -> Any:
+    def _disc(self, state: State) -> Any:
         """What kernels take of the law, the star and the gas."""
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios
-        return kernels.Disc(*law, self.star.mass, self.star.softening, self.disc.laws)
+        return kernels.Disc(*law, state.star_mass, self.star.softening, self.disc.laws)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
         times = np.empty(p.count)
-        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, self._disc, state.lag, dt, times)
+        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, self._disc(state), state.lag, dt, times)
         return times
