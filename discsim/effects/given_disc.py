@@ -146,19 +146,21 @@ class Drag(base.Effect):
 
     def drift(self, pos: np.ndarray, species: np.ndarray) -> np.ndarray:
         """Radial and azimuthal velocity (n, 2) of the steady drift of populations `species` (n,), the latter beyond
-        Kepler's."""
+        Kepler's; about the star as it is at the start.
+        """
         out = np.empty_like(pos)
-        share(kernels.path_velocities, len(pos), pos, species, self._disc, out)
+        share(kernels.path_velocities, len(pos), pos, species, self._disc(self.star.mass), out)
         return out
 
-    @property
-    def _disc(self) -> Any:
+    def _disc(self, star_mass: float) -> Any:
         """What kernels take of the law, the star and the gas."""
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
-        return kernels.Disc(*law, self.star.mass, self.star.softening, *self.gas)
+        return kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
         times = np.empty(p.count)
-        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, self._disc, state.lag, dt, times)
+        share(
+            kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, self._disc(state.star_mass), state.lag, dt, times
+        )
         return times
