@@ -46,6 +46,9 @@ class Softening(NamedTuple):
     value: float
     in_heights: bool
 
+    def __str__(self) -> str:
+        return f"{self.value:g} {'H' if self.in_heights else 'in code units'}"
+
 
 def _softening(value: Any, info: ValidationInfo) -> Softening:
     """A bare number counts the local H, a text is a length."""

@@ -81,7 +81,7 @@ def _parameters(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
 
 
 def _shown(units: Units, value: Any, measure: Any, gamma: float) -> str:
-    if isinstance(value, tuple):
+    if type(value) is tuple:
         return "[" + ", ".join(_shown(units, entry, measure, gamma) for entry in value) + "]"
     if isinstance(value, bool):
         return str(value).lower()
