@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.ndimage import gaussian_filter1d
 
-from discsim import load_scene
+from discsim import SceneError, load_scene
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
@@ -170,32 +170,37 @@ def draw(gap: Gap, path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directory", type=Path, help="output directory of a run")
-    parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder for table and figure")
-    parser.add_argument("--last", type=float, default=10.0, help="orbits, whose snapshots are averaged")
-    options = parser.parse_args()
+    parser.add_argument("directory", type=Path, metavar="DIR", help="output directory of a run")
+    parser.add_argument("-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write")
+    parser.add_argument("--last", type=float, default=10.0, metavar="N", help="orbits of the mean (default 10)")
+    given = parser.parse_args(arguments)
     try:
-        gap = Gap(options.directory, options.last)
-    except (Fault, SnapshotError) as fault:
-        sys.exit(str(fault))
-    options.output.mkdir(parents=True, exist_ok=True)
-    name = options.directory.resolve().name
-    draw(gap, options.output / f"{name}-gap.png")
-    with (options.output / f"{name}-gap.csv").open("w", newline="") as stream:
+        gap = Gap(given.directory, given.last)
+        write(gap, given.output, given.directory.resolve().name)
+    except (Fault, SceneError, SnapshotError, OSError) as error:
+        print(f"gap: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def write(gap: Gap, into: Path, name: str) -> None:
+    """Print the table, and write figure and profiles."""
+    into.mkdir(parents=True, exist_ok=True)
+    draw(gap, into / f"{name}-gap.png")
+    with (into / f"{name}-gap.csv").open("w", newline="") as stream:
         rows = csv.writer(stream)
         rows.writerow(["radius", *gap.profiles, *(f"{kind} over start" for kind in gap.profiles), "pressure"])
         rows.writerows(zip(gap.radius, *gap.profiles.values(), *map(gap.left, gap.profiles), gap.pressure, strict=True))
     table = Table("", "depth", "theory", "depth / theory", "ring", "largest pressure")
-    depth = gap.depth("gas")
-    table.add_row(
-        "gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", "", f"{gap.summit(gap.pressure):.4g}"
-    )
+    depth, summit = gap.depth("gas"), gap.summit(gap.pressure)
+    table.add_row("gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", "", f"{summit:.4g}")
     for kind in list(gap.profiles)[1:]:
         table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", f"{gap.summit(gap.profiles[kind]):.4g}", "")
     Console().print(table)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

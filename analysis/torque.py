@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from discsim import load_scene
+from discsim import SceneError, load_scene
 from discsim.physics import profile
 from discsim.physics.companions import scale_height
 
@@ -79,21 +79,26 @@ def _mean(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:
     return float(np.trapezoid(np.interp(grid, x, y), grid) / (last - first))
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directories", type=Path, nargs="+", help="output directories of runs")
-    parser.add_argument("--from", dest="start", type=float, default=2.0, help="orbits that are left out at the start")
-    options = parser.parse_args()
+    parser.add_argument("directories", type=Path, nargs="+", metavar="DIR", help="output directories of runs")
+    parser.add_argument(
+        "--from", dest="start", type=float, default=2.0, metavar="N", help="orbits left out (default 2)"
+    )
+    given = parser.parse_args(arguments)
     table = Table("run", "torque / Gamma_0", "error", "noise of a row", "theory", "orbits")
-    for directory in options.directories:
-        try:
-            found = torque(directory, options.start)
-        except Fault as fault:
-            sys.exit(str(fault))
-        numbers = [f"{value:.3g}" for value in found[:-1]]
-        table.add_row(directory.resolve().name, *numbers, str(found.orbits))
+    try:
+        for directory in given.directories:
+            found = torque(directory, given.start)
+            numbers = [f"{value:.3g}" for value in found[:-1]]
+            table.add_row(directory.resolve().name, *numbers, str(found.orbits))
+    except (Fault, SceneError, OSError) as error:
+        print(f"torque: {error}", file=sys.stderr)
+        return 2
     Console().print(table)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

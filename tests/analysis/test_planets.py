@@ -1,0 +1,75 @@
+"""analysis/gap.py and torque.py on discs and torques that are known."""
+
+import csv
+from importlib import import_module as script
+
+import numpy as np
+import pytest
+from test_studies import even, gas_of
+
+from discsim.output.snapshot import write_snapshot
+from discsim.scene import load_scene
+
+TABLES = """
+units.system = "code"
+run.until = 2.0
+space.size = 8.0
+initial = {kind = "disc", surface_density = 1.0, surface_density_index = 1.0, inner = 0.5, outer = 3.0}
+star.mass = 1.0
+alpha_viscosity.alpha = 0.01
+companion = {mass = 1e-3, semi_major_axis = 1.0, softening = 0.6}
+[gas]
+particles = 500
+eos = {kind = "locally-isothermal", aspect_ratio = 0.05, temperature_index = 1.0}
+"""
+COLUMNS = ("time", "number", "mass", "x", "y", "semi_major_axis", "torque_gas")
+
+
+def run_of(directory, rows):
+    """A run's directory with a scene and the rows of companions.csv."""
+    (directory / "snapshots").mkdir(parents=True)
+    (directory / "scene.toml").write_text(TABLES)
+    with (directory / "companions.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows([COLUMNS, *rows])
+    return directory
+
+
+def test_a_known_gap(tmp_path, capsys):
+    """A ring that keeps a quarter of its gas has that depth; what is near the planet is no part of it."""
+    run = run_of(tmp_path / "run", [(t, 1, 1e-3, 1.0, 0.0, 1.0, 0.0) for t in (0.0, 1.0)])
+    scene = load_scene(run / "scene.toml")
+    pos = even(60_000, 0.4, 3.0)
+    r, near = np.hypot(*pos.T), np.hypot(pos[:, 0] - 1.0, pos[:, 1]) < 0.1
+    for k, kept in enumerate((1.0, 0.25)):
+        gas = gas_of(pos, 1.0)
+        gas.mass *= np.where(np.abs(r - 1.0) < 0.15, kept, 1.0)
+        gas.mass[near] *= 1.0 + 50.0 * k  # its own disc
+        write_snapshot(run / "snapshots" / f"{k:04d}.h5", scene, float(k), gas, None)
+    assert script("gap").main([str(run), "-o", str(tmp_path)]) == 0
+    found = script("gap").Gap(run, 10.0)
+    assert found.depth("gas") == pytest.approx(0.25, abs=0.01)  # 250 particles a ring, of which rings are smoothed
+    assert found.theory == pytest.approx(1.0 / (1.0 + 0.04 * 1e-6 / 0.05**5 / 0.01), rel=1e-6)
+    assert found.summit(found.pressure) == pytest.approx(1.15, abs=0.05)  # an edge that is smoothed over five rings
+    assert "gas" in capsys.readouterr().out and (tmp_path / "run-gap.png").exists()
+
+
+def test_a_known_torque(tmp_path):
+    """-2.5 Gamma_0 with noise that changes from orbit to orbit, on rows at uneven times."""
+    random = np.random.default_rng(3)
+    time = np.sort(random.random(4000)) * 2.0 * np.pi * 12.0
+    unit = (1e-3 / 0.05) ** 2  # Sigma, r and Omega are 1 there
+    orbit = time / (2.0 * np.pi)
+    value = unit * (-2.5 + np.cos(time) + 0.3 * random.standard_normal(12)[np.minimum(orbit.astype(int), 11)])
+    rows = [
+        (t, 1, 1e-3, 1.0, 0.0, 1.0, v) for t, v in zip([0.0, *time, 2.0 * np.pi * 12.0], [0, *value, 0], strict=True)
+    ]
+    found = script("torque").torque(run_of(tmp_path / "run", rows), 2.0)
+    assert found.mean == pytest.approx(-2.5, abs=3.0 * found.error)
+    assert 0.05 < found.error < 0.15 and found.orbits == 10  # .3 / sqrt(10) = .09
+    assert found.theory == pytest.approx(-(0.85 + 1.0 + 0.9))
+
+
+@pytest.mark.parametrize("name", ["gap", "torque"])
+def test_no_run_is_one_message(tmp_path, capsys, name):
+    assert script(name).main([str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith(f"{name}: ")
