@@ -128,12 +128,29 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
         length = {"plummer": "softening", "thin-disc": "thickness"}[kernel]
         scene["self_gravity"] = _filled(rng, TABLES["self_gravity"], 0.2, (length,)) | {"kernel": kernel}
     scene["space"] |= _filled(rng, Space, 0.0, ("cells",) if chance(0.3) and not on_cells else (), only=True)
+    if "star" in scene:
+        scene |= _surroundings(np.random.default_rng([seed, 8]))
     _mend(scene)
     if chance(0.3):
         _stretch(rng, scene)
     if chance(0.2):
         _spoil(rng, scene)
     return scene
+
+
+def _surroundings(rng: np.random.Generator) -> dict[str, Any]:
+    """Tables of what acts on a disc, each in a third of the scenes."""
+    size = float(10.0 ** rng.uniform(-3.0, 1.0))
+    laws = ({"alpha": size}, {"nu": 1e-2 * size}, {"inner_alpha": size, "outer_alpha": 0.1, "radius": 1.2, "width": 0.1})
+    coolings = ({"kind": "beta", "beta": size}, {"kind": "constant", "t_cool": 1e-3 * size}, {"kind": "radiative"})
+    zones = ({"inner": [0.5, 0.9]}, {"outer": [1.5, 2.2], "time": size}, {"inner": [0.4, 1.3], "outer": [1.2, 2.0]})
+    tables = {
+        "alpha_viscosity": laws[rng.integers(3)],
+        "cooling": coolings[rng.integers(3)] | {"aspect_ratio": 0.05 * float(rng.integers(2))},
+        "radiation_pressure": {"beta": float(1.5 * rng.random())},
+        "damping": zones[rng.integers(3)],
+    }
+    return {name: table for name, table in tables.items() if rng.random() < 1 / 3}
 
 
 def _mend(scene: dict) -> None:
