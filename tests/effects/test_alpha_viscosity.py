@@ -97,7 +97,7 @@ def test_the_flow_of_power_laws_is_a_power_law():
     nu = viscosity.diffusivity(scene, r)
     assert np.abs(viscosity.radial_flow(scene, r, lambda x: 1.0 / x) / (nu / r)).max() < 1e-10
     found = viscosity.radial_flow(scene, r, lambda x: x**-0.5)
-    np.testing.assert_allclose(found, -1.5 * nu / r, rtol=1e-8)  # of the order of the step in ln r squared
+    np.testing.assert_allclose(found, -1.5 * nu / r, rtol=1e-8)  # rounding over the step in ln r
 
 
 def test_particles_have_the_viscosity_of_their_present_sound_speed():
