@@ -136,6 +136,8 @@ EVERYTHING = disc(
         "viscosity": {},
         "conductivity": {},
     },
+    alpha_viscosity={"alpha": 0.01},
+    companion=[{"mass": 1e-3, "semi_major_axis": 1.5, "softening": "0.1"}],
     dust={"particles": 300, "ratio": 0.1},
     self_gravity={"softening": 0.2},
     external={"gas": [0.01, 0.0], "dust": [0.0, 0.01]},
@@ -145,13 +147,13 @@ EVERYTHING = disc(
     damping={"inner": [1.0, 1.2]},
 )
 STEPPED = (
-    "gas", "gas.viscosity", "gas.conductivity", "dust", "star", "self_gravity", "radiation_pressure", "external",
-    "cooling", "drag", "damping",
+    "gas", "gas.viscosity", "gas.conductivity", "alpha_viscosity", "dust", "star", "companion", "self_gravity",
+    "radiation_pressure", "external", "cooling", "drag", "damping",
 )  # fmt: skip
 # What cannot stay without it.
 NEEDS = {
-    "gas": ("drag", "cooling"), "dust": ("drag", "radiation_pressure"),
-    "star": ("radiation_pressure", "cooling", "damping"),
+    "gas": ("alpha_viscosity", "drag", "cooling"), "dust": ("drag", "radiation_pressure"),
+    "star": ("alpha_viscosity", "companion", "radiation_pressure", "cooling", "damping"),
 }  # fmt: skip
 
 
@@ -213,8 +215,8 @@ def test_effect_matters_and_can_be_left_out(effect, start, with_everything):
 def test_acceleration_of_each_effect(effect, with_everything):
     gas, dust = with_everything.acceleration(effect)
     assert gas.shape == (400, 2) and dust.shape == (300, 2)
-    # SPH pushes gas alone; dust alone gives nothing; drag is the kick itself.
-    nothing = dict.fromkeys(("dust", "drag", "cooling"), (False, False))
+    # SPH pushes gas alone, by its viscosity too; dust alone gives nothing; drag is the kick itself, damping one more.
+    nothing = dict.fromkeys(("alpha_viscosity", "dust", "drag", "cooling", "damping"), (False, False))
     acts = (nothing | {"gas": (True, False), "radiation_pressure": (False, True)}).get(effect, (True, True))
     assert (np.abs(gas).max() > 0, np.abs(dust).max() > 0) == acts
 
@@ -313,6 +315,8 @@ STARTS = {
     "sheet": ({}, "periodic", ISOTHERMAL, (1, 2)),
     "shock": ({}, "open", {"kind": "adiabatic", "gamma": 1.4}, (1,)),
     "disc": ({"mass": 0.01, "inner": 0.1, "outer": 0.45}, "open", LOCALLY, (2,)),
+    "viscous-ring": ({"radius": 0.25, "mass": 0.01}, "open", LOCALLY, (2,)),
+    "steady": ({"surface_density": 0.01, "inner": 0.1, "outer": 0.45}, "open", LOCALLY, (2,)),
     "blast": ({"radius": 0.2}, "open", {"kind": "adiabatic", "gamma": 1.4}, (2,)),
     "vortex": ({"velocity": [0.5, 0.0]}, "periodic", {"kind": "adiabatic", "gamma": 1.4}, (2,)),
     "settling": ({}, "open", ISOTHERMAL, (1,)),
@@ -324,7 +328,10 @@ def test_start(kind, dimensions):
     keys, boundary, eos, _ = STARTS[kind]
     dust = {"particles": 80, "ratio": 0.1}
     drag = {"law": "stopping-time", "t_stop": 0.1}
-    more = {"disc": {"star": {"mass": 1.0}}, "settling": {"external": {"vertical_frequency": 4.0}}}.get(kind, {})
+    star = {"star": {"mass": 1.0}}
+    viscous = star | {"alpha_viscosity": {"alpha": 0.01}}
+    more = {"disc": star, "viscous-ring": viscous, "steady": viscous}
+    more = (more | {"settling": {"external": {"vertical_frequency": 4.0}}}).get(kind, {})
     source = scene({"kind": kind, **keys}, {"eos": eos}, dimensions, boundary, dust=dust, drag=drag, **more)
     sim = Simulation(source)
     before = totals(sim)["mass"]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 companions = Lazy("discsim.physics.companions")
 viscosity = Lazy("discsim.physics.viscosity")
-SLOW = 0.1  # of the sound speed, that a viscous flow is at most
+SLOW = 1.0  # of the sound speed, that a viscous flow is at most
 Array = np.ndarray
 RING = 32  # particles of a ring of which a mean is taken, least
 

@@ -18,16 +18,18 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.initial.base import Places, Start
-from discsim.output.snapshot import Snapshot, SnapshotError, SnapshotParticles, read_snapshot
+from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.eos import eos_of
 from discsim.scene import SceneError, load_scene
 from discsim.scene.fields import Count, InputFile, Table, Words, fault
 
 if TYPE_CHECKING:
+    from discsim.output.snapshot import Snapshot, SnapshotParticles
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
+snapshots = Lazy("discsim.output.snapshot")  # imports h5py
 Array = np.ndarray
 NEAR = 12  # neighbours that a gradient is fitted to
 MOST = 1000  # to refine or thin by
@@ -49,14 +51,15 @@ class SnapshotFile(InputFile):
 
 @lru_cache(maxsize=1)
 def _snapshot(file: SnapshotFile) -> Snapshot:
-    return read_snapshot(file.path)
+    found: Snapshot = snapshots.read_snapshot(file.path)
+    return found
 
 
 def _read(value: Any, info: ValidationInfo) -> SnapshotFile:
     found = InputFile.read(value, info)
     try:
         snap = _snapshot(SnapshotFile(found.path, found.digest))
-    except SnapshotError as error:
+    except snapshots.SnapshotError as error:
         raise fault(f"{error}; expected a snapshot of discsim") from None
     tables = snap.tables.get("dust", [])
     populations = len(tables) if isinstance(tables, list) else 1

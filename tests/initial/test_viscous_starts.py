@@ -7,7 +7,7 @@ from scenes import problems
 from discsim import Simulation, load_scene
 from discsim.exact import spreading_ring
 from discsim.initial import steady, viscous_ring
-from discsim.physics import viscosity
+from discsim.physics import profile, viscosity
 from discsim.preview.cautions import warnings
 from discsim.preview.check import report
 from discsim.study.errors import measure_of
@@ -77,13 +77,14 @@ def test_a_steady_disc_carries_one_rate_everywhere():
     scene, (r, radial, _) = sim.scene, polar(sim.gas)
     nu = viscosity.diffusivity(scene, r)
     inside = (r > 0.7) & (r < 1.7)
-    sigma = steady.surface_density(scene, r)
+    surface_density = profile.radial(scene).surface_density
+    sigma = surface_density(r)
     np.testing.assert_allclose((-2.0 * np.pi * r * sigma * radial)[inside], 1e-9, rtol=1e-10)
     np.testing.assert_allclose((3.0 * np.pi * nu * sigma)[inside], 1e-9, rtol=1e-10)
     edges = np.linspace(0.7, 1.7, 6)
     mass = np.histogram(r, edges, weights=sim.gas.mass)[0]
     fine = np.linspace(0.7, 1.7, 5001)
-    within = np.cumsum(2.0 * np.pi * fine * steady.surface_density(scene, fine)) * (fine[1] - fine[0])
+    within = np.cumsum(2.0 * np.pi * fine * surface_density(fine)) * (fine[1] - fine[0])
     wanted = np.diff(np.interp(edges, fine, within))
     np.testing.assert_allclose(mass, wanted, rtol=0.1)  # rings of particles, an eighth of a bin each
     given = disc() | {"initial": {"kind": "steady", "surface_density": 2e-5, "inner": 0.5, "outer": 2.0}}

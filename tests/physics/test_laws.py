@@ -191,7 +191,9 @@ def test_relaxation_by_speed_is_sane(kind, ratio, time, slip, source, boost):
 
 
 def path_of(law, grain, gas=(1.0, 1.0, 0.1, 0.5, 1.5)):
-    return path_at(0.8, 0.6, 0, Disc(law, grain[None], True, np.array([0.01]), 1.0, 0.0, np.array(gas)))
+    no_table = np.empty((0, 5)), 0.0, 1.0
+    disc = Disc(law, grain[None], True, np.array([0.01]), np.ones(1), 1.0, 0.0, np.array(gas), *no_table)
+    return path_at(0.8, 0.6, 0, disc)
 
 
 def slip_by_ode(path, delta, m, a_r, a_phi, dt):

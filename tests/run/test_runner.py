@@ -50,7 +50,8 @@ def test_history(tmp_path, name):
     with (out / "history.csv").open() as file:
         assert file.readline().strip() == (
             "step,time,dt,dt_set_by,mass_gas,mass_dust,momentum_x,momentum_y,angular_momentum,kinetic_gas,"
-            "kinetic_dust,thermal,potential,accreted_gas,accreted_dust,uncoupled_dust,radiated"
+            "kinetic_dust,thermal,potential,accreted_gas,accreted_dust,uncoupled_dust,"
+            "accretion_rate_gas,accretion_rate_dust,radiated"
         )
     found = rows(out)
     assert [int(row["step"]) for row in found] == list(range(len(found)))  # a small run: every step
