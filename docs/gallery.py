@@ -28,6 +28,7 @@ SHIPPED = {
     "dusty_disc": "dusty_disc.png",
     "gravitoturbulent": "gravitoturbulent.png",
     "cooling_fragments": "cooling_fragments.png",
+    "planet_gap": "planet_gap.png",
     "twin_oneway": "oneway_twoway.png",
     "twin_twoway": "oneway_twoway.png",
 }

@@ -141,7 +141,8 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
 def _surroundings(rng: np.random.Generator) -> dict[str, Any]:
     """Tables of what acts on a disc, each in a third of the scenes."""
     size = float(10.0 ** rng.uniform(-3.0, 1.0))
-    laws = ({"alpha": size}, {"nu": 1e-2 * size}, {"inner_alpha": size, "outer_alpha": 0.1, "radius": 1.2, "width": 0.1})
+    step = {"inner_alpha": size, "outer_alpha": 0.1, "radius": 1.2, "width": 0.1}
+    laws = ({"alpha": size}, {"nu": 1e-2 * size}, step)
     coolings = ({"kind": "beta", "beta": size}, {"kind": "constant", "t_cool": 1e-3 * size}, {"kind": "radiative"})
     zones = ({"inner": [0.5, 0.9]}, {"outer": [1.5, 2.2], "time": size}, {"inner": [0.4, 1.3], "outer": [1.2, 2.0]})
     tables = {
