@@ -1,6 +1,7 @@
 """Every setup, effect, drag scheme and law, kernel, start, equation of state and integrator makes a few steps."""
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene
 from discsim.cli import app
+from discsim.numerics import threads
 from discsim.parts import EFFECTS
 from discsim.preview.derived import dust_masses, gas_mass
 from discsim.scene import fields
@@ -169,6 +171,26 @@ def start():
     """Positions, velocities and masses of a disc in balance."""
     species = Simulation(EVERYTHING).state.species
     return {name: {key: getattr(p, key).copy() for key in ("pos", "vel", "mass")} for name, p in species.items()}
+
+
+def test_the_same_bits_on_any_number_of_threads(monkeypatch):
+    """Of effects at once, particles and what is added up over them, in pieces of 50 and of all particles; the field of
+    self-gravity has threads of its own (numerics/test_poisson.py).
+    """
+    scene = {name: table for name, table in EVERYTHING.items() if name != "self_gravity"}
+    whole = threads.pieces
+    monkeypatch.setattr(threads, "pieces", lambda count, least, number: whole(count, min(least, 50), number))
+    ends = []
+    for number in (1, 3):
+        monkeypatch.setattr(threads.numba, "get_num_threads", lambda number=number: number)
+        sim = Simulation(scene)
+        for _ in range(3):
+            sim.step()
+        held = [*sim.state.species.values(), sim.bodies]
+        arrays = [array for group in held for array in group.arrays().values()]
+        arrays += [np.atleast_1d(value) for value in asdict(sim.state.ledger).values()]
+        ends.append([array.tobytes() for array in arrays])
+    assert ends[0] == ends[1]
 
 
 def test_effects_act_on_whom_they_say():

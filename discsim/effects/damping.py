@@ -106,7 +106,9 @@ class Effect(base.Effect):
             kind = 0 if name == "gas" else int(state.gas is not None)
             species = NONE if name == "gas" else p.species  # type: ignore[attr-defined]
             given = p.pos, p.vel, p.mass, species, kind, self.centre(state), self.zones, ahead, dt
-            lost = np.array(share(kernels.relax, p.count, *given)).reshape(-1, 3).sum(axis=0)
+            blocks = np.zeros((-(-p.count // kernels.BLOCK), 3))
+            share(kernels.relax, len(blocks), *given, blocks, least=1)
+            lost = blocks.sum(axis=0)
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])
 

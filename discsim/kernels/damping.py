@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+BLOCK = 4096  # particles of a sum: fixed, whatever the number of threads
+
 
 class Zones(NamedTuple):
     """Where velocities relax, and to what."""
@@ -24,45 +26,47 @@ class Zones(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
-    """Relax particles of kind `kind`, or of kind + species, over dt; returns (momentum x, y, angular momentum) lost.
+def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt, lost):
+    """Relax the particles of the blocks `first` to `last`, of kind `kind` or of kind + species, over dt; `lost`
+    (blocks, 3) is set to the momentum x, y and the angular momentum that each block loses.
 
     centre: (x, y, v_x, v_y) about which the zones lie.
     """
-    px = py = spin = 0.0
     most = zones.table.shape[1] - 1
-    for i in range(first, last):
-        x, y = pos[i, 0] - centre[0], pos[i, 1] - centre[1]
-        r2 = x * x + y * y
-        r = math.sqrt(r2)
-        rate = 0.0
-        for k in range(len(zones.ends)):
-            near, far = zones.ends[k, 0], zones.ends[k, 1]
-            depth = min(1.0, (r - near) / (far - near))
-            if depth > 0.0:
-                rate += zones.ends[k, 2] * depth * depth
-        if rate == 0.0 or r == 0.0:
-            continue
-        x /= r
-        y /= r
-        row = kind + (species[i] if len(species) > 0 else 0)
-        place = min(max((math.log(r) - zones.first) * zones.nodes, 0.0), float(most))
-        node = min(int(place), most - 1)
-        part = place - node
-        kepler = math.sqrt(zones.star * r2 / (r2 + zones.softening * zones.softening) ** 1.5)
-        radial = kepler * ((1.0 - part) * zones.table[row, node, 0] + part * zones.table[row, node + 1, 0])
-        azimuthal = kepler * ((1.0 - part) * zones.table[row, node, 1] + part * zones.table[row, node + 1, 1])
-        sine = min(1.0, max(-1.0, azimuthal / r * ahead))
-        cosine = math.sqrt(1.0 - sine * sine)
-        # A drift has reached another radius by then, where circles are slower by half of that.
-        around = azimuthal - 0.5 * sine * radial
-        v, w = radial * cosine - around * sine, around * cosine + radial * sine
-        gone = -math.expm1(-rate * dt)
-        vx, vy = vel[i, 0] - centre[2], vel[i, 1] - centre[3]
-        dx, dy = gone * (vx - (v * x - w * y)), gone * (vy - (v * y + w * x))
-        vel[i, 0] -= dx
-        vel[i, 1] -= dy
-        px += mass[i] * dx
-        py += mass[i] * dy
-        spin += mass[i] * (pos[i, 0] * dy - pos[i, 1] * dx)
-    return px, py, spin
+    for block in range(first, last):
+        px = py = spin = 0.0
+        for i in range(block * BLOCK, min((block + 1) * BLOCK, len(pos))):
+            x, y = pos[i, 0] - centre[0], pos[i, 1] - centre[1]
+            r2 = x * x + y * y
+            r = math.sqrt(r2)
+            rate = 0.0
+            for k in range(len(zones.ends)):
+                near, far = zones.ends[k, 0], zones.ends[k, 1]
+                depth = min(1.0, (r - near) / (far - near))
+                if depth > 0.0:
+                    rate += zones.ends[k, 2] * depth * depth
+            if rate == 0.0 or r == 0.0:
+                continue
+            x /= r
+            y /= r
+            row = kind + (species[i] if len(species) > 0 else 0)
+            place = min(max((math.log(r) - zones.first) * zones.nodes, 0.0), float(most))
+            node = min(int(place), most - 1)
+            part = place - node
+            kepler = math.sqrt(zones.star * r2 / (r2 + zones.softening * zones.softening) ** 1.5)
+            radial = kepler * ((1.0 - part) * zones.table[row, node, 0] + part * zones.table[row, node + 1, 0])
+            azimuthal = kepler * ((1.0 - part) * zones.table[row, node, 1] + part * zones.table[row, node + 1, 1])
+            sine = min(1.0, max(-1.0, azimuthal / r * ahead))
+            cosine = math.sqrt(1.0 - sine * sine)
+            # A drift has reached another radius by then, where circles are slower by half of that.
+            around = azimuthal - 0.5 * sine * radial
+            v, w = radial * cosine - around * sine, around * cosine + radial * sine
+            gone = -math.expm1(-rate * dt)
+            vx, vy = vel[i, 0] - centre[2], vel[i, 1] - centre[3]
+            dx, dy = gone * (vx - (v * x - w * y)), gone * (vy - (v * y + w * x))
+            vel[i, 0] -= dx
+            vel[i, 1] -= dy
+            px += mass[i] * dx
+            py += mass[i] * dy
+            spin += mass[i] * (pos[i, 0] * dy - pos[i, 1] * dx)
+        lost[block] = px, py, spin
