@@ -60,6 +60,7 @@ class Scheme:
     advance: Callable[[Any, Tube, Array, float], Array] | None = None
     limit: Callable[[Any, State], float] | None = None
     conserves: bool = True  # momentum
+    sizes: bool = False  # whether grains of a population may have sizes of their own
     damps: bool = False  # waves, too much where h > c_s t_stop
     unused: Keys = field(default_factory=dict)  # keys of [drag], by why
     cells: Cells | None = None  # where drag is that of the particles in a cell

@@ -117,11 +117,11 @@ def sort_into_blocks(
         n_gas, n_dust, h_sum, leaves.shape, leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
     )
     # What lies outside the lattice meets nobody: a block of its own for each species.
-    count, population = len(level), drag.law.populations
+    count, population = len(level), drag.classes.number
     number[-1] = count
     share(kernels.block_keys, gas.count, gas_key, number, NOBODY, 1)
     number[-1] = count + 1
-    share(kernels.block_keys, dust.count, dust_key, number, dust.species, population)
+    share(kernels.block_keys, dust.count, dust_key, number, drag.classes.of, population)
     gas_order, gas_start = counting_sort(gas_key, count + 2)
     dust_order, dust_start = counting_sort(dust_key, (count + 2) * population)
     moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
@@ -179,20 +179,21 @@ def merge(
 
 
 def law_of(drag: Drag, dt: float) -> Law:
-    return Law(drag.law.code, drag.law.grains, drag.two_way, dt, drag.exponential)
+    return Law(drag.law.code, drag.classes.grains, drag.two_way, dt, drag.exponential)
 
 
 def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
     """Gas, of velocities `gas_vel`, and dust as kernels take them."""
     gas, dust, own = state.gas, state.dust, state.own_acc
+    about = densities_of_sparse_dust(drag, state) if dust.size is None else drag.classes.relative
     return (
         Species(
             gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, gas.sound_speed,
             blocks.gas_order, blocks.gas_start, 1, 0,
         ),
         Species(
-            dust.pos, dust.vel, dust.acc, own["dust"], dust.mass, densities_of_sparse_dust(drag, state), NONE,
-            blocks.dust_order, blocks.dust_start, drag.law.populations, 1,
+            dust.pos, dust.vel, dust.acc, own["dust"], dust.mass, about, NONE,
+            blocks.dust_order, blocks.dust_start, drag.classes.number, 1,
         ),
     )  # fmt: skip
 
@@ -207,12 +208,12 @@ def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
     )  # fmt: skip
     gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
-    times = np.empty((len(corners), drag.law.populations))
+    times = np.empty((len(corners), drag.classes.number))
     share(
         relax_blocks, len(corners), gas, dust, Corners(corners, blocks.period(drag.size)), law_of(drag, dt), linear,
-        drag.law.nonlinear, drag.law.several, about_star, times, heat, least=64,
+        drag.law.nonlinear, drag.classes.several, about_star, times, heat, least=64,
     )  # fmt: skip
-    start = blocks.dust_start[:: drag.law.populations]
+    start = blocks.dust_start[:: drag.classes.number]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
     drag.note_uncoupled(state.dust, lambda mass: kernels.mass_in(mass, blocks.dust_order, start, alone))
     drag.stopping_times = lambda: kernels.times_of_members(times, blocks.dust_order, blocks.dust_start)

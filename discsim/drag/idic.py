@@ -45,4 +45,4 @@ def least(scene: Scene) -> tuple[int, int]:
 
 
 CELLS = Cells(leaf, few=(8, 30), few_random=(8, 30), least=least)
-SCHEME = Scheme(relax, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0)
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0)

@@ -25,4 +25,4 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=True)
 
 
-SCHEME = Scheme(relax, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0)
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0)

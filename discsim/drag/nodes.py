@@ -55,9 +55,10 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     if len(heat) > 0:
         nodes_heat.pass_on(nodes, sharp.heat)
         share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, rows[0], heat, least=LEAST)
-    alone = (met[1] == 0.0) | blocks.enlarged[:, None]
+    alone = cells.slot[:, 1:][(met[1] == 0.0) | blocks.enlarged[:, None]]
     drag.note_uncoupled(
-        state.dust, lambda mass: float(cells.own[1:, :, WHOLE, ONE].T[alone].sum() + mass[_outside(dust, cells)].sum())
+        state.dust,
+        lambda mass: float(cells.own[alone[alone >= 0], WHOLE, ONE].sum() + mass[_outside(dust, cells)].sum()),
     )
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, rows[1])
 
@@ -77,17 +78,30 @@ def _outside(kind: Species, cells: Cells) -> Array:
 
 def _places(drag: Drag, blocks: Blocks) -> tuple[Cells, Nodes]:
     """Cells and nodes, with room for what they will hold."""
-    grid, flat, species = blocks.lattice, drag.dim == 1, drag.law.populations + 1
+    grid, flat, species = blocks.lattice, drag.dim == 1, drag.classes.number + 1
     lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
-    given, own = (_kept(drag, f"{name} of cells", species, len(home), rows, FIELDS) for name, rows in SUMS.items())
+    slot = _slots(blocks, species)
+    given, own = (_kept(drag, f"{name} of cells", slot.max() + 1, rows, FIELDS) for name, rows in SUMS.items())
     centre = np.empty((len(near), 2))
     share(levels.node_centres, len(near), place, grid.origin, grid.side, centre)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
-        Cells(blocks.corners, blocks.sides, home, given, own, blocks.period(drag.size)),
+        Cells(blocks.corners, blocks.sides, home, slot, given, own, blocks.period(drag.size)),
         Nodes(about, near, centre, np.empty((len(near), species, FIELDS)), square),
     )
+
+
+def _slots(blocks: Blocks, species: int) -> Array:
+    """Where in sums of cells each species of a block is (blocks, species): the gas of all first, then what dust there
+    is; -1 where there is none.
+    """
+    count = len(blocks.level)
+    held = np.diff(blocks.dust_start[: count * (species - 1) + 1]) > 0
+    slot = np.full((count, species), -1, np.int32)
+    slot[:, 0] = np.arange(count)
+    slot[:, 1:] = np.where(held, count - 1 + np.cumsum(held), -1).reshape(count, species - 1)
+    return slot
 
 
 def _gather(kind: Species, cells: Cells, nodes: Nodes, about_star: Frame, law: int, row: Array) -> None:
@@ -117,7 +131,7 @@ def _relax_nodes(
     sound = _mean_sound(state, blocks, cells, nodes) if drag.law.nonlinear else None
     change = Change(*np.empty((2, total, species, 2)), *np.empty((2, total, species)))
     share(
-        nodes_relax.relax, total, nodes, slopes, sourced, sound, law, about_star, drag.law.several, change, least=LEAST
+        nodes_relax.relax, total, nodes, slopes, sourced, sound, law, about_star, drag.classes.several, change, least=LEAST
     )
     sharp = Sharp(
         np.empty((total, species, LANES)), np.empty((total, 4)), np.empty(total if heating else 0),

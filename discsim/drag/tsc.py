@@ -41,4 +41,4 @@ def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
 # A node has the particles of nine cells: with two of each kind in a cell, placed evenly, the drift is right to .4%
 # (analysis/drift_cost.py). Of dust placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
 CELLS = Cells(leaf, few=(2, 2), few_random=(3, 9), share=NEAREST)
-SCHEME = Scheme(relax, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0)
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0)

@@ -15,6 +15,7 @@ from pydantic import Field, StrictBool
 
 from discsim.drag import cautions
 from discsim.drag.base import Scheme
+from discsim.drag.classes import Classes
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
@@ -22,6 +23,7 @@ from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, fill, share
 from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
+from discsim.physics.grains import has_sizes
 from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
 from discsim.scene.rules import Draft, Problem
@@ -34,7 +36,7 @@ moves = Lazy("discsim.kernels.move")
 heat_of_drag = Lazy("discsim.drag.heat")
 LawName: Any = word_of(LAWS)
 SchemeName: Any = word_of(SCHEMES)
-OF_CELLS = ("scheme", "kernel", "cell", "heating", "integration")  # keys that only particles' gas has a use for
+OF_CELLS = ("scheme", "kernel", "cell", "class_width", "heating", "integration")  # keys that only particles' gas has a use for
 
 
 class Keys(Table):
@@ -64,6 +66,10 @@ class Keys(Table):
         None, gt=0, description="side of a drag cell in local mean h; or a length"
     )
     cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
+    # The mean slip of a class is right in a steady drift, and in steps of less than t_stop to (ln 1.4)^2 / 12.
+    class_width: Number = Field(
+        1.4, gt=1, description="of grains of many sizes: ratio of stopping times in one class, which relaxes as one"
+    )
     heating: Annotated[StrictBool, Default("true for adiabatic gas and two-way drag")] = Field(
         description="frictional heat goes to the gas"
     )
@@ -77,6 +83,11 @@ def _partners(draft: Draft) -> Iterator[Problem]:
         if not draft.has(table) and not (table == "gas" and draft.has("background")):
             also = " or [background]" if table == "gas" else ""
             yield ("drag",), f"there is drag, but no {table}; expected a table [{table}]{also}, or no [drag]"
+
+
+def _width_of_classes(draft: Draft) -> Iterator[Problem]:
+    if draft.gives("drag", "class_width") and not any(map(has_sizes, draft.dust or ())):
+        yield ("drag", "class_width"), "no grains have sizes of their own; expected dust.grain_size with many, or no such key"
 
 
 def _words(laws: list[str]) -> str:
@@ -131,7 +142,7 @@ class Effect(base.Effect):
     keys = Keys
     is_kick = needs_grid = slow_kernels = lists_schemes = True
     acts_on = ()
-    rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _one_cell, _heating)
+    rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell, _heating)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene, self.drag = scene, scene.drag
@@ -140,6 +151,7 @@ class Effect(base.Effect):
         self.scheme: Scheme = SCHEMES[self.drag.scheme]
         self.exponential = self.drag.integration == "exponential"
         self.law = SceneLaw(scene)
+        self.classes = Classes(scene, self.law)
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
         self.soft, self.hard = SOFT, 8.0 if self.dim == 1 else 4.0
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
@@ -232,6 +244,7 @@ class Effect(base.Effect):
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
         assert self.scheme.relax is not None
+        self.classes.sort(dust)
         if state.bodies is not None:
             self.star = (state.central_mass, state.scene.star.softening)
         with state.about_centre(gas_vel):

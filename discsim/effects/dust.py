@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
-from discsim.parts import Lazy
-from discsim.scene.fields import Length, Measure, Number, Particles, Table
+from discsim.parts import LAWS, SCHEMES, Lazy
+from discsim.scene.fields import Count, Length, Measure, Number, Particles, Table, or_table
 from discsim.scene.rules import Draft, Problem, kinds
 
 if TYPE_CHECKING:
@@ -22,12 +22,28 @@ moves = Lazy("discsim.kernels.move")
 MOVED = 2.0  # CPU nanoseconds of a particle in a step
 
 
+class Sizes(Table):
+    """Grains of many sizes, n(s) ~ s^-index between two: as many particles in each of some bins of one width in ln s, or
+    each particle with a size of its own; their masses are those of the grains.
+    """
+
+    smallest: Length = Field(gt=0, description="of the grains' radii")
+    largest: Length = Field(gt=0, description="of the grains' radii")
+    index: Number = Field(3.5, description="p in n(s) ~ s^-p; 3.5 is that of collisions (Dohnanyi 1969)")
+    bins: Count | None = Field(None, ge=1, description="sizes that there are; none: each particle has its own")
+
+
+GrainSize: Any = or_table(Annotated[Length, Field(gt=0)], Sizes)
+
+
 class Keys(Table):
     """One population of dust."""
 
     particles: Particles = Field(description="number of particles")
     ratio: Number = Field(gt=0, description="dust-to-gas mass ratio")
-    grain_size: Length | None = Field(None, gt=0, description="for the Epstein law")
+    grain_size: GrainSize | None = Field(
+        None, description="radius, for the Epstein law, or many: {smallest, largest, index, bins}"
+    )
     grain_density: Annotated[float | None, Measure("volume_density")] = Field(
         None, gt=0, description="of the grain's material"
     )
@@ -47,9 +63,27 @@ def _within_radii(draft: Draft) -> Iterator[Problem]:
             yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
 
 
+def _sizes(draft: Draft) -> Iterator[Problem]:
+    """What grains of many sizes need: a law that knows them, and a drag that keeps them apart."""
+    for i, dust in enumerate(draft.dust or ()):
+        sizes, where = dust.grain_size, ("dust", i, "grain_size")
+        if not isinstance(sizes, Sizes):
+            continue
+        if not sizes.largest > sizes.smallest:
+            yield (*where, "largest"), "not above dust.grain_size.smallest; expected largest > smallest"
+        if draft.drag is None:
+            yield where, "nothing tells sizes apart without drag; expected a table [drag] too"
+        elif not LAWS[draft.drag.law].of_grains:
+            words = " or ".join(f'"{name}"' for name, law in LAWS.items() if law.of_grains)
+            yield where, f'drag.law "{draft.drag.law}" knows no sizes; expected {words}'
+        elif not draft.has("background") and not SCHEMES[draft.drag.scheme].sizes:
+            words = " or ".join(f'"{name}"' for name, scheme in SCHEMES.items() if scheme.sizes)
+            yield where, f'drag.scheme "{draft.drag.scheme}" takes one size a population; expected {words}'
+
+
 class Effect(base.Effect):
     keys = Keys
-    rules = (_within_radii,)
+    rules = (_within_radii, _sizes)
     several = True
     acts_on = ()
 

@@ -18,6 +18,7 @@ from discsim.drag import cautions
 from discsim.effects import base, dust
 from discsim.effects.drag import OF_CELLS
 from discsim.effects.stopping import stopping_columns
+from discsim.numerics.state import Dust as Grains
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
@@ -152,15 +153,18 @@ class Drag(base.Effect):
         share(kernels.path_velocities, len(pos), pos, species, self._disc(self.star.mass), out)
         return out
 
-    def _disc(self, star_mass: float) -> Any:
-        """What kernels take of the law, the star and the gas."""
-        law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
+    def _disc(self, star_mass: float, dust: Grains | None = None) -> Any:
+        """What kernels take of the law, the star and the gas: rows of each population, or of each grain of `dust`."""
+        grains, ratios, pull = self.law.grains, self.ratios, self.pull
+        if dust is not None and dust.size is not None:
+            grains, ratios, pull = self.law.rows(dust), ratios[dust.species], pull[dust.species]
+        law = self.law.code, grains, self.law.nonlinear, ratios, pull
         return kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
         times = np.empty(p.count)
-        share(
-            kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, self._disc(state.star_mass), state.lag, dt, times
-        )
+        row = p.species if p.size is None else np.arange(p.count)
+        disc = self._disc(state.star_mass, p)
+        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
         return times

@@ -13,6 +13,7 @@ import numpy as np
 
 from discsim.numerics.state import Dust, Gas, State
 from discsim.parts import STARTS
+from discsim.physics.grains import has_sizes, sizes_of
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
@@ -38,7 +39,20 @@ def make_particles(scene: Scene) -> Given:
         from discsim.initial import cells
 
         return cells.particles(scene)
-    return start_of(scene).particles(scene)
+    return _sized(scene, start_of(scene).particles(scene))
+
+
+def _sized(scene: Scene, given: Given) -> Given:
+    """With sizes of the grains, and their masses with it, where a population has many and the start has none."""
+    dust = given.get("dust")
+    if dust is None or "size" in dust or not any(map(has_sizes, scene.dust or ())):
+        return given
+    size, factor = np.empty((2, len(dust["mass"])))
+    species = dust.get("species", np.zeros(len(size), np.int64))
+    for number, population in enumerate(scene.dust):
+        members = np.flatnonzero(species == number)
+        size[members], factor[members] = sizes_of(population, len(members))
+    return given | {"dust": dust | {"size": size, "mass": dust["mass"] * factor}}
 
 
 def joined(parts: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:
@@ -62,6 +76,7 @@ def make_state(scene: Scene, given: Given) -> State:
         dust = Dust(
             **_common("dust", arrays, gas.count if gas is not None else 0),
             species=species,
+            size=arrays.get("size"),
             immobile=arrays.get("immobile"),
         )
     return State(scene, gas, dust, None)

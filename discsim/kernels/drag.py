@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.formulas.laws import CONSTANT
 from discsim.kernels.frame import kepler, sense_at
 from discsim.kernels.inner import inner, making
 from discsim.kernels.laws import stopping_time
@@ -248,6 +249,15 @@ def mean_of(values, order, first, last):
 
 
 @inner
+def mean_by_mass(values, mass, order, first, last):
+    total, weight = 0.0, 0.0
+    for k in range(first, last):
+        total += mass[order[k]] * values[order[k]]
+        weight += mass[order[k]]
+    return total / weight
+
+
+@inner
 def take(block, gas, dust, blocks, law, linear, frame, room):
     """Pack a block, and find the numbers of each species; returns the gas's density and sound speed, and Omega."""
     n, p, o, bound = len(room.mass), room.p, room.o, room.bound
@@ -280,6 +290,8 @@ def take(block, gas, dust, blocks, law, linear, frame, room):
             own = mean_of(dust.density, dust.order, d0 + first - ng, d0 + last - ng) if len(dust.density) > 0 else 0.0
             ratio = own / rho if own > 0.0 else room.mass[s] / room.mass[0]
             room.time[s] = stopping_time(law.code, law.grains[s - 1], ratio, rho, sound, omega)
+            if law.code != CONSTANT and own > 0.0:  # grains have sizes of their own
+                room.time[s] *= mean_by_mass(dust.density, dust.mass, dust.order, d0 + first - ng, d0 + last - ng)
     return rho, sound, omega
 
 

@@ -7,7 +7,8 @@ import numpy as np
 
 class Species(NamedTuple):
     """The particles of the gas, or of the dust of all its populations, as they are in the state; `own` sources and
-    `density` may have no entries. `order` and `start` have them by block and, within it, by population (`number` of
+    `density` may have no entries; of dust whose grains have sizes of their own `density` is the stopping time over that
+    of the class. `order` and `start` have them by block and, within it, by population (`number` of
     these, from the `first` species on, of which the gas is species 0).
     """
 

@@ -53,14 +53,16 @@ LEAST_INERTIA = 0.01  # over mass times side^2: the least for gas about a node t
 
 
 class Cells(NamedTuple):
-    """The cell of each block: its `corner` (n, 2), `side` (n,) and the node at its centre, `home` (n,); `given`
-    (species, n, 9, FIELDS) is what it gives to the nodes about it, `own` (species, n, 3, FIELDS) its own moments.
-    `period` (2,): of space, inf where it is open.
+    """The cell of each block: its `corner` (n, 2), `side` (n,) and the node at its centre, `home` (n,). Each species in
+    it has a slot, `slot` (n, species), the gas that of the block's number, absent dust -1; `given` (slots, 9, FIELDS) is
+    what it gives to the nodes about, `own` (slots, 3, FIELDS) its own moments. `period` (2,): of space, inf where it is
+    open.
     """
 
     corner: np.ndarray
     side: np.ndarray
     home: np.ndarray
+    slot: np.ndarray
     given: np.ndarray
     own: np.ndarray
     period: np.ndarray

@@ -9,7 +9,7 @@ ROUNDING = 1e-9  # over mass times side^2: inertia of particles at one place, bu
 
 
 @inner
-def moments_about(n, s, near, own):
+def moments_about(n, s, near, slot, own):
     """Mass and second moments of place (xx, xy, yy) of a species in the nine cells about a node, and those of x and of
     y with velocity and source, a row each; nearer cells count more.
     """
@@ -17,10 +17,11 @@ def moments_about(n, s, near, own):
     shift_x, shift_y, motion, along, across = empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
     for k in range(9):
         block = near[n, k]
-        if block < 0:
+        cell = slot[block, s] if block >= 0 else -1
+        if cell < 0:
             continue
         # About the node, which lies at (-i, -j) from the cell's middle.
-        i, j, at = k // 3 - 1.0, k % 3 - 1.0, (s * own.shape[1] + block) * 3 * FIELDS
+        i, j, at = k // 3 - 1.0, k % 3 - 1.0, cell * 3 * FIELDS
         w = (0.5 if i == 0.0 else 0.25) * (0.5 if j == 0.0 else 0.25)
         row, moves = w * load(own, at), w * load(own, at + LANES)
         mass += row
@@ -58,7 +59,7 @@ def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
     for s in range(nodes.sums.shape[1]):
         if not (s == 0 or two_way or sourced[s]):
             continue
-        m, ixx, ixy, iyy, by_x, by_y = moments_about(n, s, nodes.near, cells.own)
+        m, ixx, ixy, iyy, by_x, by_y = moments_about(n, s, nodes.near, cells.slot, cells.own)
         if s == 0 or two_way:
             mass, xx, xy, yy = mass + m, xx + ixx, xy + ixy, yy + iyy
             along += by_x

@@ -21,7 +21,7 @@ def pack(block, first, count, kind, cells, law, about_star, row, r2):
     """Particles of a block as rows from `first` on, and the squares of their distances from the origin."""
     dim, inverse = kind.pos.shape[1], 1.0 / cells.side[block]
     x0, y0, period_x, period_y = cells.corner[block, 0], cells.corner[block, 1], cells.period[0], cells.period[1]
-    sources, dense, with_sound = len(kind.own) > 0, len(kind.density) > 0, law == EPSTEIN and not about_star
+    sources, dense, with_sound = len(kind.own) > 0, len(kind.density) > 0, law == EPSTEIN and not about_star and kind.first == 0
     for at in range(count):
         k = first + at
         i = kind.order[k]
@@ -144,6 +144,9 @@ def own_moments(given, at, own, into):
 def gather_species(block, part, kind, cells, nodes, frame, law, row, weight, norm):
     """Pack one population in a block, and sum what its cell gives."""
     flat, s, home = kind.pos.shape[1] == 1, kind.first + part, cells.home[block]
+    cell = cells.slot[block, s]
+    if cell < 0:
+        return
     start, end = kind.start[block * kind.number + part], kind.start[block * kind.number + part + 1]
     first, count = np.uint64(start), np.uint64(end - start)
     pack(block, first, count, kind, cells, law, frame.star > 0.0, row, norm)
@@ -153,7 +156,6 @@ def gather_species(block, part, kind, cells, nodes, frame, law, row, weight, nor
         weight[at, MASSES] = kind.mass[kind.order[first + at]]
         weigh(first + at, at, weight[at, MASSES], flat, row, weight)
         norm[at] = 1.0
-    cell = s * cells.given.shape[1] + block
     given, at_given, at_own = cells.given, cell * 9 * FIELDS, cell * 3 * FIELDS
     sum_rows(start, end - start, weight, row, 0, given, at_given)
     sum_rows(start, end - start, weight, row, LANES, given, at_given + LANES)
@@ -203,13 +205,14 @@ def most_in(block_from, block_to, kind):
 
 
 @inner
-def collect_species(n, s, near, given, sums):
+def collect_species(n, s, near, slot, given, sums):
     """Eq. (1) for a species at a node, places from it."""
     places, motion, x, y = empty_row(), empty_row(), 0.0, 0.0
     for k in range(9):
         block, j = near[n, k], 8 - k
-        if block >= 0:
-            at = ((s * given.shape[1] + block) * 9 + j) * FIELDS
+        cell = slot[block, s] if block >= 0 else -1
+        if cell >= 0:
+            at = (cell * 9 + j) * FIELDS
             one = load(given, at)
             places += one
             motion += load(given, at + LANES)
@@ -229,8 +232,8 @@ def collect_square(n, near, given, square):
     for k in range(9):
         block, i, j = near[n, k], k // 3 - 1, k % 3 - 1
         if block >= 0:
-            x, y = given[0, block, 8 - k, X], given[0, block, 8 - k, Y]
-            total += square[block, 8 - k] + 2.0 * (i * x + j * y) + (i * i + j * j) * given[0, block, 8 - k, ONE]
+            x, y = given[block, 8 - k, X], given[block, 8 - k, Y]
+            total += square[block, 8 - k] + 2.0 * (i * x + j * y) + (i * i + j * j) * given[block, 8 - k, ONE]
     return total
 
 
@@ -239,6 +242,6 @@ def collect(node_from, node_to, kind, cells, nodes, square):
     """Sums over the species of one kind at each node."""
     for n in range(node_from, node_to):
         for s in range(kind.first, kind.first + kind.number):
-            collect_species(n, s, nodes.near, cells.given, nodes.sums)
+            collect_species(n, s, nodes.near, cells.slot, cells.given, nodes.sums)
         if len(square) > 0:
             nodes.square[n] = collect_square(n, nodes.near, cells.given, square)

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.formulas.laws import EPSTEIN
+from discsim.formulas.laws import CONSTANT, EPSTEIN
 from discsim.kernels.frame import kepler
 from discsim.kernels.inner import inner, lean
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.nodes import BX, ONE, RHO, VX, WHOLE, XX, YX, X, Y
 from discsim.kernels.nonlinear import relax_by_speed
-from discsim.kernels.relax import relax_means, response
+from discsim.kernels.relax import relax_apart, relax_means, response
 
 
 @inner
@@ -69,6 +69,8 @@ def times_at(n, nodes, sound, law, frame, mass, time):
             met = True
             ratio = own / m / density if own > 0.0 else m / gas
             time[s] = stopping_time(law.code, law.grains[s - 1], ratio, density, c_s, omega)
+            if law.code != CONSTANT and own > 0.0:  # grains have sizes of their own
+                time[s] *= own / m
     return density, omega, met
 
 
@@ -119,8 +121,9 @@ def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, ow
             for c in range(2):
                 change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c] - own.drive[s, c], own.drive[s, c]
     elif several is not None:
-        relax_means(own.mass, own.time, own.y, own.none, law.two_way, law.dt, law.exponential, several, own.slip)
-        relax_means(own.mass, own.time, own.none, own.b, law.two_way, law.dt, law.exponential, several, own.drive)
+        relax_apart(
+            own.mass, own.time, own.y, own.b, law.two_way, law.dt, law.exponential, own.slip, own.drive
+        )
         for s in range(species):
             for c in range(2):
                 change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c], own.drive[s, c]
@@ -170,8 +173,8 @@ def mean_sound(node_from, node_to, nodes, own, sound, out):
         total, mass = 0.0, 0.0
         for k in range(9):
             block = nodes.near[n, k]
-            if block >= 0 and own[0, block, WHOLE, ONE] > 0.0:
-                w = (0.5 if k // 3 == 1 else 0.25) * (0.5 if k % 3 == 1 else 0.25) * own[0, block, WHOLE, ONE]
+            if block >= 0 and own[block, WHOLE, ONE] > 0.0:
+                w = (0.5 if k // 3 == 1 else 0.25) * (0.5 if k % 3 == 1 else 0.25) * own[block, WHOLE, ONE]
                 total += w * sound[block]
                 mass += w
         out[n] = total / mass if mass > 0.0 else 1.0

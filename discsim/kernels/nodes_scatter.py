@@ -18,17 +18,17 @@ V, A = np.int64(0), np.int64(BX)  # each literal given to a function would compi
 @inner
 def values_about(block, s, cells, nodes, value, turns, table):
     """What the nodes about a cell bring to a species, as polynomials; returns its mean rate."""
-    rate, home = 0.0, cells.home[block]
+    rate, home, cell = 0.0, cells.home[block], cells.slot[block, s]
     for k in range(9):
         n, row = nodes.about[home, k], empty_row()
         if n >= 0:
             row = load(value, (n * value.shape[1] + s) * LANES)
-            rate += cells.given[s, block, k, ONE] * lane(row, RATE)
+            rate += cells.given[cell, k, ONE] * lane(row, RATE)
         store(table, k * LANES, row)
         if turns:  # about the cell's middle, not the node
             table[k, DX] += (k % 3 - 1) * lane(row, SPIN)
             table[k, DY] -= (k // 3 - 1) * lane(row, SPIN)
-    return rate / cells.own[s, block, WHOLE, ONE]
+    return rate / cells.own[cell, WHOLE, ONE]
 
 
 @inner
@@ -156,8 +156,9 @@ def scatter_species(block, part, kind, cells, nodes, sharp, row, dt, exponential
     u, v = 0.0, 0.0
     if rate > 0.0:
         pooled = (sharp.slope[home, 0], sharp.slope[home, 1], sharp.slope[home, 2], sharp.slope[home, 3])
-        own = cells.own[s, block, WHOLE, ONE]
-        x0, y0 = cells.own[s, block, WHOLE, X] / own, cells.own[s, block, WHOLE, Y] / own
+        cell = cells.slot[block, s]
+        own = cells.own[cell, WHOLE, ONE]
+        x0, y0 = cells.own[cell, WHOLE, X] / own, cells.own[cell, WHOLE, Y] / own
         f, g = response(rate, dt, exponential)
         u, v = damp(first, last, row, x0, y0, pooled, len(kind.own) > 0, f, g, dim, new)
     else:
@@ -196,6 +197,8 @@ def scatter(block_from, block_to, kind, cells, nodes, sharp, row, dt, exponentia
 @inner
 def times_in(block, part, kind, cells, nodes, value, row, table, time):
     """Stopping times of one population in a block."""
+    if cells.slot[block, kind.first + part] < 0:
+        return
     values_about(block, kind.first + part, cells, nodes, value, False, table)
     to_polynomial(table, 0, kind.pos.shape[1] == 1)
     for k in range(kind.start[block * kind.number + part], kind.start[block * kind.number + part + 1]):

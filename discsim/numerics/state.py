@@ -95,6 +95,7 @@ class Dust(Particles):
     """Dust particles of one or several populations."""
 
     species: Array
+    size: Array | None = None  # radius of the grains, where they have sizes of their own
     density: Array | None = None  # on a fixed grid
 
 

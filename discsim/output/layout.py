@@ -48,6 +48,7 @@ GAS = COMMON | {
 DUST = COMMON | {
     "density": Field("DustDensities", "density", "density of the dust; a surface density in 2D"),
     "species": Field("Species", "", "number of the population"),
+    "size": Field("GrainSizes", "length", "radius of the grains"),
     "stopping_time": Field("StoppingTimes", "time", "stopping time"),
     "stokes": Field("StokesNumbers", "", "stopping time times the Keplerian frequency"),
 }

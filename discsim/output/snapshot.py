@@ -57,6 +57,7 @@ class SnapshotParticles:
     sound_speed: Array | None = None
     temperature: Array | None = None
     species: Array | None = None
+    size: Array | None = None
     stopping_time: Array | None = None
     stokes: Array | None = None
     columns: dict[str, Array] = field(default_factory=dict)  # those of effects that other packages bring, by name

@@ -5,6 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
+Array = np.ndarray
+GOLDEN = 0.6180339887498949  # multiples of it, without their whole part, are spread evenly from the first few on
+
 
 def epstein_stopping_time(
     grain_size: Any, grain_density: Any, sound_speed: Any, gas_density: Any, convention: str = "papers"
@@ -28,3 +33,32 @@ def mean_free_column(scene: Any) -> float:
 
     molecule = scene.table(scene.model.table).eos.mean_molecular_weight * constants.u.cgs.value
     return molecule / 2e-15 / scene.units.cgs("surface_density")
+
+
+def has_sizes(population: Any) -> bool:
+    """Whether the grains of a population of dust have sizes of their own."""
+    return hasattr(population.grain_size, "smallest")
+
+
+def sizes_of(population: Any, count: int) -> tuple[Array, Array]:
+    """Sizes of `count` particles of a population (n,), and masses over their mean, such that n(s) ~ s^-index.
+
+    Particles next to each other have sizes far apart, so that all sizes are everywhere.
+    """
+    if not has_sizes(population):
+        return np.full(count, population.grain_size), np.ones(count)
+    given = population.grain_size
+    place, bins = (0.5 + GOLDEN * np.arange(count)) % 1.0, given.bins
+    if bins is not None:
+        place = (np.floor(place * bins) + 0.5) / bins
+    size = given.smallest * (given.largest / given.smallest) ** place
+    weight = (size / given.largest) ** (4.0 - given.index)  # m dn/d ln s; of a bin in ln s the same but for a factor
+    return size, weight / weight.mean()
+
+
+def typical_size(population: Any) -> float:
+    """The mean size, by mass, of a population's grains: what previews show."""
+    if not has_sizes(population):
+        return float(population.grain_size)
+    size, weight = sizes_of(population, population.grain_size.bins or 1000)
+    return float((size * weight).sum() / weight.sum())

@@ -12,10 +12,11 @@ import numpy as np
 from discsim.formulas import laws as formulas
 from discsim.parts import LAWS, Lazy
 from discsim.physics import profile
-from discsim.physics.grains import epstein_stopping_time, mean_free_column
+from discsim.physics.grains import epstein_stopping_time, has_sizes, mean_free_column, typical_size
 from discsim.scene.rules import Draft, Problem, Rule, kinds
 
 if TYPE_CHECKING:
+    from discsim.numerics.state import Dust
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.laws")
@@ -58,6 +59,13 @@ class SceneLaw:
         self.populations = len(scene.dust or ())
         self.several = True if self.populations > 1 else None  # None: not compiled
         self.grains = np.array([_grain(scene, law, population) for population in scene.dust or ()])
+        self.typical = np.array([typical_size(dust) if has_sizes(dust) or law.of_grains else 1.0 for dust in scene.dust or ()])
+
+    def rows(self, dust: Dust) -> Array:
+        """What the law needs of each grain (n, 5)."""
+        rows = self.grains[dust.species]
+        rows[:, [formulas.VALUE, formulas.SIZE]] *= (dust.size / self.typical[dust.species])[:, None]
+        return rows
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:
         """Stopping time at vanishing slip of a population in gas of given density, sound speed and Omega (n,)."""
@@ -68,8 +76,8 @@ def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
     value, faster = law.value(scene, population), formulas.KWOK * scene.drag.supersonic
     if not law.by_column:
         return [value, faster, 0.0, 0.0, 0.0]
-    thermal = population.grain_size * population.grain_density / value
-    return [value, faster, population.grain_size, mean_free_column(scene), thermal]
+    size = typical_size(population)
+    return [value, faster, size, mean_free_column(scene), size * population.grain_density / value]
 
 
 def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Array | None) -> list[Array]:
@@ -94,7 +102,7 @@ def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Arr
 def _of_grain(scene: Scene, population: Any) -> float:
     """t_stop c_s rho_g, all of it that is the grain's."""
     convention = scene.drag.convention
-    return epstein_stopping_time(population.grain_size, population.grain_density, 1.0, 1.0, convention)
+    return epstein_stopping_time(typical_size(population), population.grain_density, 1.0, 1.0, convention)
 
 
 def _of_key(key: str) -> Callable[[Scene, Any], float]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
 from discsim.scene.units import UnitError, Units, clipped, seconds
@@ -217,6 +217,12 @@ def kinds_of(parts: Iterable[Any]) -> Any:
     """The type of a table that may be of several kinds: `kind` says whose keys it has."""
     models = tuple(part.keys for part in parts)
     return Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - made of what there is
+
+
+def or_table(value: Any, table: type[Table]) -> Any:
+    """The type of a key that is a `value`, or a table where it is written as one."""
+    tagged = Annotated[value, Tag("#value")] | Annotated[table, Tag("#table")]  # type: ignore[valid-type]
+    return Annotated[tagged, Discriminator(lambda given: "#table" if isinstance(given, dict | table) else "#value")]
 
 
 def word_of(names: Iterable[str]) -> Any:

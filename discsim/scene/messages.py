@@ -97,6 +97,8 @@ def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
         if tagged:
             models = tagged
             continue
+        if part in ("#value", "#table"):  # of `fields.or_table`
+            continue
         path += (part,)
         if isinstance(part, str) and models:
             owner = models[0]

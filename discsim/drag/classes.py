@@ -1,0 +1,62 @@
+"""Which grains relax together: a population, or where grains have sizes of their own those of nearly one stopping time.
+
+Classes divide the stopping times that the same gas gives to grains at equal ratios. A class has its mean stopping
+time; kernels take it times the mean, by mass, of `relative` over those of the class at a place, so that a grain alone
+there has its own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.formulas.laws import SIZE, VALUE
+from discsim.physics.laws import SceneLaw
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import Dust
+    from discsim.scene import Scene
+
+Array = np.ndarray
+NONE = np.empty(0)
+MOST = 32  # classes: there are sums of each at every node of tsc
+
+
+class Classes:
+    """The classes of a run's grains: their `number`, the law's `grains` (number, 5) of each, the class `of` each grain
+    (n,), and its stopping time over that of the class, `relative` (n,), without entries where populations are classes.
+
+    several: True where there may be more than one, else None (kernels leave out what is for many then).
+    """
+
+    def __init__(self, scene: Scene, law: SceneLaw):
+        self.law = law
+        self.width = math.log(scene.drag.class_width)
+        self.number, self.grains, self.several = law.populations, law.grains, law.several
+        self.of = self.relative = NONE
+        self._sorted: Array | None = None
+
+    def sort(self, dust: Dust) -> None:
+        """Make the classes of `dust` as it is now."""
+        if dust.size is None:
+            self.of = dust.species
+        elif dust.size is not self._sorted:  # a new array wherever particles or their sizes have changed
+            self._sorted = dust.size
+            self._divide(self.law.rows(dust))
+
+    def _divide(self, rows: Array) -> None:
+        place = np.log(rows[:, VALUE])
+        reach = place.max() - place.min() if len(place) > 0 else 0.0
+        # Whole multiples of the width, so that classes stay what they are while grains grow.
+        bins = np.floor(place / (self.width * max(1.0, math.ceil(reach / (self.width * (MOST - 1))))))
+        bins = (bins - bins.min(initial=np.inf)).astype(np.int64) if len(bins) > 0 else bins.astype(np.int64)
+        count = np.bincount(bins, minlength=1)
+        held = count > 0
+        self.of = (np.cumsum(held) - 1)[bins]
+        self.number, self.several = max(1, int(held.sum())), True
+        self.grains = np.zeros((self.number, rows.shape[1]))
+        for column in range(rows.shape[1] if len(rows) > 0 else 0):
+            self.grains[:, column] = np.bincount(self.of, rows[:, column]) / count[held]
+        self.relative = rows[:, VALUE] / self.grains[self.of, VALUE]
