@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.formulas.laws import SIZE, VALUE
+from discsim.formulas.laws import VALUE
+from discsim.physics.grains import has_sizes
 from discsim.physics.laws import SceneLaw
 
 if TYPE_CHECKING:
@@ -22,6 +23,17 @@ if TYPE_CHECKING:
 Array = np.ndarray
 NONE = np.empty(0)
 MOST = 32  # classes: there are sums of each at every node of tsc
+
+
+def classes_of(scene: Scene) -> int:
+    """How many classes there will be, about, before any particle is made."""
+    sizes = [dust.grain_size for dust in scene.dust or () if has_sizes(dust)]
+    width = math.log(scene.drag.class_width)
+    of_sizes = [math.ceil(math.log(given.largest / given.smallest) / width) for given in sizes]
+    kept = [
+        number if given.bins is None else min(given.bins, number) for given, number in zip(sizes, of_sizes, strict=True)
+    ]
+    return min(MOST, sum(kept) + len(scene.dust or ()) - len(sizes))
 
 
 class Classes:
@@ -44,7 +56,7 @@ class Classes:
             self.of = dust.species
         elif dust.size is not self._sorted:  # a new array wherever particles or their sizes have changed
             self._sorted = dust.size
-            self._divide(self.law.rows(dust))
+            self._divide(self.law.rows(dust.species, dust.size))
 
     def _divide(self, rows: Array) -> None:
         place = np.log(rows[:, VALUE])

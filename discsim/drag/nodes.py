@@ -131,7 +131,17 @@ def _relax_nodes(
     sound = _mean_sound(state, blocks, cells, nodes) if drag.law.nonlinear else None
     change = Change(*np.empty((2, total, species, 2)), *np.empty((2, total, species)))
     share(
-        nodes_relax.relax, total, nodes, slopes, sourced, sound, law, about_star, drag.classes.several, change, least=LEAST
+        nodes_relax.relax,
+        total,
+        nodes,
+        slopes,
+        sourced,
+        sound,
+        law,
+        about_star,
+        drag.classes.several,
+        change,
+        least=LEAST,
     )
     sharp = Sharp(
         np.empty((total, species, LANES)), np.empty((total, 4)), np.empty(total if heating else 0),

@@ -15,7 +15,7 @@ from pydantic import Field, StrictBool
 
 from discsim.drag import cautions
 from discsim.drag.base import Scheme
-from discsim.drag.classes import Classes
+from discsim.drag.classes import Classes, classes_of
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
@@ -36,7 +36,16 @@ moves = Lazy("discsim.kernels.move")
 heat_of_drag = Lazy("discsim.drag.heat")
 LawName: Any = word_of(LAWS)
 SchemeName: Any = word_of(SCHEMES)
-OF_CELLS = ("scheme", "kernel", "cell", "class_width", "heating", "integration")  # keys that only particles' gas has a use for
+OF_CELLS = (
+    "scheme",
+    "kernel",
+    "cell",
+    "class_width",
+    "heating",
+    "integration",
+)  # keys that only particles' gas has a use for
+
+OF_A_CLASS = 0.2  # of a kick's time, that one class of grains more costs
 
 
 class Keys(Table):
@@ -87,7 +96,10 @@ def _partners(draft: Draft) -> Iterator[Problem]:
 
 def _width_of_classes(draft: Draft) -> Iterator[Problem]:
     if draft.gives("drag", "class_width") and not any(map(has_sizes, draft.dust or ())):
-        yield ("drag", "class_width"), "no grains have sizes of their own; expected dust.grain_size with many, or no such key"
+        yield (
+            ("drag", "class_width"),
+            "no grains have sizes of their own; expected dust.grain_size with many, or no such key",
+        )
 
 
 def _words(laws: list[str]) -> str:
@@ -163,7 +175,8 @@ class Effect(base.Effect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return SCHEMES[scene.drag.scheme].nanoseconds * (counts.gas + counts.dust)
+        more = 1.0 + OF_A_CLASS * (classes_of(scene) - 1)
+        return SCHEMES[scene.drag.scheme].nanoseconds * more * (counts.gas + counts.dust)
 
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:

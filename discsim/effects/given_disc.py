@@ -18,7 +18,6 @@ from discsim.drag import cautions
 from discsim.effects import base, dust
 from discsim.effects.drag import OF_CELLS
 from discsim.effects.stopping import stopping_columns
-from discsim.numerics.state import Dust as Grains
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
@@ -145,26 +144,29 @@ class Drag(base.Effect):
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))
 
-    def drift(self, pos: np.ndarray, species: np.ndarray) -> np.ndarray:
+    def drift(self, pos: np.ndarray, species: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
         """Radial and azimuthal velocity (n, 2) of the steady drift of populations `species` (n,), the latter beyond
-        Kepler's; about the star as it is at the start.
+        Kepler's; about the star as it is at the start. size (n,): of grains that have sizes of their own.
         """
         out = np.empty_like(pos)
-        share(kernels.path_velocities, len(pos), pos, species, self._disc(self.star.mass), out)
+        row, disc = self._disc(self.star.mass, species, size)
+        share(kernels.path_velocities, len(pos), pos, row, disc, out)
         return out
 
-    def _disc(self, star_mass: float, dust: Grains | None = None) -> Any:
-        """What kernels take of the law, the star and the gas: rows of each population, or of each grain of `dust`."""
-        grains, ratios, pull = self.law.grains, self.ratios, self.pull
-        if dust is not None and dust.size is not None:
-            grains, ratios, pull = self.law.rows(dust), ratios[dust.species], pull[dust.species]
+    def _disc(self, star_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
+        """The row that each grain has in what kernels take of law and light, its population's or its own; and all that
+        they take of the law, the star and the gas.
+        """
+        row, grains, ratios, pull = species, self.law.grains, self.ratios, self.pull
+        if size is not None:
+            row = np.arange(len(size))
+            grains, ratios, pull = self.law.rows(species, size), ratios[species], pull[species]
         law = self.law.code, grains, self.law.nonlinear, ratios, pull
-        return kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
+        return row, kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
         times = np.empty(p.count)
-        row = p.species if p.size is None else np.arange(p.count)
-        disc = self._disc(state.star_mass, p)
+        row, disc = self._disc(state.star_mass, p.species, p.size)
         share(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
         return times

@@ -10,7 +10,7 @@ drag, or where `initial.dust_velocity` is "balance", circles: v_phi^2 / r = g(r)
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ from discsim.exact import nsh
 from discsim.initial import start_of
 from discsim.parts import Lazy
 from discsim.physics import profile, radiation
+from discsim.physics.grains import has_sizes, sizes_of, typical_size
 from discsim.scene.fields import Default, Table
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ companions = Lazy("discsim.physics.companions")
 viscosity = Lazy("discsim.physics.viscosity")
 SLOW = 1.0  # of the sound speed, that a viscous flow is at most
 Array = np.ndarray
+KINDS = 32  # of grains, where each has a size of its own: enough for the sums over them
 RING = 32  # particles of a ring of which a mean is taken, least
 
 
@@ -54,8 +56,13 @@ class Balance:
         self.gravity = mean_gravity(state, effects)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
 
-    def velocities(self, name: str, pos: Array, species: Array | None) -> tuple[Array, Array]:
-        """Radial and azimuthal velocity (n,) of gas, or of dust of the populations `species` (n,), at `pos` (n, 2)."""
+    def velocities(
+        self, name: str, pos: Array, species: Array | None, size: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Radial and azimuthal velocity (n,) of gas, or of dust of the populations `species` (n,), at `pos` (n, 2).
+
+        size (n,): of grains that have sizes of their own; None: each is of its population's mean size.
+        """
         scene = self.scene
         r = np.sqrt((pos**2).sum(axis=1))
         # Where gravity points outwards nothing can turn in balance; a start at rest is as good as any.
@@ -63,7 +70,7 @@ class Balance:
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
             if self.drifts:
-                radial, lag = self.effects["drag"].drift(pos, species).T
+                radial, lag = self.effects["drag"].drift(pos, species, size).T
         elif name == "dust" and not self.drifts and scene.radiation_pressure is not None:
             lag = radiation.lag(scene, species, r, keplerian)
         elif scene.gas is not None:
@@ -71,7 +78,7 @@ class Balance:
             headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
             headwind[keplerian <= 1e-100] = 0.0
             if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
-                radial, lag = self._drift(disc, species, r, keplerian / r, headwind)
+                radial, lag = self._drift(disc, species, r, keplerian / r, headwind, size)
             elif name == "gas":
                 # Alone its balance is exact, not to first order in the headwind.
                 lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
@@ -80,31 +87,53 @@ class Balance:
         return radial, keplerian + lag
 
     def _drift(
-        self, disc: profile.Radial, species: Array | None, r: Array, omega: Array, headwind: Array
+        self, disc: profile.Radial, species: Array | None, r: Array, omega: Array, headwind: Array, size: Array | None
     ) -> tuple[Array, Array]:
         """Radial and azimuthal velocity (n,) relative to Keplerian, with the populations that there are; None: gas."""
+        # Grains of many sizes are some kinds that load the gas; what becomes of one is that of a kind without mass.
         scene, drag = self.scene, self.effects["drag"]
         density = disc.surface_density(r)
         sound = profile.sound_speed(scene, r, density)
-        stokes, loads = np.empty((2, len(scene.dust), len(r)))
+        typical, kinds, loads, pushed = np.empty((len(scene.dust), len(r))), [], [], []
+        push = radiation.pushes(scene, r, omega * r)
         for k, population in enumerate(scene.dust):
             # Beyond an edge there is no gas: a limit keeps what is infinite from meeting what is 0.
-            stokes[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
+            typical[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
             ratio = population.ratio if disc.dust_share is None else population.ratio * disc.dust_share(r)
             there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
-            loads[k] = np.where(there & (scene.drag.direction == "two-way"), ratio, 0.0)
-        found = nsh.of_populations(stokes, loads, headwind, radiation.pushes(scene, r, omega * r))
+            load = np.where(there & (scene.drag.direction == "two-way"), ratio, 0.0)
+            for over_typical, share in _kinds(population):
+                kinds.append(over_typical * typical[k])
+                loads.append(share * load)
+                pushed.append(None if push is None else push[k])
+        if species is not None:
+            at = species, np.arange(len(r))
+            factor = 1.0 if size is None else size / np.array([typical_size(p) for p in scene.dust])[species]
+            kinds.append(factor * typical[at])
+            loads.append(np.zeros(len(r)))
+            pushed.append(None if push is None else push[at])
+        found = nsh.of_populations(
+            np.array(kinds), np.array(loads), headwind, None if push is None else np.array(pushed)
+        )
         if species is None:
             return found.gas_radial, found.gas_azimuthal
-        own = species, np.arange(len(r))
-        return found.dust_radial[own], found.dust_azimuthal[own]
+        return found.dust_radial[-1], found.dust_azimuthal[-1]
+
+
+def _kinds(population: Any) -> Iterator[tuple[float, float]]:
+    """Stopping times of a population's grains over that of its mean size, and the share of its mass that each has."""
+    if not has_sizes(population):
+        return iter([(1.0, 1.0)])
+    size, weight = sizes_of(population, population.grain_size.bins or KINDS)
+    return zip(size / typical_size(population), weight / weight.sum(), strict=True)
 
 
 def settle(state: State, effects: dict[str, Any]) -> None:
     """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
     found = Balance(state, effects)
     for name, particles in state.species.items():
-        radial, azimuthal = found.velocities(name, particles.pos, getattr(particles, "species", None))
+        own = getattr(particles, "species", None), getattr(particles, "size", None)
+        radial, azimuthal = found.velocities(name, particles.pos, *own)
         direction = particles.pos / np.sqrt((particles.pos**2).sum(axis=1))[:, None]
         across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
         particles.vel[:] = radial[:, None] * direction + azimuthal[:, None] * across

@@ -13,6 +13,7 @@ import numpy as np
 
 from discsim.initial import SPECIES, Given
 from discsim.physics.eos import eos_of
+from discsim.physics.grains import has_sizes
 from discsim.scene import SceneError, near, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.units import UnitError
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NEEDED = ("pos", "vel", "mass")
-ARRAYS = {"gas": (*NEEDED, "u", "density", "immobile"), "dust": (*NEEDED, "species", "immobile")}
-MEASURE = {"pos": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
-POSITIVE = ("mass", "u", "density")
+ARRAYS = {"gas": (*NEEDED, "u", "density", "immobile"), "dust": (*NEEDED, "species", "size", "immobile")}
+MEASURE = {"pos": "length", "size": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
+POSITIVE = ("mass", "u", "density", "size")
 LARGEST = 1e150  # its square is a number
 MASSES = 1e12  # of the heaviest gas particle over the lightest: beyond, sums forget the light ones and steps collapse
 
@@ -88,6 +89,8 @@ def _species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array], lis
     faults += [f"{key} is missing{why}" for key, why in _missing(scene, name, given)]
     if "u" in given and name == "gas" and not eos_of(scene).holds_heat:
         faults.append(f'u is given, but the gas is "{scene.gas.eos.kind}", which holds no heat; expected no such array')
+    if name == "dust" and "size" in given and not any(map(has_sizes, scene.dust)):
+        faults.append("size is given, but no dust.grain_size is of many; expected no such array")
     arrays: dict[str, Array] = {}
     count = None
     for key in known:
@@ -108,6 +111,8 @@ def _missing(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tupl
             yield key, f"; expected {_words(NEEDED)}"
     if name == "dust" and len(scene.dust) > 1 and "species" not in given:
         yield "species", f"; expected the number of each particle's population, 0 to {len(scene.dust) - 1}"
+    if name == "dust" and any(map(has_sizes, scene.dust)) and "size" not in given:
+        yield "size", "; expected the radius of each particle's grains, as dust.grain_size is of many"
     eos: Any = scene.gas.eos if scene.gas else None
     if name == "gas" and eos_of(scene).holds_heat and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):
         yield "u", "; expected energies, or gas.eos.sound_speed or gas.eos.aspect_ratio in the scene"

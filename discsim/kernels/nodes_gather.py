@@ -21,7 +21,11 @@ def pack(block, first, count, kind, cells, law, about_star, row, r2):
     """Particles of a block as rows from `first` on, and the squares of their distances from the origin."""
     dim, inverse = kind.pos.shape[1], 1.0 / cells.side[block]
     x0, y0, period_x, period_y = cells.corner[block, 0], cells.corner[block, 1], cells.period[0], cells.period[1]
-    sources, dense, with_sound = len(kind.own) > 0, len(kind.density) > 0, law == EPSTEIN and not about_star and kind.first == 0
+    sources, dense, with_sound = (
+        len(kind.own) > 0,
+        len(kind.density) > 0,
+        law == EPSTEIN and not about_star and kind.first == 0,
+    )
     for at in range(count):
         k = first + at
         i = kind.order[k]

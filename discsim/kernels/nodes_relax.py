@@ -121,9 +121,7 @@ def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, ow
             for c in range(2):
                 change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c] - own.drive[s, c], own.drive[s, c]
     elif several is not None:
-        relax_apart(
-            own.mass, own.time, own.y, own.b, law.two_way, law.dt, law.exponential, own.slip, own.drive
-        )
+        relax_apart(own.mass, own.time, own.y, own.b, law.two_way, law.dt, law.exponential, own.slip, own.drive)
         for s in range(species):
             for c in range(2):
                 change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c], own.drive[s, c]

@@ -20,8 +20,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from discsim.initial.base import Places, Start
 from discsim.parts import Lazy
 from discsim.physics import profile
-from discsim.physics.grains import has_sizes
 from discsim.physics.eos import eos_of
+from discsim.physics.grains import has_sizes
 from discsim.scene import SceneError, load_scene
 from discsim.scene.fields import Count, InputFile, Table, Words, fault
 
@@ -119,7 +119,11 @@ def _populations(held: SnapshotParticles) -> Array:
 def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Array]:
     """The arrays that a start has, in the code units of the scene: the very ones where these are the snapshot's."""
     keys = ["pos", "vel", "mass", "immobile"]
-    keys += ["species", *(["size"] if any(map(has_sizes, scene.dust)) else [])] if name == "dust" else ["density", *(["u"] if eos_of(scene).holds_heat else [])]
+    keys += (
+        ["species", *(["size"] if any(map(has_sizes, scene.dust)) else [])]
+        if name == "dust"
+        else ["density", *(["u"] if eos_of(scene).holds_heat else [])]
+    )
     arrays = {key: getattr(held, key) for key in keys if getattr(held, key) is not None}
     if name == "dust":
         arrays["species"] = _populations(held)

@@ -12,11 +12,10 @@ import numpy as np
 from discsim.formulas import laws as formulas
 from discsim.parts import LAWS, Lazy
 from discsim.physics import profile
-from discsim.physics.grains import epstein_stopping_time, has_sizes, mean_free_column, typical_size
+from discsim.physics.grains import epstein_stopping_time, mean_free_column, typical_size
 from discsim.scene.rules import Draft, Problem, Rule, kinds
 
 if TYPE_CHECKING:
-    from discsim.numerics.state import Dust
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.laws")
@@ -59,12 +58,12 @@ class SceneLaw:
         self.populations = len(scene.dust or ())
         self.several = True if self.populations > 1 else None  # None: not compiled
         self.grains = np.array([_grain(scene, law, population) for population in scene.dust or ()])
-        self.typical = np.array([typical_size(dust) if has_sizes(dust) or law.of_grains else 1.0 for dust in scene.dust or ()])
+        self.typical = np.array([typical_size(dust) if law.of_grains else 1.0 for dust in scene.dust or ()])
 
-    def rows(self, dust: Dust) -> Array:
-        """What the law needs of each grain (n, 5)."""
-        rows = self.grains[dust.species]
-        rows[:, [formulas.VALUE, formulas.SIZE]] *= (dust.size / self.typical[dust.species])[:, None]
+    def rows(self, species: Array, size: Array) -> Array:
+        """What the law needs of each grain (n, 5), of populations `species` (n,) and sizes of their own (n,)."""
+        rows: Array = self.grains[species]
+        rows[:, [formulas.VALUE, formulas.SIZE]] *= (size / self.typical[species])[:, None]
         return rows
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:

@@ -62,19 +62,19 @@ def _effect_lines(scene: Scene) -> Iterator[str]:
     for name in scene.effects:
         first, _, second = name.partition(".")
         skip = classes[name].unused(scene) if name in classes else ()
+        skip += tuple(other.removeprefix(f"{name}.") for other in scene.effects)  # which have lines of their own
         table = getattr(scene.table(first), second) if second else scene.table(first)
         for one in table if isinstance(table, tuple) else (table,):
             yield f"{name:<18} {_parameters(scene.units, one, skip)}"
 
 
 def _parameters(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
-    """The keys of a table and their values, but for `skip`; of a table in it the first one, its kind."""
+    """The keys of a table and their values, but for `skip`; tables in it by their kind, or their key."""
     texts = []
     for key, field in type(table).model_fields.items():
         value = getattr(table, key)
-        if isinstance(value, Table):
-            if "kind" in type(value).model_fields:
-                texts.append(f"{value.kind} ({_parameters(units, value)})")  # type: ignore[attr-defined]
+        if isinstance(value, Table) and key not in skip:
+            texts.append(f"{getattr(value, 'kind', key)} ({_parameters(units, value)})")
         elif value is not None and key != "kind" and key not in skip:
             texts.append(f"{key} {_shown(units, value, measure_of(field), getattr(table, 'gamma', 1.0))}")
     return ", ".join(texts)

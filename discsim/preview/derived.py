@@ -21,6 +21,7 @@ from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
 from discsim.parts import SCHEMES
 from discsim.physics import laws, profile, viscosity
 from discsim.physics.eos import eos_of
+from discsim.physics.grains import has_sizes, typical_size
 from discsim.physics.local import Local, longest_step, resolution
 from discsim.scene import Scene
 from discsim.scene.units import Units
@@ -148,7 +149,10 @@ def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
 def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     times = stopping_times(scene, at)
     for i, time in enumerate(times):
-        which = f" {i}" if len(times) > 1 else ""
+        which, dust = f" {i}" if len(times) > 1 else "", scene.dust[i]
+        if has_sizes(dust):
+            yield f"mean size of the grains{which}, by mass", scene.units.show(typical_size(dust), "length")
+            which += " of the mean size"
         yield f"stopping time{which}", _list(scene.units, time, "time")
         if at.omega is not None:
             yield f"Stokes number{which}", _plain(time * at.omega)

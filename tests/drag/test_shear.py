@@ -7,28 +7,10 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.effects import gas as gas_effect
 from discsim.exact import nsh
 
 ASPECT = 0.05
 INNER, OUTER = 0.85, 1.2
-
-
-@pytest.fixture
-def prescribed(monkeypatch):
-    """Gas of given density and sound speed, with the pressure force of Sigma ~ 1/r, c_s^2 ~ 1/r about a star."""
-
-    def accelerate(self, state):
-        gas = state.gas
-        gas.density[:], gas.sound_speed[:] = 1.0, 1.0
-        if self.scene.star is not None:
-            r = np.sqrt((gas.pos**2).sum(axis=1))
-            gas.density[:] = self.scene.initial.mass / (2 * np.pi * (OUTER - INNER) * r)
-            gas.sound_speed[:] = ASPECT / np.sqrt(r)
-            gas.acc += (2 * ASPECT**2 / r**3)[:, None] * gas.pos
-        gas.h[:] = self.scene.gas.eta * np.sqrt(gas.mass / gas.density)
-
-    monkeypatch.setattr(gas_effect.Effect, "accelerate", accelerate)
 
 
 def ring(ratio, stokes, scheme="tsc", particles=6000, dt=0.04, **drag):
