@@ -23,8 +23,8 @@ MOVED = 2.0  # CPU nanoseconds of a particle in a step
 
 
 class Sizes(Table):
-    """Grains of many sizes, n(s) ~ s^-index between two: as many particles in each of some bins of one width in ln s, or
-    each particle with a size of its own; their masses are those of the grains.
+    """Grains of many sizes, n(s) ~ s^-index: as many particles in each of some bins of one width in ln s, or each
+    particle with a size of its own; their masses follow.
     """
 
     smallest: Length = Field(gt=0, description="of the grains' radii")

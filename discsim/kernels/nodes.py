@@ -53,10 +53,10 @@ LEAST_INERTIA = 0.01  # over mass times side^2: the least for gas about a node t
 
 
 class Cells(NamedTuple):
-    """The cell of each block: its `corner` (n, 2), `side` (n,) and the node at its centre, `home` (n,). Each species in
-    it has a slot, `slot` (n, species), the gas that of the block's number, absent dust -1; `given` (slots, 9, FIELDS) is
-    what it gives to the nodes about, `own` (slots, 3, FIELDS) its own moments. `period` (2,): of space, inf where it is
-    open.
+    """The cell of each block: its `corner` (n, 2), `side` (n,) and the node at its centre, `home` (n,). Each species
+    in it has a slot, `slot` (n, species): the gas that of the block's number, absent dust -1. What it gives to the
+    nodes about is `given` (slots, 9, FIELDS), its own moments `own` (slots, 3, FIELDS). `period` (2,): of space, inf
+    where it is open.
     """
 
     corner: np.ndarray
