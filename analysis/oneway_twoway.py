@@ -1,12 +1,15 @@
-"""One-way against two-way drag: the dust of two runs side by side in radius and time.
+"""One-way against two-way drag: the dust of two or more runs side by side in radius and time.
 
-    python analysis/oneway_twoway.py DIR1 DIR2 [-o OUT]
+    python analysis/oneway_twoway.py DIR1 DIR2 [DIR ...] [-o OUT] [--within R,...] [--smooth W]
 
-Writes, into OUT or the present directory, oneway_twoway.png (log Sigma_dust of both runs in radius and time, and
-their ratio) and oneway_twoway.csv, and prints of both runs in time: the radii r10, r50 and r90 that hold a tenth, a
-half and nine tenths of the dust, its mass within three radii, and the place and height of the peak of its
-smoothed surface density. The two runs must have the same units; where their times differ the first is followed
-up to the end of the shorter.
+Writes, into OUT or the present directory, oneway_twoway.png (log Sigma_dust of all runs in radius and time, with the
+track of the ring, and of two runs their ratio) and oneway_twoway.csv, and prints of all in time: the radii r10, r50
+and r90 that hold a tenth, a half and nine tenths of the dust that is left; its mass within some radii, with what the
+star has taken (`--within`; else the three at the start of the first run); and the ring: place, height, width and
+contrast of the highest peak of its surface density, smoothed with a Gaussian of standard deviation W (`--smooth`; else
+two rings of 80). Width is that at half of the peak's height over the higher of its two feet, contrast the peak over
+that foot. Lengths are in au, or in code units. The runs must have the same units; where their times differ the first is
+followed up to the end of the shortest.
 """
 
 from __future__ import annotations
@@ -23,11 +26,13 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import peak_prominences, peak_widths
 
 from discsim.output.snapshot import Snapshot, SnapshotError, range_of_mass, read_snapshot
 
 QUANTILES = (0.1, 0.5, 0.9)
 RINGS, SMOOTHED = 80, 2.0  # rings of a profile; width of the smoothing, in rings
+FINE = 4  # rings in a given width of the smoothing, least
 
 
 class Fault(Exception):
@@ -46,70 +51,88 @@ def snapshots(directory: Path) -> list[Snapshot]:
 
 
 def quantile_radii(radius: np.ndarray, mass: np.ndarray) -> list[float]:
-    """The radii within which QUANTILES of the mass lie."""
+    """The radii within which QUANTILES of the mass lie; NaN where there is none."""
+    if len(mass) == 0:
+        return [float("nan")] * len(QUANTILES)
     order = np.argsort(radius)
     within = np.cumsum(mass[order])
     return [float(radius[order][np.searchsorted(within, q * within[-1])]) for q in QUANTILES]
 
 
-def peak(edges: np.ndarray, sigma: np.ndarray) -> tuple[float, float]:
-    """Radius and height of the largest smoothed surface density."""
-    k = int(smoothed(sigma).argmax())
-    return float(0.5 * (edges[k] + edges[k + 1])), float(smoothed(sigma)[k])
+def ring(edges: np.ndarray, sigma: np.ndarray, rings: float) -> list[float]:
+    """Place, height, width and contrast of the highest peak of a profile, smoothed over so many rings."""
+    profile, side = smoothed(sigma, rings), edges[1] - edges[0]
+    k = int(profile.argmax())
+    around = np.concatenate([[0.0], profile, [0.0]])  # a peak at the edge is one
+    if profile[k] <= 0.0:
+        return [float("nan")] * 4
+    prominences = peak_prominences(around, [k + 1])
+    foot = profile[k] - float(prominences[0][0])
+    width = float(peak_widths(around, [k + 1], 0.5, prominences)[0][0]) * side
+    return [float(edges[k] + 0.5 * side), float(profile[k]), width, float(profile[k] / foot) if foot > 0 else np.inf]
 
 
-def smoothed(sigma: np.ndarray) -> np.ndarray:
+def smoothed(sigma: np.ndarray, rings: float) -> np.ndarray:
     """Profiles (..., rings) over neighbouring rings: the particles of a quiet start lie on rings of their own."""
-    return gaussian_filter1d(sigma, SMOOTHED, mode="nearest", axis=-1)
+    return gaussian_filter1d(sigma, rings, mode="nearest", axis=-1)
 
 
-def rows_of(run: list[Snapshot], edges: np.ndarray, radii: np.ndarray) -> list[list[float]]:
-    """time, r10, r50, r90, masses within `radii`, peak radius, peak height of each snapshot, in code units."""
+def rows_of(run: list[Snapshot], edges: np.ndarray, radii: np.ndarray, rings: float) -> list[list[float]]:
+    """time, r10, r50, r90, masses within `radii`, and the ring, of each snapshot, in code units."""
     rows = []
     for snap in run:
         radius, mass = snap.dust.radius, snap.dust.mass
-        within = [float(mass[radius < r].sum()) for r in radii]
-        rows.append([snap.time, *quantile_radii(radius, mass), *within, *peak(edges, snap.dust.radial_profile(edges))])
+        taken = max(0.0, float(run[0].dust.mass.sum() - mass.sum()))
+        within = [taken + float(mass[radius < r].sum()) for r in radii]
+        found = ring(edges, snap.dust.radial_profile(edges), rings)
+        rows.append([snap.time, *quantile_radii(radius, mass), *within, *found])
     return rows
 
 
-def common(one: list[Snapshot], two: list[Snapshot]) -> tuple[list[Snapshot], list[Snapshot]]:
-    """The snapshots of both up to the shorter's end; of the second those nearest in time. Raises Fault."""
-    if vars(one[0].units) != vars(two[0].units):
-        raise Fault("the runs have different units; expected the same in both")
-    end = min(one[-1].time, two[-1].time) * (1 + 1e-9)
-    first = [snap for snap in one if snap.time <= end]
-    times = np.array([snap.time for snap in two])
-    return first, [two[int(np.abs(times - snap.time).argmin())] for snap in first]
+def common(runs: list[list[Snapshot]]) -> list[list[Snapshot]]:
+    """The snapshots of all up to the shortest's end; those nearest in time to the first's. Raises Fault."""
+    first = runs[0]
+    if any(vars(run[0].units) != vars(first[0].units) for run in runs):
+        raise Fault("the runs have different units; expected the same in all")
+    end = min(run[-1].time for run in runs) * (1 + 1e-9)
+    chosen = [[snap for snap in first if snap.time <= end]]
+    for run in runs[1:]:
+        times = np.array([snap.time for snap in run])
+        chosen.append([run[int(np.abs(times - snap.time).argmin())] for snap in chosen[0]])
+    return chosen
 
 
-def draw(names, times, edges, profiles, labels) -> Figure:
-    """Sigma_dust of both runs in radius and time, and the second over the first."""
-    figure = Figure(figsize=(15, 4.4), layout="constrained")
+def draw(names, times, edges, profiles, tracks, labels) -> Figure:
+    """Sigma_dust of all runs in radius and time, and of two the second over the first."""
+    ratio = len(names) == 2
+    figure = Figure(figsize=(5 * (len(names) + ratio), 4.4), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(1, 3, sharey=True)
+    axes = figure.subplots(1, len(names) + ratio, sharey=True, squeeze=False)[0]
     norm = LogNorm(*range_of_mass(np.concatenate(profiles)), clip=True)
-    for ax, name, sigma in zip(axes, names, profiles, strict=False):
-        image = ax.pcolormesh(edges, times, np.maximum(sigma, norm.vmin), norm=norm, cmap="inferno", rasterized=True)
+    between = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
+    for ax, name, sigma, track in zip(axes, names, profiles, tracks, strict=False):
+        image = ax.pcolormesh(edges, between, np.maximum(sigma, norm.vmin), norm=norm, cmap="inferno", rasterized=True)
+        ax.plot(track, times, color="c", lw=0.8, ls=":")
         ax.set_title(name)
-    figure.colorbar(image, ax=axes[1], label=labels[2])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        there = np.minimum(*profiles) > 1e-3 * np.max(profiles[0])
-        ratio = np.where(there, profiles[1] / profiles[0], np.nan)
-    image = axes[2].pcolormesh(
-        edges, times, ratio, norm=LogNorm(0.5, 2, clip=True), cmap="RdBu_r", rasterized=True
-    )  # fmt: skip
-    axes[2].set_title(f"{names[1]} / {names[0]}")
-    figure.colorbar(image, ax=axes[2])
+    figure.colorbar(image, ax=axes[len(names) - 1], label=labels[2])
+    if ratio:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            there = np.minimum(*profiles) > 1e-3 * np.max(profiles[0])
+            over = np.where(there, profiles[1] / profiles[0], np.nan)
+        norm = LogNorm(0.5, 2, clip=True)
+        image = axes[2].pcolormesh(edges, between, over, norm=norm, cmap="RdBu_r", rasterized=True)
+        axes[2].set_title(f"{names[1]} / {names[0]}")
+        figure.colorbar(image, ax=axes[2])
     for ax in axes:
         ax.set_xlabel(labels[0])
     axes[0].set_ylabel(labels[1])
     return figure
 
 
-def compare(first: Path, second: Path, out: Path) -> Table:
-    one, two = common(snapshots(first), snapshots(second))
-    names = [first.resolve().name, second.resolve().name]
+def compare(directories: list[Path], out: Path, within: list[float], width: float | None) -> Table:
+    """Write figure and table of the runs; returns the table. `within` and `width` in au, or code units."""
+    runs = common([snapshots(directory) for directory in directories])
+    one, names = runs[0], [directory.resolve().name for directory in directories]
     physical = one[0].units.system != "code"
     quantity = one[0].units.quantity
 
@@ -119,47 +142,64 @@ def compare(first: Path, second: Path, out: Path) -> Table:
     length, time, density = factor("length", "au"), factor("time", "yr"), factor("surface_density", "g/cm2")
     mass = factor("mass", "Mearth")
     start = one[0].dust.radius
-    radii = np.array(quantile_radii(start, one[0].dust.mass))
-    edges = np.linspace(0, 1.1 * float(np.quantile(start, 0.999)), RINGS + 1)
-    scale = np.array([time, *[length] * 3, *[mass] * 3, length, density])
+    radii = np.array(within) / length if within else np.array(quantile_radii(start, one[0].dust.mass))
+    reach = 1.1 * float(np.quantile(start, 0.999))
+    number = RINGS if width is None else max(RINGS, int(np.ceil(FINE * reach * length / width)))
+    edges = np.linspace(0, reach, number + 1)
+    rings = SMOOTHED if width is None else width / length / (edges[1] - edges[0])
+    scale = np.array([time, *[length] * 3, *[mass] * len(radii), length, density, length, 1.0])
     unit = {"t": " [yr]", "r": " [au]", "M": " [Mearth]", "S": " [g/cm2]"} if physical else dict.fromkeys("trMS", "")
     columns = [f"time{unit['t']}"]
     columns += [f"r{100 * q:.0f}{unit['r']}" for q in QUANTILES]
     columns += [f"M(<{length * r:.3g}){unit['M']}" for r in radii]
-    columns += [f"peak at{unit['r']}", f"peak{unit['S']}"]
+    columns += [f"peak at{unit['r']}", f"peak{unit['S']}", f"width{unit['r']}", "contrast"]
     out.mkdir(parents=True, exist_ok=True)
     table = Table("run", *columns)
+    found = [[scale * np.array(row) for row in rows_of(run, edges, radii, rings)] for run in runs]
     with (out / "oneway_twoway.csv").open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(["run", *columns])
-        for a, b in zip(rows_of(one, edges, radii), rows_of(two, edges, radii), strict=True):
-            for name, row in zip(names, (a, b), strict=True):
-                values = [f"{value:.5g}" for value in scale * np.array(row)]
+        for rows in zip(*found, strict=True):
+            for name, row in zip(names, rows, strict=True):
+                values = [f"{value:.5g}" for value in row]
                 writer.writerow([name, *values])
                 table.add_row(name, *values)
-    profiles = [density * smoothed(np.array([s.dust.radial_profile(edges) for s in run])) for run in (one, two)]
+    profiles = [density * smoothed(np.array([s.dust.radial_profile(edges) for s in run]), rings) for run in runs]
     times = time * np.array([snap.time for snap in one])
-    between = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
     labels = ["r [au]", "t [yr]", r"$\Sigma_d$ [g cm$^{-2}$]"] if physical else ["r", "t", r"$\Sigma_d$"]
-    draw(names, between, length * edges, profiles, labels).savefig(out / "oneway_twoway.png", dpi=110)
+    tracks = [np.array(rows)[:, columns.index(f"peak at{unit['r']}")] for rows in found]
+    draw(names, times, length * edges, profiles, tracks, labels).savefig(out / "oneway_twoway.png", dpi=110)
     return table
+
+
+def lengths(text: str) -> list[float]:
+    """Positive numbers between commas."""
+    found = [float(part) for part in text.split(",")]
+    if not all(0.0 < value < np.inf for value in found):
+        raise argparse.ArgumentTypeError(f"{text}: expected lengths above 0")
+    return found
+
+
+def length(text: str) -> float:
+    return lengths(text)[0]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("first", type=Path, metavar="DIR1", help="output directory of a run, one-way say")
-    parser.add_argument("second", type=Path, metavar="DIR2", help="of the run to hold against it")
+    parser.add_argument("runs", type=Path, nargs="+", metavar="DIR", help="output directories of runs, two or more")
     parser.add_argument(
         "-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write; default: here"
     )
+    parser.add_argument("--within", type=lengths, default=[], metavar="R,...", help="radii whose masses are shown")
+    parser.add_argument("--smooth", type=length, metavar="W", help="standard deviation of the profiles' smoothing")
     given = parser.parse_args(arguments)
     try:
-        table = compare(given.first, given.second, given.output)
+        table = compare(given.runs, given.output, given.within, given.smooth)
     except (Fault, SnapshotError, OSError) as error:
         print(f"oneway_twoway: {error}", file=sys.stderr)
         return 2
-    Console(width=170).print(table)
+    Console(width=200).print(table)
     return 0
 
 
