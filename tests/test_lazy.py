@@ -16,6 +16,14 @@ assert run_scene(load_scene(sys.argv[1], [], sys.argv[3:]), Path(sys.argv[2]), q
 print(json.dumps(list(sys.modules)))
 """
 
+START = """
+import json, sys
+from discsim import Simulation, load_scene
+import discsim.run.runner
+Simulation(load_scene(sys.argv[1], [], sys.argv[2:]))
+print(json.dumps(list(sys.modules)))
+"""
+
 COMMAND = """
 import json, sys
 from discsim.cli import app
@@ -126,6 +134,14 @@ def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, withou
     found = modules(RUN, path, tmp_path / "out", *without)
     assert there <= found
     assert not absent & found
+
+
+def test_a_start_waits_for_nothing_that_it_does_not_need(path):
+    path.write_text(DISC)
+    found = modules(START, path, "self_gravity")
+    assert "numba" in found
+    unneeded = {"matplotlib", "discsim.output.figure", "scipy.interpolate", "scipy.ndimage", "scipy.spatial"}
+    assert not (unneeded | GRAVITY) & found
 
 
 @pytest.mark.parametrize("arguments", [["check"], ["effects"], ["--help"]])

@@ -172,6 +172,7 @@ class Effect(base.Effect):
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
         self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
         self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
+        self._kicked = (-1, 0.0)  # step and time of the last kick
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -214,6 +215,7 @@ class Effect(base.Effect):
 
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way
+        self._kicked = state.step, state.time
         before = copied(gas.vel)
         heat = np.zeros(gas.count if self.drag.heating else 0)
         if gas.count > 0 and dust.count > 0:
@@ -241,8 +243,13 @@ class Effect(base.Effect):
             gas.vel[gas.immobile] = before[gas.immobile]
 
     def current_stopping_times(self, state: State) -> np.ndarray:
-        """Stopping times of the dust where it is now (n,), inf where it has no gas; changes no velocity."""
+        """Stopping times of the dust where it is now (n,), inf where it has no gas; changes no velocity.
+
+        Those of the last kick, where nothing has moved since, and they do not depend on the velocities that it changed.
+        """
         gas, dust = state.gas, state.dust
+        if self._kicked == (state.step, state.time) and not self.law.nonlinear:
+            return self.stopping_times
         if gas.count == 0 or dust.count == 0:
             return np.full(dust.count, np.inf)
         vel, dust.vel = dust.vel, dust.vel.copy()

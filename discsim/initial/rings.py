@@ -102,7 +102,8 @@ def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
     stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
     nodes = np.linspace(start.inner, start.outer, 10)
     moved = angle.copy()
+    ring, of = np.unique(radius, return_inverse=True)
     for m in range(2, 7):
-        phase = make_interp_spline(nodes, 2.0 * np.pi * stream.random(len(nodes)), k=3)(radius)
+        phase = make_interp_spline(nodes, 2.0 * np.pi * stream.random(len(nodes)), k=3)(ring)[of]
         moved -= start.perturbation / m * np.sin(m * angle + phase)
     return moved

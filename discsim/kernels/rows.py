@@ -15,8 +15,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing.templates import ConcreteTemplate, infer_global
-from numba.extending import intrinsic, lower_builtin, models, overload, register_model
+from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global
+from numba.extending import lower_builtin, models, register_model
 
 LANES = 4
 
@@ -59,58 +59,46 @@ def _place(context, builder, kind, array, at):
     return builder.bitcast(builder.gep(data, [at]), VECTOR.as_pointer())
 
 
-@intrinsic
-def _load(context, array, at):
-    def build(context, builder, signature, arguments):
-        # An array begins where a number may; a row need not begin where a vector would.
-        return builder.load(_place(context, builder, signature.args[0], *arguments), align=8)
-
-    return row_type(array, types.intp), build
+def _loads(context, builder, signature, arguments):
+    # An array begins where a number may; a row need not begin where a vector would.
+    return builder.load(_place(context, builder, signature.args[0], *arguments), align=8)
 
 
-@intrinsic
-def _store(context, array, at, row):
-    def build(context, builder, signature, arguments):
-        builder.store(arguments[2], _place(context, builder, signature.args[0], *arguments[:2]), align=8)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, row_type), build
+def _stores(context, builder, signature, arguments):
+    builder.store(arguments[2], _place(context, builder, signature.args[0], *arguments[:2]), align=8)
+    return context.get_dummy_value()
 
 
-@intrinsic
-def _lane(context, row, k):
-    def build(context, builder, signature, arguments):
-        return builder.extract_element(*arguments)
-
-    return types.float64(row_type, types.intp), build
+def _takes(context, builder, signature, arguments):
+    return builder.extract_element(*arguments)
 
 
-@intrinsic
-def _empty_row(context):
-    def build(context, builder, signature, arguments):
-        return ir.Constant(VECTOR, [0.0] * LANES)
-
-    return row_type(), build
+def _zeros(context, builder, signature, arguments):
+    return ir.Constant(VECTOR, [0.0] * LANES)
 
 
-@overload(load, inline="always")
-def _compiled_load(array, at):
-    return lambda array, at: _load(array, at)  # type: ignore[call-arg]
+def compile_as(function, build, returned, *given):
+    """Let compiled code call `function` of arguments of the types `given` (types.Array: any) by what `build` emits.
+
+    A function that numba inlines would cost every kernel seconds: each call of it is inferred anew.
+    """
+
+    class Typed(AbstractTemplate):
+        key = function
+
+        def generic(self, args, kws):
+            if kws or len(args) != len(given):
+                return None
+            return returned(*(arg if kind is types.Array else kind for arg, kind in zip(args, given, strict=True)))
+
+    infer_global(function)(Typed)
+    lower_builtin(function, *given)(build)
 
 
-@overload(store, inline="always")
-def _compiled_store(array, at, row):
-    return lambda array, at, row: _store(array, at, row)  # type: ignore[call-arg]
-
-
-@overload(lane, inline="always")
-def _compiled_lane(row, k):
-    return lambda row, k: _lane(row, k)  # type: ignore[call-arg]
-
-
-@overload(empty_row, inline="always")
-def _compiled_empty_row():
-    return lambda: _empty_row()  # type: ignore[call-arg]
+compile_as(load, _loads, row_type, types.Array, types.intp)
+compile_as(store, _stores, types.void, types.Array, types.intp, row_type)
+compile_as(lane, _takes, types.float64, row_type, types.intp)
+compile_as(empty_row, _zeros, row_type)
 
 
 @infer_global(operator.add)

@@ -170,7 +170,8 @@ def _map(
             mark, size = ("*", 11) if number == 0 else ("o", 6)
             x, y = length * bodies[number]
             axes.plot(x, y, marker=mark, color="white", markeredgecolor="black", markersize=size)
-    axes.set(title=kind, xlabel=f"x{length_unit}", ylabel=f"y{length_unit}")
+    axes.set_title(kind, y=1.0)  # there: to look for room above takes longer than to draw the labels
+    axes.set(xlabel=f"x{length_unit}", ylabel=f"y{length_unit}")
     beside = axes.inset_axes((1.0 + _BAR[0] / _MAP, 0.0, _BAR[1] / _MAP, 1.0))
     figure.colorbar(image, cax=beside, label=rf"$\Sigma_\mathrm{{{kind}}}${density_unit}")
 

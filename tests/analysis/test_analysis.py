@@ -5,11 +5,12 @@ import csv
 import numpy as np
 import pytest
 import surface_density
+from scipy.ndimage import gaussian_filter
 
 from discsim.exact import dustywave, riemann
 from discsim.numerics.state import Dust, Gas
 from discsim.output.figure import last_state_figure
-from discsim.output.snapshot import SnapshotError, range_of_mass, read_snapshot, write_snapshot
+from discsim.output.snapshot import _REACH, SnapshotError, _gaussians, range_of_mass, read_snapshot, write_snapshot
 from discsim.scene import load_scene
 
 DISC = {
@@ -140,6 +141,19 @@ def test_map_of_a_single_particle(tmp_path):
     sigma = dust.surface_density_map(np.array([-10.0, -10.0]), np.array([10.0, 10.0]), 20)
     assert sigma.sum() == pytest.approx(2.0)
     assert np.unravel_index(sigma.argmax(), sigma.shape) == (13, 3)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 7.3])
+def test_gaussians_one_by_one_are_those_of_the_filter(sigma):
+    """Cut at as many pixels, and open at the edges; to the rounding of sums of five numbers below 1."""
+    rng = np.random.default_rng(5)
+    shape, mass = (40, 23), rng.random(5)
+    cell = rng.integers(0, shape, (5, 2))
+    cell[1] = cell[0]  # two in one pixel
+    deposit = np.zeros(shape)
+    np.add.at(deposit, tuple(cell.T), mass)
+    expected = gaussian_filter(deposit, sigma, mode="constant", truncate=_REACH)
+    np.testing.assert_allclose(_gaussians(cell, mass, sigma, shape), expected, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("kinds", [("gas", "dust"), ("gas",), ("dust",)])

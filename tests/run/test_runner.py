@@ -205,6 +205,35 @@ def test_looking_changes_no_bit(tmp_path, name):
     assert state_bits(blind) == state_bits(watched)
 
 
+@pytest.mark.parametrize("changes", [[], ["drag.direction=one-way"], ["drag.scheme=idic-linear"]])
+def test_stopping_times_of_a_snapshot_are_those_of_its_closing_kick(tmp_path, monkeypatch, changes):
+    """To the bit what they are when the drag is made anew there, which a snapshot then need not do."""
+    sim = Simulation(scene_of(tmp_path, DISC, *changes))
+    sim.evolve(sim.scene.run.until, lambda: sim.state.step == 2)
+    drag = sim.effects["drag"]
+    with sim.synchronised() as state:
+        kicked = drag._kicked
+        drag._kicked = (-1, 0.0)
+        anew, uncoupled = drag.current_stopping_times(state), drag.uncoupled
+    with sim.synchronised() as state, monkeypatch.context() as patch:
+        assert drag._kicked == kicked == (2, state.time)
+        patch.setattr(drag, "_relax", None)
+        np.testing.assert_array_equal(drag.current_stopping_times(state), anew)
+        assert drag.uncoupled == uncoupled
+
+
+def test_stopping_times_that_depend_on_the_slip_are_made_anew(tmp_path, monkeypatch):
+    """A kick changes the slip that its own were of."""
+    sim = Simulation(scene_of(tmp_path, DISC))
+    sim.evolve(sim.scene.run.until, lambda: sim.state.step == 1)
+    drag, made = sim.effects["drag"], []
+    monkeypatch.setattr(drag.law, "nonlinear", True)
+    monkeypatch.setattr(drag, "_relax", lambda *given: made.append(given))
+    drag._kicked = sim.state.step, sim.state.time
+    drag.current_stopping_times(sim.state)
+    assert len(made) == 1
+
+
 @pytest.mark.parametrize("name, step", [("disc", 3), ("disc", 18), ("shock", 7), ("shock", 40), ("wave", 5)])
 def test_stopped_and_resumed(tmp_path, monkeypatch, name, step, capsys):
     # The gas is reordered in memory at steps 1, 17, ...: some stops are before one, some after.
