@@ -125,21 +125,22 @@ def test_published_tables():
 
 
 def test_a_ring_spreads_as_lynden_bell_and_pringle_have_it():
-    """alpha = .05 and H/r = .05 from tau = .016 to .3, 40,000 particles: the mass in other rings than the exact one's.
+    """alpha = .05 and H/r = .05 from tau = .016 to .3, 20,000 particles: the mass in other rings than the exact one's.
 
-    .036, .021, .036, .050 and .062 were seen: 2 to 4% of pressure, which the exact ring has not, and noise, and within
-    twice the accretion radius of .2 what the star takes, where the exact ring goes on to the centre.
+    .040, .032, .031, .032 and .036 were seen. By the equation of a viscous disc with pressure and an end at the star's
+    accretion radius of .1 it is .023, .018, .015, .014 and .014, nearly all of it pressure's, which the exact ring has
+    not; to .2 the end would take .011 more. The rest is noise where the ring is thin: the kernel is the quietest.
     """
     scene = {
         "units": {"system": "code"}, "run": {"until": 200.0, "courant": 0.5}, "space": {"size": 5.0},
         "initial": {"kind": "viscous-ring", "radius": 1.0, "mass": 1e-6},
         "gas": {
-            "particles": 40_000,
+            "particles": 20_000, "kernel": "wendland-c4", "eta": 2.2,
             "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05, "temperature_index": 1.0},
         },
-        "star": {"mass": 1.0, "accretion_radius": 0.2}, "alpha_viscosity": {"alpha": 0.05, "index": -0.5},
+        "star": {"mass": 1.0, "accretion_radius": 0.1}, "alpha_viscosity": {"alpha": 0.05, "index": -0.5},
     }  # fmt: skip
     sim = Simulation(scene)
-    for tau, most in ((0.1, 0.05), (0.15, 0.05), (0.2, 0.05), (0.25, 0.055), (0.3, 0.07)):
+    for tau in (0.1, 0.15, 0.2, 0.25, 0.3):
         sim.run((tau - 0.016) / (12.0 * 0.05 * 0.05**2))
-        assert measure_of(sim.scene).errors(sim)["gas"] < most
+        assert measure_of(sim.scene).errors(sim)["gas"] < 0.05
