@@ -148,7 +148,7 @@ def test_a_ring_spreads_as_lynden_bell_and_pringle_have_it():
 
 
 def test_a_steady_disc_carries_one_rate():
-    """alpha = .1 and H/r = .1, fed and drained by zones: the rates through five annuli of the middle half, orbits 3 to 20.
+    """alpha = .1 and H/r = .1, fed and drained by zones: rates through five annuli of the middle half, orbits 3 to 20.
 
     What has crossed a radius, meant over each annulus; .93, .89, .87, .91 and .95 of the rate of the start were seen,
     5% about their mean. The zone has to be short: in one of rate R a flow is what is asked for but for 1 in
