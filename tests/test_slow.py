@@ -1,6 +1,7 @@
 """Physics at full size, minutes to an hour each: `pytest -m slow`."""
 
 from importlib import import_module as script
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -125,21 +126,55 @@ def test_published_tables():
 
 
 def test_a_ring_spreads_as_lynden_bell_and_pringle_have_it():
-    """alpha = .05 and H/r = .05 from tau = .016 to .3, 40,000 particles: the mass in other rings than the exact one's.
+    """alpha = .05 and H/r = .05 from tau = .016 to .3, 20,000 particles: the mass in other rings than the exact one's.
 
-    .036, .021, .036, .050 and .062 were seen: 2 to 4% of pressure, which the exact ring has not, and noise, and within
-    twice the accretion radius of .2 what the star takes, where the exact ring goes on to the centre.
+    .040, .032, .031, .032 and .036 were seen. By the equation of a viscous disc with pressure and an end at the star's
+    accretion radius of .1 it is .023, .018, .015, .014 and .014, nearly all of it pressure's, which the exact ring has
+    not; to .2 the end would take .011 more. The rest is noise where the ring is thin: the kernel is the quietest.
     """
     scene = {
         "units": {"system": "code"}, "run": {"until": 200.0, "courant": 0.5}, "space": {"size": 5.0},
         "initial": {"kind": "viscous-ring", "radius": 1.0, "mass": 1e-6},
         "gas": {
-            "particles": 40_000,
+            "particles": 20_000, "kernel": "wendland-c4", "eta": 2.2,
             "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05, "temperature_index": 1.0},
         },
-        "star": {"mass": 1.0, "accretion_radius": 0.2}, "alpha_viscosity": {"alpha": 0.05, "index": -0.5},
+        "star": {"mass": 1.0, "accretion_radius": 0.1}, "alpha_viscosity": {"alpha": 0.05, "index": -0.5},
     }  # fmt: skip
     sim = Simulation(scene)
-    for tau, most in ((0.1, 0.05), (0.15, 0.05), (0.2, 0.05), (0.25, 0.055), (0.3, 0.07)):
+    for tau in (0.1, 0.15, 0.2, 0.25, 0.3):
         sim.run((tau - 0.016) / (12.0 * 0.05 * 0.05**2))
-        assert measure_of(sim.scene).errors(sim)["gas"] < most
+        assert measure_of(sim.scene).errors(sim)["gas"] < 0.05
+
+
+def test_a_steady_disc_carries_one_rate():
+    """alpha = .1 and H/r = .1, fed and drained by zones: rates through five annuli of the middle half, orbits 3 to 20.
+
+    What has crossed a radius, meant over each annulus; .93, .89, .87, .91 and .95 of the rate of the start were seen,
+    5% about their mean. The zone has to be short: in one of rate R a flow is what is asked for but for 1 in
+    (R / Omega)^2, and an edge out of balance moves by 1 / R of that.
+    """
+    rate = 1e-9
+    scene = {
+        "units": {"system": "code"}, "run": {"until": 1e3, "courant": 0.5}, "space": {"size": 7.2},
+        "initial": {"kind": "steady", "accretion_rate": rate, "inner": 0.4, "outer": 3.0, "inner_taper": 0.1,
+                    "outer_taper": 0.3},
+        "gas": {
+            "particles": 10_000, "kernel": "wendland-c4", "eta": 2.5,
+            "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1, "temperature_index": 1.0},
+        },
+        "star": {"mass": 1.0, "accretion_radius": 0.24}, "alpha_viscosity": {"alpha": 0.1},
+        "damping": {"inner": [0.4, 0.8], "outer": [2.2, 3.0], "time": 5e-4},
+    }  # fmt: skip
+    sim = Simulation(scene)
+    edges = np.linspace(1.05, 2.35, 6)
+    orbits = np.arange(3.0, 20.1, 0.5)
+    within = []
+    for orbit in orbits:
+        sim.run(2.0 * np.pi * orbit)
+        r = np.sqrt((sim.gas.pos**2).sum(axis=1))
+        shares = [np.clip((outer - r) / (outer - inner), 0.0, 1.0) for inner, outer in pairwise(edges)]
+        within.append([sim.state.ledger.accreted_gas + sim.gas.mass @ share for share in shares])
+    rates = np.polyfit(2.0 * np.pi * orbits, np.array(within) / rate, 1)[0]
+    np.testing.assert_allclose(rates / rates.mean(), 1.0, atol=0.1)
+    assert rates.mean() == pytest.approx(1.0, abs=0.15)

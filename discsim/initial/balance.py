@@ -21,14 +21,16 @@ from discsim.initial import start_of
 from discsim.parts import Lazy
 from discsim.physics import profile, radiation
 from discsim.physics.grains import has_sizes, sizes_of, typical_size
-from discsim.scene.fields import Default, Table
+from discsim.scene.fields import Default, Orbits, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
     from discsim.scene import Scene
+    from discsim.scene.rules import Draft, Problem
 
 companions = Lazy("discsim.physics.companions")
 viscosity = Lazy("discsim.physics.viscosity")
+MOST_ORBITS = 1000.0  # of a start that settles
 SLOW = 1.0  # of the sound speed, that a viscous flow is at most
 Array = np.ndarray
 KINDS = 32  # of grains, where each has a size of its own: enough for the sums over them
@@ -43,6 +45,24 @@ class Settled(Table):
     ] = Field(
         None, description='circles about the centre, or "drift": the steady drift of all populations with the gas'
     )
+    relax: Orbits = Field(
+        0.0,
+        ge=0,
+        le=MOST_ORBITS,
+        description="orbits at reference_radius before t = 0, in which the gas settles under damping",
+    )
+
+
+def relaxes_gas(draft: Draft) -> Iterator[Problem]:
+    """What [initial] relax needs."""
+    if draft.initial.relax == 0.0:
+        return
+    for table, why in (("gas", "there is no gas to settle"), ("star", "it counts orbits about a star")):
+        if not draft.has(table):
+            yield ("initial", "relax"), f"{why}; expected a table [{table}] too, or no relax"
+    if getattr(draft.initial, "perturbation", 0.0) > 0.0:
+        wrong = "initial.perturbation is there too, which rings that settle would even out"
+        yield ("initial", "relax"), f"{wrong}; expected one of the two"
 
 
 class Balance:
@@ -85,6 +105,14 @@ class Balance:
             if name == "gas" and scene.table("alpha_viscosity") is not None:
                 radial = radial + viscous_flow(scene, disc, r)
         return radial, keplerian + lag
+
+    def alone(self, pos: Array) -> tuple[Array, Array]:
+        """`velocities` of gas that no dust drags."""
+        drifts, self.drifts = self.drifts, False
+        try:
+            return self.velocities("gas", pos, None)
+        finally:
+            self.drifts = drifts
 
     def _drift(
         self, disc: profile.Radial, species: Array | None, r: Array, omega: Array, headwind: Array, size: Array | None
@@ -141,6 +169,8 @@ def settle(state: State, effects: dict[str, Any]) -> None:
 
 def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
     """Radial velocity (n,) of the gas that its viscosity moves; at an edge, where it has no limit, SLOW c_s at most."""
+    if disc.inflow is not None:
+        return disc.inflow(r)
     with np.errstate(divide="ignore", invalid="ignore"):
         flow = viscosity.radial_flow(scene, r, disc.surface_density)
     most = SLOW * profile.sound_speed(scene, r, disc.surface_density(r))

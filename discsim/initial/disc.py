@@ -167,7 +167,15 @@ START = Start(
     settle=balance.settle,
     dimensions=(2,),
     boundary="open",
-    rules=(has_edges_in_space, has_finite_powers, has_one_mass, needs_a_centre, has_a_q, has_dust_within),
+    rules=(
+        has_edges_in_space,
+        has_finite_powers,
+        has_one_mass,
+        needs_a_centre,
+        has_a_q,
+        has_dust_within,
+        balance.relaxes_gas,
+    ),
     kernel="quintic",  # quieter for its cost (analysis/noise.py)
     masses=rings.mass,
     spread=spread,

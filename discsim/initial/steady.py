@@ -1,7 +1,8 @@
 """steady: a disc that a viscosity lets fall onto the star everywhere at one rate, Sigma = Mdot / (3 pi nu(r)).
 
 It turns in balance (`balance.py`) and falls with v_r = -3 nu / (2 r) (Lynden-Bell & Pringle 1974). Tapers of its
-edges are those of a disc; where Sigma has them it is not steady.
+edges are those of a disc; where Sigma has them it is not steady, but falls as it does elsewhere: with [damping] over
+them the outer one feeds the disc, and the inner one drains it.
 """
 
 from __future__ import annotations
@@ -58,7 +59,10 @@ def radial(scene: Scene) -> profile.Radial:
     def surface_density(r: Array) -> Array:
         return profile.tapered(start, r, rate / (3.0 * np.pi * viscosity.diffusivity(scene, r)))
 
-    return profile.of_density(scene, start.inner, start.outer, surface_density)
+    def inflow(r: Array) -> Array:
+        return np.asarray(-1.5 * viscosity.diffusivity(scene, r) / r)
+
+    return profile.of_density(scene, start.inner, start.outer, surface_density, inflow)
 
 
 def reference_density(scene: Scene) -> float:
@@ -91,7 +95,14 @@ START = Start(
     dimensions=(2,),
     boundary="open",
     eos=("isothermal", "locally-isothermal", "adiabatic"),
-    rules=(needs_a_viscosity, disc.has_edges_in_space, disc.has_dust_within, _one_scale, _viscous_everywhere),
+    rules=(
+        needs_a_viscosity,
+        disc.has_edges_in_space,
+        disc.has_dust_within,
+        _one_scale,
+        _viscous_everywhere,
+        balance.relaxes_gas,
+    ),
     kernel="quintic",
     masses=rings.mass,
     spread=disc.spread,

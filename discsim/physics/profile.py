@@ -30,7 +30,8 @@ class Radial:
     """A disc as functions of radii (n,), in code units: of it starts make particles, and balance its velocities.
 
     surface_density: of the gas. pressure_acceleration: -(1/Sigma) dP/dr. mass_within: of the gas between the first of
-    rising radii and each. dust_share: what multiplies the ratio of each population (None: 1).
+    rising radii and each. dust_share: what multiplies the ratio of each population (None: 1). inflow: radial velocity
+    that its viscosity gives it (None: what follows from Sigma).
     """
 
     inner: float
@@ -39,6 +40,7 @@ class Radial:
     pressure_acceleration: Callable[[Array], Array]
     mass_within: Callable[[Array], Array]
     dust_share: Callable[[Array], Array] | None = None
+    inflow: Callable[[Array], Array] | None = None
 
 
 def radial(scene: Scene) -> Radial:
@@ -47,7 +49,13 @@ def radial(scene: Scene) -> Radial:
     return found
 
 
-def of_density(scene: Scene, inner: float, outer: float, surface_density: Callable[[Array], Array]) -> Radial:
+def of_density(
+    scene: Scene,
+    inner: float,
+    outer: float,
+    surface_density: Callable[[Array], Array],
+    inflow: Callable[[Array], Array] | None = None,
+) -> Radial:
     """The disc of any Sigma(r), with the temperature of gas.eos; where Sigma falls within less than H, as if it fell
     over H.
     """
@@ -61,7 +69,10 @@ def of_density(scene: Scene, inner: float, outer: float, surface_density: Callab
             slope = np.clip(np.nan_to_num(-0.5 * rise / (SLOPE * sigma), nan=0.0), -steepest, steepest)
         return (slope + eos_of(scene).temperature_slope(scene.gas.eos)) * speed2 / r
 
-    return Radial(inner, outer, surface_density, pressure_acceleration, lambda r: integral(r, surface_density(r)))
+    def mass_within(r: Array) -> Array:
+        return integral(r, surface_density(r))
+
+    return Radial(inner, outer, surface_density, pressure_acceleration, mass_within, inflow=inflow)
 
 
 def shape(start: Any, r: Array) -> Array:

@@ -37,6 +37,8 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
         return
     yield "steps, about", f"{float(f'{expected.steps:.2g}'):.0f}"
     yield "CPU time of a step, about", f"{expected.step_seconds:.2g} s"
+    if expected.relaxation > 0.0:
+        yield "CPU time before t = 0, about", clock(expected.relaxation)
     yield "CPU time of the run, about", clock(expected.seconds)
     known = len(known_runs())
     runs = f"the last {known} long runs" if known > 1 else "the last long run"

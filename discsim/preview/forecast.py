@@ -34,15 +34,16 @@ KEPT, OTHERS = 7, 50  # runs that are kept of this machine, and of others that s
 
 
 class Forecast(NamedTuple):
-    """Steps of a run, CPU seconds of one, and bytes."""
+    """Steps of a run, CPU seconds of one, bytes, and CPU seconds in which the start settles before t = 0."""
 
     steps: float
     step_seconds: float
     memory: float
+    relaxation: float = 0.0
 
     @property
     def seconds(self) -> float:
-        return self.steps * self.step_seconds
+        return self.steps * self.step_seconds + self.relaxation
 
 
 def forecast(scene: Scene) -> Forecast | None:
@@ -60,7 +61,9 @@ def forecast(scene: Scene) -> Forecast | None:
         memory += grid_bytes(scene, found[1])
     counts = Counts(gas, dust, math.prod(found[1]) if found is not None else 0)
     nanoseconds = sum(effect.nanoseconds(scene, counts) for effect in effect_classes(scene).values())
-    return Forecast(steps, 1e-9 * nanoseconds * slowness(), memory)
+    relaxing = _steps_of_relaxation(scene) * effect_classes(scene)["gas"].nanoseconds(scene, counts) if gas else 0.0
+    second = 1e-9 * slowness()
+    return Forecast(steps, second * nanoseconds, memory, second * relaxing)
 
 
 def _steps(scene: Scene) -> float | None:
@@ -74,6 +77,15 @@ def _steps(scene: Scene) -> float | None:
     if scene.star and start.edges is not None:
         return run.until / run.courant * float(profile.kepler_omega(scene, start.edges(scene)[0]))
     return None
+
+
+def _steps_of_relaxation(scene: Scene) -> float:
+    """Steps before t = 0, in which rings of gas settle (`run/relaxation.py`)."""
+    orbits, step = getattr(scene.initial, "relax", 0.0), local(scene).step
+    if orbits == 0.0 or step is None:
+        return 0.0
+    orbit = 2.0 * math.pi / float(profile.kepler_omega(scene, scene.initial.reference_radius))
+    return orbits * orbit / (scene.run.courant * SHRINK * float(step.min()))
 
 
 def _store() -> Path:

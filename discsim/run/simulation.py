@@ -32,6 +32,7 @@ from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import Limits, PhysicsError, acceleration_of
 from discsim.run.operators import Operators
+from discsim.run.relaxation import Relaxed, relax
 from discsim.run.timestep import next_step
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.differences import refuse_another
@@ -44,10 +45,17 @@ class Simulation:
     """A scene in motion.
 
     scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
-    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]), Quantities or in code units. Raises SceneError.
+    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]), Quantities or in code units. to_restore: its state will be
+    that of a checkpoint (`restore`), so that the start need not settle before t = 0. Raises SceneError.
     """
 
-    def __init__(self, scene: Scene | str | Path | dict[str, Any], particles: dict[str, dict[str, Any]] | None = None):
+    def __init__(
+        self,
+        scene: Scene | str | Path | dict[str, Any],
+        particles: dict[str, dict[str, Any]] | None = None,
+        *,
+        to_restore: bool = False,
+    ):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
         given = None if particles is None else own.read(scene, particles)
@@ -67,6 +75,9 @@ class Simulation:
                     settle(self.state, effects)
             for effect in effects.values():
                 effect.begin(self.state, effects)
+            self.relaxed: Relaxed | None = None
+            if particles is None and not to_restore:
+                self.relaxed = relax(self.state, effects)
             enter_frame(self.state, with_particles=particles is None)
         except ValueError as error:
             raise SceneError([str(error)]) from error

@@ -158,6 +158,18 @@ def _seconds(value: Any) -> Any:
         raise fault(str(error)) from error
 
 
+def _orbits(value: Any) -> Any:
+    if not isinstance(value, str):
+        return number(value)
+    words = value.split()
+    try:
+        if len(words) != 2 or words[1] not in ("orbit", "orbits"):
+            raise ValueError
+        return number(float(words[0]))
+    except ValueError:
+        raise fault(f'{shown(value)} is no number of orbits; expected one, like 2 or "2 orbits"') from None
+
+
 def sides(value: Any, info: ValidationInfo) -> Any:
     """One number is the side of a square."""
     dimensions = units_of(info).dimensions
@@ -172,6 +184,7 @@ Number = Annotated[float, Measure()]
 Count = Annotated[int, BeforeValidator(whole)]
 Particles = Annotated[int, BeforeValidator(_particles)]
 Seconds = Annotated[float, Field(gt=0), BeforeValidator(_seconds)]
+Orbits = Annotated[float, BeforeValidator(_orbits), Words("number of orbits")]
 Length = Annotated[float, Measure("length")]
 Mass = Annotated[float, Measure("mass")]
 Time = Annotated[float, Measure("time")]

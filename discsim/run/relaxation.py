@@ -1,0 +1,149 @@
+"""Before t = 0 the gas settles: every ring of particles finds the radius at which its forces are in balance.
+
+    dv_r/dt = <a_r> - g(r) + l^2 / r^3 - 2 Omega v_r,    dr/dt = v_r,    d(phi)/dt = l / r^2                     (1)
+
+for `initial.relax` orbits at the reference radius. <a_r> is the mean over a ring of the pull of pressure and viscosity,
+as SPH sums it; g the mean inward pull of star, companions and self-gravity (`initial/balance.py`); l = r v_phi, that of
+the start, stays. So edges spread until rotation holds them, and what SPH's forces err by is balanced too. Rings stay
+rings: particles that each move by themselves in the shear lose within some orbits the quiet order that the start has
+put them in, damped or not.
+
+Temperatures are held at those of the start; dust stays where it is and has no part, nor have accretion, cooling and
+conduction. Afterwards gas turns as its ring has found to turn, and has beside it what its viscosity, and its drag on
+dust, give to a disc in balance.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from discsim.effects.base import Effect
+from discsim.initial import balance, make_state
+from discsim.numerics.state import State
+from discsim.physics import profile
+from discsim.physics.eos import initial_energy
+from discsim.run.forces import PhysicsError
+from discsim.scene import Scene
+
+Array = np.ndarray
+DAMPING = 2.0  # of Omega: epicycles neither swing nor creep
+SAME = 1e-9  # of a radius, that particles of a ring differ by
+
+
+class Relaxed(NamedTuple):
+    """What a relaxation took, and how large forces out of balance were: rms over particles, over c_s Omega."""
+
+    orbits: float
+    steps: int
+    seconds: float
+    before: float
+    after: float
+
+
+def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
+    """Let the gas of a start settle, if its scene wants it to; dust, bodies and the time stay as they are."""
+    scene, gas = state.scene, state.gas
+    orbits = getattr(scene.initial, "relax", 0.0)
+    if orbits == 0.0 or gas is None:
+        return None
+    begun = time.process_time()
+    disc = _Rings(state, effects)
+    before = disc.unbalanced()
+    until = 2.0 * math.pi * orbits / float(profile.kepler_omega(scene, scene.initial.reference_radius))
+    steps, passed = 0, 0.0
+    while passed < until:
+        dt = min(scene.run.courant * disc.limit(), until - passed)
+        if passed + dt == passed:
+            raise PhysicsError(f"relaxing the start, the step has collapsed to {dt:g}")
+        disc.step(dt)
+        steps, passed = steps + 1, passed + dt
+    gas.pos[:], gas.vel[:], gas.h[:] = disc.alone.gas.pos, disc.velocities(), disc.alone.gas.h
+    if gas.u is not None:
+        gas.u[:] = disc.alone.gas.u
+    return Relaxed(orbits, steps, time.process_time() - begun, before, disc.unbalanced())
+
+
+class _Rings:
+    """The rings that the gas of a start is made of; arrays (rings,), and the particles of `alone`."""
+
+    def __init__(self, state: State, effects: dict[str, Effect]) -> None:
+        gas = state.gas
+        self.scene = _without_the_rest(state.scene)
+        arrays = {"pos": gas.pos, "vel": gas.vel, "mass": gas.mass, "u": gas.u}
+        self.alone = make_state(self.scene, {"gas": {key: a for key, a in arrays.items() if a is not None}})
+        self.alone.gas.h[:] = gas.h
+        self.sph = type(effects["gas"])(self.scene, self.alone)
+        self.balance = balance.Balance(state, effects)
+        place = np.sqrt((gas.pos**2).sum(axis=1))
+        self.angle = np.arctan2(gas.pos[:, 1], gas.pos[:, 0])
+        self.ring = np.concatenate([[0], np.cumsum(np.abs(np.diff(place)) > SAME * place[1:])])
+        self.held = np.bincount(self.ring)
+        self.radius = self.mean(place)
+        self.radial, self.turned = np.zeros_like(self.radius), np.zeros_like(self.radius)
+        at = np.stack([self.radius, np.zeros_like(self.radius)], axis=1)
+        self.spin = self.radius * self.balance.alone(at)[1]
+        self.forces()
+
+    def mean(self, values: Array) -> Array:
+        """Over the particles of each ring."""
+        return np.asarray(np.bincount(self.ring, values) / self.held)
+
+    def forces(self) -> None:
+        """`acc`, the radial acceleration of eq. (1) but for its damping."""
+        alone, gas = self.alone, self.alone.gas
+        angle = self.angle + self.turned[self.ring]
+        outwards = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        gas.pos[:] = self.radius[self.ring][:, None] * outwards
+        if gas.u is not None:
+            gas.u[:] = initial_energy(self.scene, self.radius)[self.ring]
+        across = np.stack([-outwards[:, 1], outwards[:, 0]], axis=1)
+        gas.vel[:] = self.radial[self.ring][:, None] * outwards
+        gas.vel += (self.spin / self.radius)[self.ring][:, None] * across
+        gas.acc[:] = 0.0
+        self.sph.accelerate(alone)
+        pull = self.mean((gas.acc * outwards).sum(axis=1))
+        self.acc = pull - self.balance.gravity(self.radius) + self.spin**2 / self.radius**3
+
+    def limit(self) -> float:
+        return min(self.sph.limit(self.alone), 1.0 / float(self.omega.max()))
+
+    @property
+    def omega(self) -> Array:
+        return profile.kepler_omega(self.scene, self.radius)
+
+    def step(self, dt: float) -> None:
+        self.radial += 0.5 * dt * self.acc
+        self.radius += dt * self.radial
+        if self.radius.min() <= 0.0:
+            raise PhysicsError("relaxing the start, a ring of gas falls into the centre")
+        self.turned += dt * self.spin / self.radius**2
+        self.forces()
+        self.radial += 0.5 * dt * self.acc
+        self.radial *= np.exp(-DAMPING * self.omega * dt)  # eq. (1)
+
+    def unbalanced(self) -> float:
+        """The rms of forces out of balance, over c_s Omega."""
+        unit = self.mean(self.alone.gas.sound_speed) * self.omega
+        return float(np.sqrt(np.average((self.acc / unit) ** 2, weights=self.held)))
+
+    def velocities(self) -> Array:
+        """Of the particles (n, 2), with the flow that viscosity and dust give to the nearest gas of the start."""
+        disc = profile.radial(self.balance.scene)
+        inside = np.clip(self.radius, disc.inner, disc.outer)
+        at = np.stack([inside, np.zeros_like(inside)], axis=1)
+        radial, azimuthal = self.balance.velocities("gas", at, None)
+        azimuthal = self.spin / self.radius + azimuthal - self.balance.alone(at)[1]
+        out = self.alone.gas.pos / self.radius[self.ring][:, None]
+        across = np.stack([-out[:, 1], out[:, 0]], axis=1)
+        return radial[self.ring][:, None] * out + azimuthal[self.ring][:, None] * across
+
+
+def _without_the_rest(scene: Scene) -> Scene:
+    """The scene of its gas alone, which pressure and viscosity move."""
+    gas = scene.gas.model_copy(update={"conductivity": None})
+    gone = dict.fromkeys(("dust", "drag", "cooling", "self_gravity", "damping"))
+    return scene.model_copy(update={**gone, "gas": gas})
