@@ -213,7 +213,7 @@ class Effect(base.Effect):
         share(kernels.divide, p.count, p.pos, companion.accretion_radius**2, inside, *place)
         gone = np.flatnonzero(inside)
         if companion.accretion_rate is not None:
-            kept = _chances(self.scene.run.seed, state.step, k, p.ids[gone]) >= self._share(state, k)
+            kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
             inside[gone[kept]] = False
             gone = gone[~kept]
         if len(gone) > 0:

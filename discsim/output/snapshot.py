@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.output import hdf5
+from discsim.output import hdf5, open_step
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
 from discsim.physics.eos import eos_of
 from discsim.scene.units import Units
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from discsim.effects.base import Column
     from discsim.numerics.bodies import Bodies
     from discsim.numerics.state import Dust, Gas, Particles
+    from discsim.output.open_step import OpenStep
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -132,6 +133,7 @@ class Snapshot:
     lower: Array  # corners of the box, in the scene's own frame, (dimensions,)
     upper: Array
     bodies: SnapshotParticles | None = None  # star, then companions; None where there is only a star at the origin
+    open_step: OpenStep | None = None  # what a start from it needs beside
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -174,11 +176,12 @@ def write_snapshot(
     dust: Dust | None,
     extra: dict[str, dict[str, Array | Column]] | None = None,
     bodies: Bodies | None = None,
+    step: OpenStep | None = None,
 ) -> None:
     """Write the particles at `time` to `path`, which appears only when it is complete.
 
     `extra` holds more arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the
-    particles. Raises OSError where the file cannot be written.
+    particles; `step` what a run goes on from beside them. Raises OSError where the file cannot be written.
     """
     extra = extra or {}
     present = {name: p for name, p in (("gas", gas), ("dust", dust), ("bodies", bodies)) if p is not None}
@@ -195,6 +198,8 @@ def write_snapshot(
         own.attrs["energy_equation"] = gas is not None and gas.u is not None
         own.attrs["units"] = [np.bytes_(text.encode()) for text in _unit_texts(scene.units)]
         hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
+        if step is not None:
+            open_step.write(own, step)
         for name, particles in present.items():
             arrays: dict[str, Any] = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
             arrays.setdefault("ids", np.arange(particles.count))
@@ -240,6 +245,7 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             dimensions=dimensions,
             lower=origin,
             upper=origin + own.attrs["size"],
+            open_step=open_step.read(own),
         )
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from runs import assert_resumes
 from scenes import problems
 
 from discsim import Simulation
@@ -72,16 +73,8 @@ def test_extreme_times(time):
 
 
 def test_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
-    given = dust(2.0, damping=ALL)
-    whole = Simulation(given)
-    whole.evolve(1.0)
-    whole.save(tmp_path / "a.h5")
-    whole.evolve(2.0)
-    again = Simulation(given)
-    again.restore(tmp_path / "a.h5")
-    again.evolve(2.0)
-    assert again.dust.vel.tobytes() == whole.dust.vel.tobytes()
-    assert again.state.ledger.damped_angular_momentum == whole.state.ledger.damped_angular_momentum
+    sim = assert_resumes(dust(2.0, damping=ALL), tmp_path / "a.h5", 1.0, 2.0)
+    assert sim.state.ledger.damped_angular_momentum != 0.0
 
 
 def test_own_particles_relax_to_their_mean():
