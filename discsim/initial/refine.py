@@ -13,7 +13,7 @@ import numpy as np
 
 Array = np.ndarray
 NEAR = 12  # neighbours that a gradient is fitted to
-GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+RING = 5  # up to so many are best on a ring
 
 
 # Thinning
@@ -87,14 +87,19 @@ def refined(arrays: dict[str, Array], number: int) -> dict[str, Array]:
 
 
 def _pattern(number: int) -> Array:
-    """Places (number, 2) about 0 in spacings of the parents, with sum 0 and mean |d|^2 = (1 - 1/number) / 6.
+    """Places (number, 2) about 0 in spacings of the parents, radial and along the orbit, with sum 0 and mean |d|^2 =
+    (1 - 1/number) / 6.
 
-    Few are on a ring, two of them one behind the other on their orbit; many on a spiral of even density.
+    Few are on a ring, two of them one behind the other; more share a square in rows, each as wide as it holds of them.
     """
-    k = np.arange(number)
-    angle = np.pi / number * (2 * k + 1) if number <= 6 else GOLDEN * k
-    away = np.ones(number) if number <= 6 else np.sqrt(k + 0.5)
-    places = away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    if number <= RING:
+        angle = np.pi / number * (2 * np.arange(number) + 1)
+        places = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    else:
+        held = np.diff(np.rint(np.linspace(0, number, round(number**0.5) + 1)).astype(int))
+        middle = (np.cumsum(held) - 0.5 * held) / number - 0.5
+        along = np.concatenate([(np.arange(n) + 0.5) / n - 0.5 for n in held])
+        places = np.stack([np.repeat(middle, held), along], axis=1)
     places -= places.mean(axis=0)
     return places * np.sqrt((1.0 - 1.0 / number) / 6.0 / (places**2).sum(axis=1).mean())
 
