@@ -24,7 +24,7 @@ from discsim.physics.eos import eos_of
 from discsim.physics.orbits import Orbits, UnderWay
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
-from discsim.scene.fields import Count, InputFile, Table, Words, fault
+from discsim.scene.fields import Count, InputFile, Length, Table, Words, fault
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
@@ -80,6 +80,7 @@ class FromSnapshot(Table):
     )
     refine: Count = Field(1, ge=1, le=MOST, description="particles that each is replaced by")
     thin: Count = Field(1, ge=1, le=MOST, description="of so many particles one stays, with the mass of all")
+    reference_radius: Length = Field(1.0, gt=0, description="where a law of the radius has its value, as of a disc")
 
     @property
     def brings_temperature(self) -> bool:
@@ -269,13 +270,18 @@ def mass(scene: Scene, population: Any) -> float:
 
 
 def reference_density(scene: Scene) -> float:
-    """That of the snapshot's own scene, so that its grains stay what they are."""
-    snap = _snapshot(scene.initial.file)
-    try:
-        return profile.reference_density(load_scene(snap.tables, folder=scene.initial.file.path.parent))
-    except (SceneError, TypeError) as error:
-        wrong = f"{scene.initial.file.path}: its own scene has no Sigma_ref: {str(error).splitlines()[0]}"
-        raise SceneError([f'{wrong}; expected another drag.law than "{scene.drag.law}"']) from None
+    """That of the start that the snapshot's run began with, so that its grains stay what they are."""
+    snap, path = _snapshot(scene.initial.file), scene.initial.file.path
+    found = snap.reference_density
+    if found is None:
+        try:  # of an earlier version, or one whose start has none
+            if snap.tables["initial"]["kind"] == scene.initial.kind:
+                raise SceneError(["a start from a start"])
+            return profile.reference_density(load_scene(snap.tables, folder=path.parent))
+        except (SceneError, KeyError, TypeError):
+            wrong = f"{path}: its run began with no Sigma_ref"
+            raise SceneError([f'{wrong}; expected another drag.law than "{scene.drag.law}"']) from None
+    return found if snap.units == scene.units else float(scene.units.to_code(snap.units.quantity(found, "density")))
 
 
 START = Start(

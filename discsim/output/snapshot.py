@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,10 @@ import numpy as np
 
 from discsim.output import hdf5, open_step
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
+from discsim.parts import STARTS
 from discsim.physics.eos import eos_of
+from discsim.physics.profile import reference_density
+from discsim.scene import SceneError
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
@@ -134,6 +138,7 @@ class Snapshot:
     upper: Array
     bodies: SnapshotParticles | None = None  # star, then companions; None where there is only a star at the origin
     open_step: OpenStep | None = None  # what a start from it needs beside
+    reference_density: float | None = None  # Sigma that laws of drag refer to, of a start that has one
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -200,6 +205,9 @@ def write_snapshot(
         hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
         if step is not None:
             open_step.write(own, step)
+        with suppress(SceneError):  # of a start whose own start is gone
+            if scene.initial is not None and STARTS[scene.initial.kind].reference_density is not None:
+                own.attrs["reference_density"] = reference_density(scene)
         for name, particles in present.items():
             arrays: dict[str, Any] = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
             arrays.setdefault("ids", np.arange(particles.count))
@@ -246,6 +254,7 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             lower=origin,
             upper=origin + own.attrs["size"],
             open_step=open_step.read(own),
+            reference_density=own.attrs.get("reference_density"),
         )
 
 

@@ -6,7 +6,9 @@ import pytest
 from runs import assert_same_run, put_out
 
 from discsim import Simulation, load_scene, read_snapshot
+from discsim.physics import profile
 from discsim.run.runner import run_scene
+from discsim.scene import SceneError
 
 LOCALLY = {"kind": "locally-isothermal", "aspect_ratio": 0.1}
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1}
@@ -161,6 +163,49 @@ def test_a_snapshot_without_what_is_open_starts_with_closed_velocities(binary, t
     with sim.synchronised() as state:
         np.testing.assert_allclose(again.gas.vel[order], gas.vel - state.bodies.vel[0], atol=1e-14)
     step(again)
+
+
+def test_laws_that_refer_to_the_first_start_go_on(tmp_path):
+    """Sigma_ref, and alpha that is a power of r, of a snapshot of a run that began with a snapshot, in other units."""
+    grains = {"dust": DUST["dust"], "drag": {"law": "stokes-over-density", "stokes": 0.1}}
+    viscous = {"alpha_viscosity": {"alpha": 0.01, "index": 0.5}}
+    code = scene(**grains, **viscous)
+    first = Simulation(code)
+    step(first)
+    put_out(first, tmp_path / "0.h5")
+    second = restarted(code, tmp_path / "0.h5")
+    step(first)
+    step(second)
+    np.testing.assert_allclose(seen(second)["dust.vel"], seen(first)["dust.vel"], atol=1e-13)
+    put_out(second, tmp_path / "1.h5")
+    third = restarted(code, tmp_path / "1.h5")
+    assert profile.reference_density(third.scene) == profile.reference_density(first.scene) > 0.0
+    physical = {name: table for name, table in code.items() if name != "units"}
+    physical |= {"run": {"until": "1 yr"}, "space": {"size": "8 au", "cells": 32}, "star": {"mass": "1 Msun"}}
+    physical |= {"initial": {"kind": "disc", "mass": "0.05 Msun", "inner": "1 au", "outer": "2 au"}}
+    sim = Simulation(physical)
+    sim.step()
+    put_out(sim, tmp_path / "2.h5")
+    start = {"kind": "snapshot", "file": str(tmp_path / "2.h5")}
+    found = [load_scene(physical | {"units": units, "initial": start})
+             for units in ({}, {"length": "10 au", "mass": "1 Msun"})]  # fmt: skip
+    sigma = [one.units.quantity(profile.reference_density(one), "density").to_value("g/cm2") for one in found]
+    assert sigma[0] == pytest.approx(sigma[1], rel=1e-12)
+
+
+def test_a_law_without_a_reference_is_told(tmp_path):
+    sim = Simulation(scene(**DUST))
+    put_out(sim, tmp_path / "0.h5")
+    with h5py.File(tmp_path / "0.h5", "a") as file:
+        del file["discsim"].attrs["reference_density"]
+    law = scene(**DUST, drag={"law": "stokes-over-density", "stokes": 0.1})
+    older = restarted(law, tmp_path / "0.h5")  # its own scene has it
+    assert profile.reference_density(older.scene) == profile.reference_density(sim.scene)
+    put_out(restarted(scene(**DUST), tmp_path / "0.h5"), tmp_path / "1.h5")
+    with h5py.File(tmp_path / "1.h5", "a") as file:
+        del file["discsim"].attrs["reference_density"]
+    with pytest.raises(SceneError, match=r"began with no Sigma_ref; expected another drag\.law"):
+        restarted(law, tmp_path / "1.h5")
 
 
 def test_runs_from_snapshots_meet(tmp_path, monkeypatch):
