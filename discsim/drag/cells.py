@@ -142,7 +142,7 @@ def _leaf_of_each(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirr
     nx, ny = leaves.shape
     shift = np.zeros(2)
     if shifted:
-        shift[: drag.dim] = ((state.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
+        shift[: drag.dim] = (((state.step + state.earlier) * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
     shift[: drag.dim] += leaves.margin
     if mirrored:
         shift[1] = ny + 2.0 * leaves.origin[1] / leaves.side - shift[1]

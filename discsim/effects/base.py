@@ -100,6 +100,11 @@ class Effect:
         return 0.0
 
     @classmethod
+    def expected_limit(cls, scene: Scene) -> float:
+        """About the step that it will allow, for the forecast; inf: it need not know."""
+        return np.inf
+
+    @classmethod
     def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
         """What it keeps on a grid of this shape."""
         return 0

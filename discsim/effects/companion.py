@@ -22,21 +22,27 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.effects import base
 from discsim.effects.accretion import swallow
+from discsim.initial import start_of
 from discsim.numerics.bodies import SPECIES, Bodies
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
+from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
+from discsim.physics.local import resolution
 from discsim.physics.orbits import Orbits
 from discsim.scene.fields import Default, Length, Mass, Number, Table, Time, Words, fault, number, shown, units_of
 from discsim.scene.rules import Draft, Problem
 from discsim.scene.units import UnitError
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Local
     from discsim.scene import Scene
+    from discsim.scene.units import Units
 
 kernels = Lazy("discsim.kernels.star")
 
+PLANET = 0.03  # of the star's mass: what is heavier is a star, about which Hill radius and gap say nothing
 PULL = 12.0  # CPU nanoseconds of a particle in a step, for each companion
 
 
@@ -139,6 +145,45 @@ def _has_height(eos: Any) -> bool:
     return getattr(eos, "sound_speed", None) is not None or getattr(eos, "aspect_ratio", None) is not None
 
 
+class _Near(NamedTuple):
+    """Lengths of a companion's surroundings at its semi-major axis: its softening, H, and h as other kernels mean it;
+    None where the scene has none there.
+    """
+
+    units: Units
+    softening: float
+    height: float | None
+    resolution: float | None
+
+    def told(self, length: float) -> str:
+        of = ((self.height, "H"), (self.resolution, "h"))
+        others = ", ".join(f"{length / unit:.3g} {name}" for unit, name in of if unit is not None)
+        return self.units.show(length, "length") + (f" ({others})" if others else "")
+
+
+def _near(scene: Scene, at: Local, companion: Any) -> _Near:
+    r = companion.semi_major_axis
+    gas: Any = scene.gas
+    known = scene.background is not None or (gas is not None and _has_height(gas.eos))
+    height = float(formulas.scale_height(scene, r)) if known else None
+    h = None
+    if gas is not None and at.particle_mass is not None and (density := _density(scene, r)) > 0.0:
+        h = float(resolution(scene, np.array(gas.smoothing_length or gas.eta * math.sqrt(at.particle_mass / density))))
+    return _Near(scene.units, softening(scene, companion, r), height, h)
+
+
+def _density(scene: Scene, r: float) -> float:
+    """Sigma of the start's gas at a radius, 0 where it has none."""
+    places = start_of(scene).all_over(scene)[0]
+    if places.radius is None:
+        return 0.0
+    return float(np.interp(r, places.radius, places.density, left=0.0, right=0.0))
+
+
+def _named(k: int, what: str) -> str:
+    return f"companion {k}: {what}"
+
+
 class Effect(base.Effect):
     """The pull of companions on particles, the particles' on them, and what they take; their motion is the star's."""
 
@@ -160,6 +205,46 @@ class Effect(base.Effect):
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return PULL * len(scene.table("companion")) * (counts.gas + counts.dust)
+
+    @classmethod
+    def expected_limit(cls, scene: Scene) -> float:
+        found = [(c, _density(scene, c.semi_major_axis) > 0.0) for c in scene.table("companion")]
+        return min(formulas.longest_step(scene, companion, in_gas) for companion, in_gas in found)
+
+    @classmethod
+    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+        star, viscous = scene.star, scene.table("alpha_viscosity") is not None
+        assert star is not None
+        for k, companion in enumerate(scene.table("companion"), 1):
+            near = _near(scene, at, companion)
+            if companion.eccentricity < 1.0:
+                yield _named(k, "period"), scene.units.show(formulas.period(scene, companion), "time")
+            if companion.mass < PLANET * star.mass:
+                yield _named(k, "Hill radius"), near.told(formulas.hill_radius(scene, companion))
+            yield _named(k, "softening"), near.told(near.softening)
+            if viscous and near.height is not None and companion.mass < PLANET * star.mass:
+                gap = formulas.gap_number(scene, companion)
+                yield _named(k, "gap"), f"K = {gap:.3g}, so Sigma falls to {1.0 / (1.0 + 0.04 * gap):.2g}"
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        star = scene.star
+        assert star is not None
+        for k, companion in enumerate(scene.table("companion"), 1):
+            near = _near(scene, at, companion)
+            if near.resolution is None:
+                continue
+            hill = formulas.hill_radius(scene, companion)
+            lengths = [("the Hill radius", hill, "")] if companion.mass < PLANET * star.mass else []
+            if companion.accretion_radius < near.resolution:
+                lengths.append(("companion.softening", near.softening, "a longer companion.softening, or "))
+            for name, length, other in lengths:
+                if 0.0 < length < near.resolution:
+                    needed = scene.gas.particles * (near.resolution / length) ** 2
+                    yield (
+                        f"{name} of companion {k} is {length / near.resolution:.2g} h of the gas about it, which "
+                        f"is smooth over h: want {other}gas.particles of about {needed:.2g}"
+                    )
 
     def accelerate(self, state: State) -> None:
         bodies = _bodies(state)
@@ -213,7 +298,7 @@ class Effect(base.Effect):
         share(kernels.divide, p.count, p.pos, companion.accretion_radius**2, inside, *place)
         gone = np.flatnonzero(inside)
         if companion.accretion_rate is not None:
-            kept = _chances(self.scene.run.seed, state.step, k, p.ids[gone]) >= self._share(state, k)
+            kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
             inside[gone[kept]] = False
             gone = gone[~kept]
         if len(gone) > 0:

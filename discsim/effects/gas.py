@@ -160,6 +160,8 @@ class Effect(base.Effect):
             self._limit = np.inf
             return
         vel, u = self.predicted(state)
+        if gas.h_before is not None:
+            gas.h_before[:] = gas.h
         self.sph.density(gas, vel)
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(state, u)
         if gas.nu is not None:

@@ -127,4 +127,5 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         radiated=None if scene.cooling is None else np.zeros(n),
         immobile=given.get("immobile"),
         nu=np.zeros(n) if viscous else None,
+        h_before=h.copy() if scene.gas.smoothing_length is None and not scene.model.cells else None,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from discsim.initial.measure import ErrorMeasure
 from discsim.physics.profile import Radial
 from discsim.scene.fields import Table
 from discsim.scene.rules import Rule
+
+if TYPE_CHECKING:
+    from discsim.physics.orbits import UnderWay
 
 Array = np.ndarray
 Arrays = dict[str, Array]  # of one species: pos (n, d), vel (n, d), mass (n,), ...
@@ -44,6 +47,8 @@ class Start:
             guess for h, u (n,), species and immobile (n,).
         radial(scene): the disc that it is, as functions of the radius (`physics/profile.py`). None: it is none.
         settle(state, effects): velocities, once forces are known.
+        take_up(state): gives a state what the run had that it goes on from, at last.
+        under_way(scene): star (0) and companions that are on their way at t = 0, by number. None: all begin.
         thermal_speed(scene, r): sqrt(P / Sigma) of a temperature of its own; None where gas.eos has it.
         cells(scene, x, dx): the same on a fixed grid of cells at x (n,), dx wide: density (n,), velocities (n,) by
             species, and u (n,) or None. None: there is no such start on a grid.
@@ -79,6 +84,8 @@ class Start:
     places: Callable[[Any], Places]
     radial: Callable[[Any], Radial] | None = None
     settle: Callable[[Any, dict[str, Any]], None] | None = None
+    take_up: Callable[[Any], None] | None = None
+    under_way: Callable[[Any], dict[int, UnderWay]] | None = None
     thermal_speed: Callable[[Any, Array], Array | None] | None = None
     cells: Callable[[Any, Array, float], tuple[Array, Arrays, Array | None]] | None = None
     dimensions: tuple[int, ...] = (1, 2)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.initial import start_of
 from discsim.physics.orbits import Orbits, felt_by_star
 
 if TYPE_CHECKING:
@@ -14,16 +15,20 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 
-def make_bodies(scene: Scene) -> Bodies | None:
+def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
     """Star and companions, the centre of the disc at rest at the origin.
 
-    None where there is no star, or one that stays there with its mass and moves nothing.
+    None where there is no star, or one that stays there with its mass and moves nothing. `with_start`: the scene's
+    start, which may have them under way, is that of the run.
     """
     star = scene.star
     if star is None:
         return None
     alone = scene.table("companion") is None and star.frame == "star" and not felt_by_star(scene)
-    return None if alone and not star.grows else Orbits(scene).at_start()
+    if alone and not star.grows:
+        return None
+    under_way = start_of(scene).under_way if with_start else None
+    return Orbits(scene).at_start(under_way(scene) if under_way else None)
 
 
 def enter_frame(state: State, with_particles: bool) -> None:

@@ -17,7 +17,8 @@ class Bodies:
 
     acc (n, 2) is what their kick gives: accelerations but for those that their drift has, Kepler's motion about the
     star. pulled (n, 2, 2): accelerations by gas and by dust, of whoever feels them or not; accreted (n, 2): masses of
-    gas and dust taken so far; gained (n,): what of them is part of `mass`.
+    gas and dust taken so far; gained (n,): what of them is part of `mass`; begun (n,): time at which its ramp and its
+    fixed orbit began, below 0 where a run goes on from a snapshot.
     """
 
     mass: Array
@@ -27,12 +28,14 @@ class Bodies:
     pulled: Array
     accreted: Array
     gained: Array
+    begun: Array
 
     @classmethod
     def at_rest(cls, mass: Array) -> Self:
         n = len(mass)
         vectors = {name: np.zeros((n, 2)) for name in ("pos", "vel", "acc", "accreted")}
-        return cls(mass=np.array(mass, float), pulled=np.zeros((n, 2, 2)), gained=np.zeros(n), **vectors)
+        numbers = {name: np.zeros(n) for name in ("gained", "begun")}
+        return cls(mass=np.array(mass, float), pulled=np.zeros((n, 2, 2)), **numbers, **vectors)
 
     @property
     def count(self) -> int:

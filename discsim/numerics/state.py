@@ -88,6 +88,7 @@ class Gas(Particles):
     pressure_vel: Array | None = None
     radiated: Array | None = None  # what each has lost by cooling since the start, per mass (gas that cools)
     nu: Array | None = None  # kinematic viscosity (gas with a shear viscosity)
+    h_before: Array | None = None  # from which the search for h began (where h is not fixed)
 
 
 @dataclass(kw_only=True)
@@ -123,6 +124,7 @@ class State:
     bodies: Bodies | None = None
     time: float = 0.0
     step: int = 0
+    earlier: int = 0  # steps of the run that this one goes on from
     lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)

@@ -1,40 +1,42 @@
 """A start from a snapshot of ours, at any step: as it is, refined or thinned, with whatever effects; its time is 0.
 
-Refined, a particle of mass m is replaced by k of m / k about its place, sum d_i = 0, as far apart as particles of
-m / k are at its density: mean |d|^2 = (1 - 1/k) m / (6 Sigma). Velocity and energy go on linearly, v + G d_i, with the
-gradient G of a least-squares fit to the neighbours, which keeps momentum and energy; what the spread of places and
-velocities adds to the angular momentum, sum d_i x G d_i, a rigid turn of the whole takes out (some 1e-4 of Omega).
-Thinned, every k-th particle along rings stays, with the mass of all.
+Where nothing but the start and the outputs has changed it goes on as the run does, to rounding (`open_step.py`). With
+other physics it begins with the closed velocities that the snapshot shows, about the centre of the disc there. Star and
+companions that are the same go on along their orbits, others begin as their tables say.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.initial.base import Places, Start
+from discsim.initial.refine import every, refined, thinned
 from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_sizes
+from discsim.physics.orbits import Orbits, UnderWay
 from discsim.scene import SceneError, load_scene
-from discsim.scene.fields import Count, InputFile, Table, Words, fault
+from discsim.scene.differences import FREE_TO_CHANGE, differences
+from discsim.scene.fields import Count, InputFile, Length, Table, Words, fault
 
 if TYPE_CHECKING:
+    from discsim.numerics.state import State
     from discsim.output.snapshot import Snapshot, SnapshotParticles
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
 snapshots = Lazy("discsim.output.snapshot")  # imports h5py
 Array = np.ndarray
-NEAR = 12  # neighbours that a gradient is fitted to
 MOST = 1000  # to refine or thin by
-GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+ORBIT = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys of a companion that stays on its way
 SHELLS = 40  # rings of a preview
 
 
@@ -79,6 +81,7 @@ class FromSnapshot(Table):
     )
     refine: Count = Field(1, ge=1, le=MOST, description="particles that each is replaced by")
     thin: Count = Field(1, ge=1, le=MOST, description="of so many particles one stays, with the mass of all")
+    reference_radius: Length = Field(1.0, gt=0, description="where a law of the radius has its value, as of a disc")
 
     @property
     def brings_temperature(self) -> bool:
@@ -88,7 +91,7 @@ class FromSnapshot(Table):
     def counts(self) -> dict[str, list[int]]:
         """Particles of the gas, and of each population of dust."""
         gas, dust = [self.file.gas], [*self.file.dust]
-        return {name: [self.refine * len(range(*_every(n, self.thin))) for n in numbers]
+        return {name: [self.refine * len(range(*every(n, self.thin))) for n in numbers]
                 for name, numbers in (("gas", gas), ("dust", dust))}  # fmt: skip
 
 
@@ -100,16 +103,26 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
         held = getattr(snap, name)
         if getattr(scene, name) is None or held is None:
             continue
-        arrays = _in_code(scene, name, held)
+        arrays = _in_code(scene, name, _about_centre(snap, held))
         groups = [arrays]
         if start.thin > 1 or start.refine > 1:
             groups = []
             for k in range(len(scene.dust or ()) if name == "dust" else 1):
                 rows = np.flatnonzero(_populations(held) == k)
                 group = {key: values[rows] for key, values in arrays.items()}
-                groups.append(_refined(_thinned(group, start.thin), start.refine))
+                groups.append(refined(thinned(group, start.thin), start.refine))
         out[name] = {key: np.concatenate([group[key] for group in groups]) for key in arrays}
     return out
+
+
+def _about_centre(snap: Snapshot, held: SnapshotParticles) -> SnapshotParticles:
+    """Relative to the centre of its disc, which moves in an inertial frame."""
+    star, bodies = snap.tables.get("star", {}), snap.bodies
+    if bodies is None or star.get("frame") != "inertial":
+        return held
+    weight = bodies.mass if star.get("centre") == "barycentre" else np.arange(bodies.count) == 0
+    pos, vel = (weight @ vectors / weight.sum() for vectors in (bodies.pos, bodies.vel))
+    return replace(held, pos=held.pos - pos, vel=held.vel - vel)
 
 
 def _populations(held: SnapshotParticles) -> Array:
@@ -133,115 +146,69 @@ def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Arra
     return {key: values if key in plain else scene.units.to_code(held.quantity(key)) for key, values in arrays.items()}
 
 
-# Thinning
+# Going on
 
 
-def _every(count: int, step: int) -> tuple[int, int, int]:
-    """The range of those that stay of `count`: from the middle of the first `step` on."""
-    return min(step // 2, max(count - 1, 0)), count, step
+def _before(scene: Scene) -> Scene | None:
+    """The snapshot's own scene, but with the start of this one; None where it has no meaning here."""
+    path: Path = scene.initial.file.path
+    start = {"kind": scene.initial.kind, "file": str(path)}
+    try:
+        return load_scene(_snapshot(scene.initial.file).tables | {"initial": start}, folder=path.parent)
+    except SceneError:
+        return None
 
 
-def _thinned(arrays: dict[str, Array], step: int) -> dict[str, Array]:
-    """Every `step`-th along rings as wide as those that stay are apart; the mass stays what it is."""
-    if step == 1 or len(arrays["mass"]) == 0:
-        return arrays
-    pos, mass = arrays["pos"], arrays["mass"]
-    r, angle = np.sqrt((pos**2).sum(axis=1)), np.arctan2(pos[:, 1], pos[:, 0])
-    rising = np.argsort(r, kind="stable")
-    held = 2.0 * np.pi * r * np.sqrt(step / _area(pos))  # particles of the ring
-    ring = np.empty(len(r), np.int64)
-    ring[rising] = np.floor(np.cumsum(1.0 / np.maximum(held[rising], 1.0)))
-    stay = np.lexsort((angle, ring))[slice(*_every(len(r), step))]
-    out = {key: values[stay] for key, values in arrays.items()}
-    out["mass"] = out["mass"] * (mass.sum() / out["mass"].sum())
-    return out
+def goes_on(scene: Scene) -> bool:
+    """Whether nothing has changed that a step could notice."""
+    start, before = scene.initial, _before(scene)
+    if _snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
+        return False
+    return not any(_matters(key) for key in differences(before, scene))
 
 
-def _near(pos: Array, count: int) -> tuple[Array, Array]:
-    """Distances and numbers (n, count + 1) of each particle and its neighbours."""
-    from scipy.spatial import cKDTree  # slow to import
-
-    found: tuple[Array, Array] = cKDTree(pos).query(pos, k=list(range(1, count + 2)))
-    return found
+def _matters(key: str) -> bool:
+    table, _, last = key.rpartition(".")
+    of_run = table == "run" and last != "integrator"
+    return key not in FREE_TO_CHANGE and not of_run and table != "initial" and last not in ("particles", "every")
 
 
-def _area(pos: Array) -> Array:
-    """Area (n,) that each particle has to itself, by its neighbours."""
-    count = min(NEAR, len(pos) - 1)
-    if count == 0:
-        return np.ones(len(pos))
-    farthest = _near(pos, count)[0][:, -1]
-    return np.maximum(np.pi * farthest**2 / (count + 0.5), 1e-300)
+def take_up(state: State) -> None:
+    """Give the state what the snapshot's run would go on with, where it can."""
+    scene = state.scene
+    snap = _snapshot(scene.initial.file)
+    if not goes_on(scene):
+        return
+    step = snap.open_step
+    assert step is not None
+    state.lag, state.earlier = step.lag, step.step
+    held = {**state.species, **({} if state.bodies is None else {"bodies": state.bodies})}
+    for name, particles in held.items():
+        shown: Any = getattr(snap, name)
+        for key, array in {"pos": shown.pos, "vel": shown.vel, "ids": shown.ids, **step.arrays[name]}.items():
+            if hasattr(particles, key):
+                getattr(particles, key)[:] = array
+    if state.gas is not None and state.gas.h_before is not None:
+        state.gas.h[:] = state.gas.h_before
+    if state.bodies is not None:
+        state.bodies.begun -= snap.time
+        Orbits(scene).place(state.bodies, 0.0)
 
 
-# Refinement
-
-
-def _refined(arrays: dict[str, Array], number: int) -> dict[str, Array]:
-    """Each particle as `number` of them; mass, momentum, energy of heat and angular momentum to rounding."""
-    count = len(arrays["mass"])
-    if number == 1 or count == 0:
-        return arrays
-    out = {key: np.repeat(values, number, axis=0) for key, values in arrays.items()}
-    out["mass"] /= number
-    pos, vel = arrays["pos"], arrays["vel"]
-    area = arrays["mass"] / arrays["density"] if "density" in arrays else _area(pos)
-    outwards = pos / np.maximum(np.sqrt((pos**2).sum(axis=1)), 1e-300)[:, None]
-    along, across = outwards, np.stack([-outwards[:, 1], outwards[:, 0]], axis=1)
-    away = np.sqrt(area)[:, None, None] * (
-        _pattern(number)[:, 0, None] * along[:, None, :] + _pattern(number)[:, 1, None] * across[:, None, :]
-    )
-    away -= away.mean(axis=1, keepdims=True)
-    flat = away.reshape(-1, 2)
-    fields = vel if "u" not in arrays else np.column_stack([vel, arrays["u"]])
-    slopes = _gradients(pos, fields)
-    change = np.einsum("nki,nif->nkf", away, slopes).reshape(len(flat), -1)
-    out["pos"], out["vel"] = out["pos"] + flat, out["vel"] + change[:, :2]
-    if "u" in arrays:
-        out["u"] = out["u"] + np.clip(change[:, 2], -0.5 * out["u"], 0.5 * out["u"])
-    _turn_back(arrays, out)
-    return out
-
-
-def _pattern(number: int) -> Array:
-    """Places (number, 2) about 0 in spacings of the parents, with sum 0 and mean |d|^2 = (1 - 1/number) / 6.
-
-    Few are on a ring, two of them one behind the other on their orbit; many on a spiral of even density.
-    """
-    k = np.arange(number)
-    angle = np.pi / number * (2 * k + 1) if number <= 6 else GOLDEN * k
-    away = np.ones(number) if number <= 6 else np.sqrt(k + 0.5)
-    places = away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    places -= places.mean(axis=0)
-    return places * np.sqrt((1.0 - 1.0 / number) / 6.0 / (places**2).sum(axis=1).mean())
-
-
-def _gradients(pos: Array, fields: Array) -> Array:
-    """d field / d x_i (n, 2, fields) of a least-squares plane through each particle and its neighbours."""
-    count = min(NEAR, len(pos) - 1)
-    if count < 3:
-        return np.zeros((len(pos), 2, fields.shape[1]))
-    near = _near(pos, count)[1][:, 1:]
-    away, change = pos[near] - pos[:, None, :], fields[near] - fields[:, None, :]
-    matrix, right = np.einsum("nki,nkj->nij", away, away), np.einsum("nki,nkf->nif", away, change)
-    size = np.trace(matrix, axis1=1, axis2=2)
-    flat = np.linalg.det(matrix) > 1e-6 * size**2  # else on a line
-    out = np.zeros_like(right)
-    out[flat] = np.linalg.solve(matrix[flat], right[flat])
-    return out
-
-
-def _spin(arrays: dict[str, Array]) -> float:
-    pos, vel = arrays["pos"], arrays["vel"]
-    return float((arrays["mass"] * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])).sum())
-
-
-def _turn_back(before: dict[str, Array], after: dict[str, Array]) -> None:
-    """Give `after` the angular momentum of `before` by a rigid turn about its centre of mass."""
-    mass = after["mass"][:, None]
-    away = after["pos"] - (mass * after["pos"]).sum(axis=0) / mass.sum()
-    rate = (_spin(before) - _spin(after)) / float((mass * away**2).sum())
-    after["vel"] = after["vel"] + rate * np.stack([-away[:, 1], away[:, 0]], axis=1)
+def under_way(scene: Scene) -> dict[int, UnderWay]:
+    """Star and companions, by number, that are those of the snapshot."""
+    snap, before = _snapshot(scene.initial.file), _before(scene)
+    if snap.bodies is None or snap.open_step is None or before is None or snap.units != scene.units:
+        return {}
+    assert before.star is not None and scene.star is not None
+    pos, vel, past = snap.bodies.pos, snap.bodies.vel, snap.open_step.arrays["bodies"]
+    same = [before.star.mass == scene.star.mass]
+    for old, new in zip(before.companion or (), scene.companion or (), strict=False):
+        same.append(all(getattr(old, key) == getattr(new, key) for key in ORBIT))
+    return {
+        k: UnderWay(pos[k] - pos[0], vel[k] - vel[0], past["gained"][k], past["begun"][k] - snap.time)
+        for k in np.flatnonzero(same).tolist()
+    }
 
 
 # Rules
@@ -308,13 +275,18 @@ def mass(scene: Scene, population: Any) -> float:
 
 
 def reference_density(scene: Scene) -> float:
-    """That of the snapshot's own scene, so that its grains stay what they are."""
-    snap = _snapshot(scene.initial.file)
-    try:
-        return profile.reference_density(load_scene(snap.tables, folder=scene.initial.file.path.parent))
-    except (SceneError, TypeError) as error:
-        wrong = f"{scene.initial.file.path}: its own scene has no Sigma_ref: {str(error).splitlines()[0]}"
-        raise SceneError([f'{wrong}; expected another drag.law than "{scene.drag.law}"']) from None
+    """That of the start that the snapshot's run began with, so that its grains stay what they are."""
+    snap, path = _snapshot(scene.initial.file), scene.initial.file.path
+    found = snap.reference_density
+    if found is None:
+        try:  # of an earlier version, or one whose start has none
+            if snap.tables["initial"]["kind"] == scene.initial.kind:
+                raise SceneError(["a start from a start"])
+            return profile.reference_density(load_scene(snap.tables, folder=path.parent))
+        except (SceneError, KeyError, TypeError):
+            wrong = f"{path}: its run began with no Sigma_ref"
+            raise SceneError([f'{wrong}; expected another drag.law than "{scene.drag.law}"']) from None
+    return found if snap.units == scene.units else float(scene.units.to_code(snap.units.quantity(found, "density")))
 
 
 START = Start(
@@ -330,4 +302,6 @@ START = Start(
     on_lattice=False,
     edges=edges,
     reference_density=reference_density,
+    take_up=take_up,
+    under_way=under_way,
 )

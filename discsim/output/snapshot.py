@@ -9,21 +9,26 @@ from __future__ import annotations
 
 import os
 import tomllib
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.output import hdf5
+from discsim.output import hdf5, open_step
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
+from discsim.parts import STARTS
 from discsim.physics.eos import eos_of
+from discsim.physics.profile import reference_density
+from discsim.scene import SceneError
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
     from discsim.effects.base import Column
     from discsim.numerics.bodies import Bodies
     from discsim.numerics.state import Dust, Gas, Particles
+    from discsim.output.open_step import OpenStep
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -139,6 +144,8 @@ class Snapshot:
     lower: Array  # corners of the box, in the scene's own frame, (dimensions,)
     upper: Array
     bodies: SnapshotParticles | None = None  # star, then companions; None where there is only a star at the origin
+    open_step: OpenStep | None = None  # what a start from it needs beside
+    reference_density: float | None = None  # Sigma that laws of drag refer to, of a start that has one
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -190,11 +197,12 @@ def write_snapshot(
     dust: Dust | None,
     extra: dict[str, dict[str, Array | Column]] | None = None,
     bodies: Bodies | None = None,
+    step: OpenStep | None = None,
 ) -> None:
     """Write the particles at `time` to `path`, which appears only when it is complete.
 
     `extra` holds more arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the
-    particles. Raises OSError where the file cannot be written.
+    particles; `step` what a run goes on from beside them. Raises OSError where the file cannot be written.
     """
     extra = extra or {}
     present = {name: p for name, p in (("gas", gas), ("dust", dust), ("bodies", bodies)) if p is not None}
@@ -211,6 +219,11 @@ def write_snapshot(
         own.attrs["energy_equation"] = gas is not None and gas.u is not None
         own.attrs["units"] = [np.bytes_(text.encode()) for text in _unit_texts(scene.units)]
         hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
+        if step is not None:
+            open_step.write(own, step)
+        with suppress(SceneError):  # of a start whose own start is gone
+            if scene.initial is not None and STARTS[scene.initial.kind].reference_density is not None:
+                own.attrs["reference_density"] = reference_density(scene)
         for name, particles in present.items():
             arrays: dict[str, Any] = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
             arrays.setdefault("ids", np.arange(particles.count))
@@ -256,6 +269,8 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             dimensions=dimensions,
             lower=origin,
             upper=origin + own.attrs["size"],
+            open_step=open_step.read(own),
+            reference_density=own.attrs.get("reference_density"),
         )
 
 

@@ -4,7 +4,9 @@ A companion of mass m at distance a pulls a ring of radius r, averaged over its 
 
     g(r) = m < (r - a cos phi) / (r^2 + a^2 - 2 r a cos phi + eps^2)^(3/2) >_phi                              (1)
 
-and its mass grows as m(t) = m sin^2(pi t / 2 ramp) until `ramp`.
+and its mass grows as m(t) = m sin^2(pi t / 2 ramp) until `ramp`. Its gap has the number (Kanagawa et al. 2015)
+
+    K = q^2 (H/r)^-5 / alpha,   and is as deep as   Sigma / Sigma_0 = 1 / (1 + 0.04 K)                          (2)
 """
 
 from __future__ import annotations
@@ -14,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.parts import EOS
+from discsim.parts import EOS, Lazy
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+viscosity = Lazy("discsim.physics.viscosity")
 ANGLES = 2048  # of an orbit, over which (1) is averaged: twelve within a softening of a fiftieth of it
 RADII = 4096  # at which it is, and between which it is interpolated
 
@@ -51,6 +54,43 @@ def softening(scene: Scene, companion: Any, r: float) -> float:
     """Plummer length of a companion at distance r from the star: a length, or so many of the local H."""
     number, in_heights = companion.softening
     return number * float(scale_height(scene, r)) if in_heights else number
+
+
+def hill_radius(scene: Scene, companion: Any) -> float:
+    """a (m / 3 M)^(1/3), within which it outweighs the star."""
+    star: Any = scene.star
+    return companion.semi_major_axis * (companion.mass / (3.0 * star.mass)) ** (1.0 / 3.0)
+
+
+def period(scene: Scene, companion: Any) -> float:
+    """Of its orbit about the star, with its own mass."""
+    star: Any = scene.star
+    return 2.0 * math.pi * math.sqrt(companion.semi_major_axis**3 / (star.mass + companion.mass))
+
+
+def gap_number(scene: Scene, companion: Any) -> float:
+    """K of eq. (2) in gas of a physical viscosity."""
+    star: Any = scene.star
+    a = companion.semi_major_axis
+    height = float(scale_height(scene, a))
+    nu = float(viscosity.diffusivity(scene, np.array([a]))[0])
+    alpha = nu / (height**2 * math.sqrt(central_mass(scene) / a**3))
+    return float((companion.mass / star.mass) ** 2 * (height / a) ** -5 / alpha)
+
+
+def longest_step(scene: Scene, companion: Any, in_gas: bool) -> float:
+    """About what it allows: 1/Omega of its orbit at the pericentre, and where it is `in_gas` that of a particle within
+    its softening, or at the edge of what it takes.
+    """
+    star: Any = scene.star
+    a, e = companion.semi_major_axis, companion.eccentricity
+    orbit = math.sqrt((a * abs(1.0 - e)) ** 3 / (star.mass + companion.mass))
+    if not in_gas:
+        return orbit
+    # Of a companion that takes only some of what comes near, particles are all the way in.
+    nearest = companion.accretion_radius if companion.accretion_rate is None else 0.0
+    around = math.hypot(nearest, softening(scene, companion, a))
+    return min(orbit, math.sqrt(around**3 / companion.mass))
 
 
 def mean_pull(scene: Scene, radius: Array) -> Array:

@@ -14,8 +14,8 @@ is the same to rounding. The kicks of several live companions on each other are 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,15 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
     return frozenset(found)
 
 
+class UnderWay(NamedTuple):
+    """A body that is on its way at t = 0: place and velocity from the star (2,), mass gained, and when it began."""
+
+    pos: Array
+    vel: Array
+    gained: float
+    begun: float
+
+
 class Orbits:
     """The motion of the bodies of a scene."""
 
@@ -70,13 +79,21 @@ class Orbits:
         self.orbits = [(c.semi_major_axis, c.eccentricity, math.radians(c.phase)) for c in self.companions]
         self.fixed_mu = [star.mass + self.back * c.mass for c in self.companions]
 
-    def at_start(self) -> Bodies:
-        """The bodies at t = 0: the centre of the disc at rest at the origin."""
-        start = [mass_at(c, 0.0) for c in self.companions]
-        bodies = Bodies.at_rest(np.array([self.star.mass, *start]))
+    def at_start(self, under_way: Mapping[int, UnderWay] | None = None) -> Bodies:
+        """The bodies at t = 0: the centre of the disc at rest at the origin; some may be under way, the star as 0."""
+        under_way = under_way or {}
+        bodies = Bodies.at_rest(np.zeros(1 + len(self.companions)))
+        for number, body in under_way.items():
+            bodies.gained[number], bodies.begun[number] = body.gained, body.begun
+        bodies.mass = self._masses(bodies, 0.0)
         mu, weight = self._weights(bodies.mass)
         for k, orbit in enumerate(self.orbits):
-            found = kepler.at_anomaly(mu[k] or self.fixed_mu[k], *orbit) if self.live[k] else self._fixed(k, 0.0)
+            if not self.live[k]:
+                found = self._fixed(bodies, k, 0.0)
+            elif k + 1 in under_way:
+                found = kepler.Motion(*under_way[k + 1].pos.tolist(), *under_way[k + 1].vel.tolist())
+            else:
+                found = kepler.at_anomaly(mu[k] or self.fixed_mu[k], *orbit)
             bodies.pos[k + 1], bodies.vel[k + 1] = found[:2], found[2:]
         if self.star.centre == "barycentre":
             away = _sum(weight, bodies.pos[1:]), _sum(weight, bodies.vel[1:])
@@ -103,7 +120,7 @@ class Orbits:
         after, faster = np.empty_like(r), np.empty_like(v)
         for k in range(len(r)):
             motion = kepler.Motion(*r[k].tolist(), *v[k].tolist())
-            found = kepler.drift(mu[k], motion, dt) if self.live[k] else self._fixed(k, time + dt)
+            found = kepler.drift(mu[k], motion, dt) if self.live[k] else self._fixed(bodies, k, time + dt)
             after[k], faster[k] = found[:2], found[2:]
         off, turned = -_sum(weight, after - r - dt * v), -_sum(weight, faster - v)
         if self.inertial:
@@ -116,7 +133,7 @@ class Orbits:
         """Put companions on fixed orbits where they are at a time, and give all the masses that they have."""
         bodies.mass = self._masses(bodies, time)
         for k in np.flatnonzero(~self.live).tolist():
-            found = self._fixed(k, time)
+            found = self._fixed(bodies, k, time)
             bodies.pos[k + 1], bodies.vel[k + 1] = bodies.pos[0] + found[:2], bodies.vel[0] + found[2:]
 
     def pull_on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
@@ -156,14 +173,16 @@ class Orbits:
     def _by_disc(self, bodies: Bodies, number: int, felt: Iterable[str]) -> Array:
         return bodies.pulled[number][[name in felt for name in ("gas", "dust")]].sum(axis=0)
 
-    def _fixed(self, k: int, time: float) -> kepler.Motion:
+    def _fixed(self, bodies: Bodies, k: int, time: float) -> kepler.Motion:
         """Place and velocity from the star, in closed form of the time."""
+        time -= float(bodies.begun[k + 1])
         size, e, phase = self.orbits[k]
         mu = self.fixed_mu[k]
         return kepler.at_mean_anomaly(mu, size, e, kepler.mean_anomaly(e, phase) + math.sqrt(mu / size**3) * time)
 
     def _masses(self, bodies: Bodies, time: float) -> Array:
-        return np.array([self.star.mass, *(mass_at(c, time) for c in self.companions)]) + bodies.gained
+        grown = (mass_at(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True))
+        return np.array([self.star.mass, *grown]) + bodies.gained
 
     def _weights(self, mass: Array) -> tuple[list[float], Array]:
         """mu_k and w_k of masses (n,), the star's first."""

@@ -72,10 +72,12 @@ def _steps(scene: Scene) -> float | None:
         return run.until / run.timestep
     if not start.known_step:
         return None
+    of_effects = min(effect.expected_limit(scene) for effect in effect_classes(scene).values())
     if at.step is not None:
-        return run.until / (run.courant * SHRINK * float(at.step.min()))
+        return run.until / (run.courant * min(SHRINK * float(at.step.min()), of_effects))
     if scene.star and start.edges is not None:
-        return run.until / run.courant * float(profile.kepler_omega(scene, start.edges(scene)[0]))
+        orbit = 1.0 / float(profile.kepler_omega(scene, start.edges(scene)[0]))
+        return run.until / (run.courant * min(orbit, of_effects))
     return None
 
 

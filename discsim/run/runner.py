@@ -22,6 +22,7 @@ from discsim.numerics.state import Gas, State
 from discsim.output.checkpoint import CheckpointError, read_checkpoint
 from discsim.output.files import written
 from discsim.output.history import HistoryError
+from discsim.output.open_step import left_open
 from discsim.output.snapshot import write_snapshot
 from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
@@ -29,6 +30,7 @@ from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
 from discsim.run import ahead
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
+from discsim.run.forces import kick_owner
 from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
@@ -300,11 +302,12 @@ class _Run:
     def _output(self) -> None:
         """The next snapshot, with its row and the costs until now."""
         sim = self.sim
+        open_step = left_open(sim.state, kick_owner(sim.effects) is not None)
         with sim.synchronised() as state:
             extra = columns(state, sim.effects.values())
             gas = _with_present_pressure(state)
             path = self._snapshot(self.snapshots)
-            write_snapshot(path, self.scene, state.time, gas, state.dust, extra, state.bodies)
+            write_snapshot(path, self.scene, state.time, gas, state.dust, extra, state.bodies, open_step)
             self._add_row()
             if state.step == 0:
                 self.records.add_companions(state, 0.0)

@@ -67,7 +67,7 @@ class Simulation:
         use_threads(scene.run.threads)
         try:
             self.state = make_state(scene, _made(scene) if given is None else given)
-            self.state.bodies = make_bodies(scene)
+            self.state.bodies = make_bodies(scene, with_start=particles is None)
             effects = load_effects(scene, self.state)
             settle = None if particles is not None else start_of(scene).settle
             if settle is not None:
@@ -79,6 +79,9 @@ class Simulation:
             if particles is None and not to_restore:
                 self.relaxed = relax(self.state, effects)
             enter_frame(self.state, with_particles=particles is None)
+            take_up = None if particles is not None else start_of(scene).take_up
+            if take_up is not None:
+                take_up(self.state)
         except ValueError as error:
             raise SceneError([str(error)]) from error
         except (FloatingPointError, ZeroDivisionError, OverflowError) as error:

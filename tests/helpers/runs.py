@@ -8,6 +8,9 @@ import sys
 import numpy as np
 
 from discsim import Simulation, read_snapshot
+from discsim.output.open_step import left_open
+from discsim.output.snapshot import write_snapshot
+from discsim.run.forces import kick_owner
 from discsim.scene import load_scene
 
 DISC = """\
@@ -118,6 +121,23 @@ def state_bits(sim):
     return {name: {k: v.tobytes() for k, v in p.arrays().items()} for name, p in sim.state.species.items()}
 
 
+def assert_resumes(scene, path, half, end):
+    """From a checkpoint at `path` of the time `half` it goes on to `end` with the bits of a straight run; that run."""
+    straight, resumed = Simulation(scene), Simulation(scene)
+    straight.evolve(half)
+    straight.save(path)
+    straight.evolve(end)
+    resumed.restore(path)
+    assert resumed.time == half
+    resumed.evolve(end)
+    assert state_bits(straight) == state_bits(resumed)
+    for one, other in ((straight.state.ledger, resumed.state.ledger), (straight.bodies, resumed.bodies)):
+        if one is not None:
+            assert_same_arrays({k: np.atleast_1d(v) for k, v in vars(one).items()},
+                               {k: np.atleast_1d(v) for k, v in vars(other).items()})  # fmt: skip
+    return straight
+
+
 def at_step(monkeypatch, step, act):
     """Have `act(sim)` done at the end of the given step of any run."""
     advance = Simulation._advance
@@ -156,3 +176,10 @@ def bits_of(given, **environment):
 
 def contents(directory):
     return {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+
+
+def put_out(sim, path):
+    """The snapshot that a run writes of a simulation between two steps."""
+    step = left_open(sim.state, kick_owner(sim.effects) is not None)
+    with sim.synchronised() as state:
+        write_snapshot(path, sim.scene, state.time, state.gas, state.dust, {}, state.bodies, step)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from runs import assert_resumes
 from scenes import problems
 
 from discsim import Simulation
 from discsim.physics import profile
+from discsim.scene import SceneError
 
 R = np.geomspace(1.0, 3.0, 60)
 
@@ -97,3 +99,18 @@ def test_circles_or_drift_as_asked(tmp_path):
         dust = Simulation(given).dust
         inwards = -(dust.pos * dust.vel).sum(axis=1)
         assert (inwards > 1e-5).all() if falls else (np.abs(inwards) < 1e-12).all()
+
+
+def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
+    given = scene(table(tmp_path), drag={"law": "stopping-time", "t_stop": 0.1})
+    given["gas"] |= {"viscosity": {}}
+    assert_resumes(given, tmp_path / "half.h5", 0.05, 0.1)
+    moved = tmp_path / "elsewhere"
+    moved.mkdir()
+    (moved / "profile.txt").write_bytes((tmp_path / "disc.txt").read_bytes())  # what holds the same is the same
+    again = Simulation(given | {"initial": {"kind": "table", "file": str(moved / "profile.txt")}})
+    again.restore(tmp_path / "half.h5")
+    (moved / "profile.txt").write_text("r Sigma T ratio\n1 1 1 1\n3 1 1 1\n")
+    other = Simulation(given | {"initial": {"kind": "table", "file": str(moved / "profile.txt")}})
+    with pytest.raises(SceneError, match=r"the scene differs from the one there in initial\.file"):
+        other.restore(tmp_path / "half.h5")

@@ -1,0 +1,73 @@
+"""What a snapshot lacks of a state between two steps, so that a start from it goes on as the run does.
+
+Between steps velocities and energies await the closing kick of a step (`run/integrators.py`). A snapshot shows them
+with it; the run goes on without it, from what viscosity and pressure have foreseen of it, and from where the search for
+each h began. The number of the step shifts cells of drag; star and companions have a past.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.output import hdf5
+
+if TYPE_CHECKING:
+    import h5py
+
+    from discsim.numerics.state import State
+
+Array = np.ndarray
+GROUP = "OpenStep"
+KICKED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes of particles, and a run goes on from
+OF_BODIES = ("pos", "gained", "begun")
+
+
+@dataclass(frozen=True)
+class OpenStep:
+    """lag: as of the state, 0 where the kick is made. step: number of it, with those of runs that it went on from.
+
+    arrays: by species, "bodies" too, those that the snapshot shows otherwise or lacks, in the order of the ids.
+    """
+
+    lag: float
+    step: int
+    arrays: dict[str, dict[str, Array]] = field(default_factory=dict)
+
+
+def left_open(state: State, together: bool) -> OpenStep:
+    """That of a state between two steps; `together`: an effect kicks gas and dust, whose kicks do not add up to one.
+
+    Where nothing foresees a kick either, the closed velocities go on to rounding, and are there already.
+    """
+    kicked = together or (state.gas is not None and state.gas.kick_acc is not None)
+    lag = state.lag if kicked else 0.0
+    names = KICKED if lag > 0.0 else ()
+    arrays = {}
+    for species, particles in state.species.items():
+        held, order = particles.arrays(), np.argsort(particles.ids, kind="stable")
+        arrays[species] = {name: held[name][order] for name in (*names, "h_before") if name in held}
+    if state.bodies is not None:
+        held = state.bodies.arrays()
+        arrays["bodies"] = {name: held[name].copy() for name in (*OF_BODIES, *(names[:1]))}
+    return OpenStep(lag, state.step + state.earlier, arrays)
+
+
+def write(group: h5py.Group, step: OpenStep) -> None:
+    into = group.create_group(GROUP)
+    into.attrs["lag"], into.attrs["step"] = step.lag, step.step
+    for species, arrays in step.arrays.items():
+        part = into.create_group(species)
+        for name, array in arrays.items():
+            hdf5.put(part, name, array)
+
+
+def read(group: h5py.Group) -> OpenStep | None:
+    """None where an earlier version wrote the file."""
+    if GROUP not in group:
+        return None
+    held = group[GROUP]
+    arrays = {species: {name: stored[()] for name, stored in part.items()} for species, part in held.items()}
+    return OpenStep(float(held.attrs["lag"]), int(held.attrs["step"]), arrays)
