@@ -192,7 +192,8 @@ def _drag(rng: Any, scene: dict, scheme: str, law: str, given_disc: bool) -> dic
         for dust in scene["dust"] if isinstance(scene["dust"], list) else [scene["dust"]]:
             dust |= _filled(rng, DUST, 1.0, ("grain_size", "grain_density"), only=True)
             if rng.random() < 0.3:
-                many = {"smallest": dust["grain_size"], "largest": float(dust["grain_size"] * 10.0 ** rng.uniform(0.1, 8))}
+                largest = float(dust["grain_size"] * 10.0 ** rng.uniform(0.1, 8))
+                many = {"smallest": dust["grain_size"], "largest": largest}
                 dust["grain_size"] = many | ({"bins": int(rng.integers(1, 9))} if rng.random() < 0.5 else {})
     drag |= {"direction": "one-way"} if given_disc or rng.random() < 0.25 else {}
     return drag if given_disc else drag | {"scheme": scheme} | _filled(rng, DRAG, 0.07, (), OF_SCHEMES, only=True)
