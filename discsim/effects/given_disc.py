@@ -121,6 +121,7 @@ class Drag(base.Effect):
         self.star = scene.star
         self.disc = GivenDisc(scene)
         self.gas = self.disc.laws, *self.disc.table()
+        self.stopping_times = np.empty(0)  # of the dust (n,) at the last kick
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -135,7 +136,7 @@ class Drag(base.Effect):
         return cautions.warnings(scene, at)
 
     def kick(self, state: State, dt: float) -> None:
-        self._relax(state, state.dust.vel, dt)
+        self.stopping_times = self._relax(state, state.dust.vel, dt)
 
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Stopping times of the dust where it is now (n,); changes no velocity."""
@@ -149,18 +150,16 @@ class Drag(base.Effect):
         Kepler's; about the star as it is at the start.
         """
         out = np.empty_like(pos)
-        share(kernels.path_velocities, len(pos), pos, species, self._disc(self.star.mass), out)
+        share(kernels.path_velocities, len(pos), pos, species, self.kernel_disc(self.star.mass), out)
         return out
 
-    def _disc(self, star_mass: float) -> Any:
+    def kernel_disc(self, star_mass: float) -> Any:
         """What kernels take of the law, the star and the gas."""
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
         return kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
-        times = np.empty(p.count)
-        share(
-            kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, self._disc(state.star_mass), state.lag, dt, times
-        )
+        times, disc = np.empty(p.count), self.kernel_disc(state.star_mass)
+        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, p.species, disc, state.lag, dt, times)
         return times
