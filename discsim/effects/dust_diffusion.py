@@ -76,7 +76,7 @@ def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
 
 
 def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
-    if draft.dust_diffusion.D is not None:
+    if draft.dust_diffusion.D is not None or not draft.has("dust"):
         return
     if not draft.has("gas") and not draft.has("background"):
         yield ("dust_diffusion",), "no turbulent gas is there; expected a table [gas] or [background], or D"

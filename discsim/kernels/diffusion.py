@@ -20,6 +20,7 @@ from numba import njit
 
 from discsim.kernels.background import gas_at
 from discsim.kernels.frame import kepler
+from discsim.kernels.inner import inner
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.philox import counter_of, normal_pair
@@ -157,6 +158,17 @@ def given_about(first, last, pos, disc, field):
             field[i, SLOPES + k], field[i, SLOPES + 2 + k] = slope * per, steep * per
 
 
+@inner
+def slopes_of_time(law, grain, density, sound, star, own):
+    """Slopes of ln t over those of the gas's density, sound speed and Omega, about a stopping time `own`."""
+    up = 1.0 + NUDGE
+    per = 1.0 / math.log(up)
+    by_density = math.log(stopping_time(law, grain, 1.0, density * up, sound, star) / own)
+    by_sound = math.log(stopping_time(law, grain, 1.0, density, sound * up, star) / own)
+    by_omega = math.log(stopping_time(law, grain, 1.0, density, sound, star * up) / own) if star > 0.0 else 0.0
+    return per * by_density, per * by_sound, per * by_omega
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def strengths(first, last, pos, centre, species, field, times, norm, fresh, stirring, strength, drift):
     """Write D (n,) and grad D + D grad ln S (n, d) of each grain, 0 where there is no gas or no drag.
@@ -201,14 +213,9 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
             stokes2 = (norm[i] * own * omega) ** 2
             less = 1.0 / (1.0 + stokes2)
             if less > 0.0:
-                up = 1.0 + NUDGE
-                steep = -2.0 * stokes2 * less / math.log(up)
-                law = stirring.law
-                by_density = steep * math.log(stopping_time(law, grain, 1.0, density * up, sound, star) / own)
-                by_speed = 0.5 * steep * math.log(stopping_time(law, grain, 1.0, density, sound * up, star) / own)
-                by_omega = -2.0 * stokes2 * less
-                if star > 0.0:
-                    by_omega += steep * math.log(stopping_time(law, grain, 1.0, density, sound, star * up) / own)
+                steep = -2.0 * stokes2 * less  # d ln D / d ln St
+                by_density, by_speed, by_omega = slopes_of_time(stirring.law, grain, density, sound, star, own)
+                by_density, by_speed, by_omega = steep * by_density, 0.5 * steep * by_speed, steep * (1.0 + by_omega)
         strong *= less
         # With a constant D_g neither c^2 nor Omega count but in St.
         if most >= 0:
@@ -251,7 +258,7 @@ def walk(first, last, pos, vel, ids, strength, drift, field, key, step, dt, circ
             pos[i, 1] += v
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner
 def shift(i, pos, vel, u, v, circles, gained):
     """The velocity that a grain has after a displacement (u, v): as it was relative to circles."""
     cx, cy = circles.centre[0], circles.centre[1]
@@ -274,7 +281,7 @@ def shift(i, pos, vel, u, v, circles, gained):
         gained[i] = r * azimuthal - before
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner
 def behind(r, sense, circles):
     """Radial and azimuthal velocity on a circle, which `lag` before its place has still to turn by asin(Omega lag)."""
     omega = kepler(r * r, circles.star, circles.softening)
