@@ -129,7 +129,7 @@ class Effect(base.Effect):
                 key = "D" if scene.table("dust_diffusion").D is not None else "alpha"
                 yield (
                     f"dust walks in about {steps[worst]:.3g} steps within one of the run {at.where(worst)}, else it "
-                    f"would cross more than half an h: lower dust_diffusion.{key}, or take fewer gas particles"
+                    f"would cross more than half an h: lower dust_diffusion.{key} or run.courant"
                 )
                 return
 
