@@ -44,7 +44,7 @@ moves = Lazy("discsim.kernels.move")
 neighbours = Lazy("discsim.numerics.neighbours")
 smoothing = Lazy("discsim.numerics.sph")
 
-WALKED, PAIR = 250.0, 7.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
+WALKED, PAIR = 280.0, 18.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
 IN_A_CELL = 16.0  # grains that look for gas together
 REACH = 0.5  # of the length over which the gas changes: sqrt(2 D dt) of a step of the walk, at most
 MOST, MANY = 2000, 10  # steps of the walk in one of the run: at all, and without a warning
