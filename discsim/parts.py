@@ -168,6 +168,7 @@ EFFECTS = Parts(
         "external": "discsim.effects.external:Effect",
         "cooling": "discsim.effects.cooling:Effect",
         "drag": "discsim.effects.drag:Effect",
+        "dust_diffusion": "discsim.effects.dust_diffusion:Effect",
         "damping": "discsim.effects.damping:Effect",
     },
 )

@@ -48,6 +48,12 @@ DRAG = {
     "discsim.kernels.blocks",
 }
 COOLING = {"discsim.effects.cooling", "discsim.kernels.cooling", "discsim.physics.cooling", "discsim.formulas.opacity"}
+STIRRED = {
+    "discsim.effects.dust_diffusion",
+    "discsim.physics.diffusion",
+    "discsim.kernels.diffusion",
+    "discsim.kernels.philox",
+}
 LIGHT = {"discsim.effects.radiation_pressure", "discsim.kernels.radiation"}
 OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}
@@ -119,7 +125,7 @@ def path(tmp_path):
 @pytest.mark.parametrize(
     "text, without, there, absent",
     [
-        (DISC, (), GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME | COOLING | LIGHT),
+        (DISC, (), GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME | COOLING | LIGHT | STIRRED),
         (DISC, ("self_gravity",), GAS | DUST | DRAG | STAR, GRAVITY),
         (DISC, ("dust", "drag"), GAS | STAR | GRAVITY, DUST | DRAG),
         (DISC, ("drag",), GAS | DUST | STAR | GRAVITY, DRAG),

@@ -147,16 +147,18 @@ EVERYTHING = disc(
     drag={"law": "stopping-time", "t_stop": 0.1},
     radiation_pressure={"beta": 0.1},
     cooling={"kind": "constant", "t_cool": 0.5, "aspect_ratio": 0.05},
+    dust_diffusion={},
     damping={"inner": [1.0, 1.2]},
 )
 STEPPED = (
     "gas", "gas.viscosity", "gas.conductivity", "alpha_viscosity", "dust", "star", "companion", "self_gravity",
-    "radiation_pressure", "external", "cooling", "drag", "damping",
+    "radiation_pressure", "external", "cooling", "drag", "dust_diffusion", "damping",
 )  # fmt: skip
 # What cannot stay without it.
 NEEDS = {
-    "gas": ("alpha_viscosity", "drag", "cooling"), "dust": ("drag", "radiation_pressure"),
-    "star": ("alpha_viscosity", "companion", "radiation_pressure", "cooling", "damping"),
+    "gas": ("alpha_viscosity", "drag", "dust_diffusion", "cooling"), "alpha_viscosity": ("dust_diffusion",),
+    "dust": ("drag", "dust_diffusion", "radiation_pressure"), "drag": ("dust_diffusion",),
+    "star": ("alpha_viscosity", "dust_diffusion", "companion", "radiation_pressure", "cooling", "damping"),
 }  # fmt: skip
 
 
@@ -239,7 +241,7 @@ def test_acceleration_of_each_effect(effect, with_everything):
     gas, dust = with_everything.acceleration(effect)
     assert gas.shape == (400, 2) and dust.shape == (300, 2)
     # SPH pushes gas alone, by its viscosity too; dust alone gives nothing; drag is the kick itself, damping one more.
-    nothing = dict.fromkeys(("alpha_viscosity", "dust", "drag", "cooling", "damping"), (False, False))
+    nothing = dict.fromkeys(("alpha_viscosity", "dust", "drag", "dust_diffusion", "cooling", "damping"), (False, False))
     acts = (nothing | {"gas": (True, False), "radiation_pressure": (False, True)}).get(effect, (True, True))
     assert (np.abs(gas).max() > 0, np.abs(dust).max() > 0) == acts
 

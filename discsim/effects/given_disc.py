@@ -121,6 +121,7 @@ class Drag(base.Effect):
         self.star = scene.star
         self.disc = GivenDisc(scene)
         self.gas = self.disc.laws, *self.disc.table()
+        self.stopping_times = np.empty(0)  # of the dust (n,) at the last kick
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -135,7 +136,7 @@ class Drag(base.Effect):
         return cautions.warnings(scene, at)
 
     def kick(self, state: State, dt: float) -> None:
-        self._relax(state, state.dust.vel, dt)
+        self.stopping_times = self._relax(state, state.dust.vel, dt)
 
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Stopping times of the dust where it is now (n,); changes no velocity."""
@@ -149,24 +150,26 @@ class Drag(base.Effect):
         Kepler's; about the star as it is at the start. size (n,): of grains that have sizes of their own.
         """
         out = np.empty_like(pos)
-        row, disc = self._disc(self.star.mass, species, size)
+        row, disc = self._of_grains(self.star.mass, species, size)
         share(kernels.path_velocities, len(pos), pos, row, disc, out)
         return out
 
-    def _disc(self, star_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
-        """The row that each grain has in what kernels take of law and light, its population's or its own; and all that
-        they take of the law, the star and the gas.
-        """
-        row, grains, ratios, pull = species, self.law.grains, self.ratios, self.pull
-        if size is not None:
-            row = np.arange(len(size))
-            grains, ratios, pull = self.law.rows(species, size), ratios[species], pull[species]
-        law = self.law.code, grains, self.law.nonlinear, ratios, pull
-        return row, kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
+    def kernel_disc(self, star_mass: float) -> Any:
+        """What kernels take of the law, the star and the gas, law and light by population."""
+        law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
+        return kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
+
+    def _of_grains(self, star_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
+        """The same, and the row of each grain in what is by population, or by grain where each has a size of its own."""
+        disc = self.kernel_disc(star_mass)
+        if size is None:
+            return species, disc
+        grains = self.law.rows(species, size)
+        return np.arange(len(size)), disc._replace(grains=grains, ratios=self.ratios[species], pull=self.pull[species])
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
         times = np.empty(p.count)
-        row, disc = self._disc(state.star_mass, p.species, p.size)
+        row, disc = self._of_grains(state.star_mass, p.species, p.size)
         share(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
         return times

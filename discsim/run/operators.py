@@ -49,9 +49,12 @@ class Operators:
                 self.effects[name].operate(self.state, dt)
 
     def move(self, dt: float) -> None:
-        for name, effect in self.effects.items():
-            with self.costs(name):
-                effect.move(self.state, dt)
+        try:
+            for name, effect in self.effects.items():
+                with self.costs(name):
+                    effect.move(self.state, dt)
+        except FloatingPointError as fault:
+            raise PhysicsError(str(fault)) from fault
 
     def events(self) -> None:
         for name, effect in self.effects.items():

@@ -151,7 +151,11 @@ def _surroundings(rng: np.random.Generator) -> dict[str, Any]:
         "radiation_pressure": {"beta": float(1.5 * rng.random())},
         "damping": zones[rng.integers(3)],
     }
-    return {name: table for name, table in tables.items() if rng.random() < 1 / 3}
+    found = {name: table for name, table in tables.items() if rng.random() < 1 / 3}
+    stirring = ({"alpha": size}, {"D": 1e-2 * size}, {})
+    if rng.random() < 1 / 3:
+        found["dust_diffusion"] = stirring[rng.integers(3)]
+    return found
 
 
 def _mend(scene: dict) -> None:

@@ -1,0 +1,275 @@
+"""Turbulent diffusion of dust: dx = (grad D + D grad ln Sigma_g) dt + sqrt(2 D dt) xi, D = alpha c_s H / (1 + St^2).
+
+A random walk of the grains whose density obeys d Sigma_d/dt = div [D Sigma_g grad(Sigma_d / Sigma_g)] (Ciesla 2010;
+Zsom et al. 2011): without drift it ends where Sigma_d / Sigma_g is the same everywhere. alpha is that of
+[alpha_viscosity], dead zone and all, or a number; St that of each grain's drag at the last kick (Youdin & Lithwick
+2007). A given D is the grains' own diffusivity, whatever their St. In one dimension Sigma is the density, and Omega
+`external.vertical_frequency`.
+
+Each grain walks once a step, after its move. xi comes of the seed, its id and the step (`kernels/philox.py`). Where
+sqrt(2 D dt) is beyond half an h (in a given disc H/6) the walk is made in shorter steps; it limits no step of the run.
+
+Velocities stay what they are, and momentum with them; about a star they stay so relative to the circle of each place
+(`kernels/diffusion.py`), and what a grain's angular momentum gains by that the gas about the middle of its way loses
+where drag is two-way: then turbulence makes none, and gas moves against the dust that diffuses. One-way it is
+turbulence that gives it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from discsim.effects import base
+from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics.state import State
+from discsim.numerics.threads import copied, share
+from discsim.parts import SCHEMES, Lazy
+from discsim.physics import diffusion
+from discsim.physics.eos import eos_of
+from discsim.scene.fields import Default, Diffusivity, Number, Table
+from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
+kernels = Lazy("discsim.kernels.diffusion")
+philox = Lazy("discsim.kernels.philox")
+moves = Lazy("discsim.kernels.move")
+neighbours = Lazy("discsim.numerics.neighbours")
+smoothing = Lazy("discsim.numerics.sph")
+
+WALKED, PAIR = 280.0, 18.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
+IN_A_CELL = 16.0  # grains that look for gas together
+REACH = 0.5  # of the length over which the gas changes: sqrt(2 D dt) of a step of the walk, at most
+MOST, MANY = 2000, 10  # steps of the walk in one of the run: at all, and without a warning
+WALK = 0xD1FF  # of the generator's key: no other random number of a run is of it
+
+
+class Keys(Table):
+    """Turbulence stirs the dust."""
+
+    alpha: Annotated[Number | None, Default("alpha_viscosity's")] = Field(
+        None, gt=0, description="D = alpha c_s H / (1 + St^2)"
+    )
+    D: Diffusivity | None = Field(None, gt=0, description="of the grains, the same everywhere; instead of alpha")
+
+
+def _one_strength(draft: Draft) -> Iterator[Problem]:
+    own = draft.dust_diffusion
+    if own.alpha is not None and own.D is not None:
+        yield ("dust_diffusion", "D"), "alpha is there too; expected one of the two"
+    elif own.alpha is None and own.D is None and not draft.has("alpha_viscosity"):
+        yield ("dust_diffusion",), "nothing says how strong it is; expected alpha, D, or a table [alpha_viscosity]"
+
+
+def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
+    if not draft.has("dust"):
+        yield ("dust_diffusion",), "there is no dust to stir; expected a table [dust] too"
+    elif draft.drag and SCHEMES[draft.drag.scheme].on_grid:
+        yield ("dust_diffusion",), f'dust of scheme "{draft.drag.scheme}" is in cells; expected another drag.scheme'
+
+
+def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
+    if draft.dust_diffusion.D is not None or not draft.has("dust"):
+        return
+    if not draft.has("gas") and not draft.has("background"):
+        yield ("dust_diffusion",), "no turbulent gas is there; expected a table [gas] or [background], or D"
+    elif not draft.has("drag"):
+        yield ("dust_diffusion",), "gas stirs no dust without drag; expected a table [drag] too, or D"
+    layer = draft.external is not None and draft.external.vertical_frequency > 0.0
+    if draft.dust_diffusion.alpha is not None and not draft.has("star") and not layer:
+        wrong = "alpha c_s H needs orbits"
+        yield ("dust_diffusion", "alpha"), f"{wrong}; expected [star] or external.vertical_frequency, or D instead"
+
+
+class Effect(base.Effect):
+    keys = Keys
+    rules = (_one_strength, _moves_by_particles, _stirred_by_gas)
+    acts_on = ()
+
+    def __init__(self, scene: Scene, state: State) -> None:
+        self.scene, self.dim = scene, scene.space.dimensions
+        given = diffusion.constant(scene)
+        self.constant = 0.0 if given is None else given
+        self.table = diffusion.alpha_table(scene)
+        self.inert = scene.table("dust_diffusion").D is None
+        self.key = philox.key_of(scene.run.seed, WALK)
+        self.sph = smoothing.Sph(scene) if scene.gas else None
+        self.drag: Any = None
+
+    def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
+        self.drag = effects.get("drag")
+
+    @classmethod
+    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+        found = diffusion.at_places(scene, at)
+        for i, (strength, _) in enumerate(found):
+            which = f" {i}" if len(found) > 1 else ""
+            texts = [scene.units.show(float(value), "diffusivity") for value in strength]
+            yield f"diffusivity of the dust{which}", ", ".join(texts)
+            if at.scale_height is not None:
+                times = [scene.units.show(float(time), "time") for time in at.scale_height**2 / strength]
+                yield f"time to diffuse over H{which}", ", ".join(times)
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        if at.step is None or at.resolution is None:
+            return
+        dt = scene.run.timestep or scene.run.courant * at.step
+        for strength, _ in diffusion.at_places(scene, at):
+            steps = 2.0 * strength * dt / (REACH * at.resolution) ** 2
+            worst = int(np.argmax(steps))
+            if steps[worst] > MANY:
+                key = "D" if scene.table("dust_diffusion").D is not None else "alpha"
+                yield (
+                    f"dust walks in about {steps[worst]:.3g} steps within one of the run {at.where(worst)}, else it "
+                    f"would cross more than half an h: lower dust_diffusion.{key} or run.courant"
+                )
+                return
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
+        passes = 3 if scene.gas and scene.star and scene.drag and scene.drag.direction == "two-way" else 1
+        return counts.dust * (WALKED + passes * PAIR * about)
+
+    def move(self, state: State, dt: float) -> None:
+        dust = state.dust
+        if dust.count == 0 or (state.gas is not None and state.gas.count == 0):
+            return
+        norm, strength = np.empty((2, dust.count))
+        drift, centre = np.empty_like(dust.pos), self._centre(state)
+        times = self.drag.stopping_times if self.inert else norm
+        row, stirring = self._turbulence(state)
+        done, steps = 0, 1
+        while done < steps:
+            gas = _Surroundings(self, state)
+            field = gas.about(dust.pos)
+            steepest = max(
+                share(
+                    kernels.strengths, dust.count, dust.pos, centre, row, field, times, norm, done == 0,
+                    stirring, strength, drift,
+                )
+            )  # fmt: skip
+            if done == 0:
+                steps = _steps(2.0 * steepest * dt / REACH**2)
+            if dust.immobile is not None:
+                strength[dust.immobile] = 0.0
+            self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, state.step * MOST + done)
+            done += 1
+
+    def _walk(
+        self,
+        state: State,
+        gas: _Surroundings,
+        field: np.ndarray,
+        found: tuple[np.ndarray, np.ndarray],
+        dt: float,
+        lag: float,
+        step: int,
+    ) -> None:
+        """One step of the walk, and what the gas loses by it; velocities are `lag` behind the places."""
+        dust, centre, star = state.dust, self._centre(state), self._star(state)
+        # Grains in a given disc move on circles by themselves: their velocities turn with them.
+        lag = 0.0 if self.scene.model.given is not None else lag
+        circles = kernels.Circles(*star, lag, centre)
+        two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.unnoticed
+        gained = np.empty(dust.count if two_way else 0)
+        before = copied(dust.pos) if two_way else dust.pos
+        share(
+            kernels.walk, dust.count, dust.pos, dust.vel, dust.ids, *found, field, self.key, step, dt, circles, gained
+        )
+        if self.scene.space.boundary == "periodic":
+            share(moves.wrap, dust.count, dust.pos, np.array(self.scene.space.size))
+        if two_way:
+            gas.lose(gained * dust.mass, before, dust.pos, field[:, kernels.DENSITY], centre)
+
+    def _turbulence(self, state: State) -> tuple[np.ndarray, Any]:
+        """The row (n,) of each grain in what kernels take of the law, and all that they take of turbulence."""
+        law, dust = self.drag.law if self.inert else None, state.dust
+        row, grains = dust.species, law.grains if law else np.empty((0, 5))
+        if law and dust.size is not None:
+            row, grains = np.arange(dust.count), law.rows(dust.species, dust.size)
+        return row, kernels.Turbulence(
+            *self.table, self.constant, self.inert, *self._star(state), diffusion.frequency(self.scene),
+            law.code if law else 0, grains,
+        )  # fmt: skip
+
+    def _star(self, state: State) -> tuple[float, float]:
+        """Mass and softening of what grains turn about; zeros without a star."""
+        star = self.scene.star
+        return (state.central_mass, star.softening) if star else (0.0, 0.0)
+
+    def _centre(self, state: State) -> np.ndarray:
+        """Place and velocity (4,) of the centre of the disc."""
+        centre = state.centre
+        return np.zeros(4) if centre is None else np.concatenate(centre)
+
+
+class _Surroundings:
+    """The gas about grains: sums over its particles, a given disc, or nothing."""
+
+    def __init__(self, effect: Effect, state: State) -> None:
+        self.effect, self.state = effect, state
+        self.cells = effect.sph.cells_of(state.gas) if effect.sph is not None else None
+
+    def about(self, pos: np.ndarray) -> np.ndarray:
+        """Columns (n, 3 + 2 d) of the gas at places (n, d), as `kernels/diffusion.py` has them."""
+        effect, state = self.effect, self.state
+        field = np.zeros((len(pos), 3 + 2 * effect.dim))
+        if effect.sph is None:
+            if self.effect.scene.model.given is None:
+                field[:, kernels.DENSITY], field[:, kernels.LENGTH] = 1.0, math.inf
+                return field
+            share(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.star_mass), field)
+            return field
+        gas, grains = state.gas, self.cells_of(pos)
+        lists = neighbours.candidates(grains, self.cells, mutual=True, extent=0.0)
+        speed2 = gas.sound_speed**2 / eos_of(effect.scene).heat_ratio(effect.scene.gas.eos)
+        share(
+            kernels.gas_driver(effect.sph.kernel, effect.dim), len(grains.filled), grains, self.cells, pos, gas.pos,
+            gas.h, gas.mass, speed2, field, least=neighbours.LEAST, each=lists,
+        )  # fmt: skip
+        return field
+
+    def lose(
+        self, given: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
+    ) -> None:
+        """Take angular momenta (n,) that grains were `given` from the gas about the middle of their ways, or, where
+        none is there, about their start, where it has that `density` (n,).
+        """
+        effect, gas = self.effect, self.state.gas
+        middle = 0.5 * (start + end)
+        there = self.about(middle)[:, kernels.DENSITY].copy()
+        empty = there == 0.0
+        middle[empty], there[empty] = start[empty], density[empty]
+        grains = self.cells_of(middle)
+        lists = neighbours.candidates(self.cells, grains, mutual=False)
+        share(
+            kernels.recoil_driver(effect.sph.kernel), len(self.cells.filled), self.cells, grains, gas.pos, gas.h,
+            middle, there, given, centre, gas.vel, least=neighbours.LEAST, each=lists,
+        )  # fmt: skip
+
+    def cells_of(self, pos: np.ndarray) -> Any:
+        """Cells of places, for a search together."""
+        sph = self.effect.sph
+        low, width = (np.zeros(2), sph.size) if sph.periodic else neighbours.box_about(pos)
+        sides = width[width > 1e-300]
+        side = (IN_A_CELL * np.prod(sides) / len(pos)) ** (1.0 / max(1, len(sides)))
+        return neighbours.sort_into_cells(pos, np.full(len(pos), side), 1.0, low, width, sph.periodic)
+
+
+def _steps(wanted: float) -> int:
+    """Steps of the walk within one of the run. Raises FloatingPointError where there would be no end of them."""
+    if not wanted <= MOST:
+        raise FloatingPointError(
+            f"dust_diffusion would walk in {wanted:.2g} steps within one of the run, each over half the length over "
+            f"which the gas changes; expected a smaller diffusivity, or a run.timestep for at most {MOST}"
+        )
+    return max(1, math.ceil(wanted))

@@ -1,0 +1,289 @@
+"""A random walk of grains whose equilibrium is a uniform Sigma_d / Sigma_g.
+
+    S(x) = sum_a m_a W(|x - x_a|, h_a),   c^2(x) = sum_a m_a W c_a^2 / S                                  (1)
+    dx   = (grad D + D grad ln S) dt + sqrt(2 D dt) xi,   D = D_g / (1 + St^2)                            (2)
+
+so that d Sigma_d/dt = div [D S grad(Sigma_d / S)] in Ito's sense, with the gas S as it is, noise and all. Gradients of
+S and c^2 are those of the sums (1), or of a given disc; St = t Omega changes with them as the law of the drag has it.
+
+About a star a grain keeps its velocity relative to the circle through its place, radial and azimuthal: else every
+displacement would throw it onto an eccentric orbit. What its angular momentum gains by that the gas loses about the
+middle of the way, so that gas and dust diffuse through each other (`effects/dust_diffusion.py`).
+"""
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.background import gas_at
+from discsim.kernels.frame import kepler
+from discsim.kernels.inner import inner
+from discsim.kernels.laws import stopping_time
+from discsim.kernels.neighbours import most_of, place
+from discsim.kernels.philox import counter_of, normal_pair
+from discsim.kernels.smoothing import NORM, SUPPORT, shape
+
+# Columns of the gas about grains: S, the length over which a step must stay short, c^2; then d of grad ln S, and d of
+# grad ln c^2.
+DENSITY, LENGTH, SPEED2, SLOPES = range(4)
+OVER = 1e-3  # of ln r, over which slopes of a given disc are taken; more than a node of its table
+OF_HEIGHT = 1.0 / 3.0  # of H, that length in a given disc: about an h of SPH
+NUDGE = 1e-4  # of the logarithms that a stopping time depends on, for its slopes
+
+
+class Turbulence(NamedTuple):
+    """What stirs the grains, and what they are."""
+
+    table: np.ndarray  # (nodes, 2) of alpha and d alpha / d ln r; without nodes D_g is `constant`
+    first: float  # ln r of the first of them
+    nodes: float  # their number per unit of ln r
+    constant: float
+    inert: bool  # whether D = D_g / (1 + St^2), else D_g
+    star: float
+    softening: float
+    frequency: float  # Omega where there is no star
+    law: int
+    grains: np.ndarray  # (populations, 5), as in `formulas/laws.py`
+
+
+class Circles(NamedTuple):
+    """Circles that velocities are relative to; star = 0: none. Velocities are `lag` behind the places."""
+
+    star: float
+    softening: float
+    lag: float
+    centre: np.ndarray  # (4,): its place and velocity
+
+
+@functools.cache
+def gas_driver(kernel: int, dim: int):
+    """Compile the sums (1) at grains: columns `field` (n, 3 + 2 d) of the gas there, S = 0 where there is none."""
+    sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
+
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def gas_about(first, last, lists, grains, cells, pos, gpos, h, mass, speed2, field):
+        begin, index, turned = lists
+        room = most_of(begin)
+        cx, cy = np.zeros(room), np.zeros(room)
+        for c in range(first, last):
+            cell, listed, end = grains.filled[c], begin[c - first], begin[c - first + 1]
+            ox, oy = grains.bounds[cell, 0], grains.bounds[cell, 1]
+            place(listed, end, index, turned, gpos, ox, oy, 1.0, cells, cx, cy)
+            for m in range(grains.start[cell], grains.start[cell + 1]):
+                j = grains.order[m]
+                s = sx = sy = length = speed = vx = vy = 0.0
+                for k in range(end - listed):
+                    a = index[listed + k]
+                    dx = pos[j, 0] - ox - cx[k]
+                    dy = pos[j, 1] - oy - cy[k] if dim == 2 else 0.0
+                    r2 = dx * dx + dy * dy
+                    reach = support * h[a]
+                    if r2 >= reach * reach:
+                        continue
+                    inverse = 1.0 / h[a]
+                    r = math.sqrt(r2)
+                    w, slope = shape(kernel, dim, r * inverse)
+                    w *= sigma * inverse**dim * mass[a]
+                    slope *= sigma * inverse ** (dim + 1) * mass[a] / max(r, 1e-300)
+                    s += w
+                    length += w * h[a]
+                    sx += slope * dx
+                    sy += slope * dy
+                    speed += w * speed2[a]
+                    vx += slope * dx * speed2[a]
+                    vy += slope * dy * speed2[a]
+                field[j, DENSITY] = s
+                if s > 0.0:
+                    field[j, LENGTH], field[j, SPEED2] = length / s, speed / s
+                    field[j, SLOPES] = sx / s
+                    field[j, SLOPES + dim] = vx / speed - sx / s if speed > 0.0 else 0.0
+                    if dim == 2:
+                        field[j, SLOPES + 1] = sy / s
+                        field[j, SLOPES + 3] = vy / speed - sy / s if speed > 0.0 else 0.0
+
+    return gas_about
+
+
+@functools.cache
+def recoil_driver(kernel: int):
+    """Compile what the gas loses to grains, `given` (n,) each where its density is S (n,), by weights (1)."""
+    sigma, support = NORM[1][kernel], SUPPORT[kernel]
+
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def recoil(first, last, lists, cells, grains, gpos, h, pos, density, given, centre, gvel):
+        begin, index, turned = lists
+        room = most_of(begin)
+        cx, cy = np.zeros(room), np.zeros(room)
+        for c in range(first, last):
+            cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
+            ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
+            place(listed, end, index, turned, pos, ox, oy, 1.0, grains, cx, cy)
+            for m in range(cells.start[cell], cells.start[cell + 1]):
+                a = cells.order[m]
+                inverse, lost = 1.0 / h[a], 0.0
+                reach2 = support * support * h[a] * h[a]
+                for k in range(end - listed):
+                    dx, dy = cx[k] - (gpos[a, 0] - ox), cy[k] - (gpos[a, 1] - oy)
+                    r2 = dx * dx + dy * dy
+                    j = index[listed + k]
+                    if r2 >= reach2 or density[j] == 0.0:
+                        continue
+                    w, _ = shape(kernel, 2, math.sqrt(r2) * inverse)
+                    lost += sigma * inverse * inverse * w * given[j] / density[j]
+                # Tangential: angular momentum is what has to balance. The gas's own mass has cancelled.
+                x, y = gpos[a, 0] - centre[0], gpos[a, 1] - centre[1]
+                per = lost / max(x * x + y * y, 1e-300)
+                gvel[a, 0] += per * y
+                gvel[a, 1] -= per * x
+
+    return recoil
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def given_about(first, last, pos, disc, field):
+    """The same columns of a given disc about the origin."""
+    for i in range(first, last):
+        r2 = pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1]
+        density, sound2 = gas_at(r2, disc)[:2]
+        out, out_sound2 = gas_at(r2 * math.exp(2.0 * OVER), disc)[:2]
+        within, within_sound2 = gas_at(r2 * math.exp(-2.0 * OVER), disc)[:2]
+        slope, steep = math.log(out / within), math.log(out_sound2 / within_sound2)
+        field[i, DENSITY], field[i, SPEED2] = density, sound2
+        field[i, LENGTH] = OF_HEIGHT * math.sqrt(sound2) / kepler(r2, disc.star, disc.softening)
+        for k in range(2):
+            per = pos[i, k] / (r2 * 2.0 * OVER)
+            field[i, SLOPES + k], field[i, SLOPES + 2 + k] = slope * per, steep * per
+
+
+@inner
+def slopes_of_time(law, grain, density, sound, star, own):
+    """Slopes of ln t over those of the gas's density, sound speed and Omega, about a stopping time `own`."""
+    up = 1.0 + NUDGE
+    per = 1.0 / math.log(up)
+    by_density = math.log(stopping_time(law, grain, 1.0, density * up, sound, star) / own)
+    by_sound = math.log(stopping_time(law, grain, 1.0, density, sound * up, star) / own)
+    by_omega = math.log(stopping_time(law, grain, 1.0, density, sound, star * up) / own) if star > 0.0 else 0.0
+    return per * by_density, per * by_sound, per * by_omega
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def strengths(first, last, pos, centre, species, field, times, norm, fresh, stirring, strength, drift):
+    """Write D (n,) and grad D + D grad ln S (n, d) of each grain, 0 where there is no gas or no drag.
+
+    `times` (n,) are its stopping times, of which `norm` holds the ratio to the law's here where they are `fresh`; else
+    they are found from that. Returns the largest D over the squared length of a column of `field`.
+    """
+    dim, most, steepest = pos.shape[1], len(stirring.table) - 1, 0.0
+    for i in range(first, last):
+        strength[i] = 0.0
+        for k in range(dim):
+            drift[i, k] = 0.0
+        density, speed2 = field[i, DENSITY], field[i, SPEED2]
+        if density == 0.0:
+            continue
+        x, y = pos[i, 0] - centre[0], (pos[i, 1] - centre[1] if dim == 2 else 0.0)
+        r2 = x * x + y * y
+        # d ln Omega over x and over y, per x and per y; d ln alpha likewise.
+        omega, turned, rise = stirring.frequency, 0.0, 0.0
+        if stirring.star > 0.0:
+            if r2 + stirring.softening == 0.0:
+                continue
+            omega = kepler(r2, stirring.star, stirring.softening)
+            turned = -1.5 / (r2 + stirring.softening * stirring.softening)
+        strong = stirring.constant
+        if most >= 0:
+            at = min(max((0.5 * math.log(max(r2, 1e-300)) - stirring.first) * stirring.nodes, 0.0), float(most))
+            node = min(int(at), most - 1)
+            part = at - node
+            alpha = (1.0 - part) * stirring.table[node, 0] + part * stirring.table[node + 1, 0]
+            rise = (1.0 - part) * stirring.table[node, 1] + part * stirring.table[node + 1, 1]
+            if r2 > 0.0:
+                rise *= speed2 / omega / r2  # of D_g itself: alpha may be none
+            strong = alpha * speed2 / omega
+        less, by_density, by_speed, by_omega = 1.0, 0.0, 0.0, 0.0
+        if stirring.inert:
+            star = omega if stirring.star > 0.0 else 0.0
+            grain, sound = stirring.grains[species[i]], math.sqrt(speed2)
+            own = stopping_time(stirring.law, grain, 1.0, density, sound, star)
+            if fresh:
+                norm[i] = times[i] / own
+            stokes2 = (norm[i] * own * omega) ** 2
+            less = 1.0 / (1.0 + stokes2)
+            if less > 0.0:
+                steep = -2.0 * stokes2 * less  # d ln D / d ln St
+                by_density, by_speed, by_omega = slopes_of_time(stirring.law, grain, density, sound, star, own)
+                by_density, by_speed, by_omega = steep * by_density, 0.5 * steep * by_speed, steep * (1.0 + by_omega)
+        strong *= less
+        # With a constant D_g neither c^2 nor Omega count but in St.
+        if most >= 0:
+            by_speed += 1.0
+            by_omega -= 1.0
+        strength[i] = strong
+        steepest = max(steepest, strong / (field[i, LENGTH] * field[i, LENGTH]))
+        for k in range(dim):
+            way = x if k == 0 else y
+            slope = (1.0 + by_density) * field[i, SLOPES + k] + by_speed * field[i, SLOPES + dim + k]
+            drift[i, k] = strong * (slope + by_omega * turned * way) + less * (rise * way if r2 > 0.0 else 0.0)
+    return steepest
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def walk(first, last, pos, vel, ids, strength, drift, field, key, step, dt, circles, gained):
+    """Eq. (2) over dt; `gained` (n,) are the angular momenta (per mass) that it gives, or has no entries.
+
+    The part without noise is held to half the length of a column of `field`: at the very edge of the gas it is endless.
+    """
+    dim = pos.shape[1]
+    for i in range(first, last):
+        if strength[i] == 0.0:
+            if len(gained) > 0:
+                gained[i] = 0.0
+            continue
+        xi, eta = normal_pair(key, counter_of(ids[i], step))
+        wide = math.sqrt(2.0 * strength[i] * dt)
+        u, v = dt * drift[i, 0], (dt * drift[i, 1] if dim == 2 else 0.0)
+        far, most = math.sqrt(u * u + v * v), 0.5 * field[i, LENGTH]
+        if far > most:
+            u *= most / far
+            v *= most / far
+        u += wide * xi
+        v += wide * eta
+        if circles.star > 0.0:
+            shift(i, pos, vel, u, v, circles, gained)
+        pos[i, 0] += u
+        if dim == 2:
+            pos[i, 1] += v
+
+
+@inner
+def shift(i, pos, vel, u, v, circles, gained):
+    """The velocity that a grain has after a displacement (u, v): as it was relative to circles."""
+    cx, cy = circles.centre[0], circles.centre[1]
+    x, y = pos[i, 0] - cx, pos[i, 1] - cy
+    vx, vy = vel[i, 0] - circles.centre[2], vel[i, 1] - circles.centre[3]
+    before = x * vy - y * vx
+    sense = 1.0 if before >= 0.0 else -1.0
+    r = max(math.sqrt(x * x + y * y), 1e-300)
+    falls, turns = behind(r, sense, circles)
+    radial, azimuthal = (x * vx + y * vy) / r - falls, before / r - turns
+    x += u
+    y += v
+    r = max(math.sqrt(x * x + y * y), 1e-300)
+    falls, turns = behind(r, sense, circles)
+    radial += falls
+    azimuthal += turns
+    vx, vy = (x * radial - y * azimuthal) / r, (y * radial + x * azimuthal) / r
+    vel[i, 0], vel[i, 1] = vx + circles.centre[2], vy + circles.centre[3]
+    if len(gained) > 0:
+        gained[i] = r * azimuthal - before
+
+
+@inner
+def behind(r, sense, circles):
+    """Radial and azimuthal velocity on a circle, which `lag` before its place has still to turn by asin(Omega lag)."""
+    omega = kepler(r * r, circles.star, circles.softening)
+    sine = min(1.0, omega * circles.lag)
+    return omega * r * sine, sense * omega * r * math.sqrt(1.0 - sine * sine)

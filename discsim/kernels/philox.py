@@ -1,0 +1,72 @@
+"""Random numbers by counter: Philox4x32-10 (Salmon, Moraes, Dror & Shaw 2011), and normal ones (Box & Muller 1958).
+
+What comes out depends on a key and a counter alone, so that a particle's numbers are those of its id and the step, in
+whatever order and by however many threads they are made, and nothing has to be kept for a run to go on.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.inner import inner
+
+MASK, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
+FIRST, SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)  # multipliers
+GOLDEN, ROOT = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)  # what keys grow by, round by round
+ROUNDS = 10
+TWICE_PI = 2.0 * math.pi
+
+
+@inner
+def random_words(key, counter):
+    """Four random words of 32 bits of a key (two words) and a counter (four), all as 64-bit numbers."""
+    k, l = key
+    a, b, c, d = counter
+    for _ in range(ROUNDS):
+        p, q = FIRST * a, SECOND * c
+        a, b, c, d = (q >> HALF) ^ b ^ k, q & MASK, (p >> HALF) ^ d ^ l, p & MASK
+        k, l = (k + GOLDEN) & MASK, (l + ROOT) & MASK
+    return a, b, c, d
+
+
+@inner
+def share_of_one(high, low):
+    """A number in (0, 1) of 52 random bits."""
+    return (float(((high << HALF) | low) >> np.uint64(12)) + 0.5) * 2.0**-52
+
+
+@inner
+def normal_pair(key, counter):
+    """Two independent numbers of mean 0 and variance 1."""
+    a, b, c, d = random_words(key, counter)
+    length = math.sqrt(-2.0 * math.log(share_of_one(a, b)))
+    angle = TWICE_PI * share_of_one(c, d)
+    return length * math.cos(angle), length * math.sin(angle)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def words_of(first, last, key, ids, step, out):
+    """Write the words (n, 4) of the counters (id, step)."""
+    for i in range(first, last):
+        a, b, c, d = random_words(key, counter_of(ids[i], step))
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = a, b, c, d
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def normals_of(first, last, key, ids, step, out):
+    """Write the normal numbers (n, 2) of the counters (id, step)."""
+    for i in range(first, last):
+        out[i, 0], out[i, 1] = normal_pair(key, counter_of(ids[i], step))
+
+
+@inner
+def counter_of(particle, step):
+    """The counter of a particle's id and of a step, two words each."""
+    one, other = np.uint64(particle), np.uint64(step)
+    return one & MASK, one >> HALF, other & MASK, other >> HALF
+
+
+def key_of(seed: int, use: int) -> tuple[np.uint64, np.uint64]:
+    """The key of a scene's seed and of what its numbers are for."""
+    return np.uint64(seed & 0xFFFFFFFF), np.uint64(((seed >> 32) ^ use) & 0xFFFFFFFF)

@@ -1,0 +1,77 @@
+"""How strongly turbulence stirs grains (`[dust_diffusion]`), as functions of a scene. Numpy only.
+
+    D   = D_g / (1 + St^2),  St = t_stop Omega                                      (1)  Youdin & Lithwick 2007
+    D_g = alpha c_s H = alpha c_s^2 / Omega, or nu of [alpha_viscosity]             (2)
+
+c_s is the isothermal sound speed, as in `physics/viscosity.py`; Omega that of circles about the star, in a layer
+`external.vertical_frequency`. A given D is the grains' own, of whatever Stokes number.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.physics import laws, viscosity
+
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
+Array = np.ndarray
+NODES, INWARDS = 4096, 1e5  # of the table in ln r, from the corners of space to this factor within
+
+
+def of_viscosity(scene: Scene) -> bool:
+    """Whether the strength is that of [alpha_viscosity]."""
+    keys: Any = scene.table("dust_diffusion")
+    return keys.alpha is None and keys.D is None
+
+
+def constant(scene: Scene) -> float | None:
+    """D_g, or D where that is given, of a scene that has one everywhere; None where it is alpha c_s H."""
+    keys: Any = scene.table("dust_diffusion")
+    return scene.table("alpha_viscosity").nu if of_viscosity(scene) else keys.D
+
+
+def alpha(scene: Scene, r: Array) -> Array:
+    """alpha (n,) at radii (n,), of a scene that has no `constant`."""
+    keys: Any = scene.table("dust_diffusion")
+    return viscosity.alpha(scene, r) if of_viscosity(scene) else np.full(np.shape(r), keys.alpha)
+
+
+def alpha_table(scene: Scene) -> tuple[Array, float, float]:
+    """(nodes, 2) of alpha and d alpha / d ln r at even ln r, the first of these, and nodes per unit of ln r; no nodes
+    where there is a `constant`.
+    """
+    if constant(scene) is not None:
+        return np.empty((0, 2)), 0.0, 1.0
+    last = np.log(max(scene.space.size))
+    log = np.linspace(last - np.log(INWARDS), last, NODES)
+    values = alpha(scene, np.exp(log))
+    return np.stack([values, np.gradient(values, log)], axis=1), float(log[0]), (NODES - 1) / float(log[-1] - log[0])
+
+
+def frequency(scene: Scene) -> float:
+    """Omega where it is one everywhere: of a layer; 0 where there is none, or a star's."""
+    return scene.external.vertical_frequency if scene.star is None and scene.external is not None else 0.0
+
+
+def at_places(scene: Scene, at: Local) -> list[tuple[Array, Array]]:
+    """D and St (n,) of each population at the places of `at`; no entry where a scene does not define it there."""
+    omega = at.omega
+    if omega is None:
+        omega = np.full_like(at.density, frequency(scene))
+    given = constant(scene)
+    times = laws.stopping_times(scene, at.density, at.sound_speed, at.omega)
+    if scene.table("dust_diffusion").D is not None:
+        return [(np.full_like(at.density, given), np.zeros_like(at.density))] * len(scene.dust or ())
+    if given is not None:
+        of_gas = np.full_like(at.density, given)
+    elif at.thermal_speed is None or (scene.star is not None and at.radius is None):
+        return []
+    else:
+        radius = np.ones_like(at.density) if at.radius is None else at.radius
+        of_gas = alpha(scene, radius) * at.thermal_speed**2 / omega  # eq. (2)
+    return [(of_gas / (1.0 + (time * omega) ** 2), time * omega) for time in times]  # eq. (1)
