@@ -160,7 +160,7 @@ class Drag(base.Effect):
         return kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
 
     def _of_grains(self, star_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
-        """The same, and the row of each grain in what is by population, or by grain where each has a size of its own."""
+        """The same, and the row of each grain in what is by population, or by grain where grains have sizes."""
         disc = self.kernel_disc(star_mass)
         if size is None:
             return species, disc
