@@ -4,12 +4,13 @@
 
 DIR is the output directory of a run with one companion and [alpha_viscosity]. Writes, into OUT or the present
 directory, NAME-gap.png (Sigma over that of the first snapshot, of gas and of each population of dust, and the pressure)
-and NAME-gap.csv, and prints what follows. The start is that of DIR, or with `over` of another run of the same disc,
-where DIR itself starts with a gap.
+and NAME-gap.csv, and prints what follows. Sigma_0 is the first snapshot's, or with `over` that of another run at the
+same time: of the disc without a companion, whose edges let it spread as they do in DIR.
 
     depth     least Sigma / Sigma_0 of the gas about the orbit, mean of the snapshots of the `last` orbits; without the
               angles within two Hill radii of the companion, whose own disc is no part of the gap
     theory    1 / (1 + 0.04 K), K = q^2 (H/r)^-5 / alpha (Kanagawa et al. 2015, MNRAS 448, 994, eqs. 14, 17)
+    inside    the share of the mass there that is left, within a scale height or two Hill radii of the orbit
     ring      for each population of dust, the place of its largest surface density beyond the orbit, beside that of
               the largest pressure there; and its least Sigma / Sigma_0 in the gap
     history   the depth in the gas by spans of `last` orbits, which says whether it is steady
@@ -101,13 +102,14 @@ class Gap:
         self.hill = self.axis * (self.ratio / 3) ** (1 / 3)
         self.edges = np.geomspace(0.5 * self.axis, 2.0 * self.axis, RINGS + 1)
         self.radius = np.sqrt(self.edges[1:] * self.edges[:-1])
+        wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
+        self.near = np.abs(self.radius - self.axis) < wide  # rings of the gap
         self.kinds = self._kinds(last)
         self.orbits = np.array([read_snapshot(file).time / period for file in files])
         self.each = self._profiles(directory, files, self.orbits * period)
         self.span = orbits
-        first = self.each if over is None else self._profiles(over, snapshots_of(over)[:1], np.zeros(1))
-        self.start = {name: gaussian(own[0], STRIPES) for name, own in first.items()}
         self.profiles = {name: self.mean(name, self.orbits[-1] - orbits) for name in self.each}
+        self.over = None if over is None else self._alone(over, period)
 
     def _profiles(self, directory: Path, files: list[Path], times: np.ndarray) -> dict[str, np.ndarray]:
         """Surface densities (snapshots, rings) of each kind."""
@@ -120,16 +122,38 @@ class Gap:
                 found[name].append(profile(particles, self.edges, place, self.hill))
         return {name: np.array(own) for name, own in found.items()}
 
+    def _alone(self, directory: Path, period: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Orbits (snapshots,) and surface densities (snapshots, rings) of a run without a companion."""
+        snaps = [read_snapshot(file) for file in snapshots_of(directory)]
+        found = {}
+        for name, population in self.kinds:
+            if name == "gas" or snaps[0].dust is not None:
+                species = [snap.gas if population is None else only(snap.dust, population) for snap in snaps]
+                found[name] = np.array([profile(p, self.edges, np.array([self.axis, 0.0]), 0.0) for p in species])
+        return np.array([snap.time / period for snap in snaps]), found
+
+    @staticmethod
+    def _between(orbits: np.ndarray, first: float, last: float) -> np.ndarray:
+        """Which snapshots (n,) are of these orbits; the start never is."""
+        return (np.arange(len(orbits)) > 0) & (orbits > first + 1e-6) & (orbits <= last + 1e-6)
+
+    def unperturbed(self, name: str, first: float, last: float) -> np.ndarray:
+        """Sigma_0 (rings,): of the start, or of the other run the mean between two orbits, after its end the last."""
+        if self.over is None or name not in self.over[1]:
+            return gaussian(self.each[name][0], STRIPES)
+        orbits, each = self.over
+        chosen = self._between(orbits, first, last)
+        return gaussian(each[name][chosen if chosen.any() else [-1]].mean(axis=0), STRIPES)
+
     def mean(self, name: str, first: float, last: float = np.inf) -> np.ndarray:
         """Mean profile (rings,) of the snapshots after the orbit `first`, up to `last`; the start is none of them."""
-        chosen = np.arange(len(self.orbits)) > 0
-        chosen &= (self.orbits > first + 1e-6) & (self.orbits <= last + 1e-6)
+        chosen = self._between(self.orbits, first, last)
         return gaussian(self.each[name][chosen].mean(axis=0))
 
     def history(self) -> list[tuple[float, float]]:
         """End in orbits, and depth of the gas, of each whole span before the last orbit."""
         ends = self.orbits[-1] - self.span * np.arange(int(self.orbits[-1] / self.span + 1e-6))[::-1]
-        return [(end, self.depth("gas", self.mean("gas", end - self.span, end))) for end in ends]
+        return [(end, self.depth("gas", end - self.span, end)) for end in ends]
 
     @staticmethod
     def _kinds(snap: Snapshot) -> list[tuple[str, int | None]]:
@@ -151,20 +175,24 @@ class Gap:
     def theory(self) -> float:
         return 1.0 / (1.0 + 0.04 * self.ratio**2 * self.aspect_ratio**-5 / self.alpha)
 
-    def left(self, name: str) -> np.ndarray:
-        """Sigma over that of the start (rings,)."""
-        return self._over_start(name, self.profiles[name])
+    def left(self, name: str, first: float | None = None, last: float = np.inf) -> np.ndarray:
+        """Sigma / Sigma_0 (rings,) of the orbits from `first` to `last`, by default of the last span; nan beyond the
+        disc's edges, where it says nothing.
+        """
+        first = self.orbits[-1] - self.span if first is None else first
+        over = self.unperturbed(name, first, last)
+        return self.mean(name, first, last) / np.where(over > EDGE * over.max(), over, np.nan)
 
-    def _over_start(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Values (rings,) over those of the start; nan beyond its edges, where that says nothing."""
-        start = self.start[name]
-        return values / np.where(start > EDGE * start.max(), start, np.nan)
+    def depth(self, name: str, first: float | None = None, last: float = np.inf) -> float:
+        """Least of `left` within a scale height or two Hill radii of the orbit."""
+        return float(self.left(name, first, last)[self.near].min())
 
-    def depth(self, name: str, values: np.ndarray | None = None) -> float:
-        """Least of `left`, or of other `values` over the start's, within a scale height or two Hill radii."""
-        wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
-        left = self._over_start(name, self.profiles[name] if values is None else values)
-        return float(left[np.abs(self.radius - self.axis) < wide].min())
+    def inside(self, name: str) -> float:
+        """Mass over that of Sigma_0 in the gap, in the last span."""
+        area = np.diff(np.square(self.edges))[self.near]
+        first = self.orbits[-1] - self.span
+        unperturbed = self.unperturbed(name, first, np.inf)[self.near]
+        return float((self.profiles[name][self.near] * area).sum() / (unperturbed * area).sum())
 
     @property
     def pressure(self) -> np.ndarray:
@@ -215,9 +243,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("directory", type=Path, metavar="DIR", help="output directory of a run")
     parser.add_argument("-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write")
     parser.add_argument("--last", type=float, default=10.0, metavar="N", help="orbits of the mean (default 10)")
-    parser.add_argument(
-        "--over", type=Path, metavar="DIR", help="the run whose start Sigma_0 is of (default that of DIR)"
-    )
+    parser.add_argument("--over", type=Path, metavar="DIR", help="a run without companion, for Sigma_0")
     given = parser.parse_args(arguments)
     try:
         gap = Gap(given.directory, given.last, given.over)
@@ -236,12 +262,18 @@ def write(gap: Gap, into: Path, name: str) -> None:
         rows = csv.writer(stream)
         rows.writerow(["radius", *gap.profiles, *(f"{kind} over start" for kind in gap.profiles), "pressure"])
         rows.writerows(zip(gap.radius, *gap.profiles.values(), *map(gap.left, gap.profiles), gap.pressure, strict=True))
-    table = Table("", "depth", "theory", "depth / theory", "ring", "largest pressure")
+    table = Table("", "depth", "theory", "depth / theory", "inside", "ring", "largest pressure")
+
+    def left(kind: str) -> str:
+        return f"{gap.inside(kind):.3g}"
+
     depth, summit = gap.depth("gas"), gap.summit(gap.pressure)
-    table.add_row("gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", "", f"{summit:.4g}")
+    table.add_row(
+        "gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", left("gas"), "", f"{summit:.4g}"
+    )
     for kind in list(gap.profiles)[1:]:
-        table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", f"{gap.summit(gap.profiles[kind]):.4g}", "")
-    Console().print(table)
+        table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", left(kind), f"{gap.summit(gap.profiles[kind]):.4g}", "")
+    Console(width=100).print(table)
     print("depth of the gas:", ", ".join(f"{depth:.3g} to orbit {end:.0f}" for end, depth in gap.history()))
 
 

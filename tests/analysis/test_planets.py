@@ -46,15 +46,17 @@ def test_a_known_gap(tmp_path, capsys):
         gas.mass[near] *= 1.0 + 50.0 * k  # its own disc
         write_snapshot(run / "snapshots" / f"{k:04d}.h5", scene, float(k), gas, None)
     other = run_of(tmp_path / "other", [(0.0, 1, 1e-3, 1.0, 0.0, 1.0, 0.0)])
-    write_snapshot(other / "snapshots" / "0000.h5", scene, 0.0, gas_of(pos, 0.5), None)
+    for k, mass in enumerate((1.0, 0.5)):
+        write_snapshot(other / "snapshots" / f"{k:04d}.h5", scene, float(k), gas_of(pos, mass), None)
     assert script("gap").main([str(run), "-o", str(tmp_path)]) == 0
     found = script("gap").Gap(run, 10.0)
     assert found.depth("gas") == pytest.approx(0.25, abs=0.01)  # 250 particles a ring, of which rings are smoothed
+    assert found.inside("gas") == pytest.approx(0.25, abs=0.02)  # of which the smoothed edges are near
     assert found.theory == pytest.approx(1.0 / (1.0 + 0.04 * 1e-6 / 0.05**5 / 0.01), rel=1e-6)
     assert found.summit(found.pressure) == pytest.approx(1.15, abs=0.05)  # an edge that is smoothed over five rings
     assert "gas" in capsys.readouterr().out
     assert (tmp_path / "run-gap.png").exists()
-    # Of spans of a tenth of an orbit the last one alone has a snapshot; over the start of another run.
+    # Of spans of a tenth of an orbit the last one alone has a snapshot; over another run at that time, not its start.
     ((end, depth),) = script("gap").Gap(run, 0.1).history()
     assert end == pytest.approx(1.0 / (2.0 * np.pi), rel=1e-3) and depth == found.depth("gas")
     assert script("gap").Gap(run, 10.0, over=other).depth("gas") == pytest.approx(0.5, abs=0.02)
