@@ -152,7 +152,7 @@ def test_planet_opens_a_gap_and_traps_dust(tmp_path):
 
     5% of its place is what the setup is to hold; a ring of the profile is .9% of its radius.
     """
-    few = ["gas.particles=20000", "dust.particles=10000", "run.until=94.25", "run.courant=0.75", "run.snapshots=15"]
+    few = ["gas.particles=20000", "dust.particles=10000", "run.until=94.25", "run.snapshots=15"]
     changes = [word for change in few for word in ("--set", change)]
     run = tmp_path / "run"
     done = CliRunner().invoke(app, ["run", "setups/planet_dust.toml", "-o", str(run), "--quiet", *changes])
