@@ -1,16 +1,19 @@
 """The gap that a companion opens: its depth in the gas against Kanagawa et al. (2015), and where the dust gathers.
 
-    python analysis/gap.py DIR [-o OUT] [--last ORBITS]
+    python analysis/gap.py DIR [-o OUT] [--last ORBITS] [--over DIR]
 
 DIR is the output directory of a run with one companion and [alpha_viscosity]. Writes, into OUT or the present
 directory, NAME-gap.png (Sigma over that of the first snapshot, of gas and of each population of dust, and the pressure)
-and NAME-gap.csv, and prints
+and NAME-gap.csv, and prints what follows. Sigma_0 is the first snapshot's, or with `over` that of another run at the
+same time: of the disc without a companion, whose edges let it spread as they do in DIR.
 
     depth     least Sigma / Sigma_0 of the gas about the orbit, mean of the snapshots of the `last` orbits; without the
               angles within two Hill radii of the companion, whose own disc is no part of the gap
     theory    1 / (1 + 0.04 K), K = q^2 (H/r)^-5 / alpha (Kanagawa et al. 2015, MNRAS 448, 994, eqs. 14, 17)
+    inside    the share of the mass there that is left, within a scale height or two Hill radii of the orbit
     ring      for each population of dust, the place of its largest surface density beyond the orbit, beside that of
               the largest pressure there; and its least Sigma / Sigma_0 in the gap
+    history   the depth in the gas by spans of `last` orbits, which says whether it is steady
 """
 
 from __future__ import annotations
@@ -34,11 +37,21 @@ from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
 
 RINGS = 160  # of a profile, between half and twice the orbit
+STRIPES = 6.0  # rings over which the profile of the start is smoothed, which shows those of its particles
 HILLS = 2.0  # Hill radii about the companion that a gap's depth leaves out
+EDGE = 0.02  # of the largest Sigma of the start, below which a ring is beyond the disc's edge
 
 
 class Fault(Exception):
     """Something the user can put right; the message says what."""
+
+
+def snapshots_of(directory: Path) -> list[Path]:
+    """Snapshots of a run, in order. Raises Fault."""
+    files = sorted((directory / "snapshots").glob("*.h5"))
+    if not files:
+        raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+    return files
 
 
 def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float, float]:
@@ -75,10 +88,8 @@ def profile(particles: Any, edges: np.ndarray, place: np.ndarray, hill: float) -
 class Gap:
     """Profiles of a run, means over its last orbits, in units of the first snapshot's."""
 
-    def __init__(self, directory: Path, orbits: float) -> None:
-        files = sorted((directory / "snapshots").glob("*.h5"))
-        if not files:
-            raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+    def __init__(self, directory: Path, orbits: float, over: Path | None = None) -> None:
+        files = snapshots_of(directory)
         self.first, last = read_snapshot(files[0]), read_snapshot(files[-1])
         if last.gas is None:
             raise Fault(f"{directory}: no gas, which a gap is in")
@@ -89,27 +100,66 @@ class Gap:
         self.ratio = self.mass / self.scene.star.mass
         period = 2 * np.pi * np.sqrt(self.axis**3 / (self.scene.star.mass + self.mass))
         self.hill = self.axis * (self.ratio / 3) ** (1 / 3)
-        self.time = last.time / period
-        chosen = [snap for snap in map(read_snapshot, files[1:]) if snap.time > last.time - orbits * period]
-        places, _, _ = companion_at(directory, [snap.time for snap in chosen])
         self.edges = np.geomspace(0.5 * self.axis, 2.0 * self.axis, RINGS + 1)
         self.radius = np.sqrt(self.edges[1:] * self.edges[:-1])
-        self.profiles = {name: self._mean(chosen, places, name, mask) for name, mask in self._kinds(last)}
-        self.start = {name: self._mean([self.first], places[:1], name, mask) for name, mask in self._kinds(last)}
+        wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
+        self.near = np.abs(self.radius - self.axis) < wide  # rings of the gap
+        self.kinds = self._kinds(last)
+        self.orbits = np.array([read_snapshot(file).time / period for file in files])
+        self.each = self._profiles(directory, files, self.orbits * period)
+        self.span = orbits
+        self.profiles = {name: self.mean(name, self.orbits[-1] - orbits) for name in self.each}
+        self.over = None if over is None else self._alone(over, period)
+
+    def _profiles(self, directory: Path, files: list[Path], times: np.ndarray) -> dict[str, np.ndarray]:
+        """Surface densities (snapshots, rings) of each kind."""
+        places, _, _ = companion_at(directory, list(times))
+        found: dict[str, list[np.ndarray]] = {name: [] for name, _ in self.kinds}
+        for file, place in zip(files, places, strict=True):
+            snap = read_snapshot(file)
+            for name, population in self.kinds:
+                particles = snap.gas if population is None else only(snap.dust, population)
+                found[name].append(profile(particles, self.edges, place, self.hill))
+        return {name: np.array(own) for name, own in found.items()}
+
+    def _alone(self, directory: Path, period: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Orbits (snapshots,) and surface densities (snapshots, rings) of a run without a companion."""
+        snaps = [read_snapshot(file) for file in snapshots_of(directory)]
+        found = {}
+        for name, population in self.kinds:
+            if name == "gas" or snaps[0].dust is not None:
+                species = [snap.gas if population is None else only(snap.dust, population) for snap in snaps]
+                found[name] = np.array([profile(p, self.edges, np.array([self.axis, 0.0]), 0.0) for p in species])
+        return np.array([snap.time / period for snap in snaps]), found
+
+    @staticmethod
+    def _between(orbits: np.ndarray, first: float, last: float) -> np.ndarray:
+        """Which snapshots (n,) are of these orbits; the start never is."""
+        return (np.arange(len(orbits)) > 0) & (orbits > first + 1e-6) & (orbits <= last + 1e-6)
+
+    def unperturbed(self, name: str, first: float, last: float) -> np.ndarray:
+        """Sigma_0 (rings,): of the start, or of the other run the mean between two orbits, after its end the last."""
+        if self.over is None or name not in self.over[1]:
+            return gaussian(self.each[name][0], STRIPES)
+        orbits, each = self.over
+        chosen = self._between(orbits, first, last)
+        return gaussian(each[name][chosen if chosen.any() else [-1]].mean(axis=0), STRIPES)
+
+    def mean(self, name: str, first: float, last: float = np.inf) -> np.ndarray:
+        """Mean profile (rings,) of the snapshots after the orbit `first`, up to `last`; the start is none of them."""
+        chosen = self._between(self.orbits, first, last)
+        return gaussian(self.each[name][chosen].mean(axis=0))
+
+    def history(self) -> list[tuple[float, float]]:
+        """End in orbits, and depth of the gas, of each whole span before the last orbit."""
+        ends = self.orbits[-1] - self.span * np.arange(int(self.orbits[-1] / self.span + 1e-6))[::-1]
+        return [(end, self.depth("gas", end - self.span, end)) for end in ends]
 
     @staticmethod
     def _kinds(snap: Snapshot) -> list[tuple[str, int | None]]:
         """The gas, and each population of dust."""
         dust = [] if snap.dust is None else [(f"dust {k + 1}", k) for k in range(snap.dust.species.max() + 1)]
         return [("gas", None), *dust]
-
-    def _mean(self, snaps: list[Snapshot], places: np.ndarray, name: str, population: int | None) -> np.ndarray:
-        found = []
-        for snap, place in zip(snaps, places, strict=True):
-            particles = snap.gas if population is None else only(snap.dust, population)
-            found.append(profile(particles, self.edges, place, self.hill))
-        # Of a quiet start's rings of particles some profiles show stripes, which a kernel's width takes out.
-        return gaussian_filter1d(np.mean(found, axis=0), 2.0, mode="nearest")
 
     @property
     def aspect_ratio(self) -> float:
@@ -125,14 +175,24 @@ class Gap:
     def theory(self) -> float:
         return 1.0 / (1.0 + 0.04 * self.ratio**2 * self.aspect_ratio**-5 / self.alpha)
 
-    def left(self, name: str) -> np.ndarray:
-        """Sigma over that of the start (rings,)."""
-        return self.profiles[name] / np.maximum(self.start[name], 1e-300)
+    def left(self, name: str, first: float | None = None, last: float = np.inf) -> np.ndarray:
+        """Sigma / Sigma_0 (rings,) of the orbits from `first` to `last`, by default of the last span; nan beyond the
+        disc's edges, where it says nothing.
+        """
+        first = self.orbits[-1] - self.span if first is None else first
+        over = self.unperturbed(name, first, last)
+        return self.mean(name, first, last) / np.where(over > EDGE * over.max(), over, np.nan)
 
-    def depth(self, name: str) -> float:
+    def depth(self, name: str, first: float | None = None, last: float = np.inf) -> float:
         """Least of `left` within a scale height or two Hill radii of the orbit."""
-        wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
-        return float(self.left(name)[np.abs(self.radius - self.axis) < wide].min())
+        return float(self.left(name, first, last)[self.near].min())
+
+    def inside(self, name: str) -> float:
+        """Mass over that of Sigma_0 in the gap, in the last span."""
+        area = np.diff(np.square(self.edges))[self.near]
+        first = self.orbits[-1] - self.span
+        unperturbed = self.unperturbed(name, first, np.inf)[self.near]
+        return float((self.profiles[name][self.near] * area).sum() / (unperturbed * area).sum())
 
     @property
     def pressure(self) -> np.ndarray:
@@ -145,6 +205,11 @@ class Gap:
         k = np.flatnonzero((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])) + 1
         k = k[self.radius[k] > self.axis]
         return float(self.radius[k[values[k].argmax()]]) if len(k) else float("nan")
+
+
+def gaussian(values: np.ndarray, rings: float = 2.0) -> np.ndarray:
+    """Of a quiet start's rings of particles some profiles show stripes, which a kernel's width takes out."""
+    return gaussian_filter1d(values, rings, mode="nearest")
 
 
 def only(dust: Any, population: int) -> Any:
@@ -165,7 +230,9 @@ def draw(gap: Gap, path: Path) -> None:
     axes.plot(gap.radius / gap.axis, pressure / pressure.max(), "k:", label="pressure, over its largest")
     axes.axhline(gap.theory, color="grey", lw=0.8, label="depth by Kanagawa et al. (2015)")
     axes.set(xlabel="r / a", ylabel="surface density over that of the start", yscale="log", ylim=(1e-3, None))
-    axes.set_title(f"q = {gap.ratio:.3g}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}, {gap.time:.0f} orbits")
+    axes.set_title(
+        f"q = {gap.ratio:.3g}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}, {gap.orbits[-1]:.0f} orbits"
+    )
     axes.legend(frameon=False)
     figure.savefig(path, dpi=150)
 
@@ -176,9 +243,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("directory", type=Path, metavar="DIR", help="output directory of a run")
     parser.add_argument("-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write")
     parser.add_argument("--last", type=float, default=10.0, metavar="N", help="orbits of the mean (default 10)")
+    parser.add_argument("--over", type=Path, metavar="DIR", help="a run without companion, for Sigma_0")
     given = parser.parse_args(arguments)
     try:
-        gap = Gap(given.directory, given.last)
+        gap = Gap(given.directory, given.last, given.over)
         write(gap, given.output, given.directory.resolve().name)
     except (Fault, SceneError, SnapshotError, OSError) as error:
         print(f"gap: {error}", file=sys.stderr)
@@ -194,12 +262,19 @@ def write(gap: Gap, into: Path, name: str) -> None:
         rows = csv.writer(stream)
         rows.writerow(["radius", *gap.profiles, *(f"{kind} over start" for kind in gap.profiles), "pressure"])
         rows.writerows(zip(gap.radius, *gap.profiles.values(), *map(gap.left, gap.profiles), gap.pressure, strict=True))
-    table = Table("", "depth", "theory", "depth / theory", "ring", "largest pressure")
+    table = Table("", "depth", "theory", "depth / theory", "inside", "ring", "largest pressure")
+
+    def left(kind: str) -> str:
+        return f"{gap.inside(kind):.3g}"
+
     depth, summit = gap.depth("gas"), gap.summit(gap.pressure)
-    table.add_row("gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", "", f"{summit:.4g}")
+    table.add_row(
+        "gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", left("gas"), "", f"{summit:.4g}"
+    )
     for kind in list(gap.profiles)[1:]:
-        table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", f"{gap.summit(gap.profiles[kind]):.4g}", "")
-    Console().print(table)
+        table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", left(kind), f"{gap.summit(gap.profiles[kind]):.4g}", "")
+    Console(width=100).print(table)
+    print("depth of the gas:", ", ".join(f"{depth:.3g} to orbit {end:.0f}" for end, depth in gap.history()))
 
 
 if __name__ == "__main__":

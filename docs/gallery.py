@@ -28,7 +28,9 @@ SHIPPED = {
     "dusty_disc": "dusty_disc.png",
     "gravitoturbulent": "gravitoturbulent.png",
     "cooling_fragments": "cooling_fragments.png",
+    "planet_dust": "planet_dust.png",
     "planet_gap": "planet_gap.png",
+    "planet_torque": "planet_torque.png",
     "twin_oneway": "oneway_twoway.png",
     "twin_twoway": "oneway_twoway.png",
 }
