@@ -43,6 +43,11 @@ class Relaxed(NamedTuple):
     before: float
     after: float
 
+    def __str__(self) -> str:
+        took = f"{self.steps} steps, {self.seconds:.1f} s of CPU"
+        change = f"from {self.before:.2g} to {self.after:.2g} c_s Omega, rms"
+        return f"the gas settled for {self.orbits:g} orbits before t = 0 ({took}): forces out of balance {change}"
+
 
 def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
     """Let the gas of a start settle, if its scene wants it to; dust, bodies and the time stay as they are."""

@@ -35,7 +35,6 @@ from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
 from discsim.run.records import Records
-from discsim.run.relaxation import Relaxed
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene, SceneError
 from discsim.scene.differences import refuse_another
@@ -153,7 +152,7 @@ class _Run:
         self.scene = with_own_files(self.scene, self.directory)
         self.sim = Simulation(self.scene, to_restore=resume)
         if self.sim.relaxed is not None:
-            self._say_relaxed(self.sim.relaxed)
+            self.progress.say(str(self.sim.relaxed))
         if cache.temporary:
             why = "numba's own places cannot be written; NUMBA_CACHE_DIR names another"
             self.progress.say(f"compiled kernels are kept in {cache.place}: {why}")
@@ -253,14 +252,6 @@ class _Run:
         self.saved_time = self.sim.time
         self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
         return self.records.take_up(self.sim.state.step, values)
-
-    def _say_relaxed(self, found: Relaxed) -> None:
-        before, after = f"{found.before:.2g}", f"{found.after:.2g}"
-        took = f"{found.steps} steps, {found.seconds:.1f} s of CPU"
-        self.progress.say(
-            f"the gas settled for {found.orbits:g} orbits before t = 0 ({took}): "
-            f"forces out of balance from {before} to {after} c_s Omega, rms"
-        )
 
     # Stepping
 
