@@ -31,6 +31,8 @@ SHIPPED = {
     "planet_dust": "planet_dust.png",
     "planet_gap": "planet_gap.png",
     "planet_torque": "planet_torque.png",
+    "ring_oneway": "ring.png",
+    "ring_twoway": "ring.png",
     "twin_oneway": "oneway_twoway.png",
     "twin_twoway": "oneway_twoway.png",
 }
