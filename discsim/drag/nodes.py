@@ -82,7 +82,9 @@ def _places(drag: Drag, blocks: Blocks) -> tuple[Cells, Nodes]:
     lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
     slot = _slots(blocks, species)
-    given, own = (_kept(drag, f"{name} of cells", slot.max() + 1, rows, FIELDS) for name, rows in SUMS.items())
+    given, own = (
+        _kept(drag, f"{name} of cells", slot.max(initial=-1) + 1, rows, FIELDS) for name, rows in SUMS.items()
+    )
     centre = np.empty((len(near), 2))
     share(levels.node_centres, len(near), place, grid.origin, grid.side, centre)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)

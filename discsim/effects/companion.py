@@ -235,7 +235,9 @@ class Effect(base.Effect):
             if near.resolution is None:
                 continue
             hill = formulas.hill_radius(scene, companion)
-            lengths = [("the Hill radius", hill, "")] if companion.mass < PLANET * star.mass else []
+            # Within its softening, that of a light one, nothing is to be seen of it.
+            seen = companion.mass < PLANET * star.mass and hill > near.softening
+            lengths = [("the Hill radius", hill, "")] if seen else []
             if companion.accretion_radius < near.resolution:
                 lengths.append(("companion.softening", near.softening, "a longer companion.softening, or "))
             for name, length, other in lengths:

@@ -156,6 +156,12 @@ def _kinds(population: Any) -> Iterator[tuple[float, float]]:
     return zip(size / typical_size(population), weight / weight.sum(), strict=True)
 
 
+def gas_alone(scene: Scene) -> Scene:
+    """The scene of its gas alone, which star, companions, pressure and viscosity move."""
+    gone = dict.fromkeys(("dust", "drag", "cooling", "self_gravity", "damping"))
+    return scene.model_copy(update={**gone, "gas": scene.gas.model_copy(update={"conductivity": None})})
+
+
 def settle(state: State, effects: dict[str, Any]) -> None:
     """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
     found = Balance(state, effects)

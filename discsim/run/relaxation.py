@@ -27,7 +27,6 @@ from discsim.numerics.state import State
 from discsim.physics import profile
 from discsim.physics.eos import initial_energy
 from discsim.run.forces import PhysicsError
-from discsim.scene import Scene
 
 Array = np.ndarray
 DAMPING = 2.0  # of Omega: epicycles neither swing nor creep
@@ -77,7 +76,7 @@ class _Rings:
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         gas = state.gas
-        self.scene = _without_the_rest(state.scene)
+        self.scene = balance.gas_alone(state.scene)
         arrays = {"pos": gas.pos, "vel": gas.vel, "mass": gas.mass, "u": gas.u}
         self.alone = make_state(self.scene, {"gas": {key: a for key, a in arrays.items() if a is not None}})
         self.alone.gas.h[:] = gas.h
@@ -145,10 +144,3 @@ class _Rings:
         out = self.alone.gas.pos / self.radius[self.ring][:, None]
         across = np.stack([-out[:, 1], out[:, 0]], axis=1)
         return radial[self.ring][:, None] * out + azimuthal[self.ring][:, None] * across
-
-
-def _without_the_rest(scene: Scene) -> Scene:
-    """The scene of its gas alone, which pressure and viscosity move."""
-    gas = scene.gas.model_copy(update={"conductivity": None})
-    gone = dict.fromkeys(("dust", "drag", "cooling", "self_gravity", "damping"))
-    return scene.model_copy(update={**gone, "gas": gas})

@@ -21,6 +21,7 @@ from discsim.scene.fields import (
     Time,
     Words,
     kinds_of,
+    measure_of,
     models_in,
     sides,
     whole,
@@ -101,7 +102,8 @@ REQUIRED = ("run", "space", "initial")
 
 def optional_tables(model: type[Table]) -> list[str]:
     """Keys of a table that are tables which a scene may leave out: parts of an effect that it need not have."""
-    return [key for key, field in model.model_fields.items() if not field.is_required() and models_in(field.annotation)]
+    fields = {key: field for key, field in model.model_fields.items() if not field.is_required()}
+    return [key for key, field in fields.items() if models_in(field.annotation) and measure_of(field) is None]
 
 
 def removable() -> list[str]:

@@ -256,7 +256,8 @@ def test_check_says_what_it_can():
         ({}, []),
         ({"softening": "0.01"}, ["companion.softening of companion 1 is"]),
         ({"softening": "0.01", "accretion_radius": 0.1}, []),
-        ({"mass": 1e-5}, ["the Hill radius of companion 1 is"]),
+        ({"mass": 1e-5, "softening": "0.001", "accretion_radius": 0.1}, ["the Hill radius of companion 1 is"]),
+        ({"mass": 1e-5}, []),  # its softening hides it
         ({"softening": "0.01", "semi_major_axis": 3.0}, []),  # beyond the gas
     ],
 )

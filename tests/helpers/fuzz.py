@@ -227,7 +227,7 @@ def _value(rng: Any, key: str, field: Any) -> Any:
     if words:
         word = words[rng.integers(len(words))]
         return [word] if "tuple" in str(field.annotation) else word
-    if fields.models_in(field.annotation):
+    if fields.models_in(field.annotation) and fields.measure_of(field) is None:
         return None
     if "bool" in str(field.annotation):
         return bool(rng.random() < 0.5)

@@ -112,7 +112,7 @@ def test_no_place_at_all_is_one_message(tmp_path, read_only, monkeypatch, capsys
 
     monkeypatch.setattr(tempfile, "gettempdir", nowhere)
 
-    def simulation(scene):
+    def simulation(scene, **_):
         cache.ensure(one_more)
 
     monkeypatch.setattr("discsim.run.runner.Simulation", simulation)

@@ -87,7 +87,7 @@ def test_a_damaged_checkpoint_is_one_message(finished, tmp_path, damage, capsys)
 
 
 def test_a_scene_that_cannot_be_set_up_writes_nothing(tmp_path, monkeypatch, capsys):
-    def refuse(scene):
+    def refuse(scene, **_):
         raise SceneError(["space.size: no"])
 
     monkeypatch.setattr("discsim.run.runner.Simulation", refuse)
