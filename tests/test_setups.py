@@ -6,11 +6,11 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES, ON_GRID
+from runs import on_threads
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene
 from discsim.cli import app
-from discsim.numerics import threads
 from discsim.parts import EFFECTS
 from discsim.preview.derived import dust_masses, gas_mass
 from discsim.scene import fields
@@ -180,11 +180,8 @@ def test_the_same_bits_on_any_number_of_threads(monkeypatch):
     self-gravity has threads of its own (numerics/test_poisson.py).
     """
     scene = {name: table for name, table in EVERYTHING.items() if name != "self_gravity"}
-    whole = threads.pieces
-    monkeypatch.setattr(threads, "pieces", lambda count, least, number: whole(count, min(least, 50), number))
     ends = []
-    for number in (1, 3):
-        monkeypatch.setattr(threads.numba, "get_num_threads", lambda number=number: number)
+    for _ in on_threads(monkeypatch):
         sim = Simulation(scene)
         for _ in range(3):
             sim.step()

@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from runs import on_threads
 from scipy.integrate import solve_ivp
 
 from discsim import SceneError, Simulation, load_scene
 from discsim.exact import nsh
 from discsim.formulas.laws import VALUE
-from discsim.numerics import threads
 
 MANY = {"smallest": 0.01, "largest": 1.0}
 BINS = 8
@@ -217,11 +217,8 @@ def test_it_goes_on_to_the_bit(tmp_path):
 
 
 def test_the_same_bits_on_any_number_of_threads(monkeypatch):
-    whole = threads.pieces
-    monkeypatch.setattr(threads, "pieces", lambda count, least, number: whole(count, min(least, 50), number))
     ends = []
-    for number in (1, 3):
-        monkeypatch.setattr(threads.numba, "get_num_threads", lambda number=number: number)
+    for _ in on_threads(monkeypatch):
         sim = Simulation(orbiting())
         for _ in range(3):
             sim.step()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from problems import layer
-from runs import state_bits
+from runs import on_threads, state_bits
 from scenes import changed, problems
 
 from discsim import Simulation
@@ -246,7 +246,6 @@ def test_one_way_dust_leaves_the_gas_alone():
 
 def test_bits_are_those_of_ids_and_steps(tmp_path, monkeypatch):
     """After a resume, and on any number of threads in any pieces."""
-    from discsim.numerics import threads
 
     scene = disc(0.3)
     whole = Simulation(scene)
@@ -257,9 +256,7 @@ def test_bits_are_those_of_ids_and_steps(tmp_path, monkeypatch):
     again.restore(tmp_path / "a.h5")
     again.evolve(0.3)
     assert state_bits(again) == state_bits(whole)
-    pieces = threads.pieces
-    monkeypatch.setattr(threads, "pieces", lambda count, least, number: pieces(count, min(least, 40), number))
-    monkeypatch.setattr(threads.numba, "get_num_threads", lambda: 3)
+    next(on_threads(monkeypatch, (3,), 40))
     again.restore(tmp_path / "a.h5")
     again.evolve(0.3)
     assert state_bits(again) == state_bits(whole)

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 
 from discsim import Simulation, read_snapshot
+from discsim.numerics import threads
 from discsim.output.open_step import left_open
 from discsim.output.snapshot import write_snapshot
 from discsim.run.forces import kick_owner
@@ -183,3 +184,12 @@ def put_out(sim, path):
     step = left_open(sim.state, kick_owner(sim.effects) is not None)
     with sim.synchronised() as state:
         write_snapshot(path, sim.scene, state.time, state.gas, state.dust, {}, state.bodies, step)
+
+
+def on_threads(monkeypatch, numbers=(1, 3), least=50):
+    """Numbers of threads, each in force while it is there; loops over `least` particles are cut into pieces already."""
+    pieces = threads.pieces
+    monkeypatch.setattr(threads, "pieces", lambda count, own, number: pieces(count, min(own, least), number))
+    for number in numbers:
+        monkeypatch.setattr(threads.numba, "get_num_threads", lambda number=number: number)
+        yield number

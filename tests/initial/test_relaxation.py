@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from runs import on_threads
 from scenes import problems
 
 from discsim import Simulation, load_scene
-from discsim.numerics import threads
 from discsim.physics.eos import initial_energy
 from discsim.preview.check import report
 from discsim.preview.forecast import forecast
@@ -114,11 +114,8 @@ def test_goes_on_from_a_checkpoint_to_the_bit_and_settles_once(tmp_path):
 
 
 def test_the_same_bits_on_any_number_of_threads(monkeypatch):
-    whole = threads.pieces
-    monkeypatch.setattr(threads, "pieces", lambda count, least, number: whole(count, min(least, 50), number))
     ends = []
-    for number in (1, 3):
-        monkeypatch.setattr(threads.numba, "get_num_threads", lambda number=number: number)
+    for _ in on_threads(monkeypatch):
         gas = Simulation(disc(0.1)).gas
         ends.append((gas.pos.tobytes(), gas.vel.tobytes(), gas.h.tobytes()))
     assert ends[0] == ends[1]
