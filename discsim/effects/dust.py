@@ -1,4 +1,4 @@
-"""Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, moved, never diffused."""
+"""Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, each of one size or of many."""
 
 from __future__ import annotations
 
