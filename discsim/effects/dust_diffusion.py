@@ -147,7 +147,7 @@ class Effect(base.Effect):
         drift, centre = np.empty_like(dust.pos), self._centre(state)
         times = self.drag.stopping_times if self.inert else norm
         row, stirring = self._turbulence(state)
-        done, steps = 0, 1
+        done, steps, count = 0, 1, state.step + state.earlier
         while done < steps:
             gas = _Surroundings(self, state)
             field = gas.about(dust.pos)
@@ -161,7 +161,7 @@ class Effect(base.Effect):
                 steps = _steps(2.0 * steepest * dt / REACH**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
-            self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, state.step * MOST + done)
+            self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, count * MOST + done)
             done += 1
 
     def _walk(

@@ -40,6 +40,11 @@ CASES = {
     "self-gravity": scene(self_gravity={"softening": 0.1}, **TSC),
     "alpha_viscosity": scene(alpha_viscosity={"alpha": 0.05}),
     "cooling": scene(ADIABATIC, cooling={"kind": "beta", "beta": 1.0}),
+    "sizes": scene(
+        dust=DUST["dust"] | {"grain_size": {"smallest": 1e-5, "largest": 1e-2}, "grain_density": 1.0},
+        drag={"law": "epstein"},
+    ),
+    "dust diffusion": scene(dust_diffusion={"alpha": 0.01}, **TSC),
     "radiation pressure": scene(radiation_pressure={"beta": 0.2}, **TSC),
     "live companion": scene(companion=[PLANET | {"orbit": "live", "eccentricity": 0.2}], **TSC),
     "inertial frame": scene(
