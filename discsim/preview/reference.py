@@ -110,7 +110,8 @@ def _parts(name: str, annotation: Any) -> Iterator[Part]:
         kinds = len(models) > 1
         keys = [key for key in model.model_fields if not (kinds and key == "kind")]
         inner = [key for key in keys if models_in(model.model_fields[key].annotation)]
-        rows = [key_row(model, key) for key in keys if key not in inner]
+        # A key that may be a value as well has both.
+        rows = [key_row(model, key) for key in keys if key not in inner or measure_of(model.model_fields[key])]
         kind = fields.shown(model.model_fields["kind"].default) if kinds else ""
         yield Part(name, kind, _about(name, annotation, model), rows)
         for key in inner:
@@ -136,7 +137,8 @@ def _value_words(model: type[Table], key: str) -> str:
         if isinstance(entry, fields.Words):
             return entry.words
     if measure:
-        return measure.name.replace("_", " ") or "number"
+        table = ", or a table" if models_in(field.annotation) else ""
+        return (measure.name.replace("_", " ") or "number") + table
     choices = fields.choices_in(field.annotation)
     if choices:
         return ", ".join(fields.shown(choice) for choice in choices)
