@@ -390,3 +390,10 @@ def test_effects_lists_equations_keys_units_and_defaults():
         assert f"[{name}]" in done.stdout.splitlines()
     row = next(line for line in done.stdout.splitlines() if line.split()[:1] == ["outer_taper"])
     assert row.split()[:3] == ["outer_taper", "length", "0"]
+
+
+def test_effects_lists_a_key_that_is_a_value_or_a_table_as_both():
+    lines = discsim_command("effects").stdout.splitlines()
+    row = next(line for line in lines if line.split()[:1] == ["grain_size"])
+    assert row.split(maxsplit=1)[1].startswith("length, or a table ")
+    assert any(line.strip().startswith("[dust.grain_size] Grains of many sizes") for line in lines)
