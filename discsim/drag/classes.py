@@ -29,11 +29,8 @@ def classes_of(scene: Scene) -> int:
     """How many classes there will be, about, before any particle is made."""
     sizes = [dust.grain_size for dust in scene.dust or () if has_sizes(dust)]
     width = math.log(scene.drag.class_width)
-    of_sizes = [math.ceil(math.log(given.largest / given.smallest) / width) for given in sizes]
-    kept = [
-        number if given.bins is None else min(given.bins, number) for given, number in zip(sizes, of_sizes, strict=True)
-    ]
-    return min(MOST, sum(kept) + len(scene.dust or ()) - len(sizes))
+    held = [min(given.bins or MOST, math.ceil(math.log(given.largest / given.smallest) / width)) for given in sizes]
+    return min(MOST, sum(held) + len(scene.dust or ()) - len(sizes))
 
 
 class Classes:
@@ -51,7 +48,7 @@ class Classes:
         self._sorted: Array | None = None
 
     def sort(self, dust: Dust) -> None:
-        """Make the classes of `dust` as it is now."""
+        """Make the classes of `dust` as it is now, of which there is some."""
         if dust.size is None:
             self.of = dust.species
         elif dust.size is not self._sorted:  # a new array wherever particles or their sizes have changed
@@ -60,15 +57,13 @@ class Classes:
 
     def _divide(self, rows: Array) -> None:
         place = np.log(rows[:, VALUE])
-        reach = place.max() - place.min() if len(place) > 0 else 0.0
+        reach = place.max() - place.min()
         # Whole multiples of the width, so that classes stay what they are while grains grow.
         bins = np.floor(place / (self.width * max(1.0, math.ceil(reach / (self.width * (MOST - 1))))))
-        bins = (bins - bins.min(initial=np.inf)).astype(np.int64) if len(bins) > 0 else bins.astype(np.int64)
-        count = np.bincount(bins, minlength=1)
+        bins = (bins - bins.min()).astype(np.int64)
+        count = np.bincount(bins)
         held = count > 0
         self.of = (np.cumsum(held) - 1)[bins]
-        self.number, self.several = max(1, int(held.sum())), True
-        self.grains = np.zeros((self.number, rows.shape[1]))
-        for column in range(rows.shape[1] if len(rows) > 0 else 0):
-            self.grains[:, column] = np.bincount(self.of, rows[:, column]) / count[held]
+        self.number, self.several = int(held.sum()), True
+        self.grains = np.stack([np.bincount(self.of, column) for column in rows.T], axis=1) / count[held][:, None]
         self.relative = rows[:, VALUE] / self.grains[self.of, VALUE]

@@ -45,8 +45,8 @@ class Simulation:
     """A scene in motion.
 
     scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
-    dict(pos (n, d), vel (n, d), mass (n,)[, u, species]), Quantities or in code units. to_restore: its state will be
-    that of a checkpoint (`restore`), so that the start need not settle before t = 0. Raises SceneError.
+    dict(pos (n, d), vel (n, d), mass (n,)[, u, species, size]), Quantities or in code units. to_restore: its state will
+    be that of a checkpoint (`restore`), so that the start need not settle before t = 0. Raises SceneError.
     """
 
     def __init__(

@@ -246,7 +246,6 @@ def test_one_way_dust_leaves_the_gas_alone():
 
 def test_bits_are_those_of_ids_and_steps(tmp_path, monkeypatch):
     """After a resume, and on any number of threads in any pieces."""
-
     scene = disc(0.3)
     whole = Simulation(scene)
     whole.evolve(0.1)
