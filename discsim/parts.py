@@ -170,6 +170,7 @@ EFFECTS = Parts(
         "drag": "discsim.effects.drag:Effect",
         "dust_diffusion": "discsim.effects.dust_diffusion:Effect",
         "damping": "discsim.effects.damping:Effect",
+        "growth": "discsim.effects.growth:Effect",
     },
 )
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NONE = np.empty(0)
+GROWN = 8  # classes, about, of grains that have grown to sizes of one to two decades in the whole of a disc
 MOST = 32  # classes: there are sums of each at every node of tsc
 
 
@@ -29,6 +30,8 @@ def classes_of(scene: Scene) -> int:
     """How many classes there will be, about, before any particle is made."""
     sizes = [dust.grain_size for dust in scene.dust or () if has_sizes(dust)]
     width = math.log(scene.drag.class_width)
+    if scene.table("growth") is not None:
+        return GROWN
     held = [min(given.bins or MOST, math.ceil(math.log(given.largest / given.smallest) / width)) for given in sizes]
     return min(MOST, sum(held) + len(scene.dust or ()) - len(sizes))
 

@@ -6,10 +6,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.parts import Lazy
+
 if TYPE_CHECKING:
     from discsim.numerics.state import State
 
 SPECIES = ("gas", "dust")
+growth = Lazy("discsim.physics.growth")
+
+
+def taken_from(state: State, name: str, gone: np.ndarray) -> tuple[float, float, float]:
+    """Of the particles `gone` of a species all their mass, what of it is of that species, and small dust that they
+    carry: with two-way drag that is the rest, with one-way drag beside it.
+    """
+    particles = state.species[name]
+    mass, small = float(particles.mass[gone].sum()), 0.0
+    if state.gas is not None and state.gas.small is not None and name == "gas":
+        small = float(state.gas.small[gone].sum())
+        if growth.laden(state.scene):
+            return mass, float((particles.mass[gone] - state.gas.small[gone]).sum()), small
+    return mass, mass, small
 
 
 def swallow(state: State, number: int, name: str, gone: np.ndarray, grows: bool, moves: bool) -> None:
@@ -21,8 +37,10 @@ def swallow(state: State, number: int, name: str, gone: np.ndarray, grows: bool,
     bodies, particles = state.bodies, state.species[name]
     assert bodies is not None
     mass = particles.mass[gone]
-    taken = float(mass.sum())
-    bodies.accreted[number, SPECIES.index(name)] += taken
+    taken, of_it, small = taken_from(state, name, gone)
+    bodies.accreted[number, SPECIES.index(name)] += of_it
+    if small > 0.0:
+        bodies.accreted[number, SPECIES.index("dust")] += small
     if not grows or (name == "dust" and state.unnoticed):
         return
     total = bodies.mass[number] + taken

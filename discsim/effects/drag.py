@@ -95,10 +95,11 @@ def _partners(draft: Draft) -> Iterator[Problem]:
 
 
 def _width_of_classes(draft: Draft) -> Iterator[Problem]:
-    if draft.gives("drag", "class_width") and not any(map(has_sizes, draft.dust or ())):
+    grows = draft.has("growth")
+    if draft.gives("drag", "class_width") and not grows and not any(map(has_sizes, draft.dust or ())):
         yield (
             ("drag", "class_width"),
-            "no grains have sizes of their own; expected dust.grain_size with many, or no such key",
+            "no grains have sizes of their own; expected dust.grain_size with many, [growth], or no such key",
         )
 
 

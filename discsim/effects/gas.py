@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 moves = Lazy("discsim.kernels.move")
 kernels = Lazy("discsim.kernels.sph")
+growth = Lazy("discsim.physics.growth")
 sums = Lazy("discsim.numerics.sph")
 AnyEos: Any = kinds_of(EOS.values())
 
@@ -188,8 +189,10 @@ class Effect(base.Effect):
 
         def part(first: int, last: int) -> None:
             within = slice(first, last)
-            energy = None if u is None else u[within]
-            out[:, within] = pressure_and_sound_speed(self.scene, pos[within], gas.density[within], energy)
+            energy, density = None if u is None else u[within], gas.density[within]
+            if gas.small is not None and energy is None:  # which has no pressure; energies are of all the mass
+                density = density * growth.gas_share(self.scene, gas, within)
+            out[:, within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
 
         share(part, gas.count)
         return out

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, StrictBool
 
 from discsim.effects import base
-from discsim.effects.accretion import swallow
+from discsim.effects.accretion import swallow, taken_from
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
@@ -164,7 +164,9 @@ class Effect(base.Effect):
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
         ledger = state.ledger
-        setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + float(mass.sum()))
+        _, own, small = taken_from(state, name, gone)
+        setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + own)
+        ledger.accreted_small += small
         ledger.accreted_momentum += (mass[:, None] * vel).sum(axis=0)
         spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])
         ledger.accreted_angular_momentum += float(spin.sum())

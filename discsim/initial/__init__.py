@@ -39,7 +39,12 @@ def make_particles(scene: Scene) -> Given:
         from discsim.initial import cells
 
         return cells.particles(scene)
-    return _sized(scene, start_of(scene).particles(scene))
+    given = _sized(scene, start_of(scene).particles(scene))
+    if scene.table("growth") is None:
+        return given
+    from discsim.initial.small import carried
+
+    return carried(scene, given)
 
 
 def _sized(scene: Scene, given: Given) -> Given:
@@ -73,10 +78,13 @@ def make_state(scene: Scene, given: Given) -> State:
     if "dust" in given:
         arrays = given["dust"]
         species = np.array(arrays.get("species", np.zeros(len(arrays["mass"]))), np.int64)
+        size = arrays.get("size")
+        if size is None and scene.table("growth") is not None:
+            size = np.full(len(species), scene.dust[0].grain_size)
         dust = Dust(
             **_common("dust", arrays, gas.count if gas is not None else 0),
             species=species,
-            size=arrays.get("size"),
+            size=size,
             immobile=arrays.get("immobile"),
         )
     return State(scene, gas, dust, None)
@@ -98,6 +106,9 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
     common = _common("gas", given, 0)
     n, dim = common["pos"].shape
     u = given.get("u")
+    small = None
+    if scene.table("growth") is not None:
+        small = np.array(given.get("small", np.zeros(n)), float)
     if eos_of(scene).holds_heat:
         u = np.array(u, float) if u is not None else initial_energy(scene, radius(common["pos"]))
     else:
@@ -127,5 +138,6 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         radiated=None if scene.cooling is None else np.zeros(n),
         immobile=given.get("immobile"),
         nu=np.zeros(n) if viscous else None,
+        small=small,
         h_before=h.copy() if scene.gas.smoothing_length is None and not scene.model.cells else None,
     )

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.initial import SPECIES, Given
+from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
-from discsim.physics.grains import has_sizes
+from discsim.physics.grains import own_sizes
 from discsim.scene import SceneError, near, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.units import UnitError
@@ -22,9 +23,11 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+growth = Lazy("discsim.physics.growth")
 NEEDED = ("pos", "vel", "mass")
-ARRAYS = {"gas": (*NEEDED, "u", "density", "immobile"), "dust": (*NEEDED, "species", "size", "immobile")}
+ARRAYS = {"gas": (*NEEDED, "u", "density", "small", "immobile"), "dust": (*NEEDED, "species", "size", "immobile")}
 MEASURE = {"pos": "length", "size": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
+NOT_NEGATIVE = ("small",)
 POSITIVE = ("mass", "u", "density", "size")
 LARGEST = 1e150  # its square is a number
 MASSES = 1e12  # of the heaviest gas particle over the lightest: beyond, sums forget the light ones and steps collapse
@@ -89,8 +92,10 @@ def _species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array], lis
     faults += [f"{key} is missing{why}" for key, why in _missing(scene, name, given)]
     if "u" in given and name == "gas" and not eos_of(scene).holds_heat:
         faults.append(f'u is given, but the gas is "{scene.gas.eos.kind}", which holds no heat; expected no such array')
-    if name == "dust" and "size" in given and not any(map(has_sizes, scene.dust)):
+    if name == "dust" and "size" in given and not own_sizes(scene):
         faults.append("size is given, but no dust.grain_size is of many; expected no such array")
+    if "small" in given and name == "gas" and scene.table("growth") is None:
+        faults.append("small is given, but no dust grows; expected a table [growth] too, or no such array")
     arrays: dict[str, Array] = {}
     count = None
     for key in known:
@@ -111,7 +116,7 @@ def _missing(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tupl
             yield key, f"; expected {_words(NEEDED)}"
     if name == "dust" and len(scene.dust) > 1 and "species" not in given:
         yield "species", f"; expected the number of each particle's population, 0 to {len(scene.dust) - 1}"
-    if name == "dust" and any(map(has_sizes, scene.dust)) and "size" not in given:
+    if name == "dust" and own_sizes(scene) and "size" not in given and scene.table("growth") is None:
         yield "size", "; expected the radius of each particle's grains, as dust.grain_size is of many"
     eos: Any = scene.gas.eos if scene.gas else None
     if name == "gas" and eos_of(scene).holds_heat and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):
@@ -138,6 +143,8 @@ def _array(scene: Scene, name: str, key: str, values: Any, count: int | None) ->
     _checked(array, np.isfinite(array), "a finite number")
     if key in POSITIVE:
         _checked(array, array > 0.0, "a positive number")
+    if key in NOT_NEGATIVE:
+        _checked(array, array >= 0.0, "0 or a positive number")
     _checked(array, np.abs(array) < LARGEST, f"less than {LARGEST:g} code units")
     if key == "pos" and scene.space.boundary == "periodic":
         size = np.array(scene.space.size)
@@ -182,6 +189,11 @@ def _together(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str
                 f"mass[{heavy}] is {mass[heavy] / mass[light]:.3g} times mass[{light}]; expected {MASSES:g} times at "
                 "most, as SPH sums them"
             )
+        if "small" in arrays and growth.laden(scene):
+            most = arrays["small"] - mass
+            if most.max() >= 0.0:
+                i = int(most.argmax())
+                yield f"small[{i}] is {arrays['small'][i]:g}, all of mass[{i}] = {mass[i]:g}; expected a part of it"
         if _movable(arrays) == 0:
             yield "immobile is true of all; expected some that move"
         return

@@ -28,7 +28,7 @@ def thinned(arrays: dict[str, Array], step: int) -> dict[str, Array]:
     """Every `step`-th along rings as wide as those that stay are apart; the mass stays what it is."""
     if step == 1 or len(arrays["mass"]) == 0:
         return arrays
-    pos, mass = arrays["pos"], arrays["mass"]
+    pos = arrays["pos"]
     r, angle = np.sqrt((pos**2).sum(axis=1)), np.arctan2(pos[:, 1], pos[:, 0])
     rising = np.argsort(r, kind="stable")
     held = 2.0 * np.pi * r * np.sqrt(step / _area(pos))  # particles of the ring
@@ -36,7 +36,9 @@ def thinned(arrays: dict[str, Array], step: int) -> dict[str, Array]:
     ring[rising] = np.floor(np.cumsum(1.0 / np.maximum(held[rising], 1.0)))
     stay = np.lexsort((angle, ring))[slice(*every(len(r), step))]
     out = {key: values[stay] for key, values in arrays.items()}
-    out["mass"] = out["mass"] * (mass.sum() / out["mass"].sum())
+    for key in ("mass", "small"):
+        if key in out and out[key].any():
+            out[key] = out[key] * (arrays[key].sum() / out[key].sum())
     return out
 
 
@@ -66,7 +68,9 @@ def refined(arrays: dict[str, Array], number: int) -> dict[str, Array]:
     if number == 1 or count == 0:
         return arrays
     out = {key: np.repeat(values, number, axis=0) for key, values in arrays.items()}
-    out["mass"] /= number
+    for key in ("mass", "small"):
+        if key in out:
+            out[key] /= number
     pos, vel = arrays["pos"], arrays["vel"]
     area = arrays["mass"] / arrays["density"] if "density" in arrays else _area(pos)
     outwards = pos / np.maximum(np.sqrt((pos**2).sum(axis=1)), 1e-300)[:, None]

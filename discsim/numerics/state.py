@@ -88,6 +88,7 @@ class Gas(Particles):
     pressure_vel: Array | None = None
     radiated: Array | None = None  # what each has lost by cooling since the start, per mass (gas that cools)
     nu: Array | None = None  # kinematic viscosity (gas with a shear viscosity)
+    small: Array | None = None  # mass of small dust that each carries (where dust grows)
     h_before: Array | None = None  # from which the search for h began (where h is not fixed)
 
 
@@ -106,6 +107,7 @@ class Ledger:
 
     accreted_gas: float = 0.0
     accreted_dust: float = 0.0
+    accreted_small: float = 0.0
     accreted_momentum: Array = field(default_factory=lambda: np.zeros(2))
     accreted_angular_momentum: float = 0.0
     damped_momentum: Array = field(default_factory=lambda: np.zeros(2))

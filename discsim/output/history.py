@@ -17,20 +17,29 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.output.files import written
+from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
 
 if TYPE_CHECKING:
     from discsim.effects.base import Effect
     from discsim.numerics.state import Gas, Particles, State
+    from discsim.scene import Scene
 
 Array = np.ndarray
+growth = Lazy("discsim.physics.growth")
 
 COLUMNS = (
     "step", "time", "dt", "dt_set_by", "mass_gas", "mass_dust", "momentum_x", "momentum_y",
     "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
     "accreted_dust", "uncoupled_dust", "accretion_rate_gas", "accretion_rate_dust", "radiated",
 )  # fmt: skip
+OF_GROWTH = ("mass_small", "accreted_small")  # small dust, where dust grows; "gas" is then without it
 WORDS = ("dt_set_by",)  # columns that are no numbers
+
+
+def columns_of(scene: Scene) -> tuple[str, ...]:
+    """The columns of a run of a scene."""
+    return COLUMNS if scene.table("growth") is None else (*COLUMNS, *OF_GROWTH)
 
 
 class HistoryError(Exception):
@@ -93,19 +102,23 @@ def _is_row(columns: Sequence[str], entries: list[str]) -> bool:
 def history_row(
     state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str, before: Sequence[object] | None = None
 ) -> list[object]:
-    """The row of a synchronised state, entries as in COLUMNS; `dt` is the step that led to it.
+    """The row of a synchronised state, entries as in `columns_of`; `dt` is the step that led to it.
 
     Rates of accretion are means since the row `before`; without one they are 0.
     """
     gas, dust = _totals(state.gas), _totals(state.dust)
     momentum = gas.momentum + dust.momentum
+    mass_gas, small = gas.mass, []
+    if state.gas is not None and state.gas.small is not None:
+        small = [float(state.gas.small.sum()), state.ledger.accreted_small]
+        mass_gas = float((state.gas.mass * growth.gas_share(state.scene, state.gas)).sum())
     return [
-        state.step, state.time, dt, dt_set_by, gas.mass, dust.mass, float(momentum[0]), float(momentum[1]),
+        state.step, state.time, dt, dt_set_by, mass_gas, dust.mass, float(momentum[0]), float(momentum[1]),
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
         float(sum(effect.potential_energy(state) for effect in effects.values())),
         state.ledger.accreted_gas, state.ledger.accreted_dust,
         float(max((effect.uncoupled for effect in effects.values()), default=0.0)),
-        *_accretion_rates(state, before), _radiated(state.gas),
+        *_accretion_rates(state, before), _radiated(state.gas), *small,
     ]  # fmt: skip
 
 
@@ -113,7 +126,7 @@ def _accretion_rates(state: State, before: Sequence[object] | None) -> tuple[flo
     """Of gas and dust by the star, since the row `before`."""
     if before is None:
         return 0.0, 0.0
-    then = dict(zip(COLUMNS, before, strict=True))
+    then = dict(zip(columns_of(state.scene), before, strict=True))
     dt = state.time - float(str(then["time"]))
     if dt <= 0.0:
         return 0.0, 0.0
@@ -146,8 +159,11 @@ def _thermal(state: State) -> float:
     if gas is None:
         return 0.0
     free = _free(gas)
-    u = None if gas.u is None else gas.u[free]
-    return thermal_energy(state.scene, gas.mass[free], gas.density[free], u)
+    mass, density = gas.mass[free], gas.density[free]
+    if gas.u is None and gas.small is not None:  # small dust has no pressure
+        share = growth.gas_share(state.scene, gas)
+        mass, density = mass * share, density * share
+    return thermal_energy(state.scene, mass, density, None if gas.u is None else gas.u[free])
 
 
 def _radiated(gas: Gas | None) -> float:

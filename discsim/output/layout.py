@@ -44,6 +44,7 @@ GAS = COMMON | {
     "pressure": Field("Pressures", "pressure", "pressure; vertically integrated in 2D"),
     "sound_speed": Field("SoundSpeeds", "velocity", "sound speed"),
     "temperature": Field("Temperatures", "temperature", "P/rho mu m_H/k_B"),
+    "small": Field("SmallDustMasses", "mass", "mass of the small dust that each particle carries"),
 }
 DUST = COMMON | {
     "density": Field("DustDensities", "density", "density of the dust; a surface density in 2D"),

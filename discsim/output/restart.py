@@ -18,10 +18,11 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.initial.base import Places, Start
 from discsim.initial.refine import every, refined, thinned
+from discsim.initial.small import loaded
 from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.eos import eos_of
-from discsim.physics.grains import has_sizes
+from discsim.physics.grains import own_sizes
 from discsim.physics.orbits import Orbits, UnderWay
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from discsim.scene.rules import Draft, Problem
 
 snapshots = Lazy("discsim.output.snapshot")  # imports h5py
+growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
 MOST = 1000  # to refine or thin by
 ORBIT = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys of a companion that stays on its way
@@ -104,6 +106,8 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
         if getattr(scene, name) is None or held is None:
             continue
         arrays = _in_code(scene, name, _about_centre(snap, held))
+        if "small" in arrays:
+            arrays = _as_carried(scene, snap, arrays)
         groups = [arrays]
         if start.thin > 1 or start.refine > 1:
             groups = []
@@ -113,6 +117,14 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
                 groups.append(refined(thinned(group, start.thin), start.refine))
         out[name] = {key: np.concatenate([group[key] for group in groups]) for key in arrays}
     return out
+
+
+def _as_carried(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
+    """Small dust as a part of the gas's masses where drag is two-way here, beside them where it is not."""
+    was = snap.tables["drag"].get("direction") != "one-way"
+    if was == growth.laden(scene):
+        return gas
+    return loaded(gas, 1.0 if growth.laden(scene) else -1.0)
 
 
 def _about_centre(snap: Snapshot, held: SnapshotParticles) -> SnapshotParticles:
@@ -133,13 +145,15 @@ def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Arra
     """The arrays that a start has, in the code units of the scene: the very ones where these are the snapshot's."""
     keys = ["pos", "vel", "mass", "immobile"]
     keys += (
-        ["species", *(["size"] if any(map(has_sizes, scene.dust)) else [])]
+        ["species", *(["size"] if own_sizes(scene) else [])]
         if name == "dust"
-        else ["density", *(["u"] if eos_of(scene).holds_heat else [])]
+        else ["density", "small", *(["u"] if eos_of(scene).holds_heat else [])]
     )
     arrays = {key: getattr(held, key) for key in keys if getattr(held, key) is not None}
     if name == "dust":
         arrays["species"] = _populations(held)
+    if name == "gas" and scene.table("growth") is None:
+        arrays.pop("small", None)
     if held.units == scene.units:
         return {key: np.array(values) for key, values in arrays.items()}
     plain = ("species", "immobile")

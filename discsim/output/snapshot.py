@@ -18,7 +18,7 @@ import numpy as np
 
 from discsim.output import hdf5, open_step
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
-from discsim.parts import STARTS
+from discsim.parts import STARTS, Lazy
 from discsim.physics.eos import eos_of
 from discsim.physics.profile import reference_density
 from discsim.scene import SceneError
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+growth = Lazy("discsim.physics.growth")
 
 
 class SnapshotError(Exception):
@@ -62,6 +63,7 @@ class SnapshotParticles:
     pressure: Array | None = None
     sound_speed: Array | None = None
     temperature: Array | None = None
+    small: Array | None = None
     species: Array | None = None
     size: Array | None = None
     stopping_time: Array | None = None
@@ -322,5 +324,7 @@ def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
         # P/rho is c_s^2 of isothermal gas and c_s^2/gamma of adiabatic: one formula for both.
         molecule = scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e).cgs.value
         specific = scene.units.cgs("specific_energy") * per_mass
+        if particles.small is not None:
+            specific = specific / growth.gas_share(scene, particles)
         derived["temperature"] = specific * molecule / constants.k_B.cgs.value
     return derived

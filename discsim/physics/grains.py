@@ -40,6 +40,11 @@ def has_sizes(population: Any) -> bool:
     return hasattr(population.grain_size, "smallest")
 
 
+def own_sizes(scene: Any) -> bool:
+    """Whether dust particles have sizes of their own: given ones, or those that they grow to."""
+    return scene.table("growth") is not None or any(map(has_sizes, scene.dust or ()))
+
+
 def sizes_of(population: Any, count: int) -> tuple[Array, Array]:
     """Sizes of `count` particles of a population (n,), and masses over their mean, such that n(s) ~ s^-index.
 

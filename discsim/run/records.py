@@ -8,11 +8,12 @@ from pathlib import Path
 from discsim.effects.base import Effect
 from discsim.numerics.state import State
 from discsim.output import companions
-from discsim.output.history import COLUMNS, History, history_row, rows_until
+from discsim.output.history import History, columns_of, history_row, rows_until
 from discsim.scene import Scene
 
 # By the name of the number of their rows in a checkpoint: file and columns.
-HISTORY, COMPANIONS = ("rows", "history.csv", COLUMNS), ("companion_rows", "companions.csv", companions.COLUMNS)
+COMPANIONS = ("companion_rows", "companions.csv", companions.COLUMNS)
+HISTORY = "rows", "history.csv"
 
 
 class Records:
@@ -20,7 +21,7 @@ class Records:
 
     def __init__(self, scene: Scene, directory: Path) -> None:
         self.directory = directory
-        self.tables = [HISTORY] + ([COMPANIONS] if companions.written_for(scene) else [])
+        self.tables = [(*HISTORY, columns_of(scene))] + ([COMPANIONS] if companions.written_for(scene) else [])
         self._rows: dict[str, list[list[str]]] = {}
         self._files: dict[str, History] = {}
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.initial import start_of
 from discsim.initial.measure import ErrorMeasure
-from discsim.output.history import COLUMNS, history_row
+from discsim.output.history import columns_of, history_row
 from discsim.physics.eos import eos_of
 from discsim.run.simulation import Simulation
 
@@ -56,7 +56,7 @@ def profile_errors(found: dict[str, list[float]], reference: dict[str, list[floa
 def totals(sim: Simulation) -> dict[str, float]:
     """The conserved quantities of a simulation now, with what was accreted, and the scales to judge them by."""
     with sim.synchronised() as state:
-        row: dict[str, Any] = dict(zip(COLUMNS, history_row(state, sim.effects, 0.0, ""), strict=True))
+        row: dict[str, Any] = dict(zip(columns_of(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
         species = state.species.values()
         speeds = [np.sqrt((p.vel**2).sum(axis=1)) for p in species]
         moved = sum(float(p.mass @ speed) for p, speed in zip(species, speeds, strict=True))
@@ -67,7 +67,12 @@ def totals(sim: Simulation) -> dict[str, float]:
     energy = row["kinetic_gas"] + row["kinetic_dust"] + row["thermal"] + row["potential"] + row["radiated"]
     momentum = np.array([row["momentum_x"], row["momentum_y"]]) + ledger.accreted_momentum
     return {
-        "mass": row["mass_gas"] + row["mass_dust"] + ledger.accreted_gas + ledger.accreted_dust,
+        "mass": row["mass_gas"]
+        + row["mass_dust"]
+        + ledger.accreted_gas
+        + ledger.accreted_dust
+        + row.get("mass_small", 0.0)
+        + ledger.accreted_small,
         "momentum_x": float(momentum[0]),
         "momentum_y": float(momentum[1]),
         "spin": row["angular_momentum"] + ledger.accreted_angular_momentum,

@@ -1,0 +1,247 @@
+"""Dust that grows: two populations, da_r/dt = rho_d v_rel / rho_s, n(a) ~ a^-3.5 from a_min to a_r.
+
+As in FEoSaD (Stoyanovskaya et al. 2017; Vorobyov et al. 2018, arXiv:1801.06898): small dust, below a_*, moves with the
+gas, here as `small`, a mass that each gas particle carries; grown dust is the particles of [dust], each with a size a_r
+of its own. Sizes grow along the paths of the grains up to the size at which they break (`formulas/growth.py` has the
+equations), and with them small dust becomes grown dust such that n(a) is continuous at a_*, or the other way round
+where sizes fall (`kernels/growth.py` says who takes what from whom).
+
+Once a step, after the moves: sizes by sub-steps with a relative error of 1e-10 each, so that growth limits no step.
+Mass that changes hands keeps its velocity, and gas the sum of its energies; mass and momentum are exact, angular
+momentum is off by what mass moved by up to an h has less or more of it where it comes to. With one-way drag the gas
+notices none of it: small dust is then no part of `mass`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationInfo
+
+from discsim.effects import base
+from discsim.effects.dust import Sizes
+from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics.state import State
+from discsim.numerics.threads import share
+from discsim.parts import LAWS, SCHEMES, Lazy
+from discsim.physics import growth
+from discsim.physics.laws import SceneLaw
+from discsim.scene.fields import Default, Length, Number, Table, Velocity, units_of
+from discsim.scene.rules import Draft, Problem
+
+if TYPE_CHECKING:
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
+kernels = Lazy("discsim.kernels.growth")
+neighbours = Lazy("discsim.numerics.neighbours")
+smoothing = Lazy("discsim.numerics.sph")
+
+GROWN, PAIR = 700.0, 18.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
+PASSES = 4
+Lists = tuple[Any, list[Any], Any, list[Any]]
+IN_A_CELL = 16.0  # grains that look for gas together
+
+
+def _usual(length: str) -> BeforeValidator:
+    """Puts a length where none is given, in a scene in which lengths have units."""
+
+    def fill(value: Any, info: ValidationInfo) -> Any:
+        return length if value is None and units_of(info).system == "physical" else value
+
+    return BeforeValidator(fill)
+
+
+class Keys(Table):
+    """Dust grows, and breaks."""
+
+    fragmentation_speed: Velocity = Field(ge=0, description="at which grains break; 0: all dust becomes small")
+    alpha: Annotated[Number | None, Default("alpha_viscosity's")] = Field(
+        None, ge=0, description="of the turbulence in which grains meet and settle"
+    )
+    small_size: Annotated[Length | None, _usual("1 um"), Default('"1 um"; none in code units')] = Field(
+        None, gt=0, validate_default=True, description="a_*: dust below it is small, and carried by the gas"
+    )
+    smallest: Annotated[Length | None, _usual("5e-3 um"), Default('"5e-3 um"; in code units small_size / 200')] = Field(
+        None, gt=0, validate_default=True, description="a_min of n(a) ~ a^-3.5"
+    )
+    small_ratio: Annotated[Number | None, Default("dust.ratio: all of it")] = Field(
+        None, ge=0, description="dust-to-gas mass ratio of the small dust at the start, a part of dust.ratio"
+    )
+
+
+def _who_grows(draft: Draft) -> Iterator[Problem]:
+    here = ("growth",)
+    if draft.has("background"):
+        yield here, "small dust is carried by gas particles, which a [background] has not; expected [gas] instead"
+    for table, why in (
+        ("gas", "small dust is carried by gas"),
+        ("dust", "grown dust is dust particles"),
+        ("drag", "grains meet in gas that drags them"),
+        ("star", "grains meet and settle on orbits"),
+    ):
+        if not draft.has(table) and not (table == "gas" and draft.has("background")):
+            yield here, f"{why}; expected a table [{table}] too"
+    if draft.growth.alpha is None and not draft.has("alpha_viscosity"):
+        yield here, "nothing says how turbulent the gas is; expected growth.alpha, or a table [alpha_viscosity]"
+
+
+def _sizes(draft: Draft) -> Iterator[Problem]:
+    own = draft.growth
+    if own.small_size is None:
+        yield ("growth", "small_size"), "missing; in code units nothing says how long 1 um is"
+    elif own.smallest is not None and own.small_size <= own.smallest:
+        yield ("growth", "smallest"), "not below growth.small_size; expected smallest < small_size"
+
+
+def _one_population(draft: Draft) -> Iterator[Problem]:
+    if draft.dust is None:
+        return
+    if len(draft.dust) > 1:
+        yield ("growth",), f"{len(draft.dust)} populations of dust; expected one, whose particles have their own sizes"
+        return
+    ((dust,), own) = draft.dust, draft.growth
+    if isinstance(dust.grain_size, Sizes):
+        yield ("dust", 0, "grain_size"), "sizes come from growth; expected one length, that of the start"
+    elif None not in (dust.grain_size, own.small_size) and dust.grain_size < own.small_size:
+        yield ("dust", 0, "grain_size"), "below growth.small_size, of dust that gas carries; expected no less than that"
+    if own.small_ratio is not None and own.small_ratio > dust.ratio:
+        yield ("growth", "small_ratio"), f"above dust.ratio = {dust.ratio:g}, of all dust; expected no more than that"
+
+
+def _of_grains(draft: Draft) -> Iterator[Problem]:
+    if draft.drag is None:
+        return
+    if not LAWS[draft.drag.law].of_grains:
+        words = " or ".join(f'"{name}"' for name, law in LAWS.items() if law.of_grains)
+        yield ("growth",), f'drag.law "{draft.drag.law}" knows no sizes; expected {words}'
+    if not SCHEMES[draft.drag.scheme].sizes and not draft.has("background"):
+        words = " or ".join(f'"{name}"' for name, scheme in SCHEMES.items() if scheme.sizes)
+        yield ("growth",), f'drag.scheme "{draft.drag.scheme}" takes one size a population; expected {words}'
+
+
+def _brings_masses(draft: Draft) -> Iterator[Problem]:
+    if draft.growth.small_ratio is not None and (draft.start is None or draft.kind == "snapshot"):
+        yield ("growth", "small_ratio"), "particles that are given bring their small dust; expected no such key"
+
+
+class Effect(base.Effect):
+    keys = Keys
+    rules = (_who_grows, _sizes, _one_population, _of_grains, _brings_masses)
+    acts_on = ()
+
+    def __init__(self, scene: Scene, state: State) -> None:
+        self.scene = scene
+        self.sph = smoothing.Sph(scene)
+        self.laden = growth.laden(scene)
+        law, (dust,), own = SceneLaw(scene), scene.dust or (), scene.table("growth")
+        all_dust = float(state.dust.mass.sum() + state.gas.small.sum())
+        self.grains = kernels.Grains(
+            own.small_size, growth.smallest_size(scene), dust.grain_density, own.fragmentation_speed,
+            float(law.typical[0]), law.code, law.grains[0],
+            growth.SEED * all_dust / state.dust.count,
+        )  # fmt: skip
+        self._dt = 0.0
+
+    @classmethod
+    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+        found = growth.limits(scene, at)
+        if found is None:
+            return
+        for name, sizes in (("break", found.fragmentation), ("drift as fast as they grow", found.drift)):
+            texts = [scene.units.show(float(size), "length") if size < math.inf else "none" for size in sizes]
+            yield f"size at which grains {name}", ", ".join(texts)
+        yield "Stokes number at the smaller of the two", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
+        times = [scene.units.show(float(time), "time") for time in found.time]
+        yield "growth time of settled grains", ", ".join(times)
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
+        return counts.dust * (GROWN + PASSES * PAIR * about)
+
+    def move(self, state: State, dt: float) -> None:
+        self._dt = dt
+
+    def event(self, state: State) -> None:
+        gas, dust = state.gas, state.dust
+        if gas.count == 0 or dust.count == 0:
+            return
+        centre = np.zeros(2) if state.centre is None else state.centre[0]
+        lists = self._lists(state)
+        field = self._about(state, lists, centre)
+        wanted, star = np.empty(dust.count), self.scene.star
+        r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
+        # Grains at the centre of the star are left out by the kernel.
+        omega = np.sqrt(state.central_mass / np.maximum(r * r + star.softening**2, 1e-200) ** 1.5)
+        alpha = growth.alpha(self.scene, r, field[:, kernels.SPEED2], omega)
+        dust.size = dust.size.copy()  # a new array: who sorts grains by size looks for one
+        share(
+            kernels.grow, dust.count, self._dt, state.central_mass, star.softening, dust.pos, centre, field, alpha,
+            self.grains, dust.mass, dust.size, wanted,
+        )  # fmt: skip
+        self._hand_over(state, lists, field, wanted)
+
+    def _lists(self, state: State) -> Lists:
+        """Cells of gas and of dust, and of each the others about it."""
+        gas, dust = state.gas, state.dust
+        cells = self.sph.cells_of(gas)
+        low, width = neighbours.box_about(dust.pos)
+        sides = width[width > 1e-300]
+        side = (IN_A_CELL * np.prod(sides) / dust.count) ** (1.0 / max(1, len(sides)))
+        grains = neighbours.sort_into_cells(dust.pos, np.full(dust.count, side), 1.0, low, width, False)
+        return (
+            cells, neighbours.candidates(cells, grains, mutual=False),
+            grains, neighbours.candidates(grains, cells, mutual=True, extent=0.0),
+        )  # fmt: skip
+
+    def _about(self, state: State, lists: Lists, centre: np.ndarray) -> np.ndarray:
+        """Columns (n, COLUMNS) of what is about the dust particles."""
+        gas, dust = state.gas, state.dust
+        cells, of_gas, grains, of_dust = lists
+        deposit, field = np.empty(gas.count), np.empty((dust.count, kernels.COLUMNS))
+        share(
+            kernels.deposit_driver(self.sph.kernel), len(cells.filled), cells, grains, gas.pos, gas.h, dust.pos,
+            dust.mass, deposit, least=neighbours.LEAST, each=of_gas,
+        )  # fmt: skip
+        share(
+            kernels.gather_driver(self.sph.kernel), len(grains.filled), grains, cells, dust.pos, centre, gas.pos, gas.h,
+            self._gas_alone(state), gas.small, gas.mass / gas.density, gas.pressure, deposit, field,
+            least=neighbours.LEAST, each=of_dust,
+        )  # fmt: skip
+        return field
+
+    def _gas_alone(self, state: State) -> np.ndarray:
+        """Masses of the gas (n,) without small dust."""
+        gas = state.gas
+        return gas.mass - gas.small if self.laden else gas.mass
+
+    def _hand_over(self, state: State, lists: Lists, field: np.ndarray, wanted: np.ndarray) -> None:
+        """Let each dust particle gain the mass `wanted` (n,), as far as the gas about it has that as small dust."""
+        gas, dust = state.gas, state.dust
+        cells, of_gas, grains, of_dust = lists
+        taken, spread = np.empty((2, gas.count))
+        got = np.empty((gas.count, 3))
+        share(
+            kernels.hand_driver(self.sph.kernel), len(cells.filled), cells, grains, gas.pos, gas.h,
+            self._gas_alone(state), dust.pos, dust.vel, field, wanted, taken, spread, got,
+            least=neighbours.LEAST, each=of_gas,
+        )  # fmt: skip
+        share(
+            kernels.take_driver(self.sph.kernel), len(grains.filled), grains, cells, gas.pos, gas.h, gas.small, spread,
+            gas.vel, field, wanted, dust.pos, dust.mass, dust.vel, least=neighbours.LEAST, each=of_dust,
+        )  # fmt: skip
+        lost = gas.small * taken
+        gas.small += got[:, 0] - lost
+        if not self.laden:
+            return
+        before = gas.mass - lost  # with the velocity that it had
+        after = before + got[:, 0]
+        gas.vel += (got[:, 1:] - got[:, :1] * gas.vel) / after[:, None]
+        for per_mass in (gas.u, gas.kick_rate, gas.radiated):
+            if per_mass is not None:
+                per_mass *= gas.mass / after
+        gas.mass[:] = after

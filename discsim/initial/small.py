@@ -1,0 +1,46 @@
+"""The small dust of a start that grows (`[growth]`): a share of the dust, which gas particles carry in its place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.parts import STARTS
+from discsim.physics import growth
+
+if TYPE_CHECKING:
+    from discsim.initial import Given
+    from discsim.scene import Scene
+
+
+def carried(scene: Scene, given: Given) -> Given:
+    """The arrays `given` of a start with `small` (n,) of the gas; a start from a snapshot brings what there is of it.
+
+    Of a start's dust growth.small_ratio over dust.ratio goes to the gas between the dust's radii, in proportion to the
+    start's ratio there; all but a seed of it at most, as dust particles need a mass. The total is exact.
+    """
+    initial: Any = scene.initial
+    gas, dust = given["gas"], given["dust"]
+    if initial.kind == "snapshot":
+        return given
+    (population,) = scene.dust or ()
+    r = np.sqrt((gas["pos"] ** 2).sum(axis=1))
+    there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
+    weight = np.where(there, gas["mass"], 0.0)
+    radial = STARTS[initial.kind].radial
+    if radial is not None and (share := radial(scene).dust_share) is not None:
+        weight *= share(r)
+    if not weight.sum() > 0.0:
+        return given
+    left = max(1.0 - growth.small_ratio(scene) / population.ratio, growth.SEED)
+    small = weight * ((1.0 - left) * dust["mass"].sum() / weight.sum())
+    gas = gas | {"small": small}
+    return given | {"gas": loaded(gas) if growth.laden(scene) else gas, "dust": dust | {"mass": left * dust["mass"]}}
+
+
+def loaded(gas: dict[str, Any], sign: float = 1.0) -> dict[str, Any]:
+    """Arrays of gas whose `small` becomes a part of its mass, or with sign -1 no longer is one."""
+    more = 1.0 + sign * gas["small"] / gas["mass"]
+    per_mass = {"u": gas["u"] / more} if gas.get("u") is not None else {}
+    return gas | {"mass": gas["mass"] * more, "density": gas["density"] * more} | per_mass

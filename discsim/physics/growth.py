@@ -1,0 +1,96 @@
+"""Growth of grains as functions of a scene (`[growth]`): its sizes, its alpha, what gas particles carry. Numpy only.
+
+Small dust, a_min to a_*, is carried by the gas particles: with two-way drag as a part of their mass, with one-way drag
+beside it, as the gas must not notice.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from discsim.formulas import growth as formulas
+from discsim.physics import viscosity
+from discsim.physics.grains import epstein_stopping_time
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import Gas
+    from discsim.physics.local import Local
+    from discsim.scene import Scene
+
+Array = np.ndarray
+RANGE = 200.0  # of a_* over a_min in code units: that of the usual 1 um and 5e-3 um
+SEED = 1e-12  # of its share of all dust, that a dust particle keeps where all dust is small
+STEEP = 2.75  # -d ln P / d ln r of a disc with Sigma ~ 1/r and c_s^2 ~ r^-1/2
+
+
+def smallest_size(scene: Scene) -> float:
+    """a_min, in code units."""
+    keys: Any = scene.table("growth")
+    return keys.small_size / RANGE if keys.smallest is None else keys.smallest
+
+
+def small_ratio(scene: Scene) -> float:
+    """Mass of small dust over that of the gas at the start; 0 without growth."""
+    keys: Any = scene.table("growth")
+    if keys is None or not scene.dust:
+        return 0.0
+    return scene.dust[0].ratio if keys.small_ratio is None else keys.small_ratio
+
+
+def laden(scene: Scene) -> bool:
+    """Whether small dust is a part of the gas particles' mass."""
+    return scene.table("growth") is not None and scene.drag is not None and scene.drag.direction == "two-way"
+
+
+def gas_share(scene: Scene, gas: Gas, piece: slice = slice(None)) -> Array | float:
+    """What of the mass of each particle of a `piece` is gas (n,), where dust grows."""
+    assert gas.small is not None
+    return 1.0 - gas.small[piece] / gas.mass[piece] if laden(scene) else 1.0
+
+
+def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:
+    """alpha (n,) at radii, where the gas has c_s^2 and the orbits Omega (n,)."""
+    keys: Any = scene.table("growth")
+    if keys.alpha is not None:
+        return np.full(np.shape(r), keys.alpha)
+    nu = scene.table("alpha_viscosity").nu
+    if nu is not None:
+        return np.divide(nu * omega, speed2, out=np.zeros_like(speed2), where=speed2 > 0.0)
+    return viscosity.alpha(scene, np.maximum(r, 1e-300))
+
+
+class Limits(NamedTuple):
+    """Of grains at some places (n,): what they grow to, by (6) of `formulas/growth.py` and where drift is as fast as
+    growth, and the Stokes number and the growth time at the former, or at the latter where it is the smaller."""
+
+    fragmentation: Array
+    drift: Array
+    stokes: Array
+    time: Array
+
+
+def limits(scene: Scene, at: Local) -> Limits | None:
+    """At the places of `at`, with all dust that the scene starts with; None where there are no orbits.
+
+    The drift limit is 2 Sigma_d / (pi rho_s gamma) (v_K / c_s)^2, gamma = |d ln P / d ln r|, of Birnstiel et al. (2012)
+    eq. 18 without its factor f_d, with gamma = 2.75; the growth time that of settled grains, Sigma_g / (Sigma_d Omega).
+    """
+    if at.radius is None or at.omega is None or at.thermal_speed is None:
+        return None
+    (dust,) = scene.dust or ()
+    speed2, material = at.thermal_speed**2, dust.grain_density
+    strength = alpha(scene, at.radius, speed2, at.omega)
+    given = scene.table("growth").fragmentation_speed, material
+    breaks = np.array(
+        [
+            formulas.fragmentation_size(sigma, given[0], a, float(np.sqrt(c2)), given[1])
+            for sigma, a, c2 in zip(at.density, strength, speed2, strict=True)
+        ]
+    )
+    drift = 2.0 * dust.ratio * at.density / (np.pi * material * STEEP) * (at.radius * at.omega) ** 2 / speed2
+    largest = np.maximum(np.minimum(breaks, drift), scene.table("growth").small_size)
+    volume = at.density * at.omega / (np.sqrt(2.0 * np.pi) * at.thermal_speed)
+    time = epstein_stopping_time(largest, material, at.thermal_speed, volume, scene.drag.convention)
+    return Limits(breaks, drift, time * at.omega, 1.0 / (dust.ratio * at.omega))
