@@ -209,7 +209,7 @@ class Effect(base.Effect):
         )  # fmt: skip
         share(
             kernels.gather_driver(self.sph.kernel), len(grains.filled), grains, cells, dust.pos, centre, gas.pos, gas.h,
-            self._gas_alone(state), gas.small, gas.mass / gas.density, gas.pressure, deposit, field,
+            gas.vel, self._gas_alone(state), gas.small, gas.mass / gas.density, gas.pressure, deposit, field,
             least=neighbours.LEAST, each=of_dust,
         )  # fmt: skip
         return field
@@ -227,20 +227,19 @@ class Effect(base.Effect):
         got = np.empty((gas.count, 3))
         share(
             kernels.hand_driver(self.sph.kernel), len(cells.filled), cells, grains, gas.pos, gas.h,
-            self._gas_alone(state), dust.pos, dust.vel, field, wanted, taken, spread, got,
+            self._gas_alone(state), gas.small, dust.pos, dust.vel, field, wanted, taken, spread, got,
             least=neighbours.LEAST, each=of_gas,
         )  # fmt: skip
         share(
             kernels.take_driver(self.sph.kernel), len(grains.filled), grains, cells, gas.pos, gas.h, gas.small, spread,
-            gas.vel, field, wanted, dust.pos, dust.mass, dust.vel, least=neighbours.LEAST, each=of_dust,
+            field, wanted, dust.pos, dust.mass, dust.vel, least=neighbours.LEAST, each=of_dust,
         )  # fmt: skip
         lost = gas.small * taken
         gas.small += got[:, 0] - lost
         if not self.laden:
             return
-        before = gas.mass - lost  # with the velocity that it had
-        after = before + got[:, 0]
-        gas.vel += (got[:, 1:] - got[:, :1] * gas.vel) / after[:, None]
+        after = gas.mass - lost + got[:, 0]
+        gas.vel += (got[:, 1:] - (got[:, 0] - lost)[:, None] * gas.vel) / after[:, None]
         for per_mass in (gas.u, gas.kick_rate, gas.radiated):
             if per_mass is not None:
                 per_mass *= gas.mass / after

@@ -31,6 +31,11 @@ def layer(stokes: float, alpha: float) -> float:
     return max(math.sqrt(alpha / (alpha + stokes)), THINNEST)
 
 
+def midplane_density(small: float, grown: float, height: float, stokes: float, alpha: float) -> float:
+    """rho_d of surface densities of small and of grown dust, in gas of scale height H, eq. (3)."""
+    return (small + grown / layer(stokes, alpha)) / (math.sqrt(2.0 * math.pi) * height)
+
+
 def relative_speed(stokes: float, alpha: float, sound: float, headwind: float) -> float:
     """v_rel of grains of a Stokes number, eq. (4); headwind: eta v_K."""
     whole, half = 1.0 / (1.0 + stokes * stokes), 1.0 / (1.0 + 0.25 * stokes * stokes)

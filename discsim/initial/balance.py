@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from discsim.scene.rules import Draft, Problem
 
 companions = Lazy("discsim.physics.companions")
+growth = Lazy("discsim.physics.growth")
 viscosity = Lazy("discsim.physics.viscosity")
 MOST_ORBITS = 1000.0  # of a start that settles
 SLOW = 1.0  # of the sound speed, that a viscous flow is at most
@@ -74,6 +75,7 @@ class Balance:
     def __init__(self, state: State, effects: dict[str, Any]) -> None:
         self.scene, self.effects = state.scene, effects
         self.gravity = mean_gravity(state, effects)
+        self.laden = "growth" in effects and growth.laden(state.scene)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
 
     def velocities(
@@ -96,6 +98,8 @@ class Balance:
         elif scene.gas is not None:
             disc = profile.radial(scene)
             headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
+            if self.laden:  # pressure is of the gas, and moves the small dust too
+                headwind = headwind / (1.0 + growth.small_at(scene, r, disc.dust_share))
             headwind[keplerian <= 1e-100] = 0.0
             if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
                 radial, lag = self._drift(disc, species, r, keplerian / r, headwind, size)
@@ -130,6 +134,9 @@ class Balance:
             ratio = population.ratio if disc.dust_share is None else population.ratio * disc.dust_share(r)
             there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
             load = np.where(there & (scene.drag.direction == "two-way"), ratio, 0.0)
+            if self.laden:
+                small = growth.small_at(scene, r, disc.dust_share)
+                load = (load - small) / (1.0 + small)
             for over_typical, share in _kinds(population):
                 kinds.append(over_typical * typical[k])
                 loads.append(share * load)
@@ -159,6 +166,8 @@ def _kinds(population: Any) -> Iterator[tuple[float, float]]:
 def gas_alone(scene: Scene) -> Scene:
     """The scene of its gas alone, which star, companions, pressure and viscosity move."""
     gone = dict.fromkeys(("dust", "drag", "cooling", "self_gravity", "damping"))
+    if scene.table("growth") is not None:
+        gone.pop("drag")  # which says whether small dust is a part of the gas's mass
     return scene.model_copy(update={**gone, "gas": scene.gas.model_copy(update={"conductivity": None})})
 
 

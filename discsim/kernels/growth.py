@@ -4,9 +4,11 @@
     Sigma_grown at j = sum_i V_i W_ij G_i / sum_i V_i W_ij,   G_i = sum_j m_j W_ij,   V_i = m_i / rho_i         (2)
     m_j -> m_j (1 - f_j) (Sigma_small + Sigma_grown) / Sigma_grown,   f_j = Sigma_small / Sigma_d at its size   (3)
 
-with W_ij = W(|x_i - x_j|, h_i) throughout. What a dust particle gains it takes from each gas particle by its share of
-Sigma_small, what it loses it gives by shares of Sigma_g; of a gas particle of which more is asked than it has each gets
-less. Mass that changes hands has the velocity of where it comes from.
+with W_ij = W(|x_i - x_j|, h_i) throughout. What a dust particle gains it takes from gas particles by their shares of
+Sigma_small, what it loses it gives by shares of Sigma_g, each of them times 1 + b_j . (x_i - x_j) such that their
+centre is at j (4): mass that comes from all about has the mean velocity there (5), and mass, momentum and angular
+momentum are exact. b_j is less where a share would be negative, as at an edge, and of a gas particle of which more is
+asked than it has everyone gets less: mass and momentum are exact there too.
 """
 
 import functools
@@ -15,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from discsim.formulas import growth
 from discsim.formulas.laws import COLUMN, SIZE, THERMAL, VALUE
@@ -24,12 +27,15 @@ from discsim.kernels.laws import stopping_time
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
 
-small_share, layer, relative_speed, fragmentation_size = map(
-    inner, (growth.small_share, growth.layer, growth.relative_speed, growth.fragmentation_size)
+register_jitable(error_model="numpy")(growth.layer)  # which another calls
+small_share, midplane_density, relative_speed, fragmentation_size = map(
+    inner, (growth.small_share, growth.midplane_density, growth.relative_speed, growth.fragmentation_size)
 )
-# Columns of what is about a dust particle: surface densities, c^2 and dP/dr over Sigma_g.
-GAS, SMALL, GROWN, SPEED2, PULL = range(5)
-COLUMNS = 5
+# Columns of what is about a dust particle: surface densities, c^2, dP/dr over Sigma_g, the velocity (5); then what
+# makes shares of W_ij and a mass, as (4) has it: 1 over their sum and b, of small dust and of gas.
+GAS, SMALL, GROWN, SPEED2, PULL, VEL, TAKE, GIVE = 0, 1, 2, 3, 4, 5, 7, 10
+COLUMNS = 13
+POSITIVE = 0.999  # of the length of b at which the least share would be nothing
 EXACT = 1e-10  # relative error of a size in a sub-step
 FIRST = 0.3  # of a grain's growth time, the first sub-step that is tried
 SUBSTEPS = 100_000  # that are tried: far beyond twelve decades of sizes
@@ -97,24 +103,60 @@ def deposit_driver(kernel: int):
     return deposit
 
 
+@inner
+def add_moments(moments, kind, weight, dx, dy):
+    """Add a weight at (dx, dy) to sums of 1, x, y, xx, xy, yy."""
+    moments[kind, 0] += weight
+    moments[kind, 1] += weight * dx
+    moments[kind, 2] += weight * dy
+    moments[kind, 3] += weight * dx * dx
+    moments[kind, 4] += weight * dx * dy
+    moments[kind, 5] += weight * dy * dy
+
+
+@inner
+def centred(moments, kind, far):
+    """1 / sum w (1 + b . d) and b such that sum w (1 + b . d) d = 0, b no longer than all shares are positive with, of
+    weights that are no further than `far`; zeros where there are none.
+    """
+    m, mx, my = moments[kind, 0], moments[kind, 1], moments[kind, 2]
+    xx, xy, yy = moments[kind, 3], moments[kind, 4], moments[kind, 5]
+    if m == 0.0:
+        return 0.0, 0.0, 0.0
+    bx = by = 0.0
+    det = xx * yy - xy * xy
+    if det > 1e-9 * (xx + yy) ** 2:  # else they are on a line
+        bx, by = (xy * my - yy * mx) / det, (xy * mx - xx * my) / det
+        longest = math.sqrt(bx * bx + by * by) * far
+        if longest > POSITIVE:
+            bx *= POSITIVE / longest
+            by *= POSITIVE / longest
+    return 1.0 / (m + bx * mx + by * my), bx, by
+
+
 @functools.cache
 def gather_driver(kernel: int):
-    """Compile (1) and (2) at dust particles: `field` (n, COLUMNS); the slope is that of interpolated pressures."""
+    """Compile (1), (2), (4), (5) at dust particles: `field` (n, COLUMNS); dP/dr is that of interpolated pressures."""
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def gather(first, last, lists, grains, cells, pos, centre, gpos, h, gas, small, volume, pressure, grown, field):
+    def gather(
+        first, last, lists, grains, cells, pos, centre, gpos, h, gvel, gas, small, volume, pressure, grown, field
+    ):
         begin, index, turned = lists
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
+        moments, flow = np.zeros((2, 6)), np.zeros((2, 3))
         for c in range(first, last):
             cell, listed, end = grains.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = grains.bounds[cell, 0], grains.bounds[cell, 1]
             place(listed, end, index, turned, gpos, ox, oy, 1.0, cells, cx, cy)
             for m in range(grains.start[cell], grains.start[cell + 1]):
                 j = grains.order[m]
+                moments[:], flow[:] = 0.0, 0.0
+                far = 0.0
                 x, y = pos[j, 0] - centre[0], pos[j, 1] - centre[1]
-                s = dusty = whole = deposit = push = slope = tilt = 0.0
+                whole = deposit = push = slope = tilt = 0.0
                 for k in range(end - listed):
                     i = index[listed + k]
                     dx, dy = pos[j, 0] - ox - cx[k], pos[j, 1] - oy - cy[k]
@@ -126,8 +168,14 @@ def gather_driver(kernel: int):
                     w, steep = shape(kernel, 2, r * inverse)
                     w *= sigma * inverse * inverse
                     steep *= sigma * inverse**3 * volume[i] * (x * dx + y * dy) / max(r, 1e-300)
-                    s += gas[i] * w
-                    dusty += small[i] * w
+                    far = max(far, r)
+                    add_moments(moments, 0, small[i] * w, -dx, -dy)
+                    add_moments(moments, 1, gas[i] * w, -dx, -dy)
+                    for axis in range(2):
+                        part = small[i] * w * gvel[i, axis]
+                        flow[axis, 0] += part
+                        flow[axis, 1] -= part * dx
+                        flow[axis, 2] -= part * dy
                     w *= volume[i]
                     whole += w
                     deposit += w * grown[i]
@@ -136,8 +184,15 @@ def gather_driver(kernel: int):
                     tilt += steep
                 for column in range(COLUMNS):
                     field[j, column] = 0.0
+                s = moments[1, 0]
                 if s > 0.0 and whole > 0.0:
-                    field[j, GAS], field[j, SMALL], field[j, GROWN] = s, dusty, deposit / whole
+                    field[j, GAS], field[j, SMALL], field[j, GROWN] = s, moments[0, 0], deposit / whole
+                    for kind, first_of in ((0, TAKE), (1, GIVE)):
+                        per, bx, by = centred(moments, kind, far)
+                        field[j, first_of], field[j, first_of + 1], field[j, first_of + 2] = per, bx, by
+                    for axis in range(2):
+                        bent = field[j, TAKE + 1] * flow[axis, 1] + field[j, TAKE + 2] * flow[axis, 2]
+                        field[j, VEL + axis] = field[j, TAKE] * (flow[axis, 0] + bent)  # (5)
                     field[j, SPEED2] = push / s
                     field[j, PULL] = (slope - push / whole * tilt) / s / max(math.sqrt(x * x + y * y), 1e-300)
 
@@ -153,7 +208,7 @@ def rate(size, start, grains, at):
     turned = small_share(size, grains.small, grains.smallest) - small_share(start, grains.small, grains.smallest)
     dust = at.small + at.grown
     small = min(max(at.small + turned * dust, 0.0), dust)
-    density = (small + (dust - small) / layer(stokes, at.alpha)) * at.omega / (math.sqrt(2.0 * math.pi) * at.sound)
+    density = midplane_density(small, dust - small, at.sound / at.omega, stokes, at.alpha)
     speed = relative_speed(stokes, at.alpha, at.sound, at.headwind)
     return density * speed / (grains.material * size)
 
@@ -216,15 +271,21 @@ def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, ma
             wanted[j] = max(mass[j] * (left * ((at.small + at.grown) / at.grown)), grains.least) - mass[j]
 
 
+@inner
+def shared(field, j, kind, dx, dy):
+    """What makes a share of W_ij and a mass at (dx, dy) from j."""
+    return field[j, kind] * (1.0 + field[j, kind + 1] * dx + field[j, kind + 2] * dy)
+
+
 @functools.cache
 def hand_driver(kernel: int):
-    """Compile what gas particles give and get: of the small dust of each the `share` (n,) that is taken, what is asked
-    of it over that, `spread` (n,), and the mass and momentum `got` (n, 3).
+    """Compile what gas particles give and get: of the small dust of each the `share` (n,) that is taken, that over what
+    is asked, `spread` (n,), and the mass that comes and the momentum that comes less what goes, `got` (n, 3).
     """
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def hand(first, last, lists, cells, grains, gpos, h, gas, pos, vel, field, wanted, share, spread, got):
+    def hand(first, last, lists, cells, grains, gpos, h, gas, small, pos, vel, field, wanted, share, spread, got):
         begin, index, turned = lists
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
@@ -234,7 +295,7 @@ def hand_driver(kernel: int):
             place(listed, end, index, turned, pos, ox, oy, 1.0, grains, cx, cy)
             for m in range(cells.start[cell], cells.start[cell + 1]):
                 i = cells.order[m]
-                inverse, asked, mass, px, py = 1.0 / h[i], 0.0, 0.0, 0.0, 0.0
+                inverse, asked, ax, ay, mass, px, py = 1.0 / h[i], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 reach2 = support * support * h[i] * h[i]
                 for k in range(end - listed):
                     dx, dy = cx[k] - (gpos[i, 0] - ox), cy[k] - (gpos[i, 1] - oy)
@@ -244,16 +305,19 @@ def hand_driver(kernel: int):
                         continue
                     w = shape(kernel, 2, math.sqrt(r2) * inverse)[0] * sigma * inverse * inverse
                     if wanted[j] > 0.0:
-                        if field[j, SMALL] > 0.0:
-                            asked += w * (wanted[j] / field[j, SMALL])
+                        part = w * shared(field, j, TAKE, -dx, -dy) * wanted[j]
+                        asked += part
+                        ax += part * field[j, VEL]
+                        ay += part * field[j, VEL + 1]
                     else:
-                        part = gas[i] * w * (-wanted[j] / field[j, GAS])
+                        part = gas[i] * w * shared(field, j, GIVE, -dx, -dy) * -wanted[j]
                         mass += part
                         px += part * vel[j, 0]
                         py += part * vel[j, 1]
                 spread[i] = 1.0 / max(1.0, asked)
                 share[i] = min(1.0, asked)
-                got[i, 0], got[i, 1], got[i, 2] = mass, px, py
+                gone = small[i] * spread[i]
+                got[i, 0], got[i, 1], got[i, 2] = mass, px - gone * ax, py - gone * ay
 
     return hand
 
@@ -264,7 +328,7 @@ def take_driver(kernel: int):
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def take(first, last, lists, grains, cells, gpos, h, small, spread, gvel, field, wanted, pos, mass, vel):
+    def take(first, last, lists, grains, cells, gpos, h, small, spread, field, wanted, pos, mass, vel):
         begin, index, turned = lists
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
@@ -277,10 +341,7 @@ def take_driver(kernel: int):
                 if wanted[j] <= 0.0:
                     mass[j] += wanted[j]
                     continue
-                if field[j, SMALL] == 0.0:
-                    continue
-                gain = px = py = 0.0
-                per = wanted[j] / field[j, SMALL]
+                gain = 0.0
                 for k in range(end - listed):
                     i = index[listed + k]
                     dx, dy = pos[j, 0] - ox - cx[k], pos[j, 1] - oy - cy[k]
@@ -289,12 +350,9 @@ def take_driver(kernel: int):
                         continue
                     inverse = 1.0 / h[i]
                     w = shape(kernel, 2, math.sqrt(r2) * inverse)[0] * sigma * inverse * inverse
-                    part = small[i] * w * per * spread[i]
-                    gain += part
-                    px += part * (gvel[i, 0] - vel[j, 0])
-                    py += part * (gvel[i, 1] - vel[j, 1])
+                    gain += small[i] * w * shared(field, j, TAKE, -dx, -dy) * wanted[j] * spread[i]
                 mass[j] += gain
-                vel[j, 0] += px / mass[j]
-                vel[j, 1] += py / mass[j]
+                for axis in range(2):
+                    vel[j, axis] += gain / mass[j] * (field[j, VEL + axis] - vel[j, axis])
 
     return take

@@ -6,12 +6,14 @@ beside it, as the gas must not notice.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from discsim.formulas import growth as formulas
-from discsim.physics import viscosity
+from discsim.parts import STARTS
+from discsim.physics import profile, viscosity
 from discsim.physics.grains import epstein_stopping_time
 
 if TYPE_CHECKING:
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 RANGE = 200.0  # of a_* over a_min in code units: that of the usual 1 um and 5e-3 um
 SEED = 1e-12  # of its share of all dust, that a dust particle keeps where all dust is small
-STEEP = 2.75  # -d ln P / d ln r of a disc with Sigma ~ 1/r and c_s^2 ~ r^-1/2
+STEEP = 2.75  # -d ln P / d ln r where the start says none: of a disc with Sigma ~ 1/r and c_s^2 ~ r^-1/2
 
 
 def smallest_size(scene: Scene) -> float:
@@ -32,11 +34,17 @@ def smallest_size(scene: Scene) -> float:
 
 
 def small_ratio(scene: Scene) -> float:
-    """Mass of small dust over that of the gas at the start; 0 without growth."""
+    """Mass of small dust over that of the gas at the start."""
     keys: Any = scene.table("growth")
-    if keys is None or not scene.dust:
-        return 0.0
-    return scene.dust[0].ratio if keys.small_ratio is None else keys.small_ratio
+    (dust,) = scene.dust or ()
+    return dust.ratio if keys.small_ratio is None else keys.small_ratio
+
+
+def small_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] | None) -> Array:
+    """Mass of small dust over that of the gas (n,) at radii of a start whose dust has that `dust_share` there."""
+    (dust,) = scene.dust or ()
+    there = (r >= (dust.inner or 0.0)) & (r <= (dust.outer or np.inf))
+    return np.where(there, small_ratio(scene), 0.0) * (1.0 if dust_share is None else dust_share(r))
 
 
 def laden(scene: Scene) -> bool:
@@ -75,7 +83,7 @@ def limits(scene: Scene, at: Local) -> Limits | None:
     """At the places of `at`, with all dust that the scene starts with; None where there are no orbits.
 
     The drift limit is 2 Sigma_d / (pi rho_s gamma) (v_K / c_s)^2, gamma = |d ln P / d ln r|, of Birnstiel et al. (2012)
-    eq. 18 without its factor f_d, with gamma = 2.75; the growth time that of settled grains, Sigma_g / (Sigma_d Omega).
+    eq. 18 without its factor f_d; the growth time that of settled grains, Sigma_g / (Sigma_d Omega).
     """
     if at.radius is None or at.omega is None or at.thermal_speed is None:
         return None
@@ -89,7 +97,11 @@ def limits(scene: Scene, at: Local) -> Limits | None:
             for sigma, a, c2 in zip(at.density, strength, speed2, strict=True)
         ]
     )
-    drift = 2.0 * dust.ratio * at.density / (np.pi * material * STEEP) * (at.radius * at.omega) ** 2 / speed2
+    steep = np.full_like(speed2, STEEP)
+    if scene.initial is not None and STARTS[scene.initial.kind].radial is not None:
+        pull = profile.radial(scene).pressure_acceleration(at.radius)
+        steep = np.maximum(np.abs(pull) * at.radius / speed2, 1e-100)
+    drift = 2.0 * dust.ratio * at.density / (np.pi * material * steep) * (at.radius * at.omega) ** 2 / speed2
     largest = np.maximum(np.minimum(breaks, drift), scene.table("growth").small_size)
     volume = at.density * at.omega / (np.sqrt(2.0 * np.pi) * at.thermal_speed)
     time = epstein_stopping_time(largest, material, at.thermal_speed, volume, scene.drag.convention)

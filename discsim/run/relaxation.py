@@ -77,7 +77,7 @@ class _Rings:
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         gas = state.gas
         self.scene = balance.gas_alone(state.scene)
-        arrays = {"pos": gas.pos, "vel": gas.vel, "mass": gas.mass, "u": gas.u}
+        arrays = {"pos": gas.pos, "vel": gas.vel, "mass": gas.mass, "u": gas.u, "small": gas.small}
         self.alone = make_state(self.scene, {"gas": {key: a for key, a in arrays.items() if a is not None}})
         self.alone.gas.h[:] = gas.h
         self.sph = type(effects["gas"])(self.scene, self.alone)
