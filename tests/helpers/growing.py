@@ -1,0 +1,64 @@
+"""A small disc whose dust grows within some orbits, and how one zone of it does."""
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+SMALL, SMALLEST, MATERIAL = 1e-9, 5e-12, 1.0
+
+
+def disc(until=1.0, gas=1000, dust=800, size=1e-6, ratio=0.3, growth=None, direction="two-way", **tables):
+    """Code units, H/r = .1, Sigma about 1e-3: St = 2500 sizes and more."""
+    return {
+        "units": {"system": "code"},
+        "run": {"until": until},
+        "space": {"size": 5.0},
+        "initial": {"kind": "disc", "surface_density": 1e-3, "inner": 0.6, "outer": 1.7},
+        "gas": {
+            "particles": gas,
+            "kernel": "cubic",
+            "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1},
+            "viscosity": {},
+        },
+        "dust": {"particles": dust, "ratio": ratio, "grain_size": size, "grain_density": MATERIAL},
+        "star": {"mass": 1.0, "accretion_radius": 0.6},
+        "drag": {"law": "epstein", "direction": direction},
+        "growth": {"fragmentation_speed": 0.02, "alpha": 1e-3, "small_size": SMALL, **(growth or {})},
+        **tables,
+    }
+
+
+def small_part(size):
+    """Of all dust, that below SMALL: n(a) ~ a^-3.5 has a mass ~ sqrt(a) up to a."""
+    return (math.sqrt(SMALL) - math.sqrt(SMALLEST)) / (np.sqrt(size) - math.sqrt(SMALLEST))
+
+
+def one_zone(start, times, sigma, ratio, sound, omega, alpha, headwind, material=MATERIAL):
+    """Sizes at `times` where nothing changes but the size: of da/dt = rho_d v_rel / rho_s, without fragmentation."""
+
+    def drift(stokes):
+        return -headwind / (1.0 + stokes**2) * np.array([2.0 * stokes, 1.0])
+
+    def rate(time, log):
+        size = math.exp(log[0])
+        stokes = math.sqrt(2.0 * math.pi) * size * material / sigma
+        part, height = small_part(size), sound / omega
+        settled = height * math.sqrt(alpha / (alpha + stokes))
+        density = ratio * sigma * (part / height + (1.0 - part) / settled) / math.sqrt(2.0 * math.pi)
+        apart = drift(stokes) - drift(0.5 * stokes)
+        speed = math.sqrt(3.0 * alpha * sound**2 / (stokes + 1.0 / stokes) + apart @ apart)
+        return [density * speed / (material * size)]
+
+    span = (0.0, times[-1])
+    found = solve_ivp(rate, span, [math.log(start)], t_eval=times, rtol=1e-12, atol=1e-12, method="DOP853")
+    return np.exp(found.y[0])
+
+
+def totals(sim):
+    """Mass of gas, grown and small dust, and momentum and angular momentum of all, but for what was accreted."""
+    gas, dust = sim.gas, sim.dust
+    momentum = sum((p.mass[:, None] * p.vel).sum(axis=0) for p in (gas, dust))
+    spin = sum((p.mass * (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0])).sum() for p in (gas, dust))
+    beside = 0.0 if sim.scene.drag.direction == "two-way" else gas.small.sum()
+    return gas.mass.sum() + dust.mass.sum() + beside, momentum, float(spin)
