@@ -44,6 +44,11 @@ CASES = {
         dust=DUST["dust"] | {"grain_size": {"smallest": 1e-5, "largest": 1e-2}, "grain_density": 1.0},
         drag={"law": "epstein"},
     ),
+    "growth": scene(
+        dust=DUST["dust"] | {"grain_size": 1e-5, "grain_density": 1.0},
+        drag={"law": "epstein"},
+        growth={"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6},
+    ),
     "dust diffusion": scene(dust_diffusion={"alpha": 0.01}, **TSC),
     "radiation pressure": scene(radiation_pressure={"beta": 0.2}, **TSC),
     "live companion": scene(companion=[PLANET | {"orbit": "live", "eccentricity": 0.2}], **TSC),
