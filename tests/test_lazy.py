@@ -54,6 +54,7 @@ STIRRED = {
     "discsim.kernels.diffusion",
     "discsim.kernels.philox",
 }
+GROWN = {"discsim.effects.growth", "discsim.physics.growth", "discsim.kernels.growth", "discsim.initial.small"}
 LIGHT = {"discsim.effects.radiation_pressure", "discsim.kernels.radiation"}
 OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}
@@ -125,7 +126,7 @@ def path(tmp_path):
 @pytest.mark.parametrize(
     "text, without, there, absent",
     [
-        (DISC, (), GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME | COOLING | LIGHT | STIRRED),
+        (DISC, (), GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME | COOLING | LIGHT | STIRRED | GROWN),
         (DISC, ("self_gravity",), GAS | DUST | DRAG | STAR, GRAVITY),
         (DISC, ("dust", "drag"), GAS | STAR | GRAVITY, DUST | DRAG),
         (DISC, ("drag",), GAS | DUST | STAR | GRAVITY, DRAG),

@@ -141,24 +141,27 @@ EVERYTHING = disc(
     },
     alpha_viscosity={"alpha": 0.01},
     companion=[{"mass": 1e-3, "semi_major_axis": 1.5, "softening": "0.1"}],
-    dust={"particles": 300, "ratio": 0.1},
+    dust={"particles": 300, "ratio": 0.1, "grain_size": 1e-3, "grain_density": 1.0},
     self_gravity={"softening": 0.2},
     external={"gas": [0.01, 0.0], "dust": [0.0, 0.01]},
-    drag={"law": "stopping-time", "t_stop": 0.1},
+    drag={"law": "epstein"},
     radiation_pressure={"beta": 0.1},
     cooling={"kind": "constant", "t_cool": 0.5, "aspect_ratio": 0.05},
     dust_diffusion={},
     damping={"inner": [1.0, 1.2]},
+    growth={"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6},
 )
 STEPPED = (
     "gas", "gas.viscosity", "gas.conductivity", "alpha_viscosity", "dust", "star", "companion", "self_gravity",
-    "radiation_pressure", "external", "cooling", "drag", "dust_diffusion", "damping",
+    "radiation_pressure", "external", "cooling", "drag", "dust_diffusion", "damping", "growth",
 )  # fmt: skip
 # What cannot stay without it.
 NEEDS = {
-    "gas": ("alpha_viscosity", "drag", "dust_diffusion", "cooling"), "alpha_viscosity": ("dust_diffusion",),
-    "dust": ("drag", "dust_diffusion", "radiation_pressure"), "drag": ("dust_diffusion",),
-    "star": ("alpha_viscosity", "dust_diffusion", "companion", "radiation_pressure", "cooling", "damping"),
+    "gas": ("alpha_viscosity", "drag", "dust_diffusion", "cooling", "growth"), "alpha_viscosity": ("dust_diffusion",),
+    "dust": ("drag", "dust_diffusion", "radiation_pressure", "growth"), "drag": ("dust_diffusion", "growth"),
+    "star": (
+        "alpha_viscosity", "dust_diffusion", "companion", "radiation_pressure", "cooling", "damping", "drag", "growth",
+    ),
 }  # fmt: skip
 
 
@@ -238,7 +241,9 @@ def test_acceleration_of_each_effect(effect, with_everything):
     gas, dust = with_everything.acceleration(effect)
     assert gas.shape == (400, 2) and dust.shape == (300, 2)
     # SPH pushes gas alone, by its viscosity too; dust alone gives nothing; drag is the kick itself, damping one more.
-    nothing = dict.fromkeys(("alpha_viscosity", "dust", "drag", "dust_diffusion", "cooling", "damping"), (False, False))
+    nothing = dict.fromkeys(
+        ("alpha_viscosity", "dust", "drag", "dust_diffusion", "cooling", "damping", "growth"), (False, False)
+    )
     acts = (nothing | {"gas": (True, False), "radiation_pressure": (False, True)}).get(effect, (True, True))
     assert (np.abs(gas).max() > 0, np.abs(dust).max() > 0) == acts
 

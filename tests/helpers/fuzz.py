@@ -155,6 +155,9 @@ def _surroundings(rng: np.random.Generator) -> dict[str, Any]:
     stirring = ({"alpha": size}, {"D": 1e-2 * size}, {})
     if rng.random() < 1 / 3:
         found["dust_diffusion"] = stirring[rng.integers(3)]
+    if rng.random() < 1 / 3:
+        speed, small = 10.0 ** rng.uniform(-4.0, 1.0), 10.0 ** rng.uniform(-9.0, 0.0)
+        found["growth"] = {"fragmentation_speed": float(speed), "alpha": size, "small_size": float(small)}
     return found
 
 
