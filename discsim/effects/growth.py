@@ -7,9 +7,9 @@ equations), and with them small dust becomes grown dust such that n(a) is contin
 where sizes fall (`kernels/growth.py` says who takes what from whom).
 
 Once a step, after the moves: sizes by sub-steps with a relative error of 1e-10 each, so that growth limits no step.
-Mass that changes hands keeps its velocity, and gas the sum of its energies; mass and momentum are exact, angular
-momentum is off by what mass moved by up to an h has less or more of it where it comes to. With one-way drag the gas
-notices none of it: small dust is then no part of `mass`.
+Mass that changes hands keeps its velocity, and gas the sum of its energies; mass and momentum are exact, and angular
+momentum where gas is on all sides of the grains. With one-way drag the gas notices none of it: small dust is then no
+part of `mass`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ kernels = Lazy("discsim.kernels.growth")
 neighbours = Lazy("discsim.numerics.neighbours")
 smoothing = Lazy("discsim.numerics.sph")
 
-GROWN, PAIR = 700.0, 18.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
+GROWN, PAIR = 900.0, 19.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
 PASSES = 4
 Lists = tuple[Any, list[Any], Any, list[Any]]
 IN_A_CELL = 16.0  # grains that look for gas together
@@ -151,12 +151,19 @@ class Effect(base.Effect):
         found = growth.limits(scene, at)
         if found is None:
             return
-        for name, sizes in (("break", found.fragmentation), ("drift as fast as they grow", found.drift)):
+        for name, sizes in (("break", found.fragmentation), ("drift as they grow", found.drift)):
             texts = [scene.units.show(float(size), "length") if size < math.inf else "none" for size in sizes]
-            yield f"size at which grains {name}", ", ".join(texts)
-        yield "Stokes number at the smaller of the two", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
+            yield f"size where grains {name}", ", ".join(texts)
+        yield "Stokes number of the smaller", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
         times = [scene.units.show(float(time), "time") for time in found.time]
         yield "growth time of settled grains", ", ".join(times)
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        found, (dust,) = growth.limits(scene, at), scene.dust or ()
+        if found is not None and dust.grain_size > found.fragmentation.max() > 0.0:
+            size = scene.units.show(float(found.fragmentation.max()), "length")
+            yield f"grains break from {size} on, below dust.grain_size: lower it, or raise growth.fragmentation_speed"
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:

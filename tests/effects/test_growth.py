@@ -44,9 +44,8 @@ def test_one_zone_grows_as_its_ode(steps, alpha, slope):
     for _ in range(steps):
         small = dust * small_part(size[0])
         field[0, :5] = sigma, small, dust - small, sound**2, -slope * sound**2
-        kernels.grow(
-            0, 1, until / steps, 1.0, 0.0, place, np.zeros(2), field, np.array([alpha]), grains, np.ones(1), size, wanted
-        )  # fmt: skip
+        about = place, np.zeros(2), field, np.array([alpha])
+        kernels.grow(0, 1, until / steps, 1.0, 0.0, *about, grains, np.ones(1), size, wanted)
     expected = one_zone(SMALL, [until], sigma, ratio, sound, 1.0, alpha, 0.5 * slope * sound**2)
     assert size[0] > 50.0 * SMALL
     # Sub-steps are right to 1e-10 each, of which there are some dozens.
@@ -82,7 +81,7 @@ def test_grains_end_at_the_size_at_which_they_break():
         apart = ((sim.dust.pos[:, None, :] - gas.pos) ** 2).sum(axis=2)
         sigma = (gas.density * (1.0 - gas.small / gas.mass))[apart.argmin(axis=1)]
         limit = 2.0 * sigma * 9e-8 / (3.0 * np.pi * MATERIAL * 1e-3 * 0.01 / np.sqrt(r))
-        # Sigma of the nearest gas particle is that of the place to some per cent, and higher by what it counts of itself.
+        # Sigma of the nearest gas particle is that of the place to some per cent, and higher as it counts itself.
         np.testing.assert_allclose((sim.dust.size / limit)[middle], 1.0, atol=0.1)
         assert np.median((sim.dust.size / limit)[middle]) == pytest.approx(1.0, abs=0.03)
 
@@ -91,8 +90,8 @@ def test_grains_end_at_the_size_at_which_they_break():
 def test_drifting_grains_settle_at_the_drift_limit(p, slope):
     """A steady flow of grown dust inwards: a = 1.085 / |d ln a / d ln r| of 2 Sigma_d (v_K / c_s)^2 / (pi rho_s gamma).
 
-    There settled grains, which grow at the rate sqrt(3) Omega Sigma_d / Sigma_g ("papers" St), drift over d ln r as they
-    grow by d ln a; Birnstiel et al. (2012) have 1, times a factor f_d that they fit. H/r = .05, c_s^2 ~ r^-1/2.
+    There settled grains, which grow at the rate sqrt(3) Omega Sigma_d / Sigma_g (St by the papers), drift over d ln r
+    as they grow by d ln a; Birnstiel et al. (2012) have 1, times a factor f_d that they fit. H/r = .05, c_s^2 ~ r^-1/2.
     """
     alpha, gamma = 1e-3, p + 0.5
 
@@ -308,11 +307,14 @@ def test_two_populations_and_a_given_disc_are_refused():
 
 
 def test_check_says_where_growth_ends():
-    """a_frag and the drift limit at 1.15, the middle of the start's disc, of Sigma 1e-3 / r and c_s^2 = .01 / sqrt(r)."""
+    """a_frag and the drift limit at 1.15, the middle of the start's disc: Sigma 1e-3 / r, c_s^2 = .01 / sqrt(r)."""
     scene = load_scene(disc())
+    assert not list(Effect.warnings(scene, local(scene)))
+    (warning,) = Effect.warnings(load_scene(disc(size=1.0)), local(scene))
+    assert warning.startswith("grains break from ")
     rows = dict(Effect.rows(scene, local(scene)))
-    breaks = [float(text.split()[0]) for text in rows["size at which grains break"].split(", ")]
+    breaks = [float(text.split()[0]) for text in rows["size where grains break"].split(", ")]
     r = 1.15
     assert breaks[1] == pytest.approx(2e-3 / r * 4e-4 / (3 * np.pi * 1e-3 * 0.01 / np.sqrt(r)), rel=0.01)
-    drift = [float(text.split()[0]) for text in rows["size at which grains drift as fast as they grow"].split(", ")]
+    drift = [float(text.split()[0]) for text in rows["size where grains drift as they grow"].split(", ")]
     assert drift[1] == pytest.approx(2 * 0.3e-3 / r / (np.pi * 1.5) / (0.01 * np.sqrt(r)), rel=0.01)
