@@ -65,6 +65,7 @@ class Model:
         inflow: Any = disc.inflow
         self.flow = inflow(ends) if inflow else viscosity.radial_flow(scene, ends, disc.surface_density)
         self.fed = disc.surface_density(ends[1:])[0]
+        self.flow[0] *= disc.surface_density(ends[:1])[0] / self.gas[0]  # of the gas in the middle of the first cell
         self.time, self.taken = 0.0, 0.0
         faces = self.edges[1:-1]
         self.omega = profile.kepler_omega(scene, faces)
