@@ -108,16 +108,17 @@ def measure(sim: Simulation) -> Drifts:
 
 
 def draw(runs: dict[tuple[str, int], Drifts], file: Path) -> None:
-    """Drift over H^2/r^2 against the Stokes number; lines are theory."""
-    figure = Figure(figsize=(6.5, 4.2), layout="constrained")
+    """Drift over theory against the Stokes number; dotted is the headwind that there is."""
+    figure = Figure(figsize=(6.5, 4.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     for number, ((scheme, bins), drifts) in enumerate(runs.items()):
-        axes.plot(drifts.stokes, -drifts.theory / ASPECT**2, color=f"C{number}", lw=0.8)
-        label = f"{scheme}, {bins} sizes"
-        axes.plot(drifts.stokes, -drifts.found / ASPECT**2, "os^v"[number % 4], color=f"C{number}", ms=5, label=label)
-    axes.set(xscale="log", yscale="log", xlabel="Stokes number at r = 1", ylabel="(gas - dust) drift / (H/r)$^2$ v$_K$")
-    axes.legend(frameon=False)
+        style, label = {"color": f"C{number}"}, f"{scheme}, {bins} sizes"
+        axes.plot(drifts.stokes, drifts.found / drifts.theory, "os^v"[number % 4], ms=6, label=label, **style)
+        axes.axhline(drifts.headwind, ls=":", lw=0.8, **style)
+    axes.axhline(1.0, color="black", lw=0.8)
+    axes.set(xscale="log", ylim=(0.9, 1.1), xlabel="Stokes number at r = 1", ylabel="drift past the gas, over theory")
+    axes.legend(frameon=False, loc="lower left", ncols=2)
     figure.savefig(file, dpi=120)
 
 
