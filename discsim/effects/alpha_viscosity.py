@@ -18,7 +18,7 @@ Step limit: 1 / (25 W(0, h) nu), .088 h^2 / nu of the cubic kernel; from 1 / (20
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -46,8 +46,11 @@ class Keys(Table):
     index: Number = Field(0.0, description="alpha ~ r^index, about initial.reference_radius")
     inner_alpha: Number | None = Field(None, ge=0, description="far within radius, instead of alpha")
     outer_alpha: Number | None = Field(None, ge=0, description="far beyond radius")
-    radius: Length | None = Field(None, gt=0, description="where alpha is the mean of the two")
+    radius: Length | None = Field(None, gt=0, description="where alpha is the mean of the two, by `step`")
     width: Number | None = Field(None, gt=0, description="of the step between them, tanh(ln(r / radius) / width)")
+    step: Literal["linear", "logarithmic"] = Field(
+        "linear", description="whether that tanh is one of alpha or of ln alpha"
+    )
     dead_alpha: Number | None = Field(None, ge=0, description="in the midst of a dead zone")
     dead_inner: Length | None = Field(None, gt=0, description="inner edge of the dead zone")
     dead_outer: Length | None = Field(None, gt=0, description="outer edge of the dead zone")
@@ -62,6 +65,8 @@ def _one_law(draft: Draft) -> Iterator[Problem]:
         wrong = f"{' and '.join(given)} are there together" if given else "there is no viscosity"
         words = "expected exactly one of alpha, nu, or inner_alpha and outer_alpha with radius and width"
         yield ("alpha_viscosity", *given[-1:]), f"{wrong}; {words}"
+    if keys.step == "logarithmic":
+        yield from _of_logarithms(keys)
     for group in (STEP, DEAD):
         there = [key for key in group if getattr(keys, key) is not None]
         for key in group if there else ():
@@ -76,6 +81,14 @@ def _one_law(draft: Draft) -> Iterator[Problem]:
         yield ("alpha_viscosity", "dead_outer"), "not outside dead_inner; expected dead_outer > dead_inner"
     if keys.index != 0.0 and keys.alpha is None:
         yield ("alpha_viscosity", "index"), "a power of r goes with alpha; expected alpha, or no index"
+
+
+def _of_logarithms(keys: Any) -> Iterator[Problem]:
+    if None in (keys.inner_alpha, keys.outer_alpha):
+        yield ("alpha_viscosity", "step"), "it is between inner_alpha and outer_alpha; expected both, or no step"
+    for key in ("inner_alpha", "outer_alpha"):
+        if getattr(keys, key) == 0.0:
+            yield ("alpha_viscosity", key), 'has no logarithm; expected more than 0, or step = "linear"'
 
 
 def _a_reference(draft: Draft) -> Iterator[Problem]:

@@ -15,16 +15,18 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from discsim import __version__
 from discsim.initial.base import Curve, Start
+from discsim.output import grain_maps
 from discsim.output.snapshot import Snapshot, SnapshotParticles, range_of_mass, read_snapshot
 from discsim.parts import EFFECTS, STARTS
 from discsim.scene import load_scene
 
 Array = np.ndarray
 
-COLOURS = {"gas": "tab:blue", "dust": "tab:orange"}
+COLOURS = {"gas": "tab:blue", "dust": "tab:orange", "small": "tab:green"}
 MAPS = {"gas": "viridis", "dust": "inferno"}
 _PIXELS = 480
 _RINGS = 80
@@ -111,15 +113,22 @@ def _window(snap: Snapshot) -> tuple[Array, Array]:
 
 
 def _maps(snap: Snapshot) -> Figure:
-    kinds = snap.species
+    kinds, grains = snap.species, grain_maps.shown(snap)
     around = _around(snap)
     below = 2 if around else int(_centred(snap))
-    width, rows = _COLUMN * len(kinds) + 0.2, _ROW * below
-    figure = Figure(figsize=(width, rows + _BELOW + _MAP + _TITLE))
+    width, rows = _COLUMN * max(len(kinds), len(grains)) + 0.2, _ROW * below
+    lower = _BELOW + _MAP + 0.4 if grains else 0.0  # room of the maps of grains
+    figure = Figure(figsize=(width, rows + lower + _BELOW + _MAP + _TITLE))
     window = _window(snap)
     for column, (kind, particles) in enumerate(kinds.items()):
-        axes = _axes(figure, _COLUMN * column + _LEFT, rows + _BELOW, _MAP, _MAP)
+        axes = _axes(figure, _COLUMN * column + _LEFT, rows + lower + _BELOW, _MAP, _MAP)
         _map(figure, axes, snap, kind, particles, window)
+    for column, name in enumerate(grains):
+        axes = _axes(figure, _COLUMN * column + _LEFT, rows + _BELOW, _MAP, _MAP)
+        mean, label = grain_maps.mean_map(snap, name, window, _PIXELS, _repeats(snap))
+        _bar(
+            figure, axes, _image(axes, snap, mean.T, window, grain_maps.colours(mean), grain_maps.COLOURS[name]), label
+        )
     if around:
         _radial(_row(figure, 1), _row(figure, 0), snap, around == "azimuthal")
     elif _centred(snap):
@@ -149,21 +158,11 @@ def _map(
     particles: SnapshotParticles,
     window: tuple[Array, Array],
 ) -> None:
-    length, length_unit = _in(snap, "length")
     density, density_unit = _in(snap, "density")
-    repeats = snap.tables["space"].get("boundary") == "periodic" and not _centred(snap)
-    sigma = density * particles.surface_density_map(*window, _PIXELS, repeats).T
-    colours = MAPS[kind]
-    (left, bottom), (right, top) = (length * corner for corner in window)
-    image = axes.imshow(
-        np.maximum(sigma, 1e-300),
-        origin="lower",
-        extent=(left, right, bottom, top),
-        norm=LogNorm(*range_of_mass(sigma), clip=True),
-        cmap=colours,
-        interpolation="bilinear",
-    )
+    sigma = density * particles.surface_density_map(*window, _PIXELS, _repeats(snap)).T
+    image = _image(axes, snap, np.maximum(sigma, 1e-300), window, LogNorm(*range_of_mass(sigma), clip=True), MAPS[kind])
     if _has_centre(snap):
+        length = _in(snap, "length")[0]
         bodies = np.zeros((1, 2)) if snap.bodies is None else snap.bodies.pos
         inside = np.all((bodies >= window[0]) & (bodies <= window[1]), axis=1)
         for number in np.flatnonzero(inside):
@@ -171,9 +170,34 @@ def _map(
             x, y = length * bodies[number]
             axes.plot(x, y, marker=mark, color="white", markeredgecolor="black", markersize=size)
     axes.set_title(kind, y=1.0)  # there: to look for room above takes longer than to draw the labels
+    _bar(figure, axes, image, rf"$\Sigma_\mathrm{{{kind}}}${density_unit}")
+
+
+def _repeats(snap: Snapshot) -> bool:
+    return snap.tables["space"].get("boundary") == "periodic" and not _centred(snap)
+
+
+def _image(
+    axes: Axes, snap: Snapshot, values: Array, window: tuple[Array, Array], norm: LogNorm, colours: str
+) -> AxesImage:
+    """Pixels (y, x) over the window, with the axes' names."""
+    length, length_unit = _in(snap, "length")
+    (left, bottom), (right, top) = (length * corner for corner in window)
+    image = axes.imshow(
+        values,
+        origin="lower",
+        extent=(left, right, bottom, top),
+        norm=norm,
+        cmap=colours,
+        interpolation="bilinear",
+    )
     axes.set(xlabel=f"x{length_unit}", ylabel=f"y{length_unit}")
+    return image
+
+
+def _bar(figure: Figure, axes: Axes, image: AxesImage, label: str) -> None:
     beside = axes.inset_axes((1.0 + _BAR[0] / _MAP, 0.0, _BAR[1] / _MAP, 1.0))
-    figure.colorbar(image, cax=beside, label=rf"$\Sigma_\mathrm{{{kind}}}${density_unit}")
+    figure.colorbar(image, cax=beside, label=label)
 
 
 def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
@@ -181,11 +205,12 @@ def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     density, density_unit = _in(snap, "density")
     edges = np.linspace(0, outer, _RINGS + 1)
     radius = (edges[1:] + edges[:-1]) / 2 * length
-    peaks = []
-    for kind, particles in snap.species.items():
+    peaks, small = [], grain_maps.small_dust(snap)
+    names = {"dust": "grown dust" if small is not None else "dust", "small": "small dust"}
+    for kind, particles in (snap.species | ({"small": small} if small is not None else {})).items():
         sigma = density * particles.radial_profile(edges)
-        peaks.append(sigma.max())
-        axes.plot(radius, np.where(sigma > 0, sigma, np.nan), color=COLOURS[kind], label=kind)
+        peaks += [sigma.max()] if kind in snap.species else []
+        axes.plot(radius, np.where(sigma > 0, sigma, np.nan), color=COLOURS[kind], label=names.get(kind, kind))
     axes.set(xlabel=f"r{length_unit}", ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length))
     if min(peaks) > 0:
         axes.set_yscale("log")

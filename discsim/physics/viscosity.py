@@ -2,7 +2,7 @@
 
     nu    = alpha c_s H = alpha c_s^2 / Omega_K,  or a constant                    (1)  Shakura & Sunyaev 1973
     alpha = alpha (r / r_0)^index, or from inner_alpha to outer_alpha: their mean, and half their difference times
-            tanh(ln(r / radius) / width)                                           (2)
+            tanh(ln(r / radius) / width), of them or of their logarithms           (2)
             in a dead zone dead_alpha: the share [tanh(ln(r / dead_inner) / dead_width)
             - tanh(ln(r / dead_outer) / dead_width)] / 2 of the way to it          (3)
     v_r   = -3 / (Sigma sqrt(r)) d(nu Sigma sqrt(r))/dr                            (4)  Lynden-Bell & Pringle 1974
@@ -49,8 +49,11 @@ def alpha(scene: Scene, r: Array) -> Array:
         if keys.index != 0.0:
             found *= np.exp(keys.index * (log - np.log(reference_radius(scene))))  # eq. (2)
     else:
-        rise = 0.5 * (keys.outer_alpha - keys.inner_alpha)
-        found = keys.inner_alpha + rise * (1.0 + np.tanh((log - np.log(keys.radius)) / keys.width))
+        share = 0.5 * (1.0 + np.tanh((log - np.log(keys.radius)) / keys.width))  # eq. (2)
+        if keys.step == "linear":
+            found = keys.inner_alpha + (keys.outer_alpha - keys.inner_alpha) * share
+        else:
+            found = keys.inner_alpha * (keys.outer_alpha / keys.inner_alpha) ** share
     if keys.dead_alpha is not None:
         inner, outer = ((log - np.log(edge)) / keys.dead_width for edge in (keys.dead_inner, keys.dead_outer))
         found += 0.5 * (np.tanh(inner) - np.tanh(outer)) * (keys.dead_alpha - found)  # eq. (3)

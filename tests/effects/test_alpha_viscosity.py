@@ -84,6 +84,8 @@ def test_alpha_is_the_power_the_step_and_the_dead_zone():
     # tanh(ln x / w) = (x^(2/w) - 1) / (x^(2/w) + 1)
     power = (r / 1.2) ** (2.0 / 0.3)
     np.testing.assert_allclose(found, (0.1 + 0.02 * power) / (1.0 + power), rtol=1e-12)
+    found = viscosity.alpha(load_scene(disc(**step, step="logarithmic")), r)
+    np.testing.assert_allclose(found, 0.02 * 5.0 ** (1.0 / (1.0 + power)), rtol=1e-12)
     dead = {"dead_alpha": 1e-4, "dead_inner": 0.7, "dead_outer": 1.5, "dead_width": 0.1}
     found = viscosity.alpha(load_scene(disc(alpha=0.01, **dead)), r)
     inner, outer = ((r / edge) ** 20 for edge in (0.7, 1.5))
@@ -230,6 +232,11 @@ def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
         ({"alpha": 0.1, "nu": 1.0}, "alpha_viscosity.nu: alpha and nu are there together"),
         ({"alpha": -0.1}, "alpha_viscosity.alpha: -0.1"),
         ({"inner_alpha": 0.1, "outer_alpha": 0.2, "radius": 1.0}, "alpha_viscosity.width: missing; inner_alpha and"),
+        ({"alpha": 0.1, "step": "logarithmic"}, "alpha_viscosity.step: it is between inner_alpha and outer_alpha"),
+        (
+            {"inner_alpha": 0.1, "outer_alpha": 0.0, "radius": 1.0, "width": 0.1, "step": "logarithmic"},
+            "alpha_viscosity.outer_alpha: has no logarithm",
+        ),
         ({"alpha": 0.1, "dead_alpha": 0.0, "dead_inner": 2.0, "dead_outer": 1.0, "dead_width": 1.0}, "dead_outer: not"),
         ({"nu": 0.1, "index": 1.0}, "alpha_viscosity.index: a power of r goes with alpha"),
         ({"alhpa": 0.1}, "alpha_viscosity.alhpa: unknown key"),

@@ -1,0 +1,94 @@
+"""What the last figure shows of grains: mean size and Stokes number, and small dust that gas carries."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from discsim.numerics.state import Dust
+from discsim.output import figure, grain_maps
+from discsim.output.snapshot import SnapshotParticles, read_snapshot, write_snapshot
+from discsim.scene import load_scene
+
+COUNT = 6000
+SCENE = {
+    "units": {"system": "code"},
+    "run": {"until": 1.0},
+    "space": {"size": 8.0},
+    "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 1.0, "outer": 3.0},
+    "gas": {"particles": 100, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05}},
+    "dust": {"particles": COUNT, "ratio": 0.01, "grain_size": 1e-3, "grain_density": 1.0},
+    "star": {"mass": 1.0},
+    "drag": {"law": "epstein"},
+}
+
+
+def snapshot(tmp_path, mass=None):
+    """Beyond r = 2 a third of the mass is in grains of .001 and two thirds in those of .004; within, all of .01."""
+    rng = np.random.default_rng(1)
+    r = 1.0 + 2.0 * (np.arange(COUNT) + 0.5) / COUNT
+    phi = np.arange(COUNT) * np.pi * (3.0 - np.sqrt(5.0))
+    pos = np.stack([r * np.cos(phi), r * np.sin(phi)], axis=1)
+    small = rng.permutation(COUNT) % 2 == 0
+    size = np.where(r < 2.0, 0.01, np.where(small, 0.001, 0.004))
+    mass = np.where(small, 1.0, 2.0) * 1e-9 if mass is None else mass
+    zero = np.zeros_like(pos)
+    dust = Dust(pos=pos, vel=zero, acc=zero, mass=mass, ids=np.arange(COUNT), species=np.zeros(COUNT, int), size=size)
+    write_snapshot(tmp_path / "a.h5", load_scene(SCENE), 0.0, None, dust, {"dust": {"stokes": 30.0 * size}})
+    return read_snapshot(tmp_path / "a.h5")
+
+
+def test_maps_are_means_over_mass(tmp_path):
+    snap = snapshot(tmp_path)
+    assert grain_maps.shown(snap) == ["size", "stokes"]
+    window = np.full(2, -4.0), np.full(2, 4.0)
+    centres = -4.0 + 8.0 / 160 * (np.arange(160) + 0.5)
+    r = np.hypot(*np.meshgrid(centres, centres))
+    for name, unit in (("size", 1.0), ("stokes", 30.0)):
+        mean, _ = grain_maps.mean_map(snap, name, window, 160, False)
+        # Gaussians are .1 wide and end at 3.5 widths.
+        np.testing.assert_allclose(mean[(r > 1.1) & (r < 1.5)], 0.01 * unit, rtol=1e-3)
+        # (1 * .001 + 2 * .004) / 3; a pixel's Gaussian has some ten grains, 8,000 pixels have all.
+        assert np.mean(mean[(r > 2.2) & (r < 2.8)]) == pytest.approx(0.003 * unit, rel=0.02)
+        assert np.isnan(mean[(r < 0.6) | (r > 3.6)]).all()
+
+
+def test_the_figure_has_them(tmp_path):
+    snap = snapshot(tmp_path)
+    drawn = figure._maps(snap)
+    labels = [axes.get_ylabel() for axes in drawn.findobj(lambda a: hasattr(a, "get_ylabel"))]
+    assert {"mean size", "mean Stokes number"} <= set(labels)
+    figure.last_state_figure(tmp_path / "a.h5", tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+    plain = replace(snap, dust=replace(snap.dust, size=None))
+    assert len(figure._maps(plain).axes) < len(drawn.axes)
+
+
+def test_grains_without_mass_or_of_one_size(tmp_path):
+    nothing = snapshot(tmp_path, mass=np.zeros(COUNT))
+    assert grain_maps.shown(nothing) == []
+    figure._maps(nothing)
+    assert grain_maps.colours(np.full((3, 3), np.nan)).vmin > 0.0
+    some = snapshot(tmp_path, mass=np.where(np.arange(COUNT) < COUNT // 2, 1e-9, 0.0))
+    figure._maps(some)
+    norm = grain_maps.colours(np.full((3, 3), 0.01))
+    assert norm.vmin < 0.01 < norm.vmax
+
+
+@dataclass(frozen=True)
+class Carriers(SnapshotParticles):
+    small: np.ndarray | None = None
+
+
+def test_small_dust_beside_grown(tmp_path):
+    """Gas that carries a fifth of its mass: a profile of its own, a fifth of the gas's."""
+    snap = snapshot(tmp_path)
+    assert grain_maps.small_dust(snap) is None
+    dust = snap.dust
+    gas = Carriers(dust.units, {}, dust.pos, dust.vel, np.full(COUNT, 1e-7), dust.ids, small=np.full(COUNT, 2e-8))
+    snap = replace(snap, gas=gas)
+    axes = figure._maps(snap).axes[-1]
+    lines = {line.get_label(): line.get_ydata() for line in axes.lines}
+    assert set(lines) == {"gas", "grown dust", "small dust"}
+    seen = np.isfinite(lines["gas"])
+    np.testing.assert_allclose(lines["small dust"][seen], 0.2 * lines["gas"][seen], rtol=1e-12)
