@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.neighbours import most_held, place, whole
+from discsim.kernels.inner import lean_sums
+from discsim.kernels.neighbours import place, whole
 from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
 from discsim.kernels.sph_packs import (
     CHUNK,
-    FAST,
     INV_R,
     MASS,
     NEAREST2,
@@ -155,18 +155,20 @@ def begin_cell(wanted, own, members, order, h, low, high, settled):
 
 
 @njit(inline="always")
-def pack_masses(dim, shear, begin, end, index, vel, mass, pack):
+def pack_masses(dim, shear, begin, end, slots, order, vel, mass, pack):
     """Pack masses, and with `shear` velocities, of the candidates from `begin` to `end`; how many with the filling."""
-    for k in range(begin, end):
-        j = index[k]
-        pack[MASS * STRIDE + k - begin] = mass[j]
+    first, count = np.uint64(begin), np.uint64(end - begin)
+    masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]
+    for k in range(count):
+        j = order[slots[first + k]]
+        masses[k] = mass[j]
         if shear:
-            pack[VX * STRIDE + k - begin] = vel[j, 0]
+            vx[k] = vel[j, 0]
             if dim == 2:
-                pack[VY * STRIDE + k - begin] = vel[j, 1]
+                vy[k] = vel[j, 1]
     n = whole(end - begin)
-    for k in range(end - begin, n):
-        pack[MASS * STRIDE + k] = 0.0
+    for k in range(count, np.uint64(n)):
+        masses[k] = 0.0
     return n
 
 
@@ -178,16 +180,15 @@ def density_driver(kernel: int, dim: int, shear: bool):
     """
     support = SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def density(first, last, lists, filled, given, found, wanted, cells, outgrown):
+    @lean_sums
+    def density(first, last, part, filled, given, found, wanted, cells, outgrown):
         order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
         pos, vel, mass = given.pos, given.vel, given.mass
         h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
-        begin, index, turned = lists
-        pack = np.zeros(ROWS * STRIDE)
+        lists, work = part
+        begin, slots = lists.begin, lists.slots
+        pack, sums, low, high, settled = work
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
-        most = most_held(filled[first:last], start)
-        sums, low, high, settled = np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)
         for c in range(first, last):
             cell = filled[c]
             ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
@@ -195,11 +196,13 @@ def density_driver(kernel: int, dim: int, shear: bool):
             own, members = start[cell], start[cell + 1] - start[cell]
             begin_cell(wanted, own, members, order, h, low, high, settled)
             for _ in range(ITERATIONS):
-                sums[:members] = 0.0
+                for p in range(members):
+                    for k in range(7):
+                        sums[p, k] = 0.0
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
-                    place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
-                    n = pack_masses(dim, shear, listed, end, index, vel, mass, pack)
+                    place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
+                    n = pack_masses(dim, shear, listed, end, slots, order, vel, mass, pack)
                     for p in range(members):
                         i = order[own + p]
                         if not settled[p]:
