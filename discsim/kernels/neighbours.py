@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import inner, making
 
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
 MAX_CLASSES = 24
 BLOCK = 256  # particles of a run that are looked at together
+USUAL = 128  # candidates of a cell
 LANES = 8  # candidates come in whole vectors, the last filled up with some of no mass: rests of a loop are slow
 
 # Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
@@ -204,51 +205,51 @@ def crosses(turns, count):
     return False
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner
+def list_some(at, first, last, filled, bounds, extent, mutual, cells, listed, work):
+    """List candidates of the cells from `at` on, as far as there is room for them.
+
+    Returns the cell that there is no room for, or `last`, and how much it needs: runs and candidates.
+    """
+    runs, turns, keep = work
+    for c in range(at, last):
+        cell, found = filled[c], listed.begin[c - first]
+        box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
+        reach = extent * bounds[cell, 4]
+        # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
+        count, held = find_runs(box, reach, mutual, cells, runs, turns)
+        if count > len(runs) or found + held > len(listed.slots):
+            return c, count, found + held
+        crossing = crosses(turns, count)
+        listed.crossing[c - first] = crossing
+        listed.begin[c - first + 1] = scan(
+            runs, turns, count, crossing, box, reach, mutual, cells, keep, listed.slots, listed.turned, found
+        )
+    return last, 0, 0
+
+
+@making
 def list_candidates(first, last, filled, bounds, extent, mutual, cells):
     """Candidates of the cells `filled` of some particles with `bounds` among those of `cells`.
 
     They reach as far as `extent` times their supports; with `mutual` there are also those whose own support meets a
     cell.
     """
-    runs, turns, keep = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64), np.empty(BLOCK)
     begin, crossing = np.zeros(last - first + 1, np.int64), np.zeros(last - first, np.bool_)
-    room = 1024 + 64 * (last - first)
-    slots, turned = np.empty(room, np.uint32), np.empty((2, room if cells.periodic else 0), np.int32)
-    for c in range(first, last):
-        cell, found = filled[c], begin[c - first]
-        box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
-        reach = extent * bounds[cell, 4]
-        # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
-        while True:
-            count, held = find_runs(box, reach, mutual, cells, runs, turns)
-            if count <= len(runs):
-                break
-            runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
-        if found + held > len(slots):
-            more = np.empty(2 * (found + held), np.uint32)
-            for k in range(found):
-                more[k] = slots[k]
-            slots = more
-            if len(turned[0]) > 0:
-                more_turned = np.empty((2, len(slots)), np.int32)
-                for k in range(found):
-                    more_turned[0, k], more_turned[1, k] = turned[0, k], turned[1, k]
-                turned = more_turned
-        crossing[c - first] = crosses(turns, count)
-        begin[c - first + 1] = scan(
-            runs, turns, count, crossing[c - first], box, reach, mutual, cells, keep, slots, turned, found
-        )
-    return Candidates(begin, slots, crossing, turned)
-
-
-@njit(nogil=True, inline="always")
-def most_held(filled, start):
-    """The largest number of particles that a cell holds."""
-    most = 0
-    for cell in filled:
-        most = max(most, start[cell + 1] - start[cell])
-    return most
+    room, images = 1024 + USUAL * (last - first), 1 if cells.periodic else 0
+    listed = Candidates(begin, np.empty(room, np.uint32), crossing, np.empty((2, images * room), np.int32))
+    work = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64), np.empty(BLOCK)
+    at = first
+    while at < last:
+        at, runs, room = list_some(at, first, last, filled, bounds, extent, mutual, cells, listed, work)
+        if runs > len(work[0]):
+            work = np.empty((2 * runs, 2), np.int64), np.empty((2 * runs, 2), np.int64), work[2]
+        elif room > len(listed.slots):
+            slots, turned = np.empty(2 * room, np.uint32), np.empty((2, 2 * images * room), np.int32)
+            slots[: len(listed.slots)] = listed.slots
+            turned[:, : listed.turned.shape[1]] = listed.turned
+            listed = Candidates(begin, slots, crossing, turned)
+    return listed
 
 
 @njit(nogil=True, inline="always")
