@@ -25,7 +25,7 @@ from numba import njit
 
 from discsim.kernels.inner import lean_sums
 from discsim.kernels.neighbours import place, whole
-from discsim.kernels.smoothing import MEAN_Q2, NORM, shape
+from discsim.kernels.smoothing import MEAN_Q2, NORM, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
     ENERGY,
@@ -46,7 +46,7 @@ from discsim.kernels.sph_packs import (
     VX,
     VY,
     P,
-    Q,
+    R,
     X,
     Y,
     inverse_root,
@@ -88,12 +88,12 @@ def force_columns(
 @njit(inline="always")
 def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, unit, columns, pack):
     """Pack what the sums of a scene read of the candidates `slots`, h in units of `unit`; how many with the filling."""
-    count, k_norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
+    count, norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
     for k in range(count):
         j = np.uint64(slots[k])
         m, inv_h = columns[j, MASS], columns[j, INV_H] * unit
         pack[MASS * STRIDE + k], pack[INV_H * STRIDE + k] = m, inv_h
-        pack[NORM_H * STRIDE + k] = m * k_norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
+        pack[NORM_H * STRIDE + k] = m * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
         pack[PRESS * STRIDE + k] = columns[j, PRESS]
         if moving:
             pack[VX * STRIDE + k], pack[VY * STRIDE + k] = columns[j, VX], columns[j, VY]
@@ -119,7 +119,7 @@ def pack_distances(x, y, n, pack):
         r2 = dx * dx + (dy * dy + NEAREST2)
         inv_r = inverse_root(r2)
         pack[INV_R * STRIDE + k] = inv_r
-        pack[Q * STRIDE + k] = r2 * inv_r
+        pack[R * STRIDE + k] = r2 * inv_r
 
 
 @njit(inline="always")
@@ -138,7 +138,7 @@ def force_sums(
     conduction takes u towards that of its neighbours.
     """
     inv_h = columns[i, INV_H]
-    norm = NORM[dim - 1][kernel] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
+    norm = NORM[dim - 1][kernel] * factors(kernel)[1] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
     inv_h *= unit
     press, inv_rho_i, c_i = columns[i, PRESS] * norm, columns[i, INV_RHO], columns[i, SOUND]
     vx, vy, f_i, u_i, p_i, fluidity = columns[i, VX], columns[i, VY], columns[i, SWITCH], 0.0, 0.0, 0.0
@@ -152,9 +152,9 @@ def force_sums(
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     pack_distances(x, y, n, pack)
     for k in range(n):
-        r = pack[Q * STRIDE + k]
-        _, own = shape(kernel, dim, r * inv_h)
-        _, other = shape(kernel, dim, r * pack[INV_H * STRIDE + k])
+        r = pack[R * STRIDE + k]
+        _, own, _ = terms(kernel, dim, r * inv_h)
+        _, other, _ = terms(kernel, dim, r * pack[INV_H * STRIDE + k])
         pack[OWN * STRIDE + k] = own * pack[MASS * STRIDE + k]
         pack[OTHER * STRIDE + k] = other * pack[NORM_H * STRIDE + k]
     for k in range(n):
@@ -179,7 +179,7 @@ def force_sums(
                 force += pi
                 heat += 0.5 * pi * felt
             if shearing:
-                r, inv_mu = pack[Q * STRIDE + k], fluidity + pack[FLUIDITY * STRIDE + k]
+                r, inv_mu = pack[R * STRIDE + k], fluidity + pack[FLUIDITY * STRIDE + k]
                 q, q_j = r * inv_h, r * pack[INV_H * STRIDE + k]
                 spread = widened(uneven, norm * own * q * q, other * q_j * q_j, inv_rho_i, inv_rho_j)
                 stress = sheared * inv_rho_j / inv_mu * spread * inv_r * w
@@ -206,7 +206,7 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
     conduction where there is any. Takes the cells whose `met` is `now` alone.
     """
     rubbing = viscous != NO_VISCOSITY
-    moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel]
+    moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel] * factors(kernel)[1]
 
     @lean_sums
     def forces(first, last, part, columns, acc, rate, div, conduction, strengths, cells, met, now):

@@ -13,7 +13,7 @@ from numba import njit
 
 from discsim.kernels.inner import lean_sums
 from discsim.kernels.neighbours import place, whole
-from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
+from discsim.kernels.smoothing import NORM, SUPPORT, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
     INV_R,
@@ -23,7 +23,7 @@ from discsim.kernels.sph_packs import (
     STRIDE,
     VX,
     VY,
-    Q,
+    R,
     X,
     Y,
     inverse_root,
@@ -72,15 +72,16 @@ def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
         inv_r = inverse_root(r2)
-        pack[INV_R * STRIDE + k] = inv_r
-        pack[Q * STRIDE + k] = r2 * inv_r * inv_h
+        if shear:
+            pack[INV_R * STRIDE + k] = inv_r
+        pack[R * STRIDE + k] = r2 * inv_r
     for k in range(n):
-        q, m = pack[Q * STRIDE + k], pack[MASS * STRIDE + k]
-        w, dw = shape(kernel, dim, q)
-        ddw = q * bend(kernel, dim, q)
+        r, m = pack[R * STRIDE + k], pack[MASS * STRIDE + k]
+        w, dw, ddw = terms(kernel, dim, r * inv_h)
+        ddw *= r
         total += m * w
-        first += m * (q * dw)
-        second += m * (q * ddw)
+        first += m * r * dw
+        second += m * r * ddw
         if shear:
             dx, dy, m_per_r = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k], m * pack[INV_R * STRIDE + k]
             dvx, dvy = vx - pack[VX * STRIDE + k], vy - pack[VY * STRIDE + k]
@@ -89,14 +90,16 @@ def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
             curl += dw * across
             more_div += ddw * along
             more_curl += ddw * across
-    sums[0] += total
-    sums[1] += first
-    sums[2] += second
+    # Factors, and those of q = r / h, are taken in at the end.
+    of_w, of_dw, of_ddw = factors(kernel)
+    sums[0] += of_w * total
+    sums[1] += of_dw * inv_h * first
+    sums[2] += of_ddw * inv_h * inv_h * second
     if shear:
-        sums[3] += div
-        sums[4] += curl
-        sums[5] += more_div
-        sums[6] += more_curl
+        sums[3] += of_dw * div
+        sums[4] += of_dw * curl
+        sums[5] += of_ddw * inv_h * more_div
+        sums[6] += of_ddw * inv_h * more_curl
 
 
 @njit(inline="always")

@@ -15,7 +15,7 @@ CHUNK = 256
 STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
 # Columns of `force_columns` too: the first eight are of one cache line.
 MASS, INV_H, PRESS, INV_RHO, VX, VY, SOUND, SWITCH, ENERGY, P, FLUIDITY = range(11)
-NORM_H, X, Y, INV_R, Q, OWN, OTHER = range(FLUIDITY + 1, FLUIDITY + 8)
+NORM_H, X, Y, INV_R, R, OWN, OTHER = range(FLUIDITY + 1, FLUIDITY + 8)
 ROWS = OTHER + 1
 
 
