@@ -105,7 +105,7 @@ def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
     index, offset = np.empty(0, np.uint32), np.empty((0, cloud.sph.dim))
     for _ in range(2):  # their number, then themselves
         share(
-            kernels.list_pairs, len(dust_cells.filled), dust_cells, cells, cloud.pos, gas.pos, radius, start, index,
+            kernels.list_pairs, len(dust_cells.filled), dust_cells, cells, cloud.pos, radius, start, index,
             offset, least=LEAST, each=lists,
         )  # fmt: skip
         if len(index) == 0:

@@ -233,7 +233,7 @@ class _Surroundings:
         lists = neighbours.candidates(grains, self.cells, mutual=True, extent=0.0)
         speed2 = gas.sound_speed**2 / eos_of(effect.scene).heat_ratio(effect.scene.gas.eos)
         share(
-            kernels.gas_driver(effect.sph.kernel, effect.dim), len(grains.filled), grains, self.cells, pos, gas.pos,
+            kernels.gas_driver(effect.sph.kernel, effect.dim), len(grains.filled), grains, self.cells, pos,
             gas.h, gas.mass, speed2, field, least=neighbours.LEAST, each=lists,
         )  # fmt: skip
         return field
@@ -253,7 +253,7 @@ class _Surroundings:
         lists = neighbours.candidates(self.cells, grains, mutual=False)
         share(
             kernels.recoil_driver(effect.sph.kernel), len(self.cells.filled), self.cells, grains, gas.pos, gas.h,
-            middle, there, given, centre, gas.vel, least=neighbours.LEAST, each=lists,
+            there, given, centre, gas.vel, least=neighbours.LEAST, each=lists,
         )  # fmt: skip
 
     def cells_of(self, pos: np.ndarray) -> Any:

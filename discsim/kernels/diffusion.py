@@ -64,19 +64,19 @@ def gas_driver(kernel: int, dim: int):
     sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def gas_about(first, last, lists, grains, cells, pos, gpos, h, mass, speed2, field):
-        begin, index, turned = lists
+    def gas_about(first, last, lists, grains, cells, pos, h, mass, speed2, field):
+        begin, slots = lists.begin, lists.slots
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         for c in range(first, last):
             cell, listed, end = grains.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = grains.bounds[cell, 0], grains.bounds[cell, 1]
-            place(listed, end, index, turned, gpos, ox, oy, 1.0, cells, cx, cy)
+            place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
             for m in range(grains.start[cell], grains.start[cell + 1]):
                 j = grains.order[m]
                 s = sx = sy = length = speed = vx = vy = 0.0
                 for k in range(end - listed):
-                    a = index[listed + k]
+                    a = cells.order[slots[listed + k]]
                     dx = pos[j, 0] - ox - cx[k]
                     dy = pos[j, 1] - oy - cy[k] if dim == 2 else 0.0
                     r2 = dx * dx + dy * dy
@@ -113,14 +113,14 @@ def recoil_driver(kernel: int):
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def recoil(first, last, lists, cells, grains, gpos, h, pos, density, given, centre, gvel):
-        begin, index, turned = lists
+    def recoil(first, last, lists, cells, grains, gpos, h, density, given, centre, gvel):
+        begin, slots = lists.begin, lists.slots
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         for c in range(first, last):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
-            place(listed, end, index, turned, pos, ox, oy, 1.0, grains, cx, cy)
+            place(c - first, listed, end, lists, ox, oy, 1.0, grains, cx, cy)
             for m in range(cells.start[cell], cells.start[cell + 1]):
                 a = cells.order[m]
                 inverse, lost = 1.0 / h[a], 0.0
@@ -128,7 +128,7 @@ def recoil_driver(kernel: int):
                 for k in range(end - listed):
                     dx, dy = cx[k] - (gpos[a, 0] - ox), cy[k] - (gpos[a, 1] - oy)
                     r2 = dx * dx + dy * dy
-                    j = index[listed + k]
+                    j = grains.order[slots[listed + k]]
                     if r2 >= reach2 or density[j] == 0.0:
                         continue
                     w, _ = shape(kernel, 2, math.sqrt(r2) * inverse)

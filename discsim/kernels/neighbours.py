@@ -12,10 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import inner, making
+
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
 MAX_CLASSES = 24
 BLOCK = 256  # particles of a run that are looked at together
+USUAL = 128  # candidates of a cell
 LANES = 8  # candidates come in whole vectors, the last filled up with some of no mass: rests of a loop are slow
 
 # Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
@@ -37,6 +40,18 @@ class Cells(NamedTuple):
     low: np.ndarray
     width: np.ndarray
     periodic: bool
+
+
+class Candidates(NamedTuple):
+    """Candidates of some cells, by their places in the order of the cells: those of the n-th from begin[n] on.
+
+    Where it is `crossing` an edge of a periodic box, they are `turned` (2, candidates) times the box away.
+    """
+
+    begin: np.ndarray
+    slots: np.ndarray
+    crossing: np.ndarray
+    turned: np.ndarray
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -113,7 +128,7 @@ def widen(some, extent, h, cells):
         cells.grids[mine, REACH] = max(cells.grids[mine, REACH], reach)
 
 
-@njit(nogil=True, inline="always", error_model="numpy")
+@inner
 def find_runs(box, reach, mutual, cells, runs, turns):
     """Runs of particles in the order of the cells that may be within `reach` of a box (centre, half widths).
 
@@ -150,13 +165,13 @@ def find_runs(box, reach, mutual, cells, runs, turns):
     return count, held
 
 
-@njit(nogil=True, inline="always", error_model="numpy")
-def scan(runs, turns, count, box, reach, mutual, cells, keep, index, turned, found):
-    """Particles of `count` runs that are within `reach` of the box or, with `mutual`, meet it, added to `index`.
+@inner
+def scan(runs, turns, count, crossing, box, reach, mutual, cells, keep, slots, turned, found):
+    """Particles of `count` runs that are within `reach` of the box or, with `mutual`, meet it, added to `slots`.
 
     `found` is how many there were; it is returned with the new ones. `keep` (BLOCK,) is overwritten.
     """
-    order, x, y, radius = cells.order, cells.x, cells.y, cells.radius
+    x, y, radius = cells.x, cells.y, cells.radius
     ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
     for run in range(count):
         sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
@@ -165,63 +180,76 @@ def scan(runs, turns, count, box, reach, mutual, cells, keep, index, turned, fou
         # time. Signed numbers may be indices from the end, and would keep loops from being vectorised.
         for block in range(runs[run, 0], runs[run, 1], BLOCK):
             begin, many = np.uint64(block), np.uint64(min(runs[run, 1] - block, BLOCK))
-            for k in range(many):
+            for k in range(np.uint64(whole(many))):
                 i = begin + k
                 dx, dy = max(abs(x[i] + sx) - half_x, 0.0), max(abs(y[i] + sy) - half_y, 0.0)
                 far = max(reach, radius[i]) if mutual else reach
-                keep[k] = dx * dx + dy * dy <= far * far
+                keep[k] = dx * dx + dy * dy - far * far
+            at = np.uint64(found)
             for k in range(many):
-                index[np.uint64(found)] = order[begin + k]
-                found += keep[k]
-        if cells.periodic:
+                slots[at] = begin + k
+                at += np.uint64(keep[k] <= 0.0)
+            found = np.int64(at)
+        if crossing:
             for k in range(before, found):
                 turned[0, k], turned[1, k] = turns[run, 0], turns[run, 1]
     return found
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner
+def crosses(turns, count):
+    """Whether any of `count` runs is of an image."""
+    for run in range(count):
+        if turns[run, 0] != 0 or turns[run, 1] != 0:
+            return True
+    return False
+
+
+@inner
+def list_some(at, first, last, filled, bounds, extent, mutual, cells, listed, work):
+    """List candidates of the cells from `at` on, as far as there is room for them.
+
+    Returns the cell that there is no room for, or `last`, and how much it needs: runs and candidates.
+    """
+    runs, turns, keep = work
+    for c in range(at, last):
+        cell, found = filled[c], listed.begin[c - first]
+        box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
+        reach = extent * bounds[cell, 4]
+        # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
+        count, held = find_runs(box, reach, mutual, cells, runs, turns)
+        if count > len(runs) or found + held > len(listed.slots):
+            return c, count, found + held
+        crossing = crosses(turns, count)
+        listed.crossing[c - first] = crossing
+        listed.begin[c - first + 1] = scan(
+            runs, turns, count, crossing, box, reach, mutual, cells, keep, listed.slots, listed.turned, found
+        )
+    return last, 0, 0
+
+
+@making
 def list_candidates(first, last, filled, bounds, extent, mutual, cells):
     """Candidates of the cells `filled` of some particles with `bounds` among those of `cells`.
 
     They reach as far as `extent` times their supports; with `mutual` there are also those whose own support meets a
-    cell. The candidates of the n-th cell begin at begin[n] of `index`, `turned` (2, n) times the box away on periodic
-    axes. Returns (begin, index, turned).
+    cell.
     """
-    runs, turns, keep = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64), np.empty(BLOCK, np.bool_)
-    begin = np.zeros(last - first + 1, np.int64)
-    room = 1024 + 64 * (last - first)
-    index, turned = np.empty(room, np.uint32), np.empty((2, room if cells.periodic else 0), np.int32)
-    for c in range(first, last):
-        cell, found = filled[c], begin[c - first]
-        box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
-        reach = extent * bounds[cell, 4]
-        # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
-        while True:
-            count, held = find_runs(box, reach, mutual, cells, runs, turns)
-            if count <= len(runs):
-                break
-            runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
-        if found + held > len(index):
-            more = np.empty(2 * (found + held), np.uint32)
-            for k in range(found):
-                more[k] = index[k]
-            index = more
-            if cells.periodic:
-                more_turned = np.empty((2, len(index)), np.int32)
-                for k in range(found):
-                    more_turned[0, k], more_turned[1, k] = turned[0, k], turned[1, k]
-                turned = more_turned
-        begin[c - first + 1] = scan(runs, turns, count, box, reach, mutual, cells, keep, index, turned, found)
-    return begin, index, turned
-
-
-@njit(nogil=True, inline="always")
-def most_held(filled, start):
-    """The largest number of particles that a cell holds."""
-    most = 0
-    for cell in filled:
-        most = max(most, start[cell + 1] - start[cell])
-    return most
+    begin, crossing = np.zeros(last - first + 1, np.int64), np.zeros(last - first, np.bool_)
+    room, images = 1024 + USUAL * (last - first), 1 if cells.periodic else 0
+    listed = Candidates(begin, np.empty(room, np.uint32), crossing, np.empty((2, images * room), np.int32))
+    work = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64), np.empty(BLOCK)
+    at = first
+    while at < last:
+        at, runs, room = list_some(at, first, last, filled, bounds, extent, mutual, cells, listed, work)
+        if runs > len(work[0]):
+            work = np.empty((2 * runs, 2), np.int64), np.empty((2 * runs, 2), np.int64), work[2]
+        elif room > len(listed.slots):
+            slots, turned = np.empty(2 * room, np.uint32), np.empty((2, 2 * images * room), np.int32)
+            slots[: len(listed.slots)] = listed.slots
+            turned[:, : listed.turned.shape[1]] = listed.turned
+            listed = Candidates(begin, slots, crossing, turned)
+    return listed
 
 
 @njit(nogil=True, inline="always")
@@ -240,14 +268,15 @@ def whole(n):
 
 
 @njit(nogil=True, inline="always")
-def place(begin, end, index, turned, pos, ox, oy, per_length, cells, cx, cy):
-    """Write where the candidates from `begin` to `end` are, from (ox, oy) and times `per_length`."""
-    dim = pos.shape[1]
-    for k in range(begin, end):
-        j = index[k]
-        sx, sy = -ox, -oy
-        if cells.periodic:
-            sx, sy = turned[0, k] * cells.width[0] - ox, turned[1, k] * cells.width[1] - oy
-        cx[k - begin] = (pos[j, 0] + sx) * per_length
-        if dim == 2:
-            cy[k - begin] = (pos[j, 1] + sy) * per_length
+def place(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
+    """Write where the candidates from `begin` to `end` of the c-th cell are, from (ox, oy) and times `per_length`."""
+    x, y, slots, turned, first, count = cells.x, cells.y, listed.slots, listed.turned, np.uint64(begin), np.uint64(end - begin)
+    if listed.crossing[c]:
+        for k in range(count):
+            slot = slots[first + k]
+            sx, sy = turned[0, first + k] * cells.width[0] - ox, turned[1, first + k] * cells.width[1] - oy
+            cx[k], cy[k] = (x[slot] + sx) * per_length, (y[slot] + sy) * per_length
+    else:
+        for k in range(count):
+            slot = slots[first + k]
+            cx[k], cy[k] = (x[slot] - ox) * per_length, (y[slot] - oy) * per_length

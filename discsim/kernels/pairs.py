@@ -24,25 +24,25 @@ CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def list_pairs(first, last, lists, dust_cells, cells, pos, gpos, radius, start, gas, offset):
+def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, offset):
     """For dust cells: the gas whose support holds each dust particle, and offset x_dust - x_gas (pairs, d).
 
     Where `gas` has no entries only their number is written, to start[j + 1].
     """
     dim = pos.shape[1]
     counting = len(gas) == 0
-    begin, index, turned = lists
+    begin, slots = lists.begin, lists.slots
     room = most_of(begin)
     cx, cy = np.zeros(room), np.zeros(room)
     for c in range(first, last):
         cell, listed, end = dust_cells.filled[c], begin[c - first], begin[c - first + 1]
         ox, oy = dust_cells.bounds[cell, 0], dust_cells.bounds[cell, 1]
-        place(listed, end, index, turned, gpos, ox, oy, 1.0, cells, cx, cy)
+        place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
         for m in range(dust_cells.start[cell], dust_cells.start[cell + 1]):
             j = dust_cells.order[m]
             found = 0
             for k in range(end - listed):
-                a = index[listed + k]
+                a = cells.order[slots[listed + k]]
                 dx = pos[j, 0] - ox - cx[k]
                 dy = pos[j, 1] - oy - cy[k] if dim == 2 else 0.0
                 if dx * dx + dy * dy < radius[a] * radius[a]:

@@ -46,16 +46,16 @@ def slope_driver(kernel: int, dim: int):
     @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
     def fit(first, last, lists, pos, vel, mass, h, slope, cells):
         order, start = cells.order, cells.start
-        begin, index, turned = lists
+        begin, slots = lists.begin, lists.slots
         room = most_of(begin)
         cx, cy, cm, cvx, cvy = np.zeros(room), np.zeros(room), np.zeros(room), np.zeros(room), np.zeros(room)
         for c in range(first, last):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
             n = end - listed
-            place(listed, end, index, turned, pos, ox, oy, 1.0, cells, cx, cy)
+            place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
             for k in range(n):
-                j = index[listed + k]
+                j = order[slots[listed + k]]
                 cvx[k], cm[k] = vel[j, 0], mass[j]
                 if dim == 2:
                     cvy[k] = vel[j, 1]

@@ -20,13 +20,24 @@ MEAN_Q2 = tuple(kernel.mean_q[1] for kernel in SMOOTHING.values())
 NORM = tuple(tuple(kernel.norm[dim] for kernel in SMOOTHING.values()) for dim in (0, 1))
 
 
+# Of what `cubic` returns, in w(q), dw/dq and d2w/dq2.
+CUBIC_FACTORS = 0.25, -0.75, 1.5
+
+
+@njit(inline="always")
+def cubic(q):
+    """(2 - q)^k - 4 (1 - q)^k for k = 3, 2, 1, without what is below 0: w(q), dw/dq and d2w/dq2 over their factors."""
+    a, b = max(0.0, 2.0 - q), max(0.0, 1.0 - q)
+    a2, b2 = a * a, 4.0 * b * b
+    return a2 * a - b2 * b, a2 - b2, a - 4.0 * b
+
+
 @njit(inline="always")
 def shape(kernel, dim, q):
     """w(q) and dw/dq. `kernel` and `dim` are compile-time constants of the caller, so one branch is left."""
     if kernel == CUBIC:
-        a = max(0.0, 2.0 - q)
-        b = max(0.0, a - 1.0)
-        return 0.25 * a * a * a - b * b * b, -0.75 * a * a + 3.0 * b * b
+        w, dw, _ = cubic(q)
+        return CUBIC_FACTORS[0] * w, CUBIC_FACTORS[1] * dw
     if kernel == WENDLAND_C4:
         t = max(0.0, 1.0 - 0.5 * q)
         t4 = t * t * t * t
@@ -44,7 +55,8 @@ def shape(kernel, dim, q):
 def bend(kernel, dim, q):
     """d2w/dq2."""
     if kernel == CUBIC:
-        return 1.5 * max(0.0, 2.0 - q) - 6.0 * max(0.0, 1.0 - q)
+        _, _, ddw = cubic(q)
+        return CUBIC_FACTORS[2] * ddw
     if kernel == WENDLAND_C4:
         t = max(0.0, 1.0 - 0.5 * q)
         if dim == 1:
@@ -54,3 +66,17 @@ def bend(kernel, dim, q):
     s = scale * q
     a, b, c = max(0.0, 3.0 - s), max(0.0, 2.0 - s), max(0.0, 1.0 - s)
     return scale * scale * (20.0 * a * a * a - 120.0 * b * b * b + 300.0 * c * c * c)
+
+
+@njit(inline="always")
+def terms(kernel, dim, q):
+    """w(q), dw/dq and d2w/dq2 over `factors(kernel)`, by which sums are multiplied at their end."""
+    if kernel == CUBIC:
+        return cubic(q)
+    w, dw = shape(kernel, dim, q)
+    return w, dw, bend(kernel, dim, q)
+
+
+@njit(inline="always")
+def factors(kernel):
+    return CUBIC_FACTORS if kernel == CUBIC else (1.0, 1.0, 1.0)

@@ -23,12 +23,12 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import lean_sums
 from discsim.kernels.neighbours import place, whole
-from discsim.kernels.smoothing import MEAN_Q2, shape
+from discsim.kernels.smoothing import MEAN_Q2, NORM, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
     ENERGY,
-    FAST,
     FLUIDITY,
     INV_H,
     INV_R,
@@ -46,11 +46,10 @@ from discsim.kernels.sph_packs import (
     VX,
     VY,
     P,
-    Q,
+    R,
     X,
     Y,
     inverse_root,
-    relative,
 )
 
 # Means of 1 / rho and of grad W, each over a pair, are much more than the mean of grad W / rho where a light particle
@@ -62,27 +61,54 @@ NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def force_columns(
-    first, last, norm, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, columns
+    first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, order, columns
 ):  # fmt: skip
-    """Write to `columns` (n, 12) what the sums of a scene read of each particle; nu (n,), or none."""
+    """Write to `columns` (n, 8 or 11) what the sums of a scene read of each particle, in the `order` of the cells; nu
+    (n,), or none.
+    """
     vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
-    for i in range(first, last):
+    for k in range(first, last):
+        i = order[k]
         inv_h, inv_rho = 1.0 / h[i], 1.0 / rho[i]
-        columns[i, MASS], columns[i, INV_H] = mass[i], inv_h
-        columns[i, NORM_H] = mass[i] * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
-        columns[i, PRESS] = pressure[i] * inv_rho * inv_rho / gradh[i]
+        columns[k, MASS], columns[k, INV_H], columns[k, INV_RHO] = mass[i], inv_h, inv_rho
+        columns[k, PRESS] = pressure[i] * inv_rho * inv_rho / gradh[i]
         if viscous != NO_VISCOSITY or energetic or len(nu) > 0:
-            columns[i, VX], columns[i, VY] = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
-        columns[i, INV_RHO] = inv_rho
+            columns[k, VX], columns[k, VY] = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
         if viscous != NO_VISCOSITY:
-            columns[i, SOUND], columns[i, SWITCH] = alpha * sound[i], 1.0
+            columns[k, SOUND], columns[k, SWITCH] = alpha * sound[i], 1.0
             if len(div) > 0:
-                columns[i, SWITCH] = div[i] / (div[i] + curl[i] + 1e-4 * sound[i] * inv_h)
+                columns[k, SWITCH] = div[i] / (div[i] + curl[i] + 1e-4 * sound[i] * inv_h)
         if conductive:
-            columns[i, ENERGY], columns[i, P] = u[i], pressure[i]
+            columns[k, ENERGY], columns[k, P] = u[i], pressure[i]
         if len(nu) > 0:
-            columns[i, FLUIDITY] = inv_rho / nu[i]
+            columns[k, FLUIDITY] = inv_rho / nu[i]
+
+
+@njit(inline="always")
+def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, unit, columns, pack):
+    """Pack what the sums of a scene read of the candidates `slots`, h in units of `unit`; how many with the filling."""
+    count, norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
+    for k in range(count):
+        j = np.uint64(slots[k])
+        m, inv_h = columns[j, MASS], columns[j, INV_H] * unit
+        pack[MASS * STRIDE + k], pack[INV_H * STRIDE + k] = m, inv_h
+        pack[NORM_H * STRIDE + k] = m * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
+        pack[PRESS * STRIDE + k] = columns[j, PRESS]
+        if moving:
+            pack[VX * STRIDE + k], pack[VY * STRIDE + k] = columns[j, VX], columns[j, VY]
+        if rubbing or conductive or shearing:
+            pack[INV_RHO * STRIDE + k] = columns[j, INV_RHO]
+        if rubbing:
+            pack[SOUND * STRIDE + k], pack[SWITCH * STRIDE + k] = columns[j, SOUND], columns[j, SWITCH]
+        if conductive:
+            pack[ENERGY * STRIDE + k], pack[P * STRIDE + k] = columns[j, ENERGY], columns[j, P]
+        if shearing:
+            pack[FLUIDITY * STRIDE + k] = columns[j, FLUIDITY]
+    n = whole(len(slots))
+    for k in range(count, np.uint64(n)):
+        pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
+    return n
 
 
 @njit(inline="always")
@@ -93,7 +119,7 @@ def pack_distances(x, y, n, pack):
         r2 = dx * dx + (dy * dy + NEAREST2)
         inv_r = inverse_root(r2)
         pack[INV_R * STRIDE + k] = inv_r
-        pack[Q * STRIDE + k] = r2 * inv_r
+        pack[R * STRIDE + k] = r2 * inv_r
 
 
 @njit(inline="always")
@@ -108,21 +134,27 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
 def force_sums(
     kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, i, columns, strengths, n, pack
 ):  # fmt: skip
-    """Sums of particle i over n candidates, in units of `unit`: acceleration, du/dt, divergence and the rate at which
+    """Sums of the i-th particle in the order of the cells over n candidates, in units of `unit`: acceleration, du/dt, divergence and the rate at which
     conduction takes u towards that of its neighbours.
     """
-    norm, inv_h = columns[i, NORM_H] / columns[i, MASS], columns[i, INV_H] * unit
+    inv_h = columns[i, INV_H]
+    norm = NORM[dim - 1][kernel] * factors(kernel)[1] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
+    inv_h *= unit
     press, inv_rho_i, c_i = columns[i, PRESS] * norm, columns[i, INV_RHO], columns[i, SOUND]
-    vx, vy, f_i, u_i, p_i = columns[i, VX], columns[i, VY], columns[i, SWITCH], columns[i, ENERGY], columns[i, P]
+    vx, vy, f_i, u_i, p_i, fluidity = columns[i, VX], columns[i, VY], columns[i, SWITCH], 0.0, 0.0, 0.0
+    if conductive:
+        u_i, p_i = columns[i, ENERGY], columns[i, P]
+    if shearing:
+        fluidity = columns[i, FLUIDITY]
     beta, alpha_u = strengths
     conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
-    fluidity, sheared = columns[i, FLUIDITY], 2.0 * dim / MEAN_Q2[kernel] * inv_rho_i / unit
+    sheared = 2.0 * dim / MEAN_Q2[kernel] * inv_rho_i / unit
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     pack_distances(x, y, n, pack)
     for k in range(n):
-        r = pack[Q * STRIDE + k]
-        _, own = shape(kernel, dim, r * inv_h)
-        _, other = shape(kernel, dim, r * pack[INV_H * STRIDE + k])
+        r = pack[R * STRIDE + k]
+        _, own, _ = terms(kernel, dim, r * inv_h)
+        _, other, _ = terms(kernel, dim, r * pack[INV_H * STRIDE + k])
         pack[OWN * STRIDE + k] = own * pack[MASS * STRIDE + k]
         pack[OTHER * STRIDE + k] = other * pack[NORM_H * STRIDE + k]
     for k in range(n):
@@ -147,7 +179,7 @@ def force_sums(
                 force += pi
                 heat += 0.5 * pi * felt
             if shearing:
-                r, inv_mu = pack[Q * STRIDE + k], fluidity + pack[FLUIDITY * STRIDE + k]
+                r, inv_mu = pack[R * STRIDE + k], fluidity + pack[FLUIDITY * STRIDE + k]
                 q, q_j = r * inv_h, r * pack[INV_H * STRIDE + k]
                 spread = widened(uneven, norm * own * q * q, other * q_j * q_j, inv_rho_i, inv_rho_j)
                 stress = sheared * inv_rho_j / inv_mu * spread * inv_r * w
@@ -174,13 +206,14 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
     conduction where there is any. Takes the cells whose `met` is `now` alone.
     """
     rubbing = viscous != NO_VISCOSITY
-    moving, weighed = rubbing or energetic or shearing, rubbing or conductive or shearing
+    moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel] * factors(kernel)[1]
 
-    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def forces(first, last, lists, pos, columns, acc, rate, div, conduction, strengths, cells, met, now):
+    @lean_sums
+    def forces(first, last, part, columns, acc, rate, div, conduction, strengths, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
-        begin, index, turned = lists
-        pack = np.zeros(ROWS * STRIDE)
+        lists, work = part
+        begin, slots = lists.begin, lists.slots
+        pack = work[0]
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         for c in range(first, last):
             cell = cells.filled[c]
@@ -190,30 +223,14 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
             per_unit = 1.0 / unit
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
-                place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
-                for k in range(listed, end):
-                    j, to = index[k], k - listed
-                    pack[MASS * STRIDE + to], pack[INV_H * STRIDE + to] = columns[j, MASS], columns[j, INV_H] * unit
-                    pack[NORM_H * STRIDE + to] = columns[j, NORM_H]
-                    pack[PRESS * STRIDE + to] = columns[j, PRESS]
-                    if moving:
-                        pack[VX * STRIDE + to], pack[VY * STRIDE + to] = columns[j, VX], columns[j, VY]
-                    if weighed:
-                        pack[INV_RHO * STRIDE + to] = columns[j, INV_RHO]
-                    if rubbing:
-                        pack[SOUND * STRIDE + to], pack[SWITCH * STRIDE + to] = columns[j, SOUND], columns[j, SWITCH]
-                    if conductive:
-                        pack[ENERGY * STRIDE + to], pack[P * STRIDE + to] = columns[j, ENERGY], columns[j, P]
-                    if shearing:
-                        pack[FLUIDITY * STRIDE + to] = columns[j, FLUIDITY]
-                n = whole(end - listed)
-                for k in range(end - listed, n):
-                    pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
+                place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
+                n = pack_columns(
+                    dim, moving, rubbing, conductive, shearing, slots[listed:end], norm, unit, columns, pack
+                )
                 for k in range(start[cell], start[cell + 1]):
-                    i = order[k]
-                    x, y = relative(dim, pos, i, ox, oy, per_unit)
+                    i, x, y = order[k], (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
                     ax, ay, r, d, passed = force_sums(
-                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, i, columns,
+                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, k, columns,
                         strengths, n, pack,
                     )  # fmt: skip
                     acc[i, 0] += ax

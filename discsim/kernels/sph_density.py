@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.neighbours import most_held, place, whole
-from discsim.kernels.smoothing import NORM, SUPPORT, bend, shape
+from discsim.kernels.inner import lean_sums
+from discsim.kernels.neighbours import place, whole
+from discsim.kernels.smoothing import NORM, SUPPORT, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
-    FAST,
     INV_R,
     MASS,
     NEAREST2,
@@ -23,7 +23,7 @@ from discsim.kernels.sph_packs import (
     STRIDE,
     VX,
     VY,
-    Q,
+    R,
     X,
     Y,
     inverse_root,
@@ -72,15 +72,16 @@ def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
         inv_r = inverse_root(r2)
-        pack[INV_R * STRIDE + k] = inv_r
-        pack[Q * STRIDE + k] = r2 * inv_r * inv_h
+        if shear:
+            pack[INV_R * STRIDE + k] = inv_r
+        pack[R * STRIDE + k] = r2 * inv_r
     for k in range(n):
-        q, m = pack[Q * STRIDE + k], pack[MASS * STRIDE + k]
-        w, dw = shape(kernel, dim, q)
-        ddw = q * bend(kernel, dim, q)
+        r, m = pack[R * STRIDE + k], pack[MASS * STRIDE + k]
+        w, dw, ddw = terms(kernel, dim, r * inv_h)
+        ddw *= r
         total += m * w
-        first += m * (q * dw)
-        second += m * (q * ddw)
+        first += m * r * dw
+        second += m * r * ddw
         if shear:
             dx, dy, m_per_r = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k], m * pack[INV_R * STRIDE + k]
             dvx, dvy = vx - pack[VX * STRIDE + k], vy - pack[VY * STRIDE + k]
@@ -89,14 +90,16 @@ def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
             curl += dw * across
             more_div += ddw * along
             more_curl += ddw * across
-    sums[0] += total
-    sums[1] += first
-    sums[2] += second
+    # Factors, and those of q = r / h, are taken in at the end.
+    of_w, of_dw, of_ddw = factors(kernel)
+    sums[0] += of_w * total
+    sums[1] += of_dw * inv_h * first
+    sums[2] += of_ddw * inv_h * inv_h * second
     if shear:
-        sums[3] += div
-        sums[4] += curl
-        sums[5] += more_div
-        sums[6] += more_curl
+        sums[3] += of_dw * div
+        sums[4] += of_dw * curl
+        sums[5] += of_ddw * inv_h * more_div
+        sums[6] += of_ddw * inv_h * more_curl
 
 
 @njit(inline="always")
@@ -155,18 +158,20 @@ def begin_cell(wanted, own, members, order, h, low, high, settled):
 
 
 @njit(inline="always")
-def pack_masses(dim, shear, begin, end, index, vel, mass, pack):
+def pack_masses(dim, shear, begin, end, slots, order, vel, mass, pack):
     """Pack masses, and with `shear` velocities, of the candidates from `begin` to `end`; how many with the filling."""
-    for k in range(begin, end):
-        j = index[k]
-        pack[MASS * STRIDE + k - begin] = mass[j]
+    first, count = np.uint64(begin), np.uint64(end - begin)
+    masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]
+    for k in range(count):
+        j = order[slots[first + k]]
+        masses[k] = mass[j]
         if shear:
-            pack[VX * STRIDE + k - begin] = vel[j, 0]
+            vx[k] = vel[j, 0]
             if dim == 2:
-                pack[VY * STRIDE + k - begin] = vel[j, 1]
+                vy[k] = vel[j, 1]
     n = whole(end - begin)
-    for k in range(end - begin, n):
-        pack[MASS * STRIDE + k] = 0.0
+    for k in range(count, np.uint64(n)):
+        masses[k] = 0.0
     return n
 
 
@@ -178,16 +183,15 @@ def density_driver(kernel: int, dim: int, shear: bool):
     """
     support = SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
-    def density(first, last, lists, filled, given, found, wanted, cells, outgrown):
+    @lean_sums
+    def density(first, last, part, filled, given, found, wanted, cells, outgrown):
         order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
         pos, vel, mass = given.pos, given.vel, given.mass
         h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
-        begin, index, turned = lists
-        pack = np.zeros(ROWS * STRIDE)
+        lists, work = part
+        begin, slots = lists.begin, lists.slots
+        pack, sums, low, high, settled = work
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
-        most = most_held(filled[first:last], start)
-        sums, low, high, settled = np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)
         for c in range(first, last):
             cell = filled[c]
             ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
@@ -195,11 +199,13 @@ def density_driver(kernel: int, dim: int, shear: bool):
             own, members = start[cell], start[cell + 1] - start[cell]
             begin_cell(wanted, own, members, order, h, low, high, settled)
             for _ in range(ITERATIONS):
-                sums[:members] = 0.0
+                for p in range(members):
+                    for k in range(7):
+                        sums[p, k] = 0.0
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
-                    place(listed, end, index, turned, pos, ox, oy, per_unit, cells, cx, cy)
-                    n = pack_masses(dim, shear, listed, end, index, vel, mass, pack)
+                    place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
+                    n = pack_masses(dim, shear, listed, end, slots, order, vel, mass, pack)
                     for p in range(members):
                         i = order[own + p]
                         if not settled[p]:

@@ -10,15 +10,12 @@ from numba import njit
 
 from discsim.kernels.neighbours import LANES
 
-# No 'nnan'/'ninf': a run that goes wrong must still be seen to.
-# Drivers take error_model="numpy": with Python's, a division may raise, and no loop with one is vectorised.
-FAST = {"reassoc", "contract", "arcp", "nsz"}
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 CHUNK = 256
 STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
-# Columns of `force_columns` too.
-MASS, INV_H, NORM_H, PRESS, VX, VY, INV_RHO, SOUND, SWITCH, ENERGY, P, FLUIDITY = range(12)
-X, Y, INV_R, Q, OWN, OTHER = range(FLUIDITY + 1, FLUIDITY + 7)
+# Columns of `force_columns` too: the first eight are of one cache line.
+MASS, INV_H, PRESS, INV_RHO, VX, VY, SOUND, SWITCH, ENERGY, P, FLUIDITY = range(11)
+NORM_H, X, Y, INV_R, R, OWN, OTHER = range(FLUIDITY + 1, FLUIDITY + 8)
 ROWS = OTHER + 1
 
 

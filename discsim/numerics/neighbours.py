@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from discsim.kernels import neighbours as kernels
-from discsim.kernels.neighbours import CELL_OVER_REACH, FIRST, MAX_CLASSES, NX, REACH, SIDE_X, Cells
+from discsim.kernels.neighbours import CELL_OVER_REACH, FIRST, LANES, MAX_CLASSES, NX, REACH, SIDE_X, Cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
 
@@ -31,14 +31,14 @@ def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Arra
     `low` and `width` (2,) are the box; in 1D width[1] is 0.
     """
     least, most = (extent * float(h_extreme[0]) for h_extreme in _extremes(h[:, None]))
-    edges = (1.0 + 1e-12) * max(least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
+    edges = (1.0 + 1e-12) * max(2.0 * least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
     found = np.array(share(kernels.size_classes, len(pos), h, extent, edges, classes))
     grids, count = _lay_grids(found[:, 0].sum(axis=0), found[:, 1].max(axis=0), low, width, periodic)
     key = np.empty(len(pos), np.uint32)
     share(kernels.cell_keys, len(pos), pos, classes, grids, low, key)
     order, start = counting_sort(key, count)
-    x, y, radius = np.empty((3, len(pos)))
+    x, y, radius = np.zeros((3, len(pos) + LANES))  # as much as loops over whole vectors look at
     bounds = np.empty((count, 5))
     share(kernels.lay_out, count, pos, h, extent, order, start, x, y, radius, bounds)
     filled = np.flatnonzero(np.diff(start))

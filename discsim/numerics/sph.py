@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from discsim.kernels.neighbours import Cells, widen
-from discsim.kernels.smoothing import KERNELS, NORM, SQUEEZED, SUPPORT
+from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_columns, force_driver
 from discsim.kernels.sph_density import Found, Given, Wanted, density_driver
-from discsim.kernels.sph_packs import FLUIDITY
+from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE
 from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
 from discsim.numerics.threads import share
 
@@ -60,7 +60,7 @@ class Sph:
         self.pairs = NO_VISCOSITY
         if self.viscosity is not None:
             self.pairs = ALL_PAIRS if self.viscosity.pairs == "all" else APPROACHING
-        self.columns = np.empty((0, FLUIDITY + 1))
+        self.columns = np.empty((0, ENERGY))
         self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
 
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +98,7 @@ class Sph:
         """`density` with h of no less than h_least."""
         driver = density_driver(self.kernel, self.dim, self.balsara)
         cells = self.cells = self.cells_of(gas)
-        lists = self.lists = candidates(cells, cells, mutual=True)
+        lists = self.lists = self.parts(candidates(cells, cells, mutual=True))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
         given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
@@ -109,9 +109,16 @@ class Sph:
             share(driver, len(left), left, given, found, wanted, cells, outgrown, least=LEAST, each=lists)
             left = left[outgrown]
             widen(left, 1.2 * self.support, gas.h, cells)
-            lists = candidates(cells._replace(filled=left), cells, mutual=True)
-            for begin, index, _ in lists:
-                self.met[cells.key[index[: begin[-1]]]] = True
+            lists = self.parts(candidates(cells._replace(filled=left), cells, mutual=True))
+            for part, _ in lists:
+                self.met[cells.key[cells.order[part.slots[: part.begin[-1]]]]] = True
+
+    def parts(self, lists: list[Any]) -> list[Any]:
+        most = int(np.diff(self.cells.start).max())
+        return [
+            (part, (np.zeros(ROWS * STRIDE), np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)))
+            for part in lists
+        ]
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> tuple[np.ndarray, float]:
         """Add to `acc` (and `heating_rate`); return what limits the step: the velocity divergence (n,) and the largest
@@ -124,18 +131,19 @@ class Sph:
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
         if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
-            self.columns = np.empty((gas.count, FLUIDITY + 1))
+            more = self.conductivity is not None or len(nu) > 0
+            self.columns = np.empty((gas.count, FLUIDITY + 1 if more else ENERGY))
         share(
-            force_columns, gas.count, NORM[self.dim - 1][self.kernel], given, found, pressure, gas.sound_speed,
-            NONE if u is None else u, nu, *terms, alpha, self.columns,
+            force_columns, gas.count, given, found, pressure, gas.sound_speed, NONE if u is None else u, nu, *terms,
+            alpha, self.cells.order, self.columns,
         )  # fmt: skip
         divergence, conduction = np.zeros(gas.count), np.zeros(gas.count if self.conductivity else 0)
         met = self.cells._replace(filled=np.flatnonzero(self.met))
         strengths = beta, self.conductivity.alpha if self.conductivity else 0.0
         for cells, again in ((self.cells, False), (met, True)):
-            lists = candidates(cells, cells, mutual=True) if again else self.lists
+            lists = self.parts(candidates(cells, cells, mutual=True)) if again else self.lists
             share(
-                force_driver(self.kernel, self.dim, *terms, len(nu) > 0, uneven), len(cells.filled), gas.pos,
+                force_driver(self.kernel, self.dim, *terms, len(nu) > 0, uneven), len(cells.filled),
                 self.columns, gas.acc, NONE if u is None else gas.heating_rate, divergence, conduction, strengths,
                 cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
