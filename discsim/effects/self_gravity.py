@@ -189,7 +189,8 @@ class Effect(base.Effect):
         self.outside = 0
         # Kept from step to step: memory that is new costs as much as what is made in it.
         self._density, self._gradient = np.empty(grid.shape), np.empty((*grid.shape, 2))
-        self._potential: Array | None = None  # that last made forces
+        self._potential = np.empty((grid.shape[0] + 2 * border, grid.shape[1] + 2 * border))
+        self._made = False  # whether that has made forces
         self._strongest: dict[str, float] = {}
 
     @classmethod
@@ -210,6 +211,7 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         gradient = self.grid.gradient(self._solved(state), out=self._gradient)
+        self._made = True
         monopole: _Monopole | None = None
         self.outside = 0
         for name, particles in state.species.items():
@@ -235,7 +237,7 @@ class Effect(base.Effect):
 
     def potential_energy(self, state: State) -> float:
         """Half the sum of m phi over the sources, in the potential that last made forces."""
-        potential = self._solved(state) if self._potential is None else self._potential
+        potential = self._potential if self._made else self._solved(state)
         return 0.5 * sum(self._energy(state.species[name], potential) for name in self.sources)
 
     def _energy(self, particles: Particles, field: Array) -> float:
@@ -251,8 +253,7 @@ class Effect(base.Effect):
         for name in self.sources:
             particles = state.species[name]
             self.grid.deposit(particles.pos, particles.mass, out=self._density)
-        self._potential = self.poisson.solve(self._density, out=self._potential)
-        return self._potential
+        return self.poisson.solve(self._density, out=self._potential)
 
     def _monopole(self) -> _Monopole:
         """Of the mass that was on the grid when the potential was made."""
