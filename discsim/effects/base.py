@@ -25,9 +25,15 @@ if TYPE_CHECKING:
 
 moves = Lazy("discsim.kernels.move")
 
-# Steps between reorderings of a species' arrays. A particle's place in memory decides the order of sums, so that
-# reordering must depend on the number of the step alone.
+# Steps between reorderings of a species' arrays, of which the first comes with the first step: a start is in no order
+# of use to a cache. A particle's place in memory decides the order of sums, so that reordering must depend on the
+# number of the step alone.
 SORT_EVERY = 16
+
+
+def to_sort(step: int) -> bool:
+    """Whether arrays are put in a new order at the end of this step."""
+    return step % SORT_EVERY == 1
 
 
 class Counts(NamedTuple):

@@ -101,5 +101,5 @@ class Effect(base.Effect):
         base.drift(self.scene, state.dust, dt)
 
     def event(self, state: State) -> None:
-        if state.grid is not None and state.step % base.SORT_EVERY == 0:
+        if state.grid is not None and base.to_sort(state.step):
             state.dust.take(state.grid.order(state.dust.pos))

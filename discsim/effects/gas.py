@@ -237,7 +237,7 @@ class Effect(base.Effect):
         base.drift(self.scene, state.gas, dt)
 
     def event(self, state: State) -> None:
-        if state.step % base.SORT_EVERY == 0 and state.gas.count > 0:
+        if base.to_sort(state.step) and state.gas.count > 0:
             state.gas.take(self.sph.order(state.gas))
 
 

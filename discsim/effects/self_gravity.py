@@ -23,12 +23,12 @@ from pydantic import Field
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Particles, State
+from discsim.numerics.threads import fill
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Table
 from discsim.scene.rules import Draft, Problem, kinds
 
 if TYPE_CHECKING:
-    from discsim.numerics.grid import Grid
     from discsim.numerics.poisson import Kernel
     from discsim.physics.local import Local
     from discsim.scene import Scene
@@ -187,7 +187,10 @@ class Effect(base.Effect):
         border = 0 if grid.periodic else grids.BORDER
         self.poisson = poisson.Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads, border)
         self.outside = 0
-        self._field: _Field | None = None
+        # Kept from step to step: memory that is new costs as much as what is made in it.
+        self._density, self._gradient = np.empty(grid.shape), np.empty((*grid.shape, 2))
+        self._potential = np.empty((grid.shape[0] + 2 * border, grid.shape[1] + 2 * border))
+        self._made = False  # whether that has made forces
         self._strongest: dict[str, float] = {}
 
     @classmethod
@@ -207,14 +210,16 @@ class Effect(base.Effect):
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
     def accelerate(self, state: State) -> None:
-        self._field = field = self._make_field(state)
-        gradient = self.grid.gradient(field.potential)
+        gradient = self.grid.gradient(self._solved(state), out=self._gradient)
+        self._made = True
+        monopole: _Monopole | None = None
         self.outside = 0
         for name, particles in state.species.items():
             strongest, missing = self.grid.pull(gradient, particles.pos, particles.acc)
             if missing > 0:
                 outside = self.grid.outside(particles.pos)
-                acceleration = field.monopole.acceleration(particles.pos[outside])
+                monopole = monopole or self._monopole()
+                acceleration = monopole.acceleration(particles.pos[outside])
                 particles.acc[outside] += acceleration
                 strongest = max(strongest, kernels.largest_norm(acceleration))
             self.outside += missing
@@ -232,22 +237,33 @@ class Effect(base.Effect):
 
     def potential_energy(self, state: State) -> float:
         """Half the sum of m phi over the sources, in the potential that last made forces."""
-        field = self._field or self._make_field(state)
-        return 0.5 * sum(self._energy(state.species[name], field) for name in self.sources)
+        potential = self._potential if self._made else self._solved(state)
+        return 0.5 * sum(self._energy(state.species[name], potential) for name in self.sources)
 
-    def _energy(self, particles: Particles, field: _Field) -> float:
-        potential = self.grid.gather(self.grid.within(field.potential), particles.pos)
+    def _energy(self, particles: Particles, field: Array) -> float:
+        potential = self.grid.gather(self.grid.within(field), particles.pos)
         outside = self.grid.outside(particles.pos)
-        potential[outside] = field.monopole.potential(particles.pos[outside])
+        if len(outside) > 0:
+            potential[outside] = self._monopole().potential(particles.pos[outside])
         return float((particles.mass * potential).sum())
 
-    def _make_field(self, state: State) -> _Field:
-        surface_density = np.zeros(self.grid.shape)
+    def _solved(self, state: State) -> Array:
+        """The potential of the sources where they are now."""
+        fill(self._density, lambda piece: 0.0)
         for name in self.sources:
             particles = state.species[name]
-            self.grid.deposit(particles.pos, particles.mass, out=surface_density)
-        monopole = _monopole(self.grid, surface_density, self.kernel)
-        return _Field(self.poisson.solve(surface_density), monopole)
+            self.grid.deposit(particles.pos, particles.mass, out=self._density)
+        return self.poisson.solve(self._density, out=self._potential)
+
+    def _monopole(self) -> _Monopole:
+        """Of the mass that was on the grid when the potential was made."""
+        # Cloud in cell keeps the mass and its first moments, so the grid gives those of the deposited particles.
+        along = (self._density.sum(axis=1), self._density.sum(axis=0))
+        total = float(along[0].sum())
+        if total == 0.0:
+            return _Monopole(0.0, np.zeros(2), self.kernel)
+        centre = np.array([(along[axis] * self.grid.nodes(axis)).sum() / total for axis in (0, 1)])
+        return _Monopole(total * self.grid.cell**2, centre, self.kernel)
 
 
 class _Monopole(NamedTuple):
@@ -270,18 +286,3 @@ class _Monopole(NamedTuple):
 
 def _length(vectors: Array) -> Array:
     return np.sqrt((vectors**2).sum(axis=1))
-
-
-class _Field(NamedTuple):
-    potential: Array
-    monopole: _Monopole
-
-
-def _monopole(grid: Grid, surface_density: Array, kernel: Kernel) -> _Monopole:
-    # Cloud in cell keeps the mass and its first moments, so the grid gives those of the deposited particles.
-    along = (surface_density.sum(axis=1), surface_density.sum(axis=0))
-    total = float(along[0].sum())
-    if total == 0.0:
-        return _Monopole(0.0, np.zeros(2), kernel)
-    centre = np.array([(along[axis] * grid.nodes(axis)).sum() / total for axis in (0, 1)])
-    return _Monopole(total * grid.cell**2, centre, kernel)

@@ -117,16 +117,17 @@ class Grid:
         share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
         return np.flatnonzero(outside)
 
-    def gradient(self, field: Array) -> Array:
+    def gradient(self, field: Array, out: Array | None = None) -> Array:
         """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
 
-        There too if `field` has a border of BORDER nodes more on every side: then no particle pulls itself.
+        There too if `field` has a border of BORDER nodes more on every side: then no particle pulls itself. In `out`
+        if given.
 
         Raises ValueError for an open grid of fewer than five cells a side.
         """
         if not self.periodic and min(self.shape) < 5:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
-        out = np.empty((*self.shape, 2))
+        out = np.empty((*self.shape, 2)) if out is None else out
         bordered = field.shape != self.shape
         share(kernels.gradient, len(out), field, self.cell, self.periodic or bordered, out, least=16)
         return out

@@ -106,10 +106,13 @@ class Poisson:
         self._padded = padded
         self._workers = [_Worker(padded, border) for _ in range(threads)]
 
-    def solve(self, surface_density: Array) -> Array:
-        """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes; with a border on each side."""
+    def solve(self, surface_density: Array, out: Array | None = None) -> Array:
+        """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes; with a border on each side.
+
+        In `out` if given.
+        """
         nx, ny = self.shape
-        potential = np.empty((nx + 2 * self.border, ny + 2 * self.border))
+        potential = np.empty((nx + 2 * self.border, ny + 2 * self.border)) if out is None else out
         tiles = self._tiles
         while len(self._workers) < numba.get_num_threads():  # here: FFTW makes one plan at a time
             self._workers.append(_Worker(self._padded, self.border))

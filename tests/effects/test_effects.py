@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from installed import install, looked_up_anew
-from runs import assert_same_run
+from runs import DISC, assert_same_run, scene_of
 from typer.testing import CliRunner
 
 import discsim
@@ -188,3 +188,13 @@ def code_of(file):
     """The lines of a module without docstrings and comments."""
     text = re.sub(r'"""(.*?)"""', "", file.read_text(), flags=re.DOTALL)
     return [line.partition("#")[0] for line in text.splitlines()]
+
+
+def test_the_first_step_puts_particles_in_order(tmp_path):
+    """A start is on rings, along which neighbours in memory are near in one direction alone."""
+    sim = Simulation(scene_of(tmp_path, DISC, "star.accretion_radius=0.1"))  # nothing leaves
+    assert np.array_equal(sim.dust.ids, 1000 + np.arange(1100))
+    sim.step()
+    # Of two in one cell the order stays, so the order of what lies in order is that of counting.
+    assert np.array_equal(sim.state.grid.order(sim.dust.pos), np.arange(sim.dust.count))
+    assert not np.array_equal(sim.gas.ids, np.sort(sim.gas.ids))

@@ -254,3 +254,16 @@ def test_a_volume_density_has_no_pull_in_1d(kind):
     }
     with pytest.raises(SceneError, match=f"a {kind} has a volume density; expected initial.kind = .sheet., or space.d"):
         Simulation(scene)
+
+
+def test_forces_do_not_depend_on_those_before():
+    """Arrays that are kept from step to step hold nothing of the last one."""
+    grid = centred(32, 2.0)
+    gas, other = scattered(grid, 300, seed=3), scattered(grid, 300, seed=4)
+    other.pos[0] = 1.0  # off the grid: it feels the mass on it as one point
+    effect, state = gravity(grid, 0.2, gas)
+    gas.pos[:], gas.mass[:], gas.acc[:] = other.pos, other.mass, 0.0
+    effect.accelerate(state)
+    again, anew = gravity(grid, 0.2, other)
+    assert effect.outside == 1 and np.array_equal(gas.acc, other.acc)
+    assert effect.potential_energy(state) == again.potential_energy(anew)
