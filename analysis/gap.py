@@ -10,7 +10,9 @@ same time: of the disc without a companion, whose edges let it spread as they do
     depth     least Sigma / Sigma_0 of the gas about the orbit, mean of the snapshots of the `last` orbits; without the
               angles within two Hill radii of the companion, whose own disc is no part of the gap
     theory    1 / (1 + 0.04 K), K = q^2 (H/r)^-5 / alpha (Kanagawa et al. 2015, MNRAS 448, 994, eqs. 14, 17)
-    inside    the share of the mass there that is left, within a scale height or two Hill radii of the orbit
+    inside    the share of the mass there that is left, within a scale height or two Hill radii of the orbit; below it,
+              of a planet of .0001 to .005, that of the grid codes of Fung, Shi & Chiang (2014, ApJ 782, 88),
+              .14 (q / .001)^-2.16 (alpha / .01)^1.41 (H/r / .05)^6.61, where it is below one half
     ring      for each population of dust, the place of its largest surface density beyond the orbit, beside that of
               the largest pressure there; and its least Sigma / Sigma_0 in the gap
     history   the depth in the gas by spans of `last` orbits, which says whether it is steady
@@ -39,6 +41,7 @@ from discsim.physics.viscosity import diffusivity
 RINGS = 160  # of a profile, between half and twice the orbit
 STRIPES = 6.0  # rings over which the profile of the start is smoothed, which shows those of its particles
 HILLS = 2.0  # Hill radii about the companion that a gap's depth leaves out
+SHALLOW = 0.5  # share of the mass inside, above which a gap is no power law of q, alpha and H/r
 EDGE = 0.02  # of the largest Sigma of the start, below which a ring is beyond the disc's edge
 
 
@@ -175,6 +178,13 @@ class Gap:
     def theory(self) -> float:
         return 1.0 / (1.0 + 0.04 * self.ratio**2 * self.aspect_ratio**-5 / self.alpha)
 
+    @property
+    def inside_of_grids(self) -> float:
+        """What Fung, Shi & Chiang (2014) found for `inside`, by their fit; nan where it says nothing."""
+        q, alpha, aspect = self.ratio / 1e-3, self.alpha / 0.01, self.aspect_ratio / 0.05
+        share = 0.14 * q**-2.16 * alpha**1.41 * aspect**6.61
+        return share if 0.1 <= q <= 5.0 and share < SHALLOW else float("nan")
+
     def left(self, name: str, first: float | None = None, last: float = np.inf) -> np.ndarray:
         """Sigma / Sigma_0 (rings,) of the orbits from `first` to `last`, by default of the last span; nan beyond the
         disc's edges, where it says nothing.
@@ -271,6 +281,8 @@ def write(gap: Gap, into: Path, name: str) -> None:
     table.add_row(
         "gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", left("gas"), "", f"{summit:.4g}"
     )
+    if not np.isnan(gap.inside_of_grids):
+        table.add_row("gas, grid codes", "", "", "", f"{gap.inside_of_grids:.3g}", "", "")
     for kind in list(gap.profiles)[1:]:
         table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", left(kind), f"{gap.summit(gap.profiles[kind]):.4g}", "")
     Console(width=100).print(table)

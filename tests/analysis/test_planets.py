@@ -53,6 +53,8 @@ def test_a_known_gap(tmp_path, capsys):
     assert found.depth("gas") == pytest.approx(0.25, abs=0.01)  # 250 particles a ring, of which rings are smoothed
     assert found.inside("gas") == pytest.approx(0.25, abs=0.02)  # of which the smoothed edges are near
     assert found.theory == pytest.approx(1.0 / (1.0 + 0.04 * 1e-6 / 0.05**5 / 0.01), rel=1e-6)
+    # The fit of Fung et al. at the very parameters that it is normed to: alpha = .01 and H/r = .05 of TABLES.
+    assert found.inside_of_grids == pytest.approx(0.14, rel=1e-6)
     assert found.summit(found.pressure) == pytest.approx(1.15, abs=0.05)  # an edge that is smoothed over five rings
     assert "gas" in capsys.readouterr().out
     assert (tmp_path / "run-gap.png").exists()
