@@ -5,7 +5,8 @@
 A_m of a species is the largest over rings of |sum m exp(i m phi)| / sum m, each ring with its median Poisson noise
 taken off in squares. A clump is a peak of the gas's surface density, on a map of 2 grid cells a pixel, that is
 THRESHOLD times the azimuthal median at its radius at the start; its members are the particles within three
-softenings. Prints both tables and writes clumps.csv into OUT or DIR.
+softenings. It is bound where these attract each other by more than they move about their centre of mass, and hold as
+heat: where "bound", |W| / (K + U), is above 1. Prints both tables and writes clumps.csv into OUT or DIR.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.ndimage import maximum_filter
 
-from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.output.snapshot import Snapshot, SnapshotError, SnapshotParticles, read_snapshot
 
 MODES = range(1, 7)
 RINGS = 12
@@ -64,8 +65,29 @@ def clumps(snap: Snapshot, first: Snapshot, size: float) -> list[dict[str, float
         gas = float(snap.gas.mass[inside["gas"]].sum())
         dust = float(snap.dust.mass[inside["dust"]].sum()) if snap.dust is not None else 0.0
         over = float(sigma[i, j] / max(background[i, j], start.max() * 1e-2))
-        found.append({"x": place[0], "y": place[1], "over": over, "gas": gas, "dust": dust, "ratio": dust / gas})
+        bound = boundness([(p, inside[k]) for k, p in snap.species.items()], size)
+        found.append(
+            {"x": place[0], "y": place[1], "over": over, "gas": gas, "dust": dust, "ratio": dust / gas}
+            | {"bound": bound}
+        )
     return sorted(found, key=lambda clump: -clump["gas"])
+
+
+def boundness(parts: list[tuple[SnapshotParticles, np.ndarray]], size: float) -> float:
+    """|W| / (K + U) of particles, whose attraction is softened by `size`; heat of gas that keeps none is m c_s^2."""
+    pos, vel, mass = (
+        np.concatenate([getattr(p, name)[inside] for p, inside in parts]) for name in ("pos", "vel", "mass")
+    )
+    heat = 0.0
+    for p, inside in parts:
+        if p.sound_speed is not None:
+            heat += float((p.mass * (p.u if p.u is not None else p.sound_speed**2))[inside].sum())
+    vel = vel - mass @ vel / mass.sum()
+    kinetic = 0.5 * float(mass @ (vel**2).sum(axis=1))
+    pull = -0.5 * float((mass**2).sum()) / size  # of each on itself
+    for at, m in zip(pos, mass, strict=True):
+        pull += 0.5 * m * float((mass / np.sqrt(((pos - at) ** 2).sum(axis=1) + size**2)).sum())
+    return pull / (kinetic + heat)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -93,10 +115,10 @@ def main(arguments: list[str] | None = None) -> int:
         into = given.output or given.directory
         into.mkdir(parents=True, exist_ok=True)
         with (into / "clumps.csv").open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, ["x", "y", "over", "gas", "dust", "ratio"])
+            writer = csv.DictWriter(stream, ["x", "y", "over", "gas", "dust", "ratio", "bound"])
             writer.writeheader()
             writer.writerows(found)
-        table = Table("x", "y", "Sigma over the start's", "gas", "dust", "dust / gas")
+        table = Table("x", "y", "Sigma over the start's", "gas", "dust", "dust / gas", "bound")
         for clump in found:
             table.add_row(*(f"{value:.4g}" for value in clump.values()))
         console.print(f"{len(found)} clumps at t = {run[-1].time:.4g} (code units)", table)

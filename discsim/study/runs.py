@@ -144,7 +144,7 @@ def one_run(
 
 
 def _compile(first: Any) -> None:
-    """Steps of a run that is thrown away: two, and as far as the first sorting where that takes no time."""
+    """Steps of a run that is thrown away: two, and as far as the second sorting where that takes no time."""
     begun = time.monotonic()
     for step in range(SORT_EVERY + 1):
         if step >= 2 and (time.monotonic() - begun > WARM or first.time >= first.scene.run.until):

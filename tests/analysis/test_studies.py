@@ -5,6 +5,7 @@ import json
 import tomllib
 from importlib import import_module as script
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -121,6 +122,20 @@ def test_clumps_are_found_with_their_dust(tmp_path, capsys):
     # 2000 of 20,000 particles, and some of the disc about them.
     assert found["gas"] == pytest.approx(0.1, rel=0.15) and found["ratio"] == pytest.approx(0.3, rel=0.02)
     assert "1 clumps" in capsys.readouterr().out
+
+
+def test_a_pair_is_bound_below_its_escape_velocity():
+    """Masses 2 and 1, 3 apart with a softening of 4: W = -2 / 5; none is bound to itself."""
+    velocity = np.sqrt(2 * 0.6)  # with a reduced mass of 2/3: K = 0.4
+    pos, vel = np.array([[0.0, 0.0], [3.0, 0.0]]), np.array([[5.0, 0.0], [5.0, velocity]])
+    pair = SimpleNamespace(pos=pos, vel=vel, mass=np.array([2.0, 1.0]), u=np.array([0.1, 0.2]), sound_speed=vel[:, 0])
+    everybody = np.ones(2, bool)
+    # Heat 2 * 0.1 + 0.2; of dust none, and of gas that keeps none m c_s^2 = 75.
+    assert script("clumps").boundness([(pair, everybody)], 4.0) == pytest.approx(0.4 / 0.8, rel=1e-12)
+    pair.u = None
+    assert script("clumps").boundness([(pair, everybody)], 4.0) == pytest.approx(0.4 / 75.4, rel=1e-12)
+    pair.sound_speed = None
+    assert script("clumps").boundness([(pair, everybody)], 4.0) == pytest.approx(0.4 / 0.4, rel=1e-12)
 
 
 # Stress
