@@ -54,7 +54,7 @@ STIRRED = {
     "discsim.kernels.diffusion",
     "discsim.kernels.philox",
 }
-GROWN = {"discsim.effects.growth", "discsim.physics.growth", "discsim.kernels.growth", "discsim.initial.small"}
+GROWN = {"discsim.effects.growth", "discsim.physics.growth", "discsim.kernels.growth"}
 LIGHT = {"discsim.effects.radiation_pressure", "discsim.kernels.radiation"}
 OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}

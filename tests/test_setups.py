@@ -149,7 +149,7 @@ EVERYTHING = disc(
     cooling={"kind": "constant", "t_cool": 0.5, "aspect_ratio": 0.05},
     dust_diffusion={},
     damping={"inner": [1.0, 1.2]},
-    growth={"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6},
+    growth={"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6, "small_ratio": 0},
 )
 STEPPED = (
     "gas", "gas.viscosity", "gas.conductivity", "alpha_viscosity", "dust", "star", "companion", "self_gravity",

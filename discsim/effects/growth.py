@@ -215,16 +215,15 @@ class Effect(base.Effect):
             dust.mass, deposit, least=neighbours.LEAST, each=of_gas,
         )  # fmt: skip
         share(
-            kernels.gather_driver(self.sph.kernel), len(grains.filled), grains, cells, dust.pos, centre, gas.pos, gas.h,
-            gas.vel, self._gas_alone(state), gas.small, gas.mass / gas.density, gas.pressure, deposit, field,
+            kernels.gather_driver(self.sph.kernel), len(grains.filled), grains, cells, dust.pos, centre,
+            self._carriers(state), gas.mass / gas.density, gas.pressure, deposit, field,
             least=neighbours.LEAST, each=of_dust,
         )  # fmt: skip
         return field
 
-    def _gas_alone(self, state: State) -> np.ndarray:
-        """Masses of the gas (n,) without small dust."""
+    def _carriers(self, state: State) -> Any:
         gas = state.gas
-        return gas.mass - gas.small if self.laden else gas.mass
+        return kernels.Carriers(gas.pos, gas.vel, gas.h, gas.mass - gas.small if self.laden else gas.mass, gas.small)
 
     def _hand_over(self, state: State, lists: Lists, field: np.ndarray, wanted: np.ndarray) -> None:
         """Let each dust particle gain the mass `wanted` (n,), as far as the gas about it has that as small dust."""
@@ -232,14 +231,14 @@ class Effect(base.Effect):
         cells, of_gas, grains, of_dust = lists
         taken, spread = np.empty((2, gas.count))
         got = np.empty((gas.count, 3))
+        carriers = self._carriers(state)
         share(
-            kernels.hand_driver(self.sph.kernel), len(cells.filled), cells, grains, gas.pos, gas.h,
-            self._gas_alone(state), gas.small, dust.pos, dust.vel, field, wanted, taken, spread, got,
-            least=neighbours.LEAST, each=of_gas,
+            kernels.hand_driver(self.sph.kernel), len(cells.filled), cells, grains, carriers, dust.pos, dust.vel,
+            field, wanted, taken, spread, got, least=neighbours.LEAST, each=of_gas,
         )  # fmt: skip
         share(
-            kernels.take_driver(self.sph.kernel), len(grains.filled), grains, cells, gas.pos, gas.h, gas.small, spread,
-            field, wanted, dust.pos, dust.mass, dust.vel, least=neighbours.LEAST, each=of_dust,
+            kernels.take_driver(self.sph.kernel), len(grains.filled), grains, cells, carriers, spread, field, wanted,
+            dust.pos, dust.mass, dust.vel, least=neighbours.LEAST, each=of_dust,
         )  # fmt: skip
         lost = gas.small * taken
         gas.small += got[:, 0] - lost

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.parts import STARTS
-from discsim.physics import growth
+from discsim.parts import STARTS, Lazy
 
 if TYPE_CHECKING:
     from discsim.initial import Given
     from discsim.scene import Scene
+
+growth = Lazy("discsim.physics.growth")
 
 
 def carried(scene: Scene, given: Given) -> Given:

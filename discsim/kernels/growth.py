@@ -63,6 +63,16 @@ class Grains(NamedTuple):
     least: float  # mass that a dust particle keeps
 
 
+class Carriers(NamedTuple):
+    """Gas particles: pos, vel (n, 2), smoothing lengths, and masses of gas alone and of small dust (n,)."""
+
+    pos: np.ndarray
+    vel: np.ndarray
+    h: np.ndarray
+    gas: np.ndarray
+    small: np.ndarray
+
+
 class Place(NamedTuple):
     """What is about a grain: numbers, surface densities and eta v_K among them."""
 
@@ -115,6 +125,16 @@ def add_moments(moments, kind, weight, dx, dy):
 
 
 @inner
+def add_flow(flow, weight, vel, i, dx, dy):
+    """Add a weight at (dx, dy) times the velocity of a particle to sums of it (2,), and of it times x and y."""
+    for axis in range(2):
+        part = weight * vel[i, axis]
+        flow[axis, 0] += part
+        flow[axis, 1] += part * dx
+        flow[axis, 2] += part * dy
+
+
+@inner
 def centred(moments, kind, far):
     """1 / sum w (1 + b . d) and b such that sum w (1 + b . d) d = 0, b no longer than all shares are positive with, of
     weights that are no further than `far`; zeros where there are none.
@@ -140,10 +160,8 @@ def gather_driver(kernel: int):
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def gather(
-        first, last, lists, grains, cells, pos, centre, gpos, h, gvel, gas, small, volume, pressure, grown, field
-    ):
-        begin, index, turned = lists
+    def gather(first, last, lists, grains, cells, pos, centre, carriers, volume, pressure, grown, field):
+        (begin, index, turned), (gpos, gvel, h, gas, small) = lists, carriers
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         moments, flow = np.zeros((2, 6)), np.zeros((2, 3))
@@ -171,11 +189,7 @@ def gather_driver(kernel: int):
                     far = max(far, r)
                     add_moments(moments, 0, small[i] * w, -dx, -dy)
                     add_moments(moments, 1, gas[i] * w, -dx, -dy)
-                    for axis in range(2):
-                        part = small[i] * w * gvel[i, axis]
-                        flow[axis, 0] += part
-                        flow[axis, 1] -= part * dx
-                        flow[axis, 2] -= part * dy
+                    add_flow(flow, small[i] * w, gvel, i, -dx, -dy)
                     w *= volume[i]
                     whole += w
                     deposit += w * grown[i]
@@ -285,8 +299,8 @@ def hand_driver(kernel: int):
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def hand(first, last, lists, cells, grains, gpos, h, gas, small, pos, vel, field, wanted, share, spread, got):
-        begin, index, turned = lists
+    def hand(first, last, lists, cells, grains, carriers, pos, vel, field, wanted, share, spread, got):
+        (begin, index, turned), (gpos, _, h, gas, small) = lists, carriers
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         for c in range(first, last):
@@ -328,8 +342,8 @@ def take_driver(kernel: int):
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def take(first, last, lists, grains, cells, gpos, h, small, spread, field, wanted, pos, mass, vel):
-        begin, index, turned = lists
+    def take(first, last, lists, grains, cells, carriers, spread, field, wanted, pos, mass, vel):
+        (begin, index, turned), (gpos, _, h, _, small) = lists, carriers
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         for c in range(first, last):

@@ -204,6 +204,31 @@ def test_small_dust_weighs_and_does_not_press():
     np.testing.assert_allclose(gas.mass, 2.0 * alone.mass, rtol=1e-9)
 
 
+# Starts
+
+
+def test_small_dust_starts_where_dust_is_and_in_balance():
+    """Between the dust's radii, in all what the dust particles do not have; eta of gas and small dust is that of gas
+    over 1 + their ratio.
+    """
+    scene = changed(disc(ratio=1.0, growth={"small_ratio": 0.75}), dust={"inner": 0.9, "outer": 1.3})
+    sim = Simulation(scene)
+    r = np.hypot(*sim.gas.pos.T)
+    inside = (r > 0.9) & (r < 1.3)
+    assert (sim.gas.small[~inside] == 0.0).all()
+    gas = sim.gas.mass - sim.gas.small
+    assert np.ptp(gas) < 1e-14 * gas[0] and np.ptp(sim.gas.small[inside]) < 1e-14 * sim.gas.small.max()
+    # Of the smooth disc, of whose mass the particles within have theirs to some rings.
+    whole = sim.gas.small.sum() + sim.dust.mass.sum()
+    assert whole == pytest.approx(2.0 * np.pi * 1e-3 * 0.4, rel=1e-4)
+    assert sim.gas.small.sum() == pytest.approx(0.75 * whole, rel=1e-13)
+    all_small = Simulation(disc(ratio=1.0))
+    r = np.hypot(*all_small.gas.pos.T)
+    speed = (all_small.gas.pos[:, 0] * all_small.gas.vel[:, 1] - all_small.gas.pos[:, 1] * all_small.gas.vel[:, 0]) / r
+    eta = 0.5 * 1.5 * 0.01 * np.sqrt(r)
+    np.testing.assert_allclose(speed * np.sqrt(r), 1.0 - 0.5 * eta, atol=1e-6)  # to first order in eta, as drifts are
+
+
 # Runs
 
 

@@ -130,6 +130,9 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
     scene["space"] |= _filled(rng, Space, 0.0, ("cells",) if chance(0.3) and not on_cells else (), only=True)
     if "star" in scene:
         scene |= _surroundings(np.random.default_rng([seed, 8]))
+        if "growth" in scene and "gas" in scene and isinstance(scene.get("dust"), dict) and "drag" in scene:
+            scene["drag"] = {"law": "epstein", "direction": scene["drag"].get("direction", "two-way")}
+            scene["dust"] |= {"grain_size": 10.0 * scene["growth"]["small_size"], "grain_density": 1.0}
     _mend(scene)
     if chance(0.3):
         _stretch(rng, scene)
