@@ -85,8 +85,9 @@ def test_runs_that_cannot_be_compared(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_twins_differ_in_the_direction_alone():
-    one, two = (tomllib.loads((ROOT / "setups" / f"twin_{d}way.toml").read_text()) for d in ("one", "two"))
+@pytest.mark.parametrize("twin", ["twin", "ring"])
+def test_twins_differ_in_the_direction_alone(twin):
+    one, two = (tomllib.loads((ROOT / "setups" / f"{twin}_{d}way.toml").read_text()) for d in ("one", "two"))
     assert one["drag"].pop("direction") == "one-way" and two["drag"].pop("direction") == "two-way"
     one.pop("title"), two.pop("title")
     assert one == two
