@@ -19,8 +19,8 @@ WITHIN: Any = {
 
 inner = njit(**WITHIN)
 lean = njit(nogil=True, cache=True, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)  # type: ignore[call-overload]
-# Sums over neighbours: their terms may be taken in any order. No 'nnan'/'ninf': a run that goes wrong must still be seen
-# to. With Python's error_model a division may raise, and no loop with one is vectorised.
+# Sums over neighbours: their terms may be taken in any order. No 'nnan'/'ninf': a run that goes wrong must still be
+# seen to. With Python's error_model a division may raise, and no loop with one is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 lean_sums = njit(  # type: ignore[call-overload]
     nogil=True, cache=True, error_model="numpy", fastmath=FAST, no_cfunc_wrapper=True, _nrt=False

@@ -180,7 +180,7 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, keep, slots, t
         # time. Signed numbers may be indices from the end, and would keep loops from being vectorised.
         for block in range(runs[run, 0], runs[run, 1], BLOCK):
             begin, many = np.uint64(block), np.uint64(min(runs[run, 1] - block, BLOCK))
-            for k in range(np.uint64(whole(many))):
+            for k in range(whole(many)):  # beyond the end is whatever comes next
                 i = begin + k
                 dx, dy = max(abs(x[i] + sx) - half_x, 0.0), max(abs(y[i] + sy) - half_y, 0.0)
                 far = max(reach, radius[i]) if mutual else reach
@@ -199,10 +199,10 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, keep, slots, t
 @inner
 def crosses(turns, count):
     """Whether any of `count` runs is of an image."""
+    found = False
     for run in range(count):
-        if turns[run, 0] != 0 or turns[run, 1] != 0:
-            return True
-    return False
+        found |= turns[run, 0] != 0 or turns[run, 1] != 0
+    return found
 
 
 @inner
@@ -270,7 +270,8 @@ def whole(n):
 @njit(nogil=True, inline="always")
 def place(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
     """Write where the candidates from `begin` to `end` of the c-th cell are, from (ox, oy) and times `per_length`."""
-    x, y, slots, turned, first, count = cells.x, cells.y, listed.slots, listed.turned, np.uint64(begin), np.uint64(end - begin)
+    x, y, slots, turned = cells.x, cells.y, listed.slots, listed.turned
+    first, count = np.uint64(begin), np.uint64(end - begin)
     if listed.crossing[c]:
         for k in range(count):
             slot = slots[first + k]

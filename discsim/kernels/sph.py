@@ -39,7 +39,6 @@ from discsim.kernels.sph_packs import (
     OTHER,
     OWN,
     PRESS,
-    ROWS,
     SOUND,
     STRIDE,
     SWITCH,
@@ -134,8 +133,8 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
 def force_sums(
     kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, i, columns, strengths, n, pack
 ):  # fmt: skip
-    """Sums of the i-th particle in the order of the cells over n candidates, in units of `unit`: acceleration, du/dt, divergence and the rate at which
-    conduction takes u towards that of its neighbours.
+    """Sums of the i-th particle in the order of the cells over n candidates, in units of `unit`: acceleration, du/dt,
+    divergence and the rate at which conduction takes u towards that of its neighbours.
     """
     inv_h = columns[i, INV_H]
     norm = NORM[dim - 1][kernel] * factors(kernel)[1] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
@@ -213,7 +212,7 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part
         begin, slots = lists.begin, lists.slots
-        pack = work[0]
+        pack = work.pack
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         for c in range(first, last):
             cell = cells.filled[c]

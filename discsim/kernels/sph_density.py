@@ -19,7 +19,6 @@ from discsim.kernels.sph_packs import (
     INV_R,
     MASS,
     NEAREST2,
-    ROWS,
     STRIDE,
     VX,
     VY,
@@ -53,6 +52,16 @@ class Found(NamedTuple):
     gradh: np.ndarray
     div: np.ndarray
     curl: np.ndarray
+
+
+class Work(NamedTuple):
+    """What sums over candidates work in: their pack, and of a cell's particles the search for h (3, members), which is
+    its bounds and whether it has settled (1 or 0), and sums (members, 7).
+    """
+
+    pack: np.ndarray
+    search: np.ndarray
+    sums: np.ndarray
 
 
 class Wanted(NamedTuple):
@@ -152,7 +161,7 @@ def improve(dim, m, h, wanted, low, high, rho, slope, curve):
 def begin_cell(wanted, own, members, order, h, low, high, settled):
     """Let the search for h begin within its limits."""
     for p in range(members):
-        settled[p], low[p], high[p] = False, 0.0, np.inf
+        settled[p], low[p], high[p] = 0.0, 0.0, np.inf
         if not wanted.fixed:
             h[order[own + p]] = min(max(h[order[own + p]], wanted.least), wanted.most)
 
@@ -190,7 +199,7 @@ def density_driver(kernel: int, dim: int, shear: bool):
         h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
         lists, work = part
         begin, slots = lists.begin, lists.slots
-        pack, sums, low, high, settled = work
+        pack, sums, low, high, settled = work.pack, work.sums, work.search[0], work.search[1], work.search[2]
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         for c in range(first, last):
             cell = filled[c]
@@ -208,19 +217,19 @@ def density_driver(kernel: int, dim: int, shear: bool):
                     n = pack_masses(dim, shear, listed, end, slots, order, vel, mass, pack)
                     for p in range(members):
                         i = order[own + p]
-                        if not settled[p]:
+                        if settled[p] == 0.0:
                             x, y = relative(dim, pos, i, ox, oy, per_unit)
                             vx, vy = (vel[i, 0], vel[i, 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
                             add_density(kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack, sums[p])
                 # Apart from the sums, whose loop need not wait for all these divisions.
                 left = False
                 for p in range(members):
-                    if settled[p]:
+                    if settled[p] > 0.0:
                         continue
                     i = order[own + p]
                     per_h, step = 1.0 / h[i], 0.0
                     total, slope, curve, div_v, curl_v, more_div, more_curl = in_units_of_density(kernel, dim, sums[p])
-                    rho[i], gradh[i], settled[p] = total * per_h**dim, 1.0, True
+                    rho[i], gradh[i], settled[p] = total * per_h**dim, 1.0, 1.0
                     if not wanted.fixed:
                         settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
                             dim, mass[i], h[i], wanted, low[p], high[p], rho[i], slope, curve
@@ -228,8 +237,8 @@ def density_driver(kernel: int, dim: int, shear: bool):
                     if shear:
                         div[i], curl[i] = abs(div_v + step * more_div) * per_h, abs(curl_v + step * more_curl) * per_h
                     if support * h[i] > radius[own + p]:
-                        outgrown[c], settled[p] = True, True
-                    left |= not settled[p]
+                        outgrown[c], settled[p] = True, 1.0
+                    left |= settled[p] == 0.0
                 if not left:
                     break
 

@@ -9,7 +9,7 @@ import numpy as np
 from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_columns, force_driver
-from discsim.kernels.sph_density import Found, Given, Wanted, density_driver
+from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE
 from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
 from discsim.numerics.threads import share
@@ -114,11 +114,9 @@ class Sph:
                 self.met[cells.key[cells.order[part.slots[: part.begin[-1]]]]] = True
 
     def parts(self, lists: list[Any]) -> list[Any]:
+        """Lists with what the sums of each work in: kernels that make arrays would count references in their loops."""
         most = int(np.diff(self.cells.start).max())
-        return [
-            (part, (np.zeros(ROWS * STRIDE), np.empty((most, 7)), np.empty(most), np.empty(most), np.empty(most, np.bool_)))
-            for part in lists
-        ]
+        return [(part, Work(np.zeros(ROWS * STRIDE), np.empty((3, most)), np.empty((most, 7)))) for part in lists]
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> tuple[np.ndarray, float]:
         """Add to `acc` (and `heating_rate`); return what limits the step: the velocity divergence (n,) and the largest
