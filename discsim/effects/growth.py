@@ -211,8 +211,8 @@ class Effect(base.Effect):
         cells, of_gas, grains, of_dust = lists
         deposit, field = np.empty(gas.count), np.empty((dust.count, kernels.COLUMNS))
         share(
-            kernels.deposit_driver(self.sph.kernel), len(cells.filled), cells, grains, gas.pos, gas.h, dust.pos,
-            dust.mass, deposit, least=neighbours.LEAST, each=of_gas,
+            kernels.deposit_driver(self.sph.kernel), len(cells.filled), cells, grains, gas.pos, gas.h, dust.mass,
+            deposit, least=neighbours.LEAST, each=of_gas,
         )  # fmt: skip
         share(
             kernels.gather_driver(self.sph.kernel), len(grains.filled), grains, cells, dust.pos, centre,
@@ -233,8 +233,8 @@ class Effect(base.Effect):
         got = np.empty((gas.count, 3))
         carriers = self._carriers(state)
         share(
-            kernels.hand_driver(self.sph.kernel), len(cells.filled), cells, grains, carriers, dust.pos, dust.vel,
-            field, wanted, taken, spread, got, least=neighbours.LEAST, each=of_gas,
+            kernels.hand_driver(self.sph.kernel), len(cells.filled), cells, grains, carriers, dust.vel, field,
+            wanted, taken, spread, got, least=neighbours.LEAST, each=of_gas,
         )  # fmt: skip
         share(
             kernels.take_driver(self.sph.kernel), len(grains.filled), grains, cells, carriers, spread, field, wanted,

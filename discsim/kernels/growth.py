@@ -91,14 +91,14 @@ def deposit_driver(kernel: int):
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def deposit(first, last, lists, cells, grains, gpos, h, pos, mass, out):
-        begin, index, turned = lists
+    def deposit(first, last, lists, cells, grains, gpos, h, mass, out):
+        begin, slots = lists.begin, lists.slots
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         for c in range(first, last):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
-            place(listed, end, index, turned, pos, ox, oy, 1.0, grains, cx, cy)
+            place(c - first, listed, end, lists, ox, oy, 1.0, grains, cx, cy)
             for m in range(cells.start[cell], cells.start[cell + 1]):
                 i = cells.order[m]
                 inverse, total = 1.0 / h[i], 0.0
@@ -107,7 +107,7 @@ def deposit_driver(kernel: int):
                     dx, dy = cx[k] - (gpos[i, 0] - ox), cy[k] - (gpos[i, 1] - oy)
                     r2 = dx * dx + dy * dy
                     if r2 < reach2:
-                        total += mass[index[listed + k]] * shape(kernel, 2, math.sqrt(r2) * inverse)[0]
+                        total += mass[grains.order[slots[listed + k]]] * shape(kernel, 2, math.sqrt(r2) * inverse)[0]
                 out[i] = total * sigma * inverse * inverse
 
     return deposit
@@ -161,14 +161,14 @@ def gather_driver(kernel: int):
 
     @njit(nogil=True, cache=True, error_model="numpy")
     def gather(first, last, lists, grains, cells, pos, centre, carriers, volume, pressure, grown, field):
-        (begin, index, turned), (gpos, gvel, h, gas, small) = lists, carriers
+        begin, slots, (_, gvel, h, gas, small) = lists.begin, lists.slots, carriers
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         moments, flow = np.zeros((2, 6)), np.zeros((2, 3))
         for c in range(first, last):
             cell, listed, end = grains.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = grains.bounds[cell, 0], grains.bounds[cell, 1]
-            place(listed, end, index, turned, gpos, ox, oy, 1.0, cells, cx, cy)
+            place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
             for m in range(grains.start[cell], grains.start[cell + 1]):
                 j = grains.order[m]
                 moments[:], flow[:] = 0.0, 0.0
@@ -176,7 +176,7 @@ def gather_driver(kernel: int):
                 x, y = pos[j, 0] - centre[0], pos[j, 1] - centre[1]
                 whole = deposit = push = slope = tilt = 0.0
                 for k in range(end - listed):
-                    i = index[listed + k]
+                    i = cells.order[slots[listed + k]]
                     dx, dy = pos[j, 0] - ox - cx[k], pos[j, 1] - oy - cy[k]
                     r2 = dx * dx + dy * dy
                     if r2 >= support * support * h[i] * h[i]:
@@ -299,14 +299,14 @@ def hand_driver(kernel: int):
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def hand(first, last, lists, cells, grains, carriers, pos, vel, field, wanted, share, spread, got):
-        (begin, index, turned), (gpos, _, h, gas, small) = lists, carriers
+    def hand(first, last, lists, cells, grains, carriers, vel, field, wanted, share, spread, got):
+        begin, slots, (gpos, _, h, gas, small) = lists.begin, lists.slots, carriers
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         for c in range(first, last):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
-            place(listed, end, index, turned, pos, ox, oy, 1.0, grains, cx, cy)
+            place(c - first, listed, end, lists, ox, oy, 1.0, grains, cx, cy)
             for m in range(cells.start[cell], cells.start[cell + 1]):
                 i = cells.order[m]
                 inverse, asked, ax, ay, mass, px, py = 1.0 / h[i], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -314,7 +314,7 @@ def hand_driver(kernel: int):
                 for k in range(end - listed):
                     dx, dy = cx[k] - (gpos[i, 0] - ox), cy[k] - (gpos[i, 1] - oy)
                     r2 = dx * dx + dy * dy
-                    j = index[listed + k]
+                    j = grains.order[slots[listed + k]]
                     if r2 >= reach2 or wanted[j] == 0.0:
                         continue
                     w = shape(kernel, 2, math.sqrt(r2) * inverse)[0] * sigma * inverse * inverse
@@ -343,13 +343,13 @@ def take_driver(kernel: int):
 
     @njit(nogil=True, cache=True, error_model="numpy")
     def take(first, last, lists, grains, cells, carriers, spread, field, wanted, pos, mass, vel):
-        (begin, index, turned), (gpos, _, h, _, small) = lists, carriers
+        begin, slots, (_, _, h, _, small) = lists.begin, lists.slots, carriers
         room = most_of(begin)
         cx, cy = np.zeros(room), np.zeros(room)
         for c in range(first, last):
             cell, listed, end = grains.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = grains.bounds[cell, 0], grains.bounds[cell, 1]
-            place(listed, end, index, turned, gpos, ox, oy, 1.0, cells, cx, cy)
+            place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
             for m in range(grains.start[cell], grains.start[cell + 1]):
                 j = grains.order[m]
                 if wanted[j] <= 0.0:
@@ -357,7 +357,7 @@ def take_driver(kernel: int):
                     continue
                 gain = 0.0
                 for k in range(end - listed):
-                    i = index[listed + k]
+                    i = cells.order[slots[listed + k]]
                     dx, dy = pos[j, 0] - ox - cx[k], pos[j, 1] - oy - cy[k]
                     r2 = dx * dx + dy * dy
                     if r2 >= support * support * h[i] * h[i]:
