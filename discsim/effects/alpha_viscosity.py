@@ -135,7 +135,7 @@ class Effect(base.Effect):
         if found is None or not scene.gas:
             return
         name, (asked, artificial, noise) = found
-        beside = artificial + noise
+        beside = np.where(_held(scene, at), 0.0, artificial + noise)
         worst = int(np.argmax(beside - asked))
         if beside[worst] > asked[worst]:
             yield (
@@ -173,6 +173,15 @@ def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.nda
         return "nu", (asked, of_gas[0], none)
     unit = at.thermal_speed**2 / at.omega
     return "alpha", (asked / unit, of_gas[0] / unit, of_gas[1] / unit)
+
+
+def _held(scene: Scene, at: Local) -> np.ndarray | bool:
+    """Which places (n,) are in zones of [damping], whose flow is given whatever the viscosity there."""
+    damping = scene.table("damping")
+    if damping is None or at.radius is None:
+        return False
+    within = [(at.radius >= zone[0]) & (at.radius <= zone[1]) for zone in (damping.inner, damping.outer) if zone]
+    return np.logical_or.reduce(within)
 
 
 def _texts(values: np.ndarray) -> str:

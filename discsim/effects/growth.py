@@ -124,7 +124,7 @@ def _of_grains(draft: Draft) -> Iterator[Problem]:
 
 
 def _brings_masses(draft: Draft) -> Iterator[Problem]:
-    if draft.growth.small_ratio is not None and (draft.start is None or draft.kind == "snapshot"):
+    if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
         yield ("growth", "small_ratio"), "particles that are given bring their small dust; expected no such key"
 
 

@@ -23,7 +23,7 @@ def carried(scene: Scene, given: Given) -> Given:
     """
     initial: Any = scene.initial
     gas, dust = given["gas"], given["dust"]
-    if initial.kind == "snapshot":
+    if STARTS[initial.kind].take_up is not None:
         return given
     (population,) = scene.dust or ()
     r = np.sqrt((gas["pos"] ** 2).sum(axis=1))

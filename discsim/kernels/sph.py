@@ -122,6 +122,17 @@ def pack_distances(x, y, n, pack):
 
 
 @njit(inline="always")
+def pack_gradients(kernel, dim, inv_h, n, pack):
+    """dW/dr by both kernels of each pair, up to norms that sums take."""
+    for k in range(n):
+        r = pack[R * STRIDE + k]
+        _, own, _ = terms(kernel, dim, r * inv_h)
+        _, other, _ = terms(kernel, dim, r * pack[INV_H * STRIDE + k])
+        pack[OWN * STRIDE + k] = own * pack[MASS * STRIDE + k]
+        pack[OTHER * STRIDE + k] = other * pack[NORM_H * STRIDE + k]
+
+
+@njit(inline="always")
 def widened(uneven, own, other, inv_rho_i, inv_rho_j):
     """The sum of q^2 dW/dr by both kernels of a pair, `own` and `other`; of unequal masses within a bound."""
     if uneven:
@@ -150,12 +161,7 @@ def force_sums(
     sheared = 2.0 * dim / MEAN_Q2[kernel] * inv_rho_i / unit
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     pack_distances(x, y, n, pack)
-    for k in range(n):
-        r = pack[R * STRIDE + k]
-        _, own, _ = terms(kernel, dim, r * inv_h)
-        _, other, _ = terms(kernel, dim, r * pack[INV_H * STRIDE + k])
-        pack[OWN * STRIDE + k] = own * pack[MASS * STRIDE + k]
-        pack[OTHER * STRIDE + k] = other * pack[NORM_H * STRIDE + k]
+    pack_gradients(kernel, dim, inv_h, n, pack)
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         inv_r, own, other = pack[INV_R * STRIDE + k], pack[OWN * STRIDE + k], pack[OTHER * STRIDE + k]
