@@ -309,6 +309,13 @@ def test_the_setups_greet_nobody_with_a_warning(path):
     assert warnings(load_scene(path)) == []
 
 
+def test_noise_is_no_matter_where_damping_gives_the_flow():
+    """With 40,000 particles it has more alpha than is asked for at the inner edge, which is in a zone of [damping]."""
+    path = next(path for path in SETUPS if path.stem == "ring_twoway")
+    (line,) = warnings(load_scene(path, without=["damping"]))
+    assert "noise have alpha" in line and "at 0.4" in line
+
+
 def test_no_warning_without_a_reason(tmp_path):
     fine = [
         "gas.particles=1e6",
