@@ -50,16 +50,19 @@ def kinds(annotation):
 
 
 def moving(sim):
-    """The particles of each species that move: mass (n,), pos and vel (n, d)."""
+    """The particles of each species that move: mass (n,), pos and vel (n, d); and what one-way gas carries of dust."""
     for p in sim.state.species.values():
         free = slice(None) if p.immobile is None else ~p.immobile
         yield p.mass[free], p.pos[free], p.vel[free]
+    gas = sim.gas
+    if gas is not None and gas.small is not None and sim.scene.drag.direction == "one-way":
+        yield gas.small, gas.pos, gas.vel  # beside its mass, as it must not notice
 
 
 def totals(sim):
     """Mass, momentum and (2D) angular momentum of gas and dust, with what the star has taken."""
     ledger, found = sim.state.ledger, {"mass": 0.0, "momentum": 0.0, "spin": 0.0, "size": 0.0}
-    found["mass"] += ledger.accreted_gas + ledger.accreted_dust
+    found["mass"] += ledger.accreted_gas + ledger.accreted_dust + ledger.accreted_small
     found["spin"] += ledger.accreted_angular_momentum
     for mass, pos, vel in moving(sim):
         found["mass"] += mass.sum()
