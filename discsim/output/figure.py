@@ -116,7 +116,8 @@ def _maps(snap: Snapshot) -> Figure:
     kinds, grains = snap.species, grain_maps.shown(snap)
     around = _around(snap)
     below = 2 if around else int(_centred(snap))
-    width, rows = _COLUMN * max(len(kinds), len(grains)) + 0.2, _ROW * below
+    # Bars of less than a decade have wide labels.
+    width, rows = _COLUMN * max(len(kinds), len(grains)) + (0.6 if grains else 0.2), _ROW * below
     lower = _BELOW + _MAP + 0.4 if grains else 0.0  # room of the maps of grains
     figure = Figure(figsize=(width, rows + lower + _BELOW + _MAP + _TITLE))
     window = _window(snap)
