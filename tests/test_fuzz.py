@@ -20,8 +20,8 @@ def outcomes(seeds, **choices):
 
 def test_some_random_scenes():
     """With kernels that other tests compile as well."""
-    found = outcomes(range(1015, 1030), schemes=("tsc",), kernels=("cubic",))
-    assert found["ran"] >= 6
+    found = outcomes(range(1015, 1023), schemes=("tsc",), kernels=("cubic",))
+    assert found["ran"] >= 3
 
 
 def test_a_scene_whose_collapse_is_beyond_floats():

@@ -127,8 +127,7 @@ def path(tmp_path):
     "text, without, there, absent",
     [
         (DISC, (), GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME | COOLING | LIGHT | STIRRED | GROWN),
-        (DISC, ("self_gravity",), GAS | DUST | DRAG | STAR, GRAVITY),
-        (DISC, ("dust", "drag"), GAS | STAR | GRAVITY, DUST | DRAG),
+        (DISC, ("dust", "drag", "self_gravity"), GAS | STAR, DUST | DRAG | GRAVITY),
         (DISC, ("drag",), GAS | DUST | STAR | GRAVITY, DRAG),
         (SHOCK, (), GAS, DUST | DRAG | STAR | GRAVITY),
         (WAVE, (), GAS | DUST | DRAG, STAR | GRAVITY | OTHER_SCHEME),

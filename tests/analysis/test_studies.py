@@ -229,6 +229,7 @@ def test_alpha_of_a_shear_wave():
     assert module.measure_shear(module.CHOICES["quintic"], 0.25) > 0.02
 
 
+@pytest.mark.slow
 def test_alpha_of_a_ring_is_that_of_a_shear_wave():
     """Flux of angular momentum and decay of a wave; 25%: h falls inwards in the ring, and three orbits are few."""
     module = script("noise")

@@ -159,7 +159,7 @@ def energy_and_spin(y):
     return energy, y[0] * y[3] - y[1] * y[2]
 
 
-@pytest.mark.parametrize("cells", [32, 64])
+@pytest.mark.parametrize("cells", [32, pytest.param(64, marks=pytest.mark.slow)])
 def test_companions_that_leave_the_grid_and_return(cells):
     """Twice from .8 out to 1.9 and back: the field goes on across the edge, so that energy and angular momentum stay.
 
