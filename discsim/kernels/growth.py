@@ -260,7 +260,7 @@ def grown_size(start, most, dt, grains, at, k):
                 break
         # A stage far ahead may overflow: the step is then cut as for an error that is too large.
         step *= min(5.0, max(0.1, 0.9 * (EXACT / max(wrong, 1e-300)) ** 0.2)) if wrong < math.inf else 0.1
-    return math.exp(log)
+    return max(start, math.exp(log))  # which rounding may put below it
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
