@@ -6,7 +6,8 @@ of its own. Sizes grow along the paths of the grains up to the size at which the
 equations), and with them small dust becomes grown dust such that n(a) is continuous at a_*, or the other way round
 where sizes fall (`kernels/growth.py` says who takes what from whom).
 
-Once a step, after the moves: sizes by sub-steps with a relative error of 1e-10 each, so that growth limits no step.
+At the end of a step, once the grains that grow fastest have had the time to do so by SHARE: sizes by sub-steps with a
+relative error of 1e-10 each, so that growth limits no step. Between them sizes and masses stay what they were.
 Mass that changes hands keeps its velocity, and gas the sum of its energies; mass and momentum are exact, and angular
 momentum where gas is on all sides of the grains. With one-way drag the gas notices none of it: small dust is then no
 part of `mass`.
@@ -24,7 +25,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from discsim.effects import base
 from discsim.effects.dust import Sizes
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.numerics.state import State
+from discsim.numerics.state import Growth, State
 from discsim.numerics.threads import share
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics import growth
@@ -40,7 +41,9 @@ kernels = Lazy("discsim.kernels.growth")
 neighbours = Lazy("discsim.numerics.neighbours")
 smoothing = Lazy("discsim.numerics.sph")
 
-GROWN, PAIR = 900.0, 19.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
+SHARE = 0.03  # of a size, by which it may be behind
+STEPS = 6  # about, in which grains grow once
+GROWN, PAIR = 900.0, 19.0  # CPU nanoseconds of a grain that grows, and of each gas particle about it and pass
 PASSES = 4
 Lists = tuple[Any, list[Any], Any, list[Any]]
 IN_A_CELL = 16.0  # grains that look for gas together
@@ -144,7 +147,7 @@ class Effect(base.Effect):
             float(law.typical[0]), law.code, law.grains[0],
             growth.SEED * all_dust / state.dust.count,
         )  # fmt: skip
-        self._dt = 0.0
+        state.growth = Growth()
 
     @classmethod
     def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -168,15 +171,19 @@ class Effect(base.Effect):
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
-        return counts.dust * (GROWN + PASSES * PAIR * about)
+        return counts.dust * (GROWN + PASSES * PAIR * about) / STEPS
 
     def move(self, state: State, dt: float) -> None:
-        self._dt = dt
+        state.growth = Growth(state.growth.since + dt, state.growth.rate)
 
     def event(self, state: State) -> None:
-        gas, dust = state.gas, state.dust
-        if gas.count == 0 or dust.count == 0:
-            return
+        since, rate = state.growth
+        if since * rate >= SHARE and state.gas.count > 0 and state.dust.count > 0:
+            state.growth = Growth(rate=self._grow(state, since))
+
+    def _grow(self, state: State, dt: float) -> float:
+        """Let grains grow over dt. Returns the fastest rate, of growth or, where nothing grows, of orbits."""
+        dust = state.dust
         centre = np.zeros(2) if state.centre is None else state.centre[0]
         lists = self._lists(state)
         field = self._about(state, lists, centre)
@@ -186,11 +193,13 @@ class Effect(base.Effect):
         omega = np.sqrt(state.central_mass / np.maximum(r * r + star.softening**2, 1e-200) ** 1.5)
         alpha = growth.alpha(self.scene, r, field[:, kernels.SPEED2], omega)
         dust.size = dust.size.copy()  # a new array: who sorts grains by size looks for one
-        share(
-            kernels.grow, dust.count, self._dt, state.central_mass, star.softening, dust.pos, centre, field, alpha,
+        rates = share(
+            kernels.grow, dust.count, dt, state.central_mass, star.softening, dust.pos, centre, field, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
         self._hand_over(state, lists, field, wanted)
+        # What is about a grain may be another one after an orbit, however slowly it grows.
+        return max(*rates, float(omega.max()) * SHARE / (2.0 * math.pi))
 
     def _lists(self, state: State) -> Lists:
         """Cells of gas and of dust, and of each the others about it."""

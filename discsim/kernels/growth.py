@@ -260,13 +260,16 @@ def grown_size(start, most, dt, grains, at, k):
                 break
         # A stage far ahead may overflow: the step is then cut as for an error that is too large.
         step *= min(5.0, max(0.1, 0.9 * (EXACT / max(wrong, 1e-300)) ** 0.2)) if wrong < math.inf else 0.1
-    return math.exp(log)
+    return max(start, math.exp(log))  # which rounding may put below it
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, mass, size, wanted):
-    """Write the `size` (n,) of each grain after dt, and what mass (n,) it is to gain by (3), `wanted` (n,)."""
-    k = np.zeros(7)
+    """Write the `size` (n,) of each grain after dt, and what mass (n,) it is to gain by (3), `wanted` (n,).
+
+    Returns the fastest rate d ln a / dt after both, as grains have it that are not at the size at which they break.
+    """
+    k, fastest = np.zeros(7), 0.0
     for j in range(first, last):
         wanted[j] = 0.0
         if field[j, GAS] == 0.0:
@@ -280,9 +283,14 @@ def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, ma
         at = Place(field[j, GAS], field[j, SMALL], field[j, GROWN], sound, omega, alpha[j], headwind)
         most = fragmentation_size(at.gas, grains.fragmentation, at.alpha, sound, grains.material)
         size[j] = grown_size(size[j], max(most, grains.small), dt, grains, at, k)
+        dust, left = at.small + at.grown, 1.0 - small_share(size[j], grains.small, grains.smallest)
         if at.grown > 0.0:
-            left = 1.0 - small_share(size[j], grains.small, grains.smallest)
-            wanted[j] = max(mass[j] * (left * ((at.small + at.grown) / at.grown)), grains.least) - mass[j]
+            wanted[j] = max(mass[j] * (left * (dust / at.grown)), grains.least) - mass[j]
+        after = Place(at.gas, (1.0 - left) * dust, left * dust, sound, omega, alpha[j], headwind)
+        found = rate(size[j], size[j], grains, after)
+        if found > fastest:  # not where numbers are too extreme for one
+            fastest = found
+    return fastest
 
 
 @inner

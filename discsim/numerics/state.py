@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -114,6 +114,13 @@ class Ledger:
     damped_angular_momentum: float = 0.0
 
 
+class Growth(NamedTuple):
+    """Where dust grows: the time since grains last did, and the fastest rate d ln a / dt of them then."""
+
+    since: float = 0.0
+    rate: float = math.inf
+
+
 @dataclass
 class State:
     """Everything that a step reads and writes. `gas` or `dust` is None where the scene has none."""
@@ -131,6 +138,7 @@ class State:
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)
+    growth: Growth | None = None  # where dust grows
     # Where gas cools: its energies (n,) after a time at `kick_rate`. Kicks of u, and foreseen ones, take it.
     cooled: Callable[[Gas, float], Array] | None = None
 

@@ -196,6 +196,7 @@ def take_up(state: State) -> None:
     step = snap.open_step
     assert step is not None
     state.lag, state.earlier = step.lag, step.step
+    state.growth = step.growth or state.growth
     held = {**state.species, **({} if state.bodies is None else {"bodies": state.bodies})}
     for name, particles in held.items():
         shown: Any = getattr(snap, name)

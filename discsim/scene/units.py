@@ -290,7 +290,7 @@ class Units:
 # Units for people, each with the least number it is used for.
 _SHOWN = {
     "time": (("yr", 0.1), ("day", 0.1), ("s", 0.0)),
-    "length": (("au", 1e-3), ("km", 1.0), ("cm", 1.0), ("um", 0.0)),
+    "length": (("au", 1e-3), ("km", 1.0), ("m", 1.0), ("cm", 1.0), ("mm", 1.0), ("um", 1.0), ("nm", 0.0)),
     "mass": (("Msun", 1e-5), ("Mearth", 1e-7), ("g", 0.0)),
     "velocity": (("km/s", 0.1), ("m/s", 0.0)),
     "surface_density": (("g/cm2", 0.0),),

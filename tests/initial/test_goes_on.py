@@ -61,6 +61,9 @@ CASES = {
 }  # fmt: skip
 
 
+SEEN = ("pos", "vel", "mass", "ids", "u", "small", "size")
+
+
 def step(sim):
     """One, whose closing kick stays open as in a run."""
     sim.evolve(10.0, lambda: True)
@@ -76,7 +79,7 @@ def seen(sim):
         out = {}
         for name, p in state.species.items():
             order = np.argsort(p.ids)
-            held = {k: v[order].copy() for k, v in p.arrays().items() if k in ("pos", "vel", "ids", "u")}
+            held = {k: v[order].copy() for k, v in p.arrays().items() if k in SEEN}
             out |= {f"{name}.{k}": v for k, v in held.items()}
         if state.bodies is not None:
             out |= {f"bodies.{k}": getattr(state.bodies, k).copy() for k in ("mass", "pos", "vel")}

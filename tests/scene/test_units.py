@@ -32,6 +32,13 @@ def test_code_system_has_no_units():
     assert Units().show_time(2 * math.pi) == "1 yr"
 
 
+@pytest.mark.parametrize("text", ["5 nm", "1 um", "500 um", "7.974 mm", "4 cm", "3 m", "20 km", "0.05 au"])
+def test_lengths_are_shown_as_people_write_them(text):
+    """From pieces of grains to planetesimals and orbits."""
+    units = Units()
+    assert units.show(float(units.to_code(parse_quantity(text))), "length") == text
+
+
 DIMENSIONS = (
     ("length", "pc"),
     ("mass", "kg"),
