@@ -91,7 +91,7 @@ def relax_two(n, mass, time, y, b, law, change):
 
 
 class Scratch(NamedTuple):
-    """Of all species at one node: masses, stopping times, velocities, sources, changes by slips and by sources, room."""
+    """Of all species at one node: masses, stopping times, velocities, sources, changes by slip and by source, room."""
 
     mass: np.ndarray
     time: np.ndarray
