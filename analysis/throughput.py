@@ -1,7 +1,7 @@
 """What a step costs: nanoseconds a particle of whole integrated steps, and what each effect adds.
 
-    python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--parts cases,growth,effects,steps]
-                                  [--cases gas,gravity,...] [--scheme tsc]
+    python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--cases gas,gravity,...]
+                                  [--parts cases,growth,effects,steps,sizes] [--scheme tsc]
 
 A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, and the first steps, which compile,
 apart) in a process of its own for every line:
@@ -26,7 +26,8 @@ For `mix` and `main` a table says where a step's time goes by pass: each loop, b
 `growth` takes gas from 1e4 to 1e6, dust to 1e7 and cells to 2048^2 and draws the cost of each against its number;
 `effects` adds effect by effect to one disc, and sets what the whole step became dearer by beside what the ledger
 (`costs.csv`) says; `steps` says where the shipped discs have their shortest steps, and what steps of each particle's
-own would save.
+own would save; `sizes` sets a kick of the drag and a step of dust of eight sizes, classes of their own, beside those of
+one size, at two and ten dust particles for each of gas, in `tsc` and `idic-linear` or the `--scheme` given.
 """
 
 from __future__ import annotations
@@ -59,7 +60,9 @@ ORDER = ("gas", "star", "self_gravity", "dust", "drag")
 CASES = ("gas", "gravity", "dust one-way", "dust two-way", "mix", "main")
 BY_PASS = ("mix", "main")  # cases of which passes are shown
 MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
-PARTS = ("cases", "growth", "effects", "steps")
+PARTS = ("cases", "growth", "effects", "steps", "sizes")
+SIZES = 8
+STOKES = (0.04, 0.2, 1.2)  # at r = 1: of the smallest of the sizes, of the one and of the largest
 ADDED = {
     "gas": {},
     "self_gravity": {"self_gravity": {"softening": 0.1}},
@@ -308,6 +311,43 @@ def show_steps(console: Console) -> list[dict[str, Any]]:
     return rows
 
 
+def of_sizes(dust: int, per_gas: int, sizes: int, scheme: str) -> dict[str, Any]:
+    """The disc with grains of one or SIZES sizes, `per_gas` particles of them for each of gas."""
+    tables = scene(dust // per_gas, dust, {"dust": {"ratio": 0.1, "grain_density": 1.0}})
+    start = tables["initial"]
+    of_stokes = start["mass"] / (2.0 * np.pi) ** 1.5 / (start["outer"] - start["inner"])  # St = sqrt(2 pi) s / Sigma
+    smallest, one, largest = (stokes * of_stokes for stokes in STOKES)
+    many = {"smallest": smallest, "largest": largest, "bins": sizes}
+    tables["dust"]["grain_size"] = one if sizes == 1 else many
+    return tables | {"drag": {"law": "epstein", "scheme": scheme}}
+
+
+def show_sizes(dust: int, schemes: list[str], console: Console) -> list[dict[str, Any]]:
+    """CPU time of kicks and steps of one size and of SIZES, one after the other; medians of STEPS steps."""
+    from discsim import Simulation
+
+    rows = []
+    table = Table("scheme", "dust a gas", "sizes", "kick, ns", "step, ns", "kick, times", "step, times", box=SIMPLE)
+    for scheme in schemes:
+        for per_gas in (2, 10):
+            sims = [Simulation(of_sizes(dust, per_gas, sizes, scheme)) for sizes in (1, SIZES)]
+            taken: list[list[tuple[float, float]]] = [[] for _ in sims]
+            for _ in range(2 + STEPS):  # the first two compile
+                for sim, found in zip(sims, taken, strict=True):
+                    kick, cpu = sim.costs.seconds["drag"], time.process_time()
+                    sim.step()
+                    found.append((sim.costs.seconds["drag"] - kick, time.process_time() - cpu))
+            medians = [np.median(found[2:], axis=0) for found in taken]
+            for sizes, median in zip((1, SIZES), medians, strict=True):
+                kick, step = 1e9 * median / (dust + dust // per_gas)
+                more = median / medians[0]
+                rows.append({"scheme": scheme, "per_gas": per_gas, "sizes": sizes, "kick": kick, "step": step})
+                figures = (f"{kick:.0f}", f"{step:.0f}", *(f"{times:.2f}" for times in more))
+                table.add_row(scheme, str(per_gas), str(sizes), *figures)
+    console.print(table)
+    return rows
+
+
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Cost and memory a particle against the number of particles, cost of a cell against the number of cells."""
     figure = Figure(figsize=(12, 4), layout="constrained")
@@ -374,6 +414,9 @@ def main() -> None:
         found["effects"] = show_effects(min(sizes), console)
     if "steps" in parts:
         found["steps"] = show_steps(console)
+    if "sizes" in parts:
+        schemes = [options.scheme] if options.scheme else ["tsc", "idic-linear"]
+        found["sizes"] = show_sizes(min(sizes), schemes, console)
     text = json.dumps(found, indent=1)
     (options.output / "throughput.json").write_text(text + "\n")
     if options.json:

@@ -9,7 +9,16 @@ import numpy as np
 
 from discsim.drag.cells import Blocks, lattice, law_of, sort_into_blocks, species_in, wanted_leaf
 from discsim.drag.frame import clockwise, frame
-from discsim.kernels import levels, nodes_fit, nodes_gather, nodes_heat, nodes_relax, nodes_scatter, nodes_sharpen
+from discsim.kernels import (
+    levels,
+    nodes_fit,
+    nodes_gather,
+    nodes_grains,
+    nodes_heat,
+    nodes_relax,
+    nodes_scatter,
+    nodes_sharpen,
+)
 from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
 from discsim.kernels.drag import free_kick
 from discsim.kernels.frame import Frame
@@ -24,7 +33,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NONE = np.empty(0)
-SUMS = {"given": 9, "own": 3}  # of a cell's particles: for each node about it, and its own
+FEW = 6  # grains of a class in a cell, above which sums of the cell are cheaper than its grains
 LEAST = 64  # blocks or nodes in a piece of a loop
 
 
@@ -39,7 +48,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     rows = [_kept(drag, f"rows of {name}", p.count, FIELDS) for name, p in state.species.items()]
-    cells, nodes = _places(drag, blocks)
+    cells, nodes = _places(drag, blocks, _by_grain(drag, blocks, len(state.own_acc["dust"]) > 0))
     for kind, row in zip((gas, dust), rows, strict=True):
         _gather(kind, cells, nodes, about_star, law.code, row)
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
@@ -76,20 +85,29 @@ def _outside(kind: Species, cells: Cells) -> Array:
     return kind.order[kind.start[len(cells.home) * kind.number] :]
 
 
-def _places(drag: Drag, blocks: Blocks) -> tuple[Cells, Nodes]:
+def _by_grain(drag: Drag, blocks: Blocks, sourced: bool) -> bool:
+    """Whether nodes take the dust grain by grain: where cells have too few of a class to be worth sums of their own."""
+    start, number = blocks.dust_start, drag.classes.number
+    held = np.count_nonzero(np.diff(start[: len(blocks.level) * number + 1]))
+    return number > 1 and not sourced and start[len(blocks.level) * number] < FEW * held
+
+
+def _places(drag: Drag, blocks: Blocks, by_grain: bool) -> tuple[Cells, Nodes]:
     """Cells and nodes, with room for what they will hold."""
     grid, flat, species = blocks.lattice, drag.dim == 1, drag.classes.number + 1
     lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
     slot = _slots(blocks, species)
-    given, own = (
-        _kept(drag, f"{name} of cells", slot.max(initial=-1) + 1, rows, FIELDS) for name, rows in SUMS.items()
-    )
+    slots, count = slot.max(initial=-1) + 1, len(home)
+    given = _kept(drag, "given of cells", count if by_grain else slots, 9, FIELDS)
+    own = _kept(drag, "own of cells", slots, 3, FIELDS)
+    total = _kept(drag, "all dust of cells", count if by_grain else 0, 3, FIELDS)
+    share_of = _kept(drag, "shares of grains", len(blocks.dust_order) if by_grain else 0)
     centre = np.empty((len(near), 2))
     share(levels.node_centres, len(near), place, grid.origin, grid.side, centre)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
-        Cells(blocks.corners, blocks.sides, home, slot, given, own, blocks.period(drag.size)),
+        Cells(blocks.corners, blocks.sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
         Nodes(about, near, centre, np.empty((len(near), species, FIELDS)), square),
     )
 
@@ -107,6 +125,13 @@ def _slots(blocks: Blocks, species: int) -> Array:
 
 
 def _gather(kind: Species, cells: Cells, nodes: Nodes, about_star: Frame, law: int, row: Array) -> None:
+    if kind.first > 0 and len(cells.total) > 0:
+        share(
+            nodes_grains.gather_grains, len(cells.home), kind, cells, nodes, about_star, law, row, cells.share,
+            least=LEAST,
+        )  # fmt: skip
+        share(nodes_grains.collect_grains, len(nodes.near), kind, nodes, row, cells.share, least=LEAST)
+        return
     square = np.empty((len(cells.home) if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
     share(nodes_gather.gather, len(cells.home), kind, cells, nodes, about_star, law, row, square, least=LEAST)
     share(nodes_gather.collect, len(nodes.near), kind, cells, nodes, square, least=LEAST)

@@ -23,8 +23,9 @@ import numpy as np
 from numba import njit
 
 from discsim.formulas.laws import CONSTANT
+from discsim.kernels.coupled import ROOM
 from discsim.kernels.frame import kepler, sense_at
-from discsim.kernels.inner import inner, making
+from discsim.kernels.inner import inner, lean
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.lines import (
     BX,
@@ -65,7 +66,8 @@ class Corners(NamedTuple):
 
 class Room(NamedTuple):
     """What is known of a block: its packed particles, gas first; numbers of each species and of all; where each species
-    begins; masses and stopping times, velocities, sources and changes.
+    begins; masses and stopping times, velocities, sources and changes, moments of inertia; room for
+    `relax_coupled`.
     """
 
     p: np.ndarray
@@ -76,6 +78,8 @@ class Room(NamedTuple):
     y: np.ndarray
     b: np.ndarray
     change: np.ndarray
+    weight: np.ndarray
+    coupled: np.ndarray
 
 
 @inner
@@ -127,9 +131,10 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
         solve_in(o, s, xx, xy, yy, SLOPE_CHANGE, SLOPE_CHANGE, dim, sign)
 
 
-@making
-def exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, change, o):
-    """Changes of the slopes, weighed with the moments of inertia; y, b and change (n, d) are overwritten."""
+@lean
+def exchange_slopes(dim, two_way, dt, exponential, several, room):
+    """Changes of the slopes, weighed with the moments of inertia; y, b and change of `room` are overwritten."""
+    o, mass, time, weight, y, b, change = room.o, room.mass, room.time, room.weight, room.y, room.b, room.change
     n = len(mass)
     count, only = 0, 0
     for s in range(1, n):
@@ -147,9 +152,9 @@ def exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, ch
                     slip, source = o[s, SLOPE + k] - o[0, SLOPE + k], o[s, SLOPE_SOURCE + k] - o[0, SLOPE_SOURCE + k]
                     o[s, SLOPE_CHANGE + k] = f * slip + g * source
         return
-    weight = np.zeros(n)
     least, most = np.inf, 0.0
     for s in range(n):
+        weight[s] = 0.0
         if mass[s] > 0.0:
             weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
             least, most = min(least, weight[s]), max(most, weight[s])
@@ -159,7 +164,7 @@ def exchange_slopes(mass, time, dim, two_way, dt, exponential, several, y, b, ch
         for s in range(n):
             for c in range(dim):
                 y[s, c], b[s, c] = o[s, SLOPE + a + c], o[s, SLOPE_SOURCE + a + c]
-        relax_means(weight, time, y, b, two_way, dt, exponential, several, change)
+        relax_means(weight, time, y, b, two_way, dt, exponential, several, room.coupled, change)
         for s in range(n):
             for c in range(dim):
                 o[s, SLOPE_CHANGE + a + c] = change[s, c]
@@ -309,17 +314,19 @@ def relax(law, linear, nonlinear, several, rho, sound, omega, dim, room):
     if nonlinear:
         relax_by_speed(
             room.mass, room.time, law.code, law.grains, rho, sound, omega, y, b, law.two_way, law.dt, law.exponential,
-            several, room.change,
+            several, room.coupled, room.change,
         )  # fmt: skip
     else:
-        relax_means(room.mass, room.time, y, b, law.two_way, law.dt, law.exponential, several, room.change)
+        relax_means(
+            room.mass, room.time, y, b, law.two_way, law.dt, law.exponential, several, room.coupled, room.change
+        )
     for s in range(n):
         for c in range(dim):
             o[s, CHANGE + c] = room.change[s, c]
         for c in range(4):
             o[s, SLOPE_CHANGE + c] = 0.0
     if linear:
-        exchange_slopes(room.mass, room.time, dim, law.two_way, law.dt, law.exponential, several, y, b, room.change, o)
+        exchange_slopes(dim, law.two_way, law.dt, law.exponential, several, room)
 
 
 @inner
@@ -388,6 +395,7 @@ def relax_blocks(block_from, block_to, gas, dust, blocks, law, linear, nonlinear
     room = Room(
         np.empty((ROWS, most_in(block_from, block_to, gas, dust))), np.zeros((n + 1, NUMBERS)),
         np.empty(n + 1, np.int64), np.empty(n), np.empty(n), np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim)),
+        np.empty(n), np.empty((n, ROOM)),
     )  # fmt: skip
     for block in range(block_from, block_to):
         relax_block(block, gas, dust, blocks, law, linear, nonlinear, several, frame, room, times, heat)

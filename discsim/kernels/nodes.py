@@ -26,9 +26,9 @@ so that momentum is exact. In two dimensions what the offset of the two centroid
 is taken from the gas about the node as a rotation about its centroid, scattered with the same weights. What is left
 of a particle beside the line of its own species in its cell decays at the species' own rate.
 
-Five parts: `nodes_gather` makes (1), `nodes_fit` G and B, `nodes_relax` (2) and (3), `nodes_sharpen` gives back what
-the clouds smoothed away and makes (4), `nodes_scatter` changes the particles. In one dimension the second components
-are there, and are 0.
+Five parts: `nodes_gather` makes (1), of many classes of grains `nodes_grains`, `nodes_fit` G and B, `nodes_relax` (2)
+and (3), `nodes_sharpen` gives back what the clouds smoothed away and makes (4), `nodes_scatter` changes the particles.
+In one dimension the second components are there, and are 0.
 """
 
 from typing import NamedTuple
@@ -65,6 +65,8 @@ class Cells(NamedTuple):
     slot: np.ndarray
     given: np.ndarray
     own: np.ndarray
+    total: np.ndarray
+    share: np.ndarray
     period: np.ndarray
 
 

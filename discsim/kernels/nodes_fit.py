@@ -3,6 +3,7 @@
 from discsim.kernels.inner import inner, lean
 from discsim.kernels.lines import solve
 from discsim.kernels.nodes import BX, FIELDS, LEAST_INERTIA, ONE, VX, XX, XY, YX, YY, X, Y
+from discsim.kernels.nodes_grains import moments_within
 from discsim.kernels.rows import LANES, empty_row, lane, load
 
 ROUNDING = 1e-9  # over mass times side^2: inertia of particles at one place, but for rounding
@@ -56,7 +57,8 @@ def slope_of(mass, xx, xy, yy, along, across, f, dim):
 @inner
 def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
     mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
-    for s in range(nodes.sums.shape[1]):
+    grains = len(cells.total) > 0  # of many classes, which have no sources
+    for s in range(1 if grains else nodes.sums.shape[1]):
         if not (s == 0 or two_way or sourced[s]):
             continue
         m, ixx, ixy, iyy, by_x, by_y = moments_about(n, s, nodes.near, cells.slot, cells.own)
@@ -69,6 +71,11 @@ def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
             slopes.known[n, s] = found and ixx + iyy > LEAST_INERTIA * m
             slopes.source[n, s, XX], slopes.source[n, s, XY] = uu, uv
             slopes.source[n, s, YX], slopes.source[n, s, YY] = vu, vv
+    if grains and two_way:
+        m, ixx, ixy, iyy, by_x, by_y = moments_within(n, nodes.near, cells.slot, cells.own, cells.total)
+        mass, xx, xy, yy = mass + m, xx + ixx, xy + ixy, yy + iyy
+        along += by_x
+        across += by_y
     if nodes.sums[n, 0, ONE] <= 0.0:
         xx, yy = 0.0, 0.0
     _, uu, uv, vu, vv = slope_of(mass, xx, xy, yy, along, across, 0, dim)

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from discsim.formulas.laws import CONSTANT, EPSTEIN
+from discsim.kernels.coupled import ROOM
 from discsim.kernels.frame import kepler
 from discsim.kernels.inner import inner, lean
 from discsim.kernels.laws import stopping_time
@@ -90,7 +91,7 @@ def relax_two(n, mass, time, y, b, law, change):
 
 
 class Scratch(NamedTuple):
-    """Of all species at one node: masses, stopping times, velocities, sources, and changes by the slip and by them."""
+    """Of all species at one node: masses, stopping times, velocities, sources, changes by slip and by source, room."""
 
     mass: np.ndarray
     time: np.ndarray
@@ -99,6 +100,7 @@ class Scratch(NamedTuple):
     none: np.ndarray
     slip: np.ndarray
     drive: np.ndarray
+    room: np.ndarray
 
 
 @inner
@@ -114,14 +116,18 @@ def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, ow
     elif sound is not None:
         relax_by_speed(
             own.mass, own.time, law.code, law.grains, density, sound[n], omega, own.y, own.b, law.two_way, law.dt,
-            law.exponential, several, own.slip,
+            law.exponential, several, own.room, own.slip,
         )  # fmt: skip
-        relax_means(own.mass, own.time, own.none, own.b, law.two_way, law.dt, law.exponential, several, own.drive)
+        relax_means(
+            own.mass, own.time, own.none, own.b, law.two_way, law.dt, law.exponential, several, own.room, own.drive
+        )
         for s in range(species):
             for c in range(2):
                 change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c] - own.drive[s, c], own.drive[s, c]
     elif several is not None:
-        relax_apart(own.mass, own.time, own.y, own.b, law.two_way, law.dt, law.exponential, own.slip, own.drive)
+        relax_apart(
+            own.mass, own.time, own.y, own.b, law.two_way, law.dt, law.exponential, own.room, own.slip, own.drive
+        )
         for s in range(species):
             for c in range(2):
                 change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c], own.drive[s, c]
@@ -143,7 +149,7 @@ def relax(node_from, node_to, nodes, slopes, sourced, sound, law, frame, several
     species = nodes.sums.shape[1]
     own = Scratch(
         np.empty(species), np.empty(species), np.empty((species, 2)), np.empty((species, 2)), np.zeros((species, 2)),
-        np.empty((species, 2)), np.empty((species, 2)),
+        np.empty((species, 2)), np.empty((species, 2)), np.empty((species, ROOM)),
     )  # fmt: skip
     for n in range(node_from, node_to):
         clear(n, change)

@@ -17,18 +17,46 @@ V, A = np.int64(0), np.int64(BX)  # each literal given to a function would compi
 
 @inner
 def values_about(block, s, cells, nodes, value, turns, table):
-    """What the nodes about a cell bring to a species, as polynomials; returns its mean rate."""
-    rate, home, cell = 0.0, cells.home[block], cells.slot[block, s]
+    """What the nodes about a cell bring to a species, as polynomials."""
+    home = cells.home[block]
     for k in range(9):
         n, row = nodes.about[home, k], empty_row()
         if n >= 0:
             row = load(value, (n * value.shape[1] + s) * LANES)
-            rate += cells.given[cell, k, ONE] * lane(row, RATE)
         store(table, k * LANES, row)
         if turns:  # about the cell's middle, not the node
             table[k, DX] += (k % 3 - 1) * lane(row, SPIN)
             table[k, DY] -= (k // 3 - 1) * lane(row, SPIN)
+
+
+@inner
+def weigh_grains(first, last, kind, share, row):
+    """Mass and norm of weights of grains, where nodes took them one by one."""
+    for k in range(first, last):
+        row[k, MASS] = kind.mass[kind.order[k]]
+        row[k, NORM] = share[k] / row[k, MASS]
+
+
+@inner
+def rate_in(block, s, cells, nodes, value):
+    """Mean rate of a species in a cell."""
+    rate, cell = 0.0, cells.slot[block, s]
+    for k in range(9):
+        n = nodes.about[cells.home[block], k]
+        if n >= 0:
+            rate += cells.given[cell, k, ONE] * value[n, s, RATE]
     return rate / cells.own[cell, WHOLE, ONE]
+
+
+@inner
+def rate_of(first, last, row, table):
+    """The same of its particles."""
+    rate, mass = 0.0, 0.0
+    for k in range(first, last):
+        m = row[k, MASS]
+        rate += m * row[k, NORM] * lane(value_at(table, 0, row[k, X], row[k, Y]), RATE)
+        mass += m
+    return rate / mass
 
 
 @inner
@@ -150,8 +178,13 @@ def scatter_species(block, part, kind, cells, nodes, sharp, row, dt, exponential
     if first == last:
         return 0.0
     turns = len(nodes.square) > 0 and s == 0
-    rate = values_about(block, s, cells, nodes, sharp.value, turns, table)
+    values_about(block, s, cells, nodes, sharp.value, turns, table)
     to_polynomial(table, 0, dim == 1)
+    if s > 0 and len(cells.total) > 0:
+        weigh_grains(first, last, kind, cells.share, row)
+        rate = rate_of(first, last, row, table)
+    else:
+        rate = rate_in(block, s, cells, nodes, sharp.value)
     add_changes(first, last, row, table, turns, bend, new)
     u, v = 0.0, 0.0
     if rate > 0.0:

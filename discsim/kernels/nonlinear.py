@@ -45,6 +45,7 @@ class Work(NamedTuple):
     stage: np.ndarray
     best: np.ndarray
     mean: np.ndarray
+    room: np.ndarray  # of `relax_coupled`
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -62,7 +63,9 @@ def advance(them, work, y, at, dt, out):
     for s in range(1, n):
         if them.mass[s] > 0.0:
             work.time[s] = them.slow[s] / hastened(them.quick[s, 0], them.quick[s, 1], slip2_of(at, s))
-    relax_means(them.mass, work.time, y, them.b, them.two_way, dt, them.exponential, them.several, work.change)
+    relax_means(
+        them.mass, work.time, y, them.b, them.two_way, dt, them.exponential, them.several, work.room, work.change
+    )
     for s in range(n):
         for c in range(dim):
             out[s, c] = y[s, c] + dt * them.b[s, c] + work.change[s, c]
@@ -120,7 +123,9 @@ def is_linear(them, y, dt):
 
 
 @making
-def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, change):
+def relax_by_speed(
+    mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, room, change
+):
     """As `relax_means`, whose `time` (n,) is here that at vanishing slip, and afterwards the mean over the kick."""
     n, dim = y.shape
     slow, quick, rate = np.empty(n), np.zeros((n, 2)), np.zeros(n)
@@ -130,14 +135,14 @@ def relax_by_speed(mass, time, law, grains, density, sound, omega, y, b, two_way
             quick[s, 0], quick[s, 1] = quickening(law, grains[s - 1], density, sound, omega)
     them = Coupled(mass, slow, quick, b, two_way, exponential, several)
     if exponential and is_linear(them, y, dt):  # backward Euler is extrapolated too
-        relax_means(mass, time, y, b, two_way, dt, exponential, several, change)
+        relax_means(mass, time, y, b, two_way, dt, exponential, several, room, change)
         return
     start, now = np.empty((n, dim)), np.empty((n, dim))
     for s in range(n):
         for c in range(dim):
             start[s, c] = y[s, c] - y[0, c] if mass[s] > 0.0 else 0.0  # small numbers, whatever the frame
             now[s, c] = start[s, c]
-    work = Work(time, change, np.empty((n, dim)), np.empty((3, n, dim)), np.empty((n, dim)), np.empty(n))
+    work = Work(time, change, np.empty((n, dim)), np.empty((3, n, dim)), np.empty((n, dim)), np.empty(n), room)
     done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1

@@ -1,7 +1,8 @@
 """Rows: four numbers in the vector registers of a processor, for loops that are too short for a compiler to see any.
 
     row = load(array, at)            the LANES numbers of an array, whatever its shape, from element `at` on
-    row + row, row - row, a * row    of all lanes at once; products and sums are fused where the processor can
+    row + row, row - row             of all lanes at once; products and sums are fused where the processor can
+    a * row, row * row
     lane(row, k)                     one of them
     store(array, at, row)            back into memory
     empty_row()                      nothing but 0
@@ -110,7 +111,7 @@ class SumOfRows(ConcreteTemplate):
 
 @infer_global(operator.mul)
 class TimesRow(ConcreteTemplate):
-    cases = [row_type(types.float64, row_type)]  # noqa: RUF012
+    cases = [row_type(types.float64, row_type), row_type(row_type, row_type)]  # noqa: RUF012
 
 
 @lower_builtin(operator.add, row_type, row_type)
@@ -131,3 +132,8 @@ def _multiply(context, builder, signature, arguments):
     lanes = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
     same = builder.shuffle_vector(first, ir.Constant(VECTOR, ir.Undefined), lanes)
     return builder.fmul(same, row, flags=("contract",))
+
+
+@lower_builtin(operator.mul, row_type, row_type)
+def _multiply_rows(context, builder, signature, arguments):
+    return builder.fmul(*arguments, flags=("contract",))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from discsim import Simulation
 from discsim.numerics import threads
 from discsim.parts import SCHEMES, USUAL_SCHEME
 
@@ -77,6 +78,16 @@ def test_throughput_of_the_main_job_is_told_by_pass(throughput):
     throughput.show_cases([{"case": "main", "cpu_of_dust": 0.0, **found}], Console(file=text, width=200))
     assert "forces" in text.getvalue() and "outside of loops" in text.getvalue()
     assert threads.share.__name__ == "share"  # watched no more
+
+
+def test_throughput_sets_eight_sizes_beside_one(throughput, monkeypatch):
+    monkeypatch.setattr(throughput, "STEPS", 1)
+    rows = throughput.show_sizes(600, ["tsc"], Console(file=io.StringIO()))
+    assert [(row["per_gas"], row["sizes"]) for row in rows] == [(2, 1), (2, 8), (10, 1), (10, 8)]
+    assert all(0.0 < row["kick"] < row["step"] for row in rows)
+    sim = Simulation(throughput.of_sizes(600, 2, 8, "tsc"))
+    sim.step()
+    assert sim.effects["drag"].classes.number == 8  # each size a class of its own
 
 
 def test_a_study_of_cost_is_made_once(tmp_path):

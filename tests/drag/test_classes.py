@@ -9,6 +9,7 @@ from runs import on_threads
 from scipy.integrate import solve_ivp
 
 from discsim import SceneError, Simulation, load_scene
+from discsim.drag import nodes
 from discsim.exact import nsh
 from discsim.formulas.laws import VALUE
 
@@ -232,6 +233,36 @@ def test_it_goes_on_to_the_bit(tmp_path):
             sim.step()
     for name, array in sims[0].dust.arrays().items():
         assert array.tobytes() == getattr(sims[1].dust, name).tobytes(), name
+
+
+@pytest.mark.parametrize("direction", ["two-way", "one-way"])
+def test_grains_one_by_one_are_what_sums_of_cells_are(direction, monkeypatch):
+    """Nodes take either, by how many grains of a class a cell has; momentum and angular momentum are exact."""
+    found = []
+    for few in (0, 1000):
+        monkeypatch.setattr(nodes, "FEW", few)
+        scene = orbiting(inner=0.7, outer=1.3)
+        scene["drag"]["direction"] = direction
+        sim = Simulation(scene)
+        sim.step()
+        drag, before = sim.effects["drag"], [p.vel.copy() for p in (sim.gas, sim.dust)]
+        drag.kick(sim.state, 0.01)
+        gained = [p.vel - old - 0.01 * p.acc for p, old in zip((sim.gas, sim.dust), before, strict=True)]
+        found.append((*gained, drag.stopping_times))
+        if direction == "two-way":
+            momentum = [p.mass[:, None] * v for p, v in zip((sim.gas, sim.dust), gained, strict=True)]
+            turn = [
+                p.pos[:, 0] * m[:, 1] - p.pos[:, 1] * m[:, 0]
+                for p, m in zip((sim.gas, sim.dust), momentum, strict=True)
+            ]
+            for kept in (*np.sum([m.sum(axis=0) for m in momentum], axis=0), sum(t.sum() for t in turn)):
+                assert abs(kept) < 1e-12 * abs(momentum[1]).sum()  # rounding of 2400 terms
+    assert (found[0][1] != found[1][1]).any()
+    for one, other in zip(*found, strict=True):
+        finite = np.isfinite(one)
+        assert (finite == np.isfinite(other)).all()
+        # The same sums in another order.
+        np.testing.assert_allclose(one[finite], other[finite], rtol=0, atol=1e-12 * abs(one[finite]).max())
 
 
 def test_the_same_bits_on_any_number_of_threads(monkeypatch):

@@ -1,0 +1,184 @@
+"""Gather where a cell has a grain or two of each class: nodes take grains one by one (`kernels/nodes.py`).
+
+What a cell gives to its nine nodes would be many more numbers than its grains are. So a node asks the grains of nine
+cells for their weights, which are polynomials of the place in a cell (`nodes_weights`); for slopes a cell has the first
+moments of each class and the second ones of all its dust together: those about the centroids of classes are
+
+    sum_s sum m x y - sum_s M_s X_s Y_s.                                                                  (6)
+"""
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.inner import inner, lean
+from discsim.kernels.nodes import BY_Y, FIELDS, ONE, X, Y
+from discsim.kernels.nodes_gather import WEIGHTS, is_ragged, leave_orbits, leave_out, pack, weigh
+from discsim.kernels.rows import LANES, empty_row, lane, load, store
+
+
+@inner
+def most_of_all(block_from, block_to, kind):
+    """The largest number of grains in a block."""
+    most = 0
+    for block in range(block_from, block_to):
+        most = max(most, kind.start[(block + 1) * kind.number] - kind.start[block * kind.number])
+    return most
+
+
+@inner
+def first_moments(cell, first, last, kind, row, own):
+    """Of a class in a cell."""
+    places, motion = empty_row(), empty_row()
+    for k in range(first, last):
+        m = kind.mass[kind.order[k]]
+        places += m * load(row, k * FIELDS)
+        motion += m * load(row, k * FIELDS + LANES)
+    store(own, cell * 3 * FIELDS, places)
+    store(own, cell * 3 * FIELDS + LANES, motion)
+
+
+@inner
+def moments_of_all(block, first, last, kind, row, total):
+    """First and second moments of all the dust of a cell."""
+    for half in (0, LANES):
+        whole, by_x, by_y = empty_row(), empty_row(), empty_row()
+        for k in range(first, last):
+            one, m = load(row, k * FIELDS + half), kind.mass[kind.order[k]]
+            whole += m * one
+            by_x += (m * row[k, X]) * one
+            by_y += (m * row[k, Y]) * one
+        at = block * 3 * FIELDS + half
+        store(total, at, whole)
+        store(total, at + FIELDS, by_x)
+        store(total, at + 2 * FIELDS, by_y)
+
+
+@inner
+def gather_block(block, kind, cells, nodes, frame, law, row, share, room, weight):
+    first, last = np.uint64(kind.start[block * kind.number]), np.uint64(kind.start[(block + 1) * kind.number])
+    home, flat = cells.home[block], kind.pos.shape[1] == 1
+    pack(block, first, last - first, kind, cells, law, frame.star > 0.0, row, room)
+    if frame.star > 0.0:
+        leave_orbits(block, first, last - first, cells, frame, row, room)
+    for k in range(first, last):
+        share[k] = kind.mass[kind.order[k]]
+    if is_ragged(home, flat, nodes.about, nodes.sums):
+        for k in range(first, last):
+            weigh(k, 0, 1.0, flat, row, weight)
+            share[k] *= leave_out(0, home, 1.0, nodes.about, nodes.sums, weight)
+    moments_of_all(block, first, last, kind, row, cells.total)
+    for part in range(kind.number):
+        cell, last = cells.slot[block, kind.first + part], np.uint64(kind.start[block * kind.number + part + 1])
+        if cell >= 0:
+            first_moments(cell, first, last, kind, row, cells.own)
+        first = last
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, share):
+    """Pack the dust of the blocks in its order into `row` (n, FIELDS) and make the moments of cells; `share` (n,): mass
+    of a grain over the sum of its weights on nodes that have gas.
+    """
+    room, weight = np.empty(most_of_all(block_from, block_to, kind)), np.empty((1, WEIGHTS))
+    for block in range(block_from, block_to):
+        gather_block(block, kind, cells, nodes, frame, law, row, share, room, weight)
+
+
+@inner
+def coefficients(step, flat):
+    """Of 1, x and x^2 in the weight of a cell's particle on the node `step` beside its own."""
+    if flat:
+        return 1.0, 0.0, 0.0
+    return (0.75, 0.0, -1.0) if step == 0 else (0.125, 0.5 * step, 0.5)
+
+
+@inner
+def take_grains(n, k, block, kind, row, share, sums):
+    """Add what the dust of a cell brings to node n to its sums of eq. (1)."""
+    i, j, number = 1 - k // 3, 1 - k % 3, kind.number  # of the node, as the cell sees it
+    a0, a1, a2 = coefficients(i, False)
+    b0, b1, b2 = coefficients(j, kind.pos.shape[1] == 1)
+    last = np.uint64(kind.start[block * number])
+    for part in range(number):
+        first, last = last, np.uint64(kind.start[block * number + part + 1])
+        if first == last:
+            continue
+        places, motion = empty_row(), empty_row()
+        for g in range(first, last):
+            x, y = row[g, X], row[g, Y]
+            w = share[g] * (a0 + x * (a1 + x * a2)) * (b0 + y * (b1 + y * b2))
+            places += w * load(row, g * FIELDS)
+            motion += w * load(row, g * FIELDS + LANES)
+        s = kind.first + part
+        at = (n * sums.shape[1] + s) * FIELDS
+        store(sums, at, load(sums, at) + places)
+        store(sums, at + LANES, load(sums, at + LANES) + motion)
+        sums[n, s, X] -= i * lane(places, ONE)
+        sums[n, s, Y] -= j * lane(places, ONE)
+
+
+@lean
+def collect_grains(node_from, node_to, kind, nodes, row, share):
+    """Sums over the classes at each node that has gas, eq. (1)."""
+    for n in range(node_from, node_to):
+        for s in range(kind.first, kind.first + kind.number):
+            for f in range(FIELDS):
+                nodes.sums[n, s, f] = 0.0
+        if nodes.sums[n, 0, ONE] <= 0.0:
+            continue
+        for k in range(9):
+            if nodes.near[n, k] >= 0:
+                take_grains(n, k, nodes.near[n, k], kind, row, share, nodes.sums)
+
+
+@inner
+def weight_of(k):
+    """In slopes at a node, of a cell about it: nearer ones count more."""
+    return (0.5 if k // 3 == 1 else 0.25) * (0.5 if k % 3 == 1 else 0.25)
+
+
+@inner
+def take_off(n, s, near, slot, own, xx, xy, yy, along, across):
+    """What a class has in eq. (6) taken off the second moments about a node."""
+    places, motion, i, j = empty_row(), empty_row(), 0.0, 0.0
+    for k in range(9):
+        block = near[n, k]
+        cell = slot[block, s] if block >= 0 else -1
+        if cell >= 0:
+            w = weight_of(k)
+            row = w * load(own, cell * 3 * FIELDS)
+            places += row
+            motion += w * load(own, cell * 3 * FIELDS + LANES)
+            i += (k // 3 - 1) * lane(row, ONE)
+            j += (k % 3 - 1) * lane(row, ONE)
+    m = lane(places, ONE)
+    if m <= 0.0:
+        return xx, xy, yy, along, across
+    mx, my = lane(places, X) + i, lane(places, Y) + j
+    x, y = mx / m, my / m
+    return xx - mx * x, xy - mx * y, yy - my * y, along - x * motion, across - y * motion
+
+
+@inner
+def moments_within(n, near, slot, own, total):
+    """Mass and second moments of place (xx, xy, yy) within the classes in the nine cells about a node, and those of x
+    and of y with velocity, a row each.
+    """
+    mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
+    for k in range(9):
+        block = near[n, k]
+        if block < 0:
+            continue
+        # About the node, which lies at (-i, -j) from the cell's middle.
+        i, j, w, at = k // 3 - 1.0, k % 3 - 1.0, weight_of(k), block * 3 * FIELDS
+        row, moves, by_x = w * load(total, at), w * load(total, at + LANES), w * load(total, at + FIELDS)
+        m, x, y = lane(row, ONE), lane(row, X), lane(row, Y)
+        mass += m
+        xx += lane(by_x, X) + 2.0 * i * x + i * i * m
+        xy += lane(by_x, Y) + i * y + j * x + i * j * m
+        yy += w * total[block, BY_Y, Y] + 2.0 * j * y + j * j * m
+        along += w * load(total, at + FIELDS + LANES) + i * moves
+        across += w * load(total, at + 2 * FIELDS + LANES) + j * moves
+    for s in range(1, slot.shape[1]):
+        xx, xy, yy, along, across = take_off(n, s, near, slot, own, xx, xy, yy, along, across)
+    return mass, xx, xy, yy, along, across
