@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from discsim.kernels.kinds import Law, Species
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
+from discsim.numerics.totals import mean
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
 Array = np.ndarray
 NONE = np.empty(0)
 NOBODY = np.empty(0, np.int64)
+# A leaf's h are added in whole units of 2^-H_BITS of the largest, without rounding for 2^23 of them: sums then hang
+# on no order, and say to 9 digits whether a block is large enough.
+H_BITS = 30
 
 # Steps of the cells' origin, in fractions of the largest block: n a 2^k mod 1 is well spread for k = 0..5 (for
 # n <= 60, n |n a 2^k - nearest whole number| >= .17; found by search).
@@ -86,7 +91,7 @@ def wanted_leaf(drag: Drag, state: State) -> float:
     if drag.drag.cell_length is not None:
         return drag.drag.cell_length
     h = state.gas.h
-    return drag.scheme.cells.leaf(state.scene, lambda: float(np.exp(np.log(h).mean())), float(h.min()))
+    return drag.scheme.cells.leaf(state.scene, lambda: float(np.exp(mean(np.log(h)))), float(h.min()))
 
 
 def sort_into_blocks(
@@ -110,7 +115,8 @@ def sort_into_blocks(
         leaves = _widened(leaves, drag.dim)
         shift, gas_key, dust_key, n_gas, n_dust = _leaf_of_each(drag, state, leaves, shifted, mirrored)
     nx, ny = leaves.shape
-    h_sum = np.bincount(gas_key, gas.h, nx * ny + 1)
+    unit = 2.0 ** (math.frexp(float(gas.h.max()))[1] - H_BITS)
+    h_sum = unit * np.bincount(gas_key, np.rint(gas.h / unit), nx * ny + 1)
     # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
     length = leaves.side if drag.drag.cell_length else 0.0
     number, first_leaf, level, enlarged = merge(
@@ -215,5 +221,5 @@ def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
     )  # fmt: skip
     start = blocks.dust_start[:: drag.classes.number]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
-    drag.note_uncoupled(state.dust, lambda mass: kernels.mass_in(mass, blocks.dust_order, start, alone))
+    drag.note_uncoupled(state.dust, kernels.members_of(blocks.dust_order, start, alone))
     drag.stopping_times = lambda: kernels.times_of_members(times, blocks.dust_order, blocks.dust_start)

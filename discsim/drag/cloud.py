@@ -9,6 +9,7 @@ import numpy as np
 
 from discsim.formulas.laws import CONSTANT
 from discsim.numerics.sph import Sph
+from discsim.numerics.totals import mean
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -47,7 +48,7 @@ def cloud_of(state: State, members: Array, sph: Sph) -> Cloud:
     )  # fmt: skip
 
 
-def guess_h(cloud: Cloud, density: Array) -> Array:
+def guess_h(cloud: Cloud, density: Array | float) -> Array:
     """Smoothing lengths (n,) at a density that is given, or known to be about right."""
     with np.errstate(divide="ignore", over="ignore"):  # a density of none asks for the longest
         h = cloud.sph.eta * (cloud.mass / density) ** (1.0 / cloud.sph.dim)
@@ -81,7 +82,7 @@ def densities_of_sparse_dust(drag: Drag, state: State) -> Array:
             sph = Sph(state.scene)
             sph.balsara = sph.fixed = False  # whose own spacing may be far above the gas's h
             cloud = cloud_of(state, members, sph)
-            cloud.h[:] = guess_h(cloud, state.scene.dust[number].ratio * gas.density.mean())
+            cloud.h[:] = guess_h(cloud, state.scene.dust[number].ratio * mean(gas.density))
             settle_density(cloud)
             out[members] = cloud.density
     return out

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
     from discsim.numerics.state import State
 
+Array = np.ndarray
 RINGS = 16
-SAMPLE = 4096  # particles of a species, of whom a few tell the sense; always the same for the same state
+SAMPLE = 4096  # particles of a species, of whom a few tell the sense: of ids that are whole multiples of a power of two
 
 
 def frame(drag: Drag, state: State) -> Frame:
@@ -28,7 +29,7 @@ def frame(drag: Drag, state: State) -> Frame:
     mass, softening = drag.star
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
-    few = [slice(None, None, -(-p.count // SAMPLE)) for p in state.species.values()]
+    few = [_sample(p.ids) for p in state.species.values()]
     weight, pos, vel = (
         np.concatenate([getattr(p, name)[part] for p, part in zip(state.species.values(), few, strict=True)])
         for name in ("mass", "pos", "vel")
@@ -49,6 +50,12 @@ def frame(drag: Drag, state: State) -> Frame:
     against = whole * moving[there] < -0.5 * total[there]
     sense = np.interp(np.arange(RINGS), there, np.where(against, -whole, whole))
     return Frame(mass, softening, low, per_ring, sense[:1] if np.ptp(sense) == 0.0 else sense)
+
+
+def _sample(ids: Array) -> Array | slice:
+    """Which particles to look at, of `ids` (n,)."""
+    every = 1 << max(0, -(-len(ids) // SAMPLE) - 1).bit_length()
+    return slice(None) if every == 1 else np.flatnonzero(ids & (every - 1) == 0)
 
 
 def clockwise(about_star: Frame) -> bool:

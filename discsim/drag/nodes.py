@@ -19,11 +19,11 @@ from discsim.kernels import (
     nodes_scatter,
     nodes_sharpen,
 )
-from discsim.kernels.blocks import IGNORE, LEVELS, NEAR
+from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, members_of
 from discsim.kernels.drag import free_kick
 from discsim.kernels.frame import Frame
 from discsim.kernels.kinds import Law, Species
-from discsim.kernels.nodes import FIELDS, ONE, WHOLE, Cells, Change, Nodes, Sharp, Slopes
+from discsim.kernels.nodes import FIELDS, Cells, Change, Nodes, Sharp, Slopes
 from discsim.kernels.rows import LANES
 from discsim.numerics.threads import share
 
@@ -64,11 +64,9 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     if len(heat) > 0:
         nodes_heat.pass_on(nodes, sharp.heat)
         share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, rows[0], heat, least=LEAST)
-    alone = cells.slot[:, 1:][(met[1] == 0.0) | blocks.enlarged[:, None]]
-    drag.note_uncoupled(
-        state.dust,
-        lambda mass: float(cells.own[alone[alone >= 0], WHOLE, ONE].sum() + mass[_outside(dust, cells)].sum()),
-    )
+    alone = np.ones((len(met[1]) + 2, dust.number), bool)  # also of what lies outside
+    alone[:-2] = (met[1] == 0.0) | blocks.enlarged[:, None]
+    drag.note_uncoupled(state.dust, members_of(dust.order, dust.start, alone.ravel()))
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, rows[1])
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.numerics.totals import total, totals
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -20,11 +21,11 @@ def taken_from(state: State, name: str, gone: np.ndarray) -> tuple[float, float,
     carry: with two-way drag that is the rest, with one-way drag beside it.
     """
     particles = state.species[name]
-    mass, small = float(particles.mass[gone].sum()), 0.0
+    mass, small = total(particles.mass[gone]), 0.0
     if state.gas is not None and state.gas.small is not None and name == "gas":
-        small = float(state.gas.small[gone].sum())
+        small = total(state.gas.small[gone])
         if growth.laden(state.scene):
-            return mass, float((particles.mass[gone] - state.gas.small[gone]).sum()), small
+            return mass, total(particles.mass[gone] - state.gas.small[gone]), small
     return mass, mass, small
 
 
@@ -43,9 +44,9 @@ def swallow(state: State, number: int, name: str, gone: np.ndarray, grows: bool,
         bodies.accreted[number, SPECIES.index("dust")] += small
     if not grows or (name == "dust" and state.unnoticed):
         return
-    total = bodies.mass[number] + taken
+    after = bodies.mass[number] + taken
     if moves:
         for own, theirs in ((bodies.pos, particles.pos[gone]), (bodies.vel, particles.vel[gone])):
-            own[number] += (mass[:, None] * (theirs - own[number])).sum(axis=0) / total
+            own[number] += totals(mass[:, None] * (theirs - own[number])) / after
     bodies.gained[number] += taken
-    bodies.mass[number] = total
+    bodies.mass[number] = after

@@ -26,6 +26,7 @@ from discsim.initial import start_of
 from discsim.numerics.bodies import SPECIES, Bodies
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
+from discsim.numerics.totals import rounded, total
 from discsim.parts import Lazy
 from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
@@ -257,14 +258,12 @@ class Effect(base.Effect):
         for k, companion in enumerate(self.companions):
             self._lengths[k] = softening(self.scene, companion, float(distances[k]))
         for name, p in state.species.items():
-            blocks = -(-p.count // kernels.BLOCK)
             self._near[name] = np.full((len(self.companions), 2), np.inf)
             for k in range(len(self.companions)):
-                sums = np.zeros((blocks, 4))
                 given = bodies.mass[k + 1], self._lengths[k], *bodies.pos[k + 1].tolist(), *bodies.vel[k + 1].tolist()
-                share(kernels.attract_both, blocks, p.pos, p.vel, p.acc, p.mass, *given, sums, least=1)
-                bodies.pulled[k + 1, SPECIES.index(name)] = sums[:, :2].sum(axis=0)
-                self._near[name][k] = sums[:, 2:].min(axis=0, initial=np.inf)
+                found = share(kernels.attract_both, p.count, p.pos, p.vel, p.acc, p.mass, *given)
+                bodies.pulled[k + 1, SPECIES.index(name)] = rounded(sum(limbs for limbs, _ in found))
+                self._near[name][k] = np.min([near for _, near in found], axis=0)
         self.orbits.accelerate(bodies)
 
     def limit(self, state: State) -> float:
@@ -316,12 +315,12 @@ class Effect(base.Effect):
 
     def potential_energy(self, state: State) -> float:
         """That of gas and dust in the field of the companions."""
-        bodies, total = _bodies(state), 0.0
+        bodies, energy = _bodies(state), 0.0
         for p in state.species.values():
             for k in range(len(self.companions)):
                 distance = np.sqrt(((p.pos - bodies.pos[k + 1]) ** 2).sum(axis=1) + self._lengths[k] ** 2)
-                total -= float((p.mass * bodies.mass[k + 1] / distance).sum())
-        return total
+                energy -= total(p.mass * bodies.mass[k + 1] / distance)
+        return energy
 
 
 def _bodies(state: State) -> Bodies:

@@ -19,6 +19,7 @@ from discsim.effects import base
 from discsim.initial import balance
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
+from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.scene.fields import Length, Number, Table, Words
@@ -106,9 +107,7 @@ class Effect(base.Effect):
             kind = 0 if name == "gas" else int(state.gas is not None)
             species = NONE if name == "gas" else p.species  # type: ignore[attr-defined]
             given = p.pos, p.vel, p.mass, species, kind, self.centre(state), self.zones, ahead, dt
-            blocks = np.zeros((-(-p.count // kernels.BLOCK), 3))
-            share(kernels.relax, len(blocks), *given, blocks, least=1)
-            lost = blocks.sum(axis=0)
+            lost = rounded(sum(share(kernels.relax, p.count, *given)))
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])
 

@@ -22,6 +22,7 @@ from discsim.effects.stopping import stopping_columns
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, fill, share
+from discsim.numerics.totals import mean, total
 from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
 from discsim.physics.grains import has_sizes
 from discsim.physics.laws import SceneLaw
@@ -204,10 +205,10 @@ class Effect(base.Effect):
     def stopping_times(self, times: np.ndarray | Callable[[], np.ndarray]) -> None:
         self._times = times
 
-    def note_uncoupled(self, dust: Dust, mass_of: Callable[[np.ndarray], float]) -> None:
-        """Note the share of the dust mass that is uncoupled, `mass_of(mass)` of masses (n,)."""
+    def note_uncoupled(self, dust: Dust, alone: np.ndarray) -> None:
+        """Note the share of the dust mass that is uncoupled, that of the particles `alone` (their numbers)."""
         mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
-        self.uncoupled = float(mass_of(mass) / mass.sum())
+        self.uncoupled = total(mass[alone]) / total(mass) if len(alone) > 0 else 0.0
 
     def limit(self, state: State) -> float:
         if self.scheme.limit is None or not self.two_way or state.gas.count == 0 or state.dust.count == 0:
@@ -237,7 +238,7 @@ class Effect(base.Effect):
             if len(heat) > 0:
                 # Beside the work that pressure and viscosity were said to do, so that the total stays what it is.
                 heat += dt * np.einsum("ij,ij->i", gas.pressure_acc, gas.pressure_vel - 0.5 * (before + gas.vel))
-                heat_of_drag.share_losses(gas.pos, gas.mass, gas.u, gas.h.mean(), heat)
+                heat_of_drag.share_losses(gas.pos, gas.mass, gas.u, mean(gas.h), heat)
                 gas.kick_rate += heat / dt
             kick_energy(state, dt)
         if gas.immobile is not None:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from discsim.effects import base
 from discsim.numerics.state import State
+from discsim.numerics.totals import total
 from discsim.scene.fields import AccelerationVector, Measure, Table
 
 if TYPE_CHECKING:
@@ -51,8 +52,9 @@ class Effect(base.Effect):
         return 1.0 / self.frequency if self.frequency > 0.0 else np.inf
 
     def potential_energy(self, state: State) -> float:
-        total = 0.0
+        energy = 0.0
         for name, p in state.species.items():
-            total -= float((p.mass * (p.pos @ self.constant[name])).sum())
-            total += 0.5 * self.frequency**2 * float((p.mass * p.pos[:, -1] ** 2).sum())
-        return total
+            lift = sum(p.pos[:, axis] * along for axis, along in enumerate(self.constant[name]))
+            energy -= total(p.mass * lift)
+            energy += 0.5 * self.frequency**2 * total(p.mass * p.pos[:, -1] ** 2)
+        return energy

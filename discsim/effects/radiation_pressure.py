@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field
 from discsim.effects import base
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
+from discsim.numerics.totals import total
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.radiation import pull_share
 from discsim.scene.fields import Number, Table, Words, fault
@@ -97,4 +98,4 @@ class Effect(base.Effect):
     def potential_energy(self, state: State) -> float:
         dust = state.dust
         distance = np.sqrt((state.from_star(dust.pos) ** 2).sum(axis=1) + self.softening**2)
-        return state.star_mass * float((dust.mass * self.share[dust.species] / distance).sum())
+        return state.star_mass * total(dust.mass * self.share[dust.species] / distance)

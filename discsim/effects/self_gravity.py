@@ -37,6 +37,7 @@ numba = Lazy("numba")
 kernels = Lazy("discsim.kernels.grid")
 grids = Lazy("discsim.numerics.grid")
 poisson = Lazy("discsim.numerics.poisson")
+totals = Lazy("discsim.numerics.totals")
 
 Array = np.ndarray
 
@@ -245,7 +246,7 @@ class Effect(base.Effect):
         outside = self.grid.outside(particles.pos)
         if len(outside) > 0:
             potential[outside] = self._monopole().potential(particles.pos[outside])
-        return float((particles.mass * potential).sum())
+        return float(totals.total(particles.mass * potential))
 
     def _solved(self, state: State) -> Array:
         """The potential of the sources where they are now."""

@@ -20,6 +20,7 @@ from discsim.effects import base
 from discsim.effects.accretion import swallow, taken_from
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
+from discsim.numerics.totals import rounded, total, totals
 from discsim.parts import Lazy
 from discsim.physics.orbits import Orbits, pulling
 from discsim.scene.fields import Default, Length, Mass, Table
@@ -167,24 +168,20 @@ class Effect(base.Effect):
         _, own, small = taken_from(state, name, gone)
         setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + own)
         ledger.accreted_small += small
-        ledger.accreted_momentum += (mass[:, None] * vel).sum(axis=0)
-        spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])
-        ledger.accreted_angular_momentum += float(spin.sum())
+        ledger.accreted_momentum += totals(mass[:, None] * vel)
+        ledger.accreted_angular_momentum += total(mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]))
         if state.bodies is not None:
             swallow(state, 0, name, gone, grows=self.star.grows, moves=self.orbits.inertial)
         particles.remove(inside)
 
     def potential_energy(self, state: State) -> float:
-        total, place = 0.0, np.array(state.star_place)
+        energy, place = 0.0, np.array(state.star_place)
         for p in state.species.values():
             distance = np.sqrt(((p.pos - place) ** 2).sum(axis=1) + self.star.softening**2)
-            total -= float((p.mass * state.star_mass / distance).sum())
-        return total
+            energy -= total(p.mass * state.star_mass / distance)
+        return energy
 
 
 def pull_of(particles: Particles, softening: float, place: tuple[float, float]) -> np.ndarray:
     """What particles give to a point at `place` (2,), softened."""
-    blocks = -(-particles.count // kernels.BLOCK)
-    sums = np.zeros((blocks, 2))
-    share(kernels.pull_of, blocks, particles.pos, particles.mass, softening, *place, sums, least=1)
-    return np.asarray(sums.sum(axis=0))
+    return rounded(sum(share(kernels.pull_of, particles.count, particles.pos, particles.mass, softening, *place)))

@@ -68,14 +68,20 @@ def block_keys(first, last, key, number, species, populations):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def mass_in(mass, order, start, chosen):
-    """Mass of the particles in the blocks `chosen`."""
-    total = 0.0
+def members_of(order, start, chosen):
+    """Numbers of the particles in the blocks `chosen` (blocks,)."""
+    count = 0
+    for block in range(len(chosen)):
+        if chosen[block]:
+            count += start[block + 1] - start[block]
+    out = np.empty(count, order.dtype)
+    count = 0
     for block in range(len(chosen)):
         if chosen[block]:
             for k in range(start[block], start[block + 1]):
-                total += mass[order[k]]
-    return total
+                out[count] = order[k]
+                count += 1
+    return out
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

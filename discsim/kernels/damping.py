@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-BLOCK = 4096  # particles of a sum: fixed, whatever the number of threads
+from discsim.kernels.totals import LIMBS, SOME, add, carry
 
 
 class Zones(NamedTuple):
@@ -26,16 +26,17 @@ class Zones(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt, lost):
-    """Relax the particles of the blocks `first` to `last`, of kind `kind` or of kind + species, over dt; `lost`
-    (blocks, 3) is set to the momentum x, y and the angular momentum that each block loses.
+def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
+    """Relax the particles `first` to `last`, of kind `kind` or of kind + species, over dt; returns the limbs (3, LIMBS)
+    of the momentum x, y and the angular momentum that they lose.
 
     centre: (x, y, v_x, v_y) about which the zones lie.
     """
     most = zones.table.shape[1] - 1
-    for block in range(first, last):
-        px = py = spin = 0.0
-        for i in range(block * BLOCK, min((block + 1) * BLOCK, len(pos))):
+    limbs, terms = np.zeros((3, LIMBS), np.int64), np.empty(3)
+    bits = terms.view(np.int64)
+    for block in range(first, last, SOME):
+        for i in range(block, min(block + SOME, last)):
             x, y = pos[i, 0] - centre[0], pos[i, 1] - centre[1]
             r2 = x * x + y * y
             r = math.sqrt(r2)
@@ -66,7 +67,10 @@ def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt, 
             dx, dy = gone * (vx - (v * x - w * y)), gone * (vy - (v * y + w * x))
             vel[i, 0] -= dx
             vel[i, 1] -= dy
-            px += mass[i] * dx
-            py += mass[i] * dy
-            spin += mass[i] * (pos[i, 0] * dy - pos[i, 1] * dx)
-        lost[block] = px, py, spin
+            terms[0], terms[1] = mass[i] * dx, mass[i] * dy
+            terms[2] = mass[i] * (pos[i, 0] * dy - pos[i, 1] * dx)
+            for k in range(3):
+                add(bits[k], limbs[k])
+        for k in range(3):
+            carry(limbs[k])
+    return limbs

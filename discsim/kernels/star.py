@@ -1,6 +1,6 @@
 """Softened point masses: the pull of the star and of companions on particles, and what the particles pull with.
 
-Sums over particles are made in blocks of BLOCK of them, and added in order: the same bits on any number of threads.
+Sums over particles are exact (`kernels/totals.py`): the same bits on any number of threads.
 """
 
 import math
@@ -8,8 +8,10 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.totals import LIMBS, SOME, carry
+from discsim.kernels.totals import add as add_exactly
+
 ONE, TWO = np.uint64(1), np.uint64(2)
-BLOCK = 4096
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -34,42 +36,57 @@ def add(begin, end, vectors, x, y):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def pull_of(block_begin, block_end, pos, mass, softening, x0, y0, sums):
-    """What particles give to a point at (x0, y0): sum m d / (d^2 + s^2)^(3/2) into the sums (blocks, 2)."""
-    for block in range(block_begin, block_end):
-        ax = ay = 0.0
-        for i in range(block * BLOCK, min((block + 1) * BLOCK, len(mass))):
+def pull_of(begin, end, pos, mass, softening, x0, y0):
+    """What particles give to a point at (x0, y0): the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
+    limbs, terms = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME))
+    bits = terms.view(np.int64)
+    for block in range(begin, end, SOME):
+        number = min(SOME, end - block)
+        for k in range(number):
+            i = block + k
             x, y = pos[i, 0] - x0, pos[i, 1] - y0
             d2 = x * x + y * y + softening * softening
             f = mass[i] / (d2 * math.sqrt(d2))
-            ax += f * x
-            ay += f * y
-        sums[block, 0], sums[block, 1] = ax, ay
+            terms[0, k], terms[1, k] = f * x, f * y
+        _add_terms(number, bits, limbs)
+    return limbs
+
+
+@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+def _add_terms(number, bits, limbs):
+    for k in range(number):
+        add_exactly(bits[0, k], limbs[0])
+        add_exactly(bits[1, k], limbs[1])
+    carry(limbs[0])
+    carry(limbs[1])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def attract_both(block_begin, block_end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0, sums):
+def attract_both(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0):
     """`attract` by a mass `pull` that moves with (vx0, vy0), and `pull_of`, at once.
 
-    The sums (blocks, 4) get the least d^2, and the least (d^2 + s^2) / v^2, v the relative velocity, too.
+    Returns the limbs of that, and the least d^2 and the least (d^2 + s^2) / v^2, v the relative velocity.
     """
-    for block in range(block_begin, block_end):
-        ax = ay = 0.0
-        nearest2 = crossing2 = np.inf
-        for i in range(block * BLOCK, min((block + 1) * BLOCK, len(mass))):
+    limbs, terms = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME))
+    bits = terms.view(np.int64)
+    nearest2 = crossing2 = np.inf
+    for block in range(begin, end, SOME):
+        number = min(SOME, end - block)
+        for k in range(number):
+            i = block + k
             x, y = pos[i, 0] - x0, pos[i, 1] - y0
             vx, vy = vel[i, 0] - vx0, vel[i, 1] - vy0
             square, v2 = x * x + y * y, vx * vx + vy * vy
             d2 = square + softening * softening
             f = 1.0 / (d2 * math.sqrt(d2))
-            ax += mass[i] * f * x
-            ay += mass[i] * f * y
+            terms[0, k], terms[1, k] = mass[i] * f * x, mass[i] * f * y
             acc[i, 0] -= pull * f * x
             acc[i, 1] -= pull * f * y
             nearest2 = min(nearest2, square)
             if d2 < crossing2 * v2:
                 crossing2 = d2 / v2
-        sums[block, 0], sums[block, 1], sums[block, 2], sums[block, 3] = ax, ay, nearest2, crossing2
+        _add_terms(number, bits, limbs)
+    return limbs, (nearest2, crossing2)
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})

@@ -22,6 +22,13 @@ def counting_sort(key: Array, count: int) -> tuple[Array, Array]:
     return order, start
 
 
+def by_ids(key: Array, count: int, ids: Array) -> Array:
+    """Order (n,) by `key` (n,) in [0, count), those of one key by `ids` (n,): whatever order they had before."""
+    order, start = counting_sort(key, count)
+    share(kernels.sort_members, count, start, ids, order)
+    return order
+
+
 def counts(key: Array, count: int) -> Array:
     """How many of `key` (n,) in [0, count) there are of each (count,)."""
     place, parts = _count(key, count)

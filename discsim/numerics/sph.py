@@ -12,7 +12,9 @@ from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_colu
 from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE
 from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
+from discsim.numerics.sorting import by_ids
 from discsim.numerics.threads import share
+from discsim.numerics.totals import mean
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Gas
@@ -74,8 +76,9 @@ class Sph:
         return sort_into_cells(points.pos, points.h, room * self.support, *self.box_of(points), self.periodic)
 
     def order(self, gas: Gas) -> np.ndarray:
-        """Order of the particles by neighbour cell, for memory locality (n,)."""
-        return self.cells_of(gas).order
+        """Order of the particles by neighbour cell, for memory locality, and in it by their ids (n,)."""
+        cells = self.cells_of(gas)
+        return by_ids(cells.key, len(cells.bounds), gas.ids)
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
         """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`.
@@ -92,7 +95,7 @@ class Sph:
                 return
 
     def least(self, gas: Points) -> float:
-        return float(gas.h.mean()) * DENSEST ** (-1.0 / self.dim)
+        return mean(gas.h) * DENSEST ** (-1.0 / self.dim)
 
     def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> None:
         """`density` with h of no less than h_least."""

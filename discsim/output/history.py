@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from discsim.numerics.totals import total, totals
 from discsim.output.files import written
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
@@ -110,8 +111,8 @@ def history_row(
     momentum = gas.momentum + dust.momentum
     mass_gas, small = gas.mass, []
     if state.gas is not None and state.gas.small is not None:
-        small = [float(state.gas.small.sum()), state.ledger.accreted_small]
-        mass_gas = float((state.gas.mass * growth.gas_share(state.scene, state.gas)).sum())
+        small = [total(state.gas.small), state.ledger.accreted_small]
+        mass_gas = total(state.gas.mass * growth.gas_share(state.scene, state.gas))
     return [
         state.step, state.time, dt, dt_set_by, mass_gas, dust.mass, float(momentum[0]), float(momentum[1]),
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
@@ -147,11 +148,12 @@ def _totals(particles: Particles | None) -> _Totals:
         return _Totals(0.0, np.zeros(2), 0.0, 0.0)
     free = _free(particles)
     mass, pos, vel = particles.mass[free], particles.pos[free], particles.vel[free]
-    momentum = np.zeros(2)
-    momentum[: vel.shape[1]] = (mass[:, None] * vel).sum(axis=0)
-    spin = (mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0])).sum() if vel.shape[1] == 2 else 0.0
-    kinetic = 0.5 * (mass * (vel * vel).sum(axis=1)).sum()
-    return _Totals(float(mass.sum()), momentum, float(spin), float(kinetic))
+    plane = vel.shape[1] == 2
+    spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) if plane else np.zeros_like(mass)
+    across = mass * vel[:, 1] if plane else spin
+    kinetic = mass * (vel * vel).sum(axis=1)
+    found = totals(np.stack([mass, mass * vel[:, 0], across, spin, kinetic], axis=1)).tolist()
+    return _Totals(found[0], np.array(found[1:3]), found[3], 0.5 * found[4])
 
 
 def _thermal(state: State) -> float:
@@ -168,7 +170,7 @@ def _thermal(state: State) -> float:
 
 def _radiated(gas: Gas | None) -> float:
     """Energy that the gas there is has lost by cooling since the start."""
-    return 0.0 if gas is None or gas.radiated is None else float((gas.mass * gas.radiated).sum())
+    return 0.0 if gas is None or gas.radiated is None else total(gas.mass * gas.radiated)
 
 
 def _free(particles: Particles) -> Array | slice:

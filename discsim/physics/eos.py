@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from discsim.parts import EOS, STARTS
+from discsim.parts import EOS, STARTS, Lazy
 from discsim.physics.companions import central_mass
 from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
 from discsim.scene.rules import Draft, Problem, Rule
@@ -22,6 +22,7 @@ from discsim.scene.rules import Draft, Problem, Rule
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
+totals = Lazy("discsim.numerics.totals")
 Array = np.ndarray
 
 
@@ -222,7 +223,7 @@ class AdiabaticGas(Eos):
         return self.thermal_speed(scene, r) ** 2 / (scene.gas.eos.gamma - 1.0)
 
     def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
-        return float((mass * u).sum())
+        return float(totals.total(mass * u))
 
 
 class PolytropicGas(Eos):
@@ -248,7 +249,7 @@ class PolytropicGas(Eos):
         return pressure, np.sqrt(eos.gamma * pressure / density)
 
     def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
-        return float((mass * eos.constant * density ** (eos.gamma - 1.0)).sum() / (eos.gamma - 1.0))
+        return float(totals.total(mass * eos.constant * density ** (eos.gamma - 1.0)) / (eos.gamma - 1.0))
 
     def toomre_power(self, eos: Any) -> float:
         return 0.5 * (3.0 - eos.gamma)

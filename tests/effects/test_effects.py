@@ -196,5 +196,5 @@ def test_the_first_step_puts_particles_in_order(tmp_path):
     assert np.array_equal(sim.dust.ids, 1000 + np.arange(1100))
     sim.step()
     # Of two in one cell the order stays, so the order of what lies in order is that of counting.
-    assert np.array_equal(sim.state.grid.order(sim.dust.pos), np.arange(sim.dust.count))
+    assert np.array_equal(sim.state.grid.order(sim.dust.pos, sim.dust.ids), np.arange(sim.dust.count))
     assert not np.array_equal(sim.gas.ids, np.sort(sim.gas.ids))

@@ -370,3 +370,26 @@ def test_the_longest_step_of_conduction_swaps_a_pair():
     )  # fmt: skip
     # No sum but that over the pair: to rounding.
     np.testing.assert_allclose(u + sim.effects["gas"].limit(sim.state) * sim.gas.heating_rate, u[::-1], rtol=1e-12)
+
+
+def test_an_order_in_memory_hangs_on_places_and_ids_alone():
+    """Particles that are shuffled before they are sorted come into the same order, and h stops where it did."""
+    pos, mass = uneven(300, 2)
+    sim = simulation(pos, 2, "open", mass=mass)
+    gas, sph = sim.gas, sim.effects["gas"].sph
+    ids, least = gas.ids[sph.order(gas)], sph.least(gas)
+    gas.take(np.random.default_rng(2).permutation(gas.count))
+    assert not np.array_equal(gas.ids, np.sort(gas.ids))
+    np.testing.assert_array_equal(gas.ids[sph.order(gas)], ids)
+    assert sph.least(gas) == least
+
+
+def test_those_that_stay_keep_their_order():
+    pos, _ = uneven(40, 2)
+    gas = simulation(pos, 2, "open").gas
+    before = gas.copy()
+    for gone in ([], [0], [39], [3, 4, 5, 20, 39], list(range(39))):
+        left, mask = before.copy(), np.isin(np.arange(40), gone)
+        left.remove(mask)
+        for name, array in left.arrays().items():
+            np.testing.assert_array_equal(array, before.arrays()[name][~mask])

@@ -1,0 +1,46 @@
+"""Totals over particles that are exact sums, rounded once: the same bits in whatever order the particles are, and
+however they are divided.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+
+from discsim.kernels.totals import LIMBS, NOT_FINITE, add_columns
+from discsim.numerics.threads import share
+
+Array = np.ndarray
+UNIT = 1 << 1075  # limbs count in units of 1 / UNIT
+
+
+def total(values: Array) -> float:
+    """The sum of values (n,)."""
+    return float(totals(values[:, None])[0])
+
+
+def totals(values: Array) -> Array:
+    """The sum (columns,) of each column of values (n, columns); NaN where an entry is not finite."""
+    bits = np.ascontiguousarray(values, float).view(np.int64)
+    return rounded(sum(share(add_columns, len(bits), bits)))
+
+
+def mean(values: Array) -> float:
+    """The mean of values (n,), of which there are some."""
+    return total(values) / len(values)
+
+
+def rounded(limbs: Array) -> Array:
+    """The sums (columns,) of limbs (columns, LIMBS), as kernels of `kernels/totals.py` fill them."""
+    return np.array([_number(row) for row in limbs.reshape(-1, LIMBS).tolist()])
+
+
+def _number(limbs: list[int]) -> float:
+    if limbs[NOT_FINITE] > 0:
+        return float("nan")
+    whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:NOT_FINITE]))
+    try:
+        return float(Fraction(whole, UNIT))
+    except OverflowError:
+        return float("inf") if whole > 0 else float("-inf")

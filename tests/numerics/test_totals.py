@@ -1,0 +1,51 @@
+"""Totals over particles: exact, and the same however the particles are ordered and divided."""
+
+import math
+
+import numba
+import numpy as np
+import pytest
+
+from discsim.kernels.totals import add_columns
+from discsim.numerics.totals import rounded, total, totals
+
+
+def wide(number, seed=3):
+    """Numbers of both signs over 600 powers of ten, of which most of the sum cancels."""
+    stream = np.random.default_rng(seed)
+    half = stream.standard_normal(number) * 10.0 ** stream.integers(-300, 300, number)
+    return stream.permutation(np.concatenate([half, -half[: number // 2]]))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("number", [0, 1, 2, 700, 20_000])
+def test_total_is_the_exact_sum(monkeypatch, threads, number):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+    values = wide(number)
+    assert total(values) == math.fsum(values)
+    both = np.stack([values, 3.0 * values], axis=1)
+    assert totals(both).tolist() == [math.fsum(column) for column in both.T]
+
+
+def test_total_of_the_smallest_numbers():
+    tiny = np.array([5e-324, 5e-324, -2e-323, 1e-310])
+    assert total(tiny) == math.fsum(tiny)
+
+
+@pytest.mark.parametrize("wrong", [np.inf, -np.inf, np.nan])
+def test_what_is_not_finite_has_no_total(wrong):
+    assert math.isnan(total(np.array([1.0, wrong, 2.0])))
+
+
+def test_a_total_that_overflows_is_infinite():
+    assert total(np.full(4, -1e308)) == -math.inf
+
+
+def test_parts_add_up_to_the_whole():
+    """Limbs of the same numbers in another order, cut at any place, give the same bits."""
+    values = wide(5000)
+    shuffled = np.random.default_rng(4).permutation(values)
+    for cut in (0, 1, 2049, len(values)):
+        bits = shuffled.view(np.int64)[:, None]
+        parts = add_columns(0, cut, bits) + add_columns(cut, len(bits), bits)
+        assert rounded(parts)[0] == total(values)
