@@ -46,7 +46,7 @@ OF_CELLS = (
     "integration",
 )  # keys that only particles' gas has a use for
 
-OF_A_CLASS = 0.2  # of a kick's time, that one class of grains more costs
+OF_A_CLASS = 0.12  # of a kick's time, that one class of grains more costs
 
 
 class Keys(Table):
