@@ -204,8 +204,13 @@ class Simulation:
         found = acceleration_of(self.effects[effect], self.state)
         return found.get("gas"), found.get("dust")
 
-    def save(self, path: str | Path, notes: Mapping[str, Scalar] | None = None) -> None:
-        """Write a checkpoint from which `restore` goes on, bit for bit, with `notes` in it. Raises OSError."""
+    def save(
+        self, path: str | Path, notes: Mapping[str, Scalar] | None = None, before: str | Path | None = None
+    ) -> None:
+        """Write a checkpoint from which `restore` goes on, bit for bit, with `notes` in it. Raises OSError.
+
+        before: where the one that was at `path` stays; else it is replaced.
+        """
         self._prepare()
         state = self.state
         groups = {name: p.arrays() for name, p in state.species.items()}
@@ -218,7 +223,7 @@ class Simulation:
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
         values |= dict(zip(LIMITS, self.operators.limits, strict=True))
-        write_checkpoint(path, groups, {**values, **(notes or {})})
+        write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
     def restore(self, path: str | Path) -> dict[str, Scalar]:
         """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError, SceneError.

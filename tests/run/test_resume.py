@@ -3,19 +3,15 @@
 import os
 import shutil
 import signal
-from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
-from deaths import forked, killed_before, left_by_kills, status_of, watched
-from runs import SHOCK, WAVE, assert_same_run, at_step, contents, rows, scene_of
+from deaths import forked, left_by_kills, status_of
+from runs import SHOCK, WAVE, assert_same_files, at_step, contents, rows, scene_of
 
-from discsim import Simulation, read_snapshot
+from discsim import read_snapshot
 from discsim.output.checkpoint import read_checkpoint
-from discsim.run.outputs import output_times
 from discsim.run.runner import _Run, run_scene
-from discsim.scene import load_scene
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
 
@@ -24,19 +20,6 @@ ALWAYS = "run.checkpoint_every=1e-9 s"
 def no_figure(monkeypatch):
     """Drawing takes longer than these runs."""
     monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
-
-
-def assert_same_files(one, other):
-    """Snapshots, rows, and the state that the runs could go on from; seconds of CPU differ."""
-    assert_same_run(one, other)
-    groups, values = read_checkpoint(one / "checkpoint.h5")
-    found, found_values = read_checkpoint(other / "checkpoint.h5")
-    assert values == found_values
-    for group in set(groups) - {"costs"}:
-        assert {name: a.tobytes() for name, a in groups[group].items()} == {
-            name: a.tobytes() for name, a in found[group].items()
-        }
-    assert sorted(os.listdir(one)) == sorted(os.listdir(other))
 
 
 def finish(scene, out):
@@ -191,7 +174,8 @@ def test_lost_rows_are_told(stopped, lost, capsys):
 def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
     # Without a checkpoint as with one.
     _, out = stopped
-    (out / "checkpoint.h5").unlink()
+    for path in out.glob("checkpoint*.h5"):
+        path.unlink()
     for snapshot in list((out / "snapshots").iterdir()):
         if snapshot.name != "0000.h5":
             snapshot.unlink()
@@ -202,7 +186,8 @@ def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
 def test_a_lost_checkpoint_is_not_begun_anew(stopped, capsys):
     # Snapshots would be lost.
     scene, out = stopped
-    (out / "checkpoint.h5").unlink()
+    for path in out.glob("checkpoint*.h5"):
+        path.unlink()
     (out / "snapshots" / "0001.h5").touch()
     assert "there is no checkpoint.h5 to resume from" in refused(scene, out, capsys)
 
@@ -215,50 +200,3 @@ def test_compiling_is_no_cost_of_a_run_that_was_killed(tmp_path, monkeypatch):
         assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
     groups, values = read_checkpoint(out / "checkpoint.h5")
     assert values["step"] == 1 and not groups["costs"]["calls"].any()
-
-
-# Real ones
-
-
-KILLS = {
-    "dusty_disc": ["gas.particles=500", "dust.particles=500", "space.cells=32", "run.until=30 yr", "run.snapshots=4"],
-    "gas_disc": ["gas.particles=500", "run.until=30 yr", "run.snapshots=4"],
-    "dusty_wave": ["gas.particles=60", "dust.particles=60", "gas.smoothing_length=0.1", "run.snapshots=4"],
-    "dusty_shock": ["gas.particles=99", "dust.particles=99", "gas.smoothing_length=0.1", "run.snapshots=4"],
-    "background_dust": ["dust.particles=500", "run.until=100 yr", "run.snapshots=4"],
-    "settling": ["gas.particles=60", "dust.particles=60", "run.until=0.6", "run.snapshots=4"],
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", KILLS)
-def test_ten_kills_of_a_setup(tmp_path, name):
-    """SIGKILL before a file operation of a step, five times of one that lands on an output, and again when resumed."""
-    path = Path(__file__).parents[2] / "setups" / f"{name}.toml"
-    scene = load_scene(path, [*KILLS[name], ALWAYS, "run.threads=1"])
-    straight, stream = tmp_path / "straight", np.random.default_rng(15)
-    assert run_scene(scene, straight, quiet=True) == 0
-    outputs, on_landing, elsewhere = set(output_times(scene.run)), [], []
-
-    sims = []
-
-    def note(number):
-        if sims and sims[0].state.step > 0:
-            (on_landing if sims[0].time in outputs else elsewhere).append(number)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("discsim.run.runner.Simulation", lambda scene: sims.append(Simulation(scene)) or sims[0])
-        assert watched(lambda: run_scene(scene, tmp_path / "watched", quiet=True), note) == 0
-    chosen = [*stream.choice(on_landing, 5, replace=False), *stream.choice(elsewhere, 5, replace=False)]
-    for count, number in enumerate(chosen):
-        out = tmp_path / str(count)
-        assert killed_before(number, lambda: run_scene(scene, out, quiet=True)) == -signal.SIGKILL  # noqa: B023
-        # Once more soon after it goes on; what it has still to do is less than that where it is at its end.
-        again = int(stream.integers(1, 60))
-        killed_before(again, lambda: run_scene(scene, out, resume=True, quiet=True))  # noqa: B023
-        finish(scene, out)
-        assert_same_files(straight, out)
-        found = [read_snapshot(file).time for file in sorted((out / "snapshots").iterdir())]
-        assert found == [0.0, *output_times(scene.run)]
-        assert len({row["step"] for row in rows(out)}) == len(rows(out))
-    print(f"{name}: 5 kills among {len(on_landing)} operations of steps on outputs, 5 among {len(elsewhere)} others")
