@@ -55,15 +55,14 @@ class History:
         self._digest = hashlib.sha256()
         with written(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             file.write(_lines([columns]) + self._noted(rows))
-        self._file = path.open("a", newline="", encoding="utf-8")
+        self._file = path.open("ab", buffering=0)
         self.count = len(rows)
         self.last: Sequence[object] | None = rows[-1] if rows else None
 
     def add(self, *rows: Sequence[object]) -> None:
         """Append the rows of a step, unless it has some already."""
         if rows and (self.last is None or rows[0][0] != int(str(self.last[0]))):
-            self._file.write(self._noted(rows))
-            self._file.flush()
+            self._append(self._noted(rows).encode())
             self.last = rows[-1]
             self.count += len(rows)
 
@@ -77,6 +76,16 @@ class History:
         lines = _lines(rows)
         self._digest.update(lines.encode())
         return lines
+
+    def _append(self, lines: bytes) -> None:
+        """Have them in the file; where the disk is full, none of them."""
+        whole, left = os.fstat(self._file.fileno()).st_size, memoryview(lines)
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError:
+            self._file.truncate(whole)
+            raise
 
     def sync(self) -> None:
         """Have the rows on the disk: a checkpoint says how many there are."""

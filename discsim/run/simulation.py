@@ -209,9 +209,11 @@ class Simulation:
     ) -> None:
         """Write a checkpoint from which `restore` goes on, bit for bit, with `notes` in it. Raises OSError.
 
+        Raises PhysicsError where the state is not finite: it would take the place of one that can go on.
         before: where the one that was at `path` stays; else it is replaced.
         """
         self._prepare()
+        guards.check_inputs(self.state, self.effects)
         state = self.state
         groups = {name: p.arrays() for name, p in state.species.items()}
         groups["own_acc"] = state.own_acc

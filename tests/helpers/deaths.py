@@ -50,6 +50,7 @@ class Pieces:
             self._file.write(data[start : start + length])
             self._file.flush()
         Pieces.writing = False
+        return len(data)
 
     def __enter__(self):
         return self

@@ -5,13 +5,17 @@ import shutil
 import signal
 
 import h5py
+import numpy as np
 import pytest
 from deaths import forked, left_by_kills, status_of
 from runs import SHOCK, WAVE, assert_same_files, at_step, contents, rows, scene_of
 
-from discsim import read_snapshot
+import discsim
+from discsim import Simulation, __version__, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
+from discsim.output.files import command
 from discsim.run.runner import _Run, run_scene
+from discsim.run.simulation import PhysicsError
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
 
@@ -169,6 +173,79 @@ def test_lost_rows_are_told(stopped, lost, capsys):
     assert warning in capsys.readouterr().out.splitlines()
     assert run_scene(scene_of(scene.path.parent, SHOCK, "run.until=0.11"), out, resume=True) == 0
     assert "warning: " + str(out) not in capsys.readouterr().out  # once is enough
+
+
+@pytest.mark.parametrize("damage", ["cut", "gone"])
+def test_a_run_goes_on_from_the_checkpoint_before_the_last(tmp_path, monkeypatch, damage, capsys):
+    """And keeps that one until there is another."""
+    scene, out = scene_of(tmp_path, SHOCK, ALWAYS), tmp_path / "out"
+    assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
+    with monkeypatch.context() as patch:
+        at_step(patch, 5, lambda sim: os._exit(9))
+        assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
+    last, before = out / "checkpoint.h5", out / "checkpoint_before.h5"
+    kept = before.read_bytes()
+    assert [read_checkpoint(path)[1]["step"] for path in (before, last)] == [3, 4]
+    last.write_bytes(last.read_bytes()[:-99])
+    if damage == "gone":
+        last.unlink()
+    with monkeypatch.context() as patch:  # a fault before the first step
+        patch.setattr("discsim.run.runner._Run._after_step", lambda run: os._exit(9))
+        assert status_of(forked(lambda: run_scene(scene, out, resume=True, quiet=True))) == 9
+    assert last.read_bytes() == kept and not before.exists()
+    before.write_bytes(kept)
+    last.unlink()
+    assert run_scene(scene, out, resume=True) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if str(before) in line]
+    assert len(told) == 1 and told[0].startswith(f"warning: {last}: no such file; goes on from {before}, of t = 0.00")
+    assert_same_files(tmp_path / "straight", out)
+
+
+def test_a_changed_history_is_one_message(stopped, capsys):
+    """One digit of a row that is a row still: its checkpoint knows the digest."""
+    scene, out = stopped
+    lines = (out / "history.csv").read_text().splitlines()
+    cells = lines[2].split(",")
+    cells[4] = repr(float(cells[4]) * (1.0 + 1e-15))
+    (out / "history.csv").write_text("\n".join([*lines[:2], ",".join(cells), *lines[3:]]))
+    assert f"{out}/history.csv:2: the 4 rows from here on are not those that the run wrote" in refused(
+        scene, out, capsys
+    )
+
+
+def test_a_broken_row_later_than_the_checkpoint_is_told(stopped, capsys):
+    scene, out = stopped
+    with (out / "history.csv").open("a") as file:
+        file.write("4,0.00")
+    assert run_scene(scene, out, resume=True) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if "broken row" in line]
+    assert told == [f"warning: {out}/history.csv:6: a broken row, later than the checkpoint; dropped, to be made again"]
+    assert run_scene(scene, out.with_name("straight"), quiet=True) == 0
+    assert_same_files(out.with_name("straight"), out)
+
+
+def test_no_checkpoint_of_numbers_that_are_not_finite(stopped):
+    scene, out = stopped
+    before = contents(out)
+    sim = Simulation(scene, to_restore=True)
+    sim.restore(out / "checkpoint.h5")
+    sim.gas.mass[7] = np.nan
+    with pytest.raises(PhysicsError, match=r"gas particle \d+ is not finite in its mass"):
+        sim.save(out / "checkpoint.h5")
+    assert contents(out) == before
+
+
+def test_files_say_what_made_them(stopped, monkeypatch):
+    _, out = stopped
+    for path in (out / "checkpoint.h5", out / "snapshots" / "0000.h5"):
+        with h5py.File(path) as file:
+            assert file.attrs["version"].decode() == __version__ and file.attrs["command"].decode() == command()
+    snap = read_snapshot(out / "snapshots" / "0000.h5")
+    assert (snap.version, snap.command) == (__version__, command())
+    assert f"command: {command()}" in (out / "run.log").read_text().splitlines()
+    for given in ("/usr/bin/discsim", discsim.__file__.replace("__init__", "__main__")):
+        monkeypatch.setattr("sys.argv", [given, "run", "a b.toml"])
+        assert command() == "discsim run 'a b.toml'"
 
 
 def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
