@@ -52,9 +52,9 @@ class History:
     """The open file of some `columns`, the step first. It starts with `rows`, earlier ones up to a checkpoint."""
 
     def __init__(self, path: Path, rows: Sequence[Sequence[str]] = (), columns: Sequence[str] = COLUMNS) -> None:
-        self._digest = hashlib.sha256()
+        self._digest = hashlib.sha256(_lines(rows).encode())
         with written(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            file.write(_lines([columns]) + self._noted(rows))
+            file.write(_lines([columns, *rows]))
         self._file = path.open("ab", buffering=0)
         self.count = len(rows)
         self.last: Sequence[object] | None = rows[-1] if rows else None
@@ -62,7 +62,9 @@ class History:
     def add(self, *rows: Sequence[object]) -> None:
         """Append the rows of a step, unless it has some already."""
         if rows and (self.last is None or rows[0][0] != int(str(self.last[0]))):
-            self._append(self._noted(rows).encode())
+            lines = _lines(rows).encode()
+            self._append(lines)
+            self._digest.update(lines)
             self.last = rows[-1]
             self.count += len(rows)
 
@@ -70,12 +72,6 @@ class History:
     def digest(self) -> str:
         """Of all rows until now."""
         return self._digest.hexdigest()
-
-    def _noted(self, rows: Iterable[Sequence[object]]) -> str:
-        """Lines of the file, taken into its digest."""
-        lines = _lines(rows)
-        self._digest.update(lines.encode())
-        return lines
 
     def _append(self, lines: bytes) -> None:
         """Have them in the file; where the disk is full, none of them."""

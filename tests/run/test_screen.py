@@ -7,6 +7,7 @@ import sys
 
 import pytest
 from deaths import forked, status_of
+from rich.console import ConsoleDimensions
 from runs import SHOCK, WAVE, assert_same_run, at_step, scene_of
 from terminal import Terminal, resized, written_to_a_terminal
 
@@ -37,14 +38,17 @@ def log_of(out):
 SIZES = [(100, 24), (38, 24), (120, 9), (61, 5), (23, 30), (200, 50), (7, 3), (90, 24)]
 
 
-@pytest.mark.parametrize("reflow", [True, False])
-def test_snapshot_lines_stay_and_no_frame_is_left(tmp_path, monkeypatch, reflow):
-    """The screen has another size after each step, and is looked at before."""
+@pytest.mark.parametrize("reflow, late", [(True, False), (False, False), (True, True)])
+def test_snapshot_lines_stay_and_no_frame_is_left(tmp_path, monkeypatch, reflow, late):
+    """The screen has another size after each step, and is looked at before; `late`: the run does not know it yet."""
     advance = Simulation._advance
+    if late:
+        monkeypatch.setattr("discsim.run.screen.Console.size", ConsoleDimensions(100, 24))
 
     def advance_and_resize(sim, *arguments):
         advance(sim, *arguments)
-        resized(*SIZES[sim.state.step % len(SIZES)])
+        width, height = SIZES[sim.state.step % len(SIZES)]
+        resized(width, max(height, 9) if late else height)
 
     monkeypatch.setattr(Simulation, "_advance", advance_and_resize)
     out = tmp_path / "out"
