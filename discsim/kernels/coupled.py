@@ -9,9 +9,10 @@ g(z) = -f(z) / z - 1. For any z >= 0 both are, to 2e-14 and 1e-13 of themselves,
 
     sum_k Re w_k z / (z - p_k),                                                                           (1)
 
-p_k the poles of the best approximation to exp(-z) by polynomials of degree 16, one of each conjugate pair (Pusa 2012,
-Nucl. Sci. Eng. 171, 155), and weights w_k fitted to f and to g. Backward Euler, -z / (1 + z) for both, has one pole. Of
-a matrix each term takes one pass over the populations, which meet through the gas alone: population j changes by
+p_k the poles of the best approximation to exp(-z) by rational functions of degree 16, one of each conjugate pair (Pusa
+2012, Nucl. Sci. Eng. 171, 155), and weights w_k fitted to f and to g. Backward Euler, -z / (1 + z) for both, has one
+pole. Of a matrix each term takes one pass over the populations, which meet through the gas alone: population j
+changes by
 
     Re w_k z_j r_j (Y_j - q),    r_j = 1 / (z_j - p_k),    q = sum_i e_i z_i r_i Y_i / (1 + sum_i e_i z_i r_i),   (2)
 

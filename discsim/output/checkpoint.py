@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -29,13 +30,17 @@ class _Held(dict[str, Any]):
 
 
 def write_checkpoint(
-    path: str | os.PathLike[str], groups: dict[str, dict[str, Array]], attrs: dict[str, Scalar]
+    path: str | os.PathLike[str],
+    groups: dict[str, dict[str, Array]],
+    attrs: dict[str, Scalar],
+    before: Path | None = None,
 ) -> None:
     """Write named groups of arrays (numbers, one or more dimensions) and single values.
 
-    What is at `path` is replaced; it stays where the new file cannot be written, which raises OSError.
+    What is at `path` is replaced, or moved to `before`; it stays where the new file cannot be written, which raises
+    OSError.
     """
-    with hdf5.create(path) as file:
+    with hdf5.create(path, before) as file:
         hdf5.mark(file, "checkpoint")
         values = file.create_group("values")
         for name, value in attrs.items():

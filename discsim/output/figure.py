@@ -45,7 +45,8 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
     FigureCanvasAgg(figure)
     # Compressed least: the most takes as long as to draw it.
     little = {"compress_level": 1}
-    figure.savefig(Path(out_png), dpi=130, metadata={"Software": f"discsim {__version__}"}, pil_kwargs=little)
+    made = {"Software": f"discsim {__version__}", "Comment": snap.command, "Description": snap.scene_text}
+    figure.savefig(Path(out_png), dpi=130, metadata=made, pil_kwargs=little)
 
 
 def _about_centre(snap: Snapshot) -> Snapshot:

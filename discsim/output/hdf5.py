@@ -1,37 +1,57 @@
-"""HDF5 files that are whole or absent, and that notice a flipped bit.
+"""HDF5 files that are whole or absent, are read back once they are written, and notice a flipped bit later.
 
 Arrays carry a fletcher32 checksum; the format of HDF5 1.10 checksums all else (attributes, indices).
 """
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import h5py
 import numpy as np
 
 from discsim import __version__
-from discsim.output.files import written
+from discsim.output.files import command, written
 
 _CHUNK = 1 << 16  # entries; a chunk is read and checked as a whole
+_BLOCK = 1 << 24  # bytes that are read back at a time
 
 
 @contextmanager
-def create(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator[h5py.File]:
     """A new file that appears at `path` only when complete; an exception leaves what was there before.
 
-    Built in memory: HDF5 itself may crash where the disk is full, a plain write raises OSError.
+    Built in memory: HDF5 itself may crash where the disk is full, a plain write raises OSError, and so does a disk that
+    holds something else than was written. before: where what was there stays.
     """
     content = io.BytesIO()
     with h5py.File(content, "w", libver=("v110", "v110")) as file:
         yield file
-    with written(path) as temporary, temporary.open("wb") as plain:
-        plain.write(content.getbuffer())
-        plain.flush()
-        os.fsync(plain.fileno())  # else a power cut may leave the new name with no content
+    with written(path, before=before) as temporary:
+        with temporary.open("wb") as plain:
+            plain.write(content.getbuffer())
+            plain.flush()
+            os.fsync(plain.fileno())
+        if not _holds(temporary, np.frombuffer(content.getbuffer(), np.uint8)):
+            raise OSError(errno.EIO, "the disk does not hold what was written", str(path))
+
+
+def _holds(path: Path, content: np.ndarray) -> bool:
+    """Whether the file at `path` has the bytes `content`; read from the disk itself where the system can do that."""
+    place = 0
+    with path.open("rb") as file:
+        if hasattr(os, "posix_fadvise"):
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        while block := file.read(_BLOCK):
+            if not np.array_equal(np.frombuffer(block, np.uint8), content[place : place + len(block)]):
+                return False
+            place += len(block)
+    return place == len(content)
 
 
 @contextmanager
@@ -55,9 +75,10 @@ def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> 
 
 
 def mark(file: h5py.File, kind: str) -> None:
-    """Say what the file is, for `reading`, and which version of discsim wrote it."""
+    """Say what the file is, for `reading`, and which version of discsim wrote it, called how."""
     file.attrs["discsim"] = np.bytes_(kind)
     file.attrs["version"] = np.bytes_(__version__)
+    file.attrs["command"] = np.bytes_(os.fsencode(command()))
 
 
 def put(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:

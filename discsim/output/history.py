@@ -7,9 +7,11 @@ kinetic energy sum m v^2 / 2, with velocities at the time of the positions. Code
 from __future__ import annotations
 
 import csv
+import hashlib
+import io
 import itertools
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -51,19 +53,36 @@ class History:
     """The open file of some `columns`, the step first. It starts with `rows`, earlier ones up to a checkpoint."""
 
     def __init__(self, path: Path, rows: Sequence[Sequence[str]] = (), columns: Sequence[str] = COLUMNS) -> None:
+        self._digest = hashlib.sha256(_lines(rows).encode())
         with written(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([columns, *rows])
-        self._file = path.open("a", newline="", encoding="utf-8")
+            file.write(_lines([columns, *rows]))
+        self._file = path.open("ab", buffering=0)
         self.count = len(rows)
         self.last: Sequence[object] | None = rows[-1] if rows else None
 
     def add(self, *rows: Sequence[object]) -> None:
         """Append the rows of a step, unless it has some already."""
         if rows and (self.last is None or rows[0][0] != int(str(self.last[0]))):
-            csv.writer(self._file).writerows(rows)
-            self._file.flush()
+            lines = _lines(rows).encode()
+            self._append(lines)
+            self._digest.update(lines)
             self.last = rows[-1]
             self.count += len(rows)
+
+    @property
+    def digest(self) -> str:
+        """Of all rows until now."""
+        return self._digest.hexdigest()
+
+    def _append(self, lines: bytes) -> None:
+        """Have them in the file; where the disk is full, none of them."""
+        whole, left = os.fstat(self._file.fileno()).st_size, memoryview(lines)
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError:
+            self._file.truncate(whole)
+            raise
 
     def sync(self) -> None:
         """Have the rows on the disk: a checkpoint says how many there are."""
@@ -73,21 +92,41 @@ class History:
         self._file.close()
 
 
-def rows_until(path: Path, step: int, count: int, columns: Sequence[str] = COLUMNS) -> list[list[str]]:
-    """The rows of a file up to `step`, `count` of them or fewer where some are lost. Raises HistoryError.
+class Found(NamedTuple):
+    """Rows that a run goes on with, and what is to be told of the others."""
 
-    A crash may cut the last line short, later than those rows: what is no row among them is damage.
+    rows: list[list[str]]
+    remarks: list[str]
+
+
+def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence[str] = COLUMNS) -> Found:
+    """The rows of a file until a checkpoint of `step`: its first `count`, whose digest it knows, or the fewer it has.
+
+    Raises HistoryError where one of them is damaged. What a crash has cut short later is no loss: it is made again.
     """
-    if not path.exists():
-        return []
-    head, *table = [line.split(",") for line in path.read_text(encoding="utf-8", errors="replace").splitlines()] or [[]]
+    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+    head, *table = [line.split(",") for line in text.splitlines()] or [[]]
     whole = list(itertools.takewhile(partial(_is_row, columns), table)) if head == [*columns] else []
-    rows = [row for row in whole if int(row[0]) <= step]
+    rows = [row for row in whole[:count] if int(row[0]) <= step]
+    line = len(whole) + 2 if head == [*columns] else 1
+    cure = "Mend it, or move the file away to go on without its rows"
     if len(rows) < count and len(whole) < len(table):
-        line = len(whole) + 2 if head == [*columns] else 1
         wrong = f"no row of a history; expected {len(columns)} entries" if line > 1 else "not the header of a history"
-        raise HistoryError(f"{path}:{line}: {wrong}. Mend it, or move the file away to go on without its rows")
-    return rows
+        raise HistoryError(f"{path}:{line}: {wrong}. {cure}")
+    if len(whole) >= count and digest not in ("", hashlib.sha256(_lines(whole[:count]).encode()).hexdigest()):
+        raise HistoryError(f"{path}:2: the {count} rows from here on are not those that the run wrote. {cure}")
+    remarks = []
+    if len(rows) != count:
+        remarks.append(f"{path} has {len(rows)} rows up to step {step}, where the run had written {count}")
+    if len(whole) < len(table):
+        remarks.append(f"{path}:{line}: a broken row, later than the checkpoint; dropped, to be made again")
+    return Found(rows, remarks)
+
+
+def _lines(rows: Iterable[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    return text.getvalue()
 
 
 def _is_row(columns: Sequence[str], entries: list[str]) -> bool:

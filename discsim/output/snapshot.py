@@ -150,6 +150,8 @@ class Snapshot:
     bodies: SnapshotParticles | None = None  # star, then companions; None where there is only a star at the origin
     open_step: OpenStep | None = None  # what a start from it needs beside
     reference_density: float | None = None  # Sigma that laws of drag refer to, of a start that has one
+    version: str = ""  # of discsim, that wrote it
+    command: str = ""  # line that made it; "" where an earlier version did
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -275,6 +277,8 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             upper=origin + own.attrs["size"],
             open_step=open_step.read(own),
             reference_density=own.attrs.get("reference_density"),
+            version=file.attrs["version"].decode(),
+            command=file.attrs.get("command", b"").decode(errors="replace"),
         )
 
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from discsim.output.files import written
+from discsim.output.files import keep_names, written
 from discsim.scene import Scene, tomltext
 from discsim.scene.loading import files_of
 
@@ -23,7 +23,8 @@ try:
 except ImportError:  # a system without flock
     fcntl = None
 
-LEFT_BY_A_RUN = ("scene.toml", "checkpoint.h5", "snapshots")
+CHECKPOINTS = ("checkpoint.h5", "checkpoint_before.h5")  # the last one, and the one before it
+LEFT_BY_A_RUN = ("scene.toml", *CHECKPOINTS, "snapshots")
 # What flock answers where a file system has no locks.
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 
@@ -56,13 +57,13 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
     except OSError as error:
         return f"{directory}: {error.strerror}; expected a directory to write to"
     begun = only_begun(directory)
-    if resume and "checkpoint.h5" not in left and not begun:
+    if resume and not {*CHECKPOINTS} & {*left} and not begun:
         return f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
     if left and not resume:
         holds = f"{directory}: holds a run already ({', '.join(left)})"
         if begun:
             return f"{holds}, without a checkpoint yet; expected another directory, or --resume, which begins it anew"
-        way_on = ", or --resume" if "checkpoint.h5" in left else ""
+        way_on = ", or --resume" if {*CHECKPOINTS} & {*left} else ""
         return f"{holds}; expected another directory{way_on}"
     return None
 
@@ -90,7 +91,7 @@ def with_own_files(scene: Scene, directory: Path) -> Scene:
 
 def only_begun(directory: Path) -> bool:
     """Whether the run there ended before its first checkpoint: it has the start at most, which is made again."""
-    if (directory / "checkpoint.h5").exists() or not (directory / "scene.toml").exists():
+    if any((directory / name).exists() for name in CHECKPOINTS) or not (directory / "scene.toml").exists():
         return False
     return {path.name for path in directory.glob("snapshots/*.h5")} <= {"0000.h5"}
 
@@ -103,6 +104,8 @@ def held(directory: Path) -> Iterator[bool]:
     """
     absent = [folder for folder in (directory, *directory.parents) if not folder.exists()]
     directory.mkdir(parents=True, exist_ok=True)
+    for folder in absent:
+        keep_names(folder.parent)
     path = directory / ".lock"
     file = _locked(path)
     try:

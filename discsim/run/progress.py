@@ -8,11 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from rich.console import Console
-from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from discsim.run.screen import Screen
 from discsim.scene.units import clock
 
 if TYPE_CHECKING:
@@ -28,8 +27,7 @@ class Progress:
 
     def __init__(self, scene: Scene, quiet: bool) -> None:
         self.scene, self.quiet = scene, quiet
-        self.console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
-        self.live: Live | None = None
+        self.screen = Screen()
         self._log: TextIO | None = None
         self._early: list[str] = []  # said before there was a log
         self._next_line = self._next_frame = 0.0
@@ -38,7 +36,7 @@ class Progress:
 
     def open_log(self, path: Path, resume: bool) -> None:
         """Keep the log at `path`, with what was said until now first."""
-        self._log = path.open("a" if resume else "w", encoding="utf-8")
+        self._log = path.open("a" if resume else "w", encoding="utf-8", errors="backslashreplace")
         early, self._early = self._early, []
         for line in early:
             self._note(line)
@@ -47,12 +45,13 @@ class Progress:
         """Lines for the screen and the log."""
         self._note(text)
         if not self.quiet:
-            self.console.print(text)
+            self.screen.line(text)
 
     def fail(self, text: str) -> None:
         """An error: one message on stderr, and in the log."""
-        self.close_live()
-        print(text, file=sys.stderr)
+        self.screen.clear()
+        with suppress(OSError):  # of a terminal that is gone
+            print(text, file=sys.stderr)
         if self._log is not None:
             with suppress(OSError):  # perhaps the log itself is what failed
                 self._note(text)
@@ -66,26 +65,21 @@ class Progress:
         if now >= self._next_line:
             self._next_line = now + LINE_EVERY
             self.line(state, dt, set_by)
-        if now >= self._next_frame and self.console.is_terminal and not self.quiet:
+        if now >= self._next_frame and self.screen.has_frames and not self.quiet:
             self._next_frame = now + FRAME_EVERY
             self._frame(state, dt, set_by)
 
     def line(self, state: State, dt: float, set_by: str, end: str = "") -> None:
-        """One plain line about the present step."""
+        """One plain line about the present step; under a live display only that of a snapshot stays."""
         facts = [*self._facts(state, dt, set_by).values(), end]
         text = "  ".join(fact for fact in facts if fact)
-        if self.live is None:
+        if end or not self.screen.has_frames:
             self.say(text)
         else:
             self._note(text)
 
-    def close_live(self) -> None:
-        if self.live is not None:
-            self.live.stop()
-            self.live = None
-
     def close(self) -> None:
-        self.close_live()
+        self.screen.clear()
         if self._log is not None:
             with suppress(OSError):  # of lines that found no room: told already
                 self._log.close()
@@ -121,7 +115,4 @@ class Progress:
         frame = Table.grid()
         for row in (f"effects: {', '.join(self.scene.effects)}", facts["time"], bar, facts["dt"], pace):
             frame.add_row(row)
-        if self.live is None:
-            self.live = Live(console=self.console, auto_refresh=False, transient=True)
-            self.live.start()
-        self.live.update(frame, refresh=True)
+        self.screen.frame(frame)

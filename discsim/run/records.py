@@ -8,6 +8,7 @@ from pathlib import Path
 from discsim.effects.base import Effect
 from discsim.numerics.state import State
 from discsim.output import companions
+from discsim.output.checkpoint import Scalar
 from discsim.output.history import History, columns_of, history_row, rows_until
 from discsim.scene import Scene
 
@@ -29,24 +30,25 @@ class Records:
     def names(self) -> str:
         return ", ".join(file for _, file, _ in self.tables)
 
-    def take_up(self, step: int, values: Mapping[str, object]) -> list[str]:
+    def take_up(self, step: int, values: Mapping[str, Scalar]) -> list[str]:
         """Read the rows up to `step` of a checkpoint with these values; what is lost of them, in words."""
-        lost = []
+        remarks = []
         for name, file, columns in self.tables:
-            path, number = self.directory / file, int(str(values[name]))
-            self._rows[name] = rows = rows_until(path, step, number, columns)
-            if len(rows) != number:
-                lost.append(f"{path} has {len(rows)} rows up to step {step}, where the run had written {number}")
-        return lost
+            digest = str(values.get(f"{name}_digest", ""))  # "": of a checkpoint by an earlier version
+            found = rows_until(self.directory / file, step, int(values[name]), digest, columns)
+            self._rows[name] = found.rows
+            remarks += found.remarks
+        return remarks
 
     def open(self) -> None:
         for name, file, columns in self.tables:
             self._files[name] = History(self.directory / file, self._rows.get(name, []), columns)
 
     @property
-    def counts(self) -> dict[str, int]:
-        """The number of rows of each, for a checkpoint."""
-        return {name: file.count for name, file in self._files.items()}
+    def counts(self) -> dict[str, int | str]:
+        """The number of rows of each and their digest, for a checkpoint."""
+        numbers = {name: file.count for name, file in self._files.items()}
+        return {**numbers, **{f"{name}_digest": file.digest for name, file in self._files.items()}}
 
     def add_history(self, state: State, effects: Mapping[str, Effect], dt: float, set_by: str) -> None:
         history = self._files[HISTORY[0]]

@@ -19,8 +19,8 @@ from discsim import __version__
 from discsim.effects.base import Column, Effect
 from discsim.kernels import cache
 from discsim.numerics.state import Gas, State
-from discsim.output.checkpoint import CheckpointError, read_checkpoint
-from discsim.output.files import written
+from discsim.output.checkpoint import CheckpointError, Scalar
+from discsim.output.files import command, written
 from discsim.output.history import HistoryError
 from discsim.output.open_step import left_open
 from discsim.output.snapshot import write_snapshot
@@ -29,6 +29,7 @@ from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
 from discsim.run import ahead
+from discsim.run.checkpoints import Checkpoints
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
 from discsim.run.forces import kick_owner
 from discsim.run.interrupts import Interrupts
@@ -124,7 +125,7 @@ class _Run:
         self.scene, self.directory = scene, directory
         self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
         self.compilation = Compilation(scene, self.progress.say)
-        self.checkpoint, self.figure = directory / "checkpoint.h5", directory / "last_state.png"
+        self.checkpoints, self.figure = Checkpoints(directory), directory / "last_state.png"
         self.begun = self.saved = time.monotonic()
         self.saved_time: float | None = None
         self.snapshots = self.steps = 0  # written; made by this process
@@ -181,7 +182,7 @@ class _Run:
         if self.saved_time is None:
             return "There is no checkpoint yet."
         command = f"discsim run {self.directory / 'scene.toml'} -o {self.directory} --resume"
-        return f"{self.checkpoint} is of t = {self._show(self.saved_time)}; go on from it with: {command}"
+        return f"{self.checkpoints.last} is of t = {self._show(self.saved_time)}; go on from it with: {command}"
 
     def close(self) -> None:
         self.compilation.close()
@@ -202,18 +203,23 @@ class _Run:
             return True
         path = self.directory / "scene.toml"
         refuse_another(path, path.read_bytes(), self.scene)
+        self.progress.say(f"{self.directory}: nothing was saved there yet; the run begins anew")
         return False
 
     def _time_to_resume(self) -> float:
         """Time of the checkpoint, and when it was put out last. Raises SceneError where it is of another scene."""
-        groups, values = read_checkpoint(self.checkpoint)
-        refuse_another(self.checkpoint, groups["scene"]["text"].tobytes(), self.scene)
+        groups, values = self.checkpoints.newest()
+        refuse_another(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
         self.snapshots, self.put_out = int(values["snapshots"]), float(values["put_out"])
+        if self.checkpoints.fault:
+            goes_on = f"goes on from {self.checkpoints.chosen}, of t = {self._show(float(values['time']))}"
+            self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
         return float(values["time"])
 
     def _announce(self, locked: bool) -> None:
         say = self.progress.say
         say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
+        say(f"command: {command()}")
         say(f"effects: {', '.join(self.scene.effects)}")
         for name, text in effect_rows(self.scene):
             say(f"{name}: {text}")
@@ -227,8 +233,9 @@ class _Run:
         """Open the directory's files, and take up the state where the run goes on."""
         sim, folder = self.sim, self.directory / "snapshots"
         self.records = Records(self.scene, self.directory)
-        short = self._take_up() if resume else []
+        remarks = self._take_up() if resume else []
         sweep(self.directory)
+        self.checkpoints.settle()
         with written(self.directory / "scene.toml") as temporary:
             temporary.write_text(self.scene.text, encoding="utf-8")
         folder.mkdir(exist_ok=True)
@@ -243,12 +250,12 @@ class _Run:
         self.set_by = self.set_by or self.next_set_by
         if resume:
             self.progress.say(f"resumed {self.where()}")
-            for line in short:
+            for line in remarks:
                 self.progress.say(f"warning: {line}")
 
     def _take_up(self) -> list[str]:
-        """Take up the state of the checkpoint, and the rows until there; what these lack. Nothing is written."""
-        values = self.sim.restore(self.checkpoint)
+        """Take up the state of the checkpoint and the rows until there; what is to be told of these. Writes nothing."""
+        values = self.sim.restore(self.checkpoints.chosen)
         self.saved_time = self.sim.time
         self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
         return self.records.take_up(self.sim.state.step, values)
@@ -315,12 +322,12 @@ class _Run:
 
     def _save(self) -> None:
         self.records.sync()
-        notes = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
+        notes: dict[str, Scalar] = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
         sim, costs = self.sim, self.sim.costs
         if self.steps < 2:  # what follows forgets the first step, in which kernels compiled
             sim.costs = self.costs_before
         try:
-            sim.save(self.checkpoint, {**notes, "dt": self.dt, "set_by": self.set_by})
+            sim.save(self.checkpoints.last, {**notes, "dt": self.dt, "set_by": self.set_by}, self.checkpoints.before)
         finally:
             sim.costs = costs
         self.saved, self.saved_time = time.monotonic(), sim.time
@@ -333,12 +340,10 @@ class _Run:
             name = signal.Signals(number).name
             self.progress.fail(f"interrupted by {name} {self.where()}. {self.way_back()}")
             return 128 + number
-        self.progress.close_live()
         self.progress.say(f"stopped by run.walltime {self.where()}. {self.way_back()}")
         return DONE
 
     def _finish(self) -> int:
-        self.progress.close_live()
         cost = self._cost()
         self._draw()
         say = self.progress.say

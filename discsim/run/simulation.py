@@ -204,9 +204,16 @@ class Simulation:
         found = acceleration_of(self.effects[effect], self.state)
         return found.get("gas"), found.get("dust")
 
-    def save(self, path: str | Path, notes: Mapping[str, Scalar] | None = None) -> None:
-        """Write a checkpoint from which `restore` goes on, bit for bit, with `notes` in it. Raises OSError."""
+    def save(
+        self, path: str | Path, notes: Mapping[str, Scalar] | None = None, before: str | Path | None = None
+    ) -> None:
+        """Write a checkpoint from which `restore` goes on, bit for bit, with `notes` in it. Raises OSError.
+
+        Raises PhysicsError where the state is not finite: it would take the place of one that can go on.
+        before: where the one that was at `path` stays; else it is replaced.
+        """
         self._prepare()
+        guards.check_inputs(self.state, self.effects)
         state = self.state
         groups = {name: p.arrays() for name, p in state.species.items()}
         groups["own_acc"] = state.own_acc
@@ -220,7 +227,7 @@ class Simulation:
         values |= dict(zip(LIMITS, self.operators.limits, strict=True))
         if state.growth is not None:
             values |= {f"growth_{name}": value for name, value in state.growth._asdict().items()}
-        write_checkpoint(path, groups, {**values, **(notes or {})})
+        write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
     def restore(self, path: str | Path) -> dict[str, Scalar]:
         """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError, SceneError.

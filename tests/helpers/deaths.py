@@ -1,4 +1,4 @@
-"""Runs that are killed before a chosen one of their file operations, and what that leaves."""
+"""Runs that are killed before a chosen one of their file operations, or in the midst of a file; what that leaves."""
 
 import io
 import os
@@ -6,6 +6,7 @@ import shutil
 import signal
 import sys
 import warnings
+from pathlib import Path
 from types import ModuleType
 
 NAMES = {
@@ -31,6 +32,45 @@ def watched(act, before):
         return act()
     finally:
         sys.setprofile(None)
+
+
+class Pieces:
+    """A file to write that takes what it is given in pieces, each of which is in the file when the next one comes."""
+
+    NUMBER = 6
+    writing = False  # whether one is in the midst of a write
+
+    def __init__(self, file):
+        self._file = file
+
+    def write(self, data):
+        length = max(1, -(-len(data) // self.NUMBER))
+        for start in range(0, len(data), length):
+            Pieces.writing = start > 0
+            self._file.write(data[start : start + length])
+            self._file.flush()
+        Pieces.writing = False
+        return len(data)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *fault):
+        self._file.close()
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+
+def in_pieces(monkeypatch, wrap=Pieces):
+    """Have all files of a run written in pieces, or through another wrapper of an open file."""
+    really = Path.open
+
+    def opened(path, mode="r", *arguments, **options):
+        file = really(path, mode, *arguments, **options)
+        return file if "r" in mode else wrap(file)
+
+    monkeypatch.setattr(Path, "open", opened)
 
 
 def is_file_operation(function):

@@ -9,6 +9,7 @@ import numpy as np
 
 from discsim import Simulation, read_snapshot
 from discsim.numerics import threads
+from discsim.output.checkpoint import read_checkpoint
 from discsim.output.open_step import left_open
 from discsim.output.snapshot import write_snapshot
 from discsim.run.forces import kick_owner
@@ -110,6 +111,19 @@ def assert_same_run(one, other):
         for kind in a.species:
             assert_same_arrays(vars(a.species[kind]), vars(b.species[kind]))
     assert (one / "history.csv").read_text() == (other / "history.csv").read_text()
+
+
+def assert_same_files(one, other):
+    """Snapshots, rows, and the state that the runs could go on from; seconds of CPU differ."""
+    assert_same_run(one, other)
+    groups, values = read_checkpoint(one / "checkpoint.h5")
+    found, found_values = read_checkpoint(other / "checkpoint.h5")
+    assert values == found_values
+    for group in set(groups) - {"costs"}:
+        assert {name: a.tobytes() for name, a in groups[group].items()} == {
+            name: a.tobytes() for name, a in found[group].items()
+        }
+    assert sorted(os.listdir(one)) == sorted(os.listdir(other))
 
 
 def assert_same_arrays(one, other):

@@ -1,7 +1,6 @@
 """A run that must not go on, ends early, or goes wrong; and what it shows meanwhile."""
 
 import errno
-import io
 import re
 import signal
 import subprocess
@@ -10,7 +9,6 @@ import time
 
 import numpy as np
 import pytest
-from rich.console import Console
 from runs import DISC, WAVE, assert_same_run, at_step, contents, rows, scene_of
 
 from discsim import Simulation
@@ -219,28 +217,6 @@ def test_plain_lines_come_at_intervals(tmp_path, monkeypatch, capsys):
         r"step 5  t = [\d.]+ of 0\.1  dt = [\d.]+, set by gas  [\d.e+]+ steps/s  [\d.]+ s left",
         lines[5].strip(),
     )
-
-
-def test_live_display_on_a_terminal(tmp_path, monkeypatch):
-    screen = io.StringIO()
-    monkeypatch.setattr("discsim.run.progress.FRAME_EVERY", 0.0)
-    monkeypatch.setattr(
-        "discsim.run.progress.Console",
-        lambda **options: Console(file=screen, force_terminal=True, width=120, **options),
-    )
-    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
-    shown = screen.getvalue()
-    for words in (
-        "effects",
-        "gas, dust, drag",
-        "steps/s",
-        "of 0.1",
-        "set by gas",
-        " left",
-        "done at t = 0.1",
-    ):
-        assert words in shown, words
-    assert "snapshot 0002" not in shown and "snapshot 0002" in (tmp_path / "out" / "run.log").read_text()
 
 
 def test_time_left_leaves_the_first_step_out(tmp_path, monkeypatch):

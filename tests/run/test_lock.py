@@ -95,7 +95,7 @@ def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "out" / ".lock").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.faults
 def test_two_commands_at_once(tmp_path):
     # One of them runs to its end, as if alone; the other is told of it, or of the run that it left.
     scene = scene_of(tmp_path, WAVE)

@@ -3,19 +3,19 @@
 import os
 import shutil
 import signal
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from deaths import forked, killed_before, left_by_kills, status_of, watched
-from runs import SHOCK, WAVE, assert_same_run, at_step, contents, rows, scene_of
+from deaths import forked, left_by_kills, status_of
+from runs import SHOCK, WAVE, assert_same_files, at_step, contents, rows, scene_of
 
-from discsim import Simulation, read_snapshot
+import discsim
+from discsim import Simulation, __version__, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
-from discsim.run.outputs import output_times
+from discsim.output.files import command
 from discsim.run.runner import _Run, run_scene
-from discsim.scene import load_scene
+from discsim.run.simulation import PhysicsError
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
 
@@ -24,19 +24,6 @@ ALWAYS = "run.checkpoint_every=1e-9 s"
 def no_figure(monkeypatch):
     """Drawing takes longer than these runs."""
     monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
-
-
-def assert_same_files(one, other):
-    """Snapshots, rows, and the state that the runs could go on from; seconds of CPU differ."""
-    assert_same_run(one, other)
-    groups, values = read_checkpoint(one / "checkpoint.h5")
-    found, found_values = read_checkpoint(other / "checkpoint.h5")
-    assert values == found_values
-    for group in set(groups) - {"costs"}:
-        assert {name: a.tobytes() for name, a in groups[group].items()} == {
-            name: a.tobytes() for name, a in found[group].items()
-        }
-    assert sorted(os.listdir(one)) == sorted(os.listdir(other))
 
 
 def finish(scene, out):
@@ -188,10 +175,84 @@ def test_lost_rows_are_told(stopped, lost, capsys):
     assert "warning: " + str(out) not in capsys.readouterr().out  # once is enough
 
 
+@pytest.mark.parametrize("damage", ["cut", "gone"])
+def test_a_run_goes_on_from_the_checkpoint_before_the_last(tmp_path, monkeypatch, damage, capsys):
+    """And keeps that one until there is another."""
+    scene, out = scene_of(tmp_path, SHOCK, ALWAYS), tmp_path / "out"
+    assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
+    with monkeypatch.context() as patch:
+        at_step(patch, 5, lambda sim: os._exit(9))
+        assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
+    last, before = out / "checkpoint.h5", out / "checkpoint_before.h5"
+    kept = before.read_bytes()
+    assert [read_checkpoint(path)[1]["step"] for path in (before, last)] == [3, 4]
+    last.write_bytes(last.read_bytes()[:-99])
+    if damage == "gone":
+        last.unlink()
+    with monkeypatch.context() as patch:  # a fault before the first step
+        patch.setattr("discsim.run.runner._Run._after_step", lambda run: os._exit(9))
+        assert status_of(forked(lambda: run_scene(scene, out, resume=True, quiet=True))) == 9
+    assert last.read_bytes() == kept and not before.exists()
+    before.write_bytes(kept)
+    last.unlink()
+    assert run_scene(scene, out, resume=True) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if str(before) in line]
+    assert len(told) == 1 and told[0].startswith(f"warning: {last}: no such file; goes on from {before}, of t = 0.00")
+    assert_same_files(tmp_path / "straight", out)
+
+
+def test_a_changed_history_is_one_message(stopped, capsys):
+    """One digit of a row that is a row still: its checkpoint knows the digest."""
+    scene, out = stopped
+    lines = (out / "history.csv").read_text().splitlines()
+    cells = lines[2].split(",")
+    cells[4] = repr(float(cells[4]) * (1.0 + 1e-15))
+    (out / "history.csv").write_text("\n".join([*lines[:2], ",".join(cells), *lines[3:]]))
+    assert f"{out}/history.csv:2: the 4 rows from here on are not those that the run wrote" in refused(
+        scene, out, capsys
+    )
+
+
+def test_a_broken_row_later_than_the_checkpoint_is_told(stopped, capsys):
+    scene, out = stopped
+    with (out / "history.csv").open("a") as file:
+        file.write("4,0.00")
+    assert run_scene(scene, out, resume=True) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if "broken row" in line]
+    assert told == [f"warning: {out}/history.csv:6: a broken row, later than the checkpoint; dropped, to be made again"]
+    assert run_scene(scene, out.with_name("straight"), quiet=True) == 0
+    assert_same_files(out.with_name("straight"), out)
+
+
+def test_no_checkpoint_of_numbers_that_are_not_finite(stopped):
+    scene, out = stopped
+    before = contents(out)
+    sim = Simulation(scene, to_restore=True)
+    sim.restore(out / "checkpoint.h5")
+    sim.gas.mass[7] = np.nan
+    with pytest.raises(PhysicsError, match=r"gas particle \d+ is not finite in its mass"):
+        sim.save(out / "checkpoint.h5")
+    assert contents(out) == before
+
+
+def test_files_say_what_made_them(stopped, monkeypatch):
+    _, out = stopped
+    for path in (out / "checkpoint.h5", out / "snapshots" / "0000.h5"):
+        with h5py.File(path) as file:
+            assert file.attrs["version"].decode() == __version__ and file.attrs["command"].decode() == command()
+    snap = read_snapshot(out / "snapshots" / "0000.h5")
+    assert (snap.version, snap.command) == (__version__, command())
+    assert f"command: {command()}" in (out / "run.log").read_text().splitlines()
+    for given in ("/usr/bin/discsim", discsim.__file__.replace("__init__", "__main__")):
+        monkeypatch.setattr("sys.argv", [given, "run", "a b.toml"])
+        assert command() == "discsim run 'a b.toml'"
+
+
 def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
     # Without a checkpoint as with one.
     _, out = stopped
-    (out / "checkpoint.h5").unlink()
+    for path in out.glob("checkpoint*.h5"):
+        path.unlink()
     for snapshot in list((out / "snapshots").iterdir()):
         if snapshot.name != "0000.h5":
             snapshot.unlink()
@@ -202,7 +263,8 @@ def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
 def test_a_lost_checkpoint_is_not_begun_anew(stopped, capsys):
     # Snapshots would be lost.
     scene, out = stopped
-    (out / "checkpoint.h5").unlink()
+    for path in out.glob("checkpoint*.h5"):
+        path.unlink()
     (out / "snapshots" / "0001.h5").touch()
     assert "there is no checkpoint.h5 to resume from" in refused(scene, out, capsys)
 
@@ -215,50 +277,3 @@ def test_compiling_is_no_cost_of_a_run_that_was_killed(tmp_path, monkeypatch):
         assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
     groups, values = read_checkpoint(out / "checkpoint.h5")
     assert values["step"] == 1 and not groups["costs"]["calls"].any()
-
-
-# Real ones
-
-
-KILLS = {
-    "dusty_disc": ["gas.particles=500", "dust.particles=500", "space.cells=32", "run.until=30 yr", "run.snapshots=4"],
-    "gas_disc": ["gas.particles=500", "run.until=30 yr", "run.snapshots=4"],
-    "dusty_wave": ["gas.particles=60", "dust.particles=60", "gas.smoothing_length=0.1", "run.snapshots=4"],
-    "dusty_shock": ["gas.particles=99", "dust.particles=99", "gas.smoothing_length=0.1", "run.snapshots=4"],
-    "background_dust": ["dust.particles=500", "run.until=100 yr", "run.snapshots=4"],
-    "settling": ["gas.particles=60", "dust.particles=60", "run.until=0.6", "run.snapshots=4"],
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", KILLS)
-def test_ten_kills_of_a_setup(tmp_path, name):
-    """SIGKILL before a file operation of a step, five times of one that lands on an output, and again when resumed."""
-    path = Path(__file__).parents[2] / "setups" / f"{name}.toml"
-    scene = load_scene(path, [*KILLS[name], ALWAYS, "run.threads=1"])
-    straight, stream = tmp_path / "straight", np.random.default_rng(15)
-    assert run_scene(scene, straight, quiet=True) == 0
-    outputs, on_landing, elsewhere = set(output_times(scene.run)), [], []
-
-    sims = []
-
-    def note(number):
-        if sims and sims[0].state.step > 0:
-            (on_landing if sims[0].time in outputs else elsewhere).append(number)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("discsim.run.runner.Simulation", lambda scene: sims.append(Simulation(scene)) or sims[0])
-        assert watched(lambda: run_scene(scene, tmp_path / "watched", quiet=True), note) == 0
-    chosen = [*stream.choice(on_landing, 5, replace=False), *stream.choice(elsewhere, 5, replace=False)]
-    for count, number in enumerate(chosen):
-        out = tmp_path / str(count)
-        assert killed_before(number, lambda: run_scene(scene, out, quiet=True)) == -signal.SIGKILL  # noqa: B023
-        # Once more soon after it goes on; what it has still to do is less than that where it is at its end.
-        again = int(stream.integers(1, 60))
-        killed_before(again, lambda: run_scene(scene, out, resume=True, quiet=True))  # noqa: B023
-        finish(scene, out)
-        assert_same_files(straight, out)
-        found = [read_snapshot(file).time for file in sorted((out / "snapshots").iterdir())]
-        assert found == [0.0, *output_times(scene.run)]
-        assert len({row["step"] for row in rows(out)}) == len(rows(out))
-    print(f"{name}: 5 kills among {len(on_landing)} operations of steps on outputs, 5 among {len(elsewhere)} others")

@@ -32,7 +32,8 @@ def test_files_of_a_run(tmp_path, name, capsys):
     assert run_scene(scene, out) == 0
     number = len(output_times(scene.run)) + 1
     assert sorted(os.listdir(out)) == [
-        "checkpoint.h5", "costs.csv", "history.csv", "last_state.png", "run.log", "scene.toml", "snapshots",
+        "checkpoint.h5", "checkpoint_before.h5", "costs.csv", "history.csv", "last_state.png", "run.log",
+        "scene.toml", "snapshots",
     ]  # fmt: skip
     assert sorted(os.listdir(out / "snapshots")) == [f"{k:04d}.h5" for k in range(number)]
     assert not list(differences(load_scene(out / "scene.toml"), scene))

@@ -1,0 +1,58 @@
+"""Lines on a screen, and on a terminal a frame under them that is drawn over and over.
+
+After each frame the cursor waits at its first character. There terminals keep it when they are resized, whether they
+wrap long lines anew or cut them, so that "erase to the end of the screen" takes away the whole of the frame.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TextIO
+
+from rich.console import Console, RenderableType
+
+ERASE, TO_THE_START, UP = "\x1b[J", "\r", "\x1b[{}A"
+NO_WRAP, WRAP = "\x1b[?7l", "\x1b[?7h"  # a screen that has just become narrower cuts the frame's lines
+HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"  # the cursor
+
+
+class Screen:
+    """Standard output. Where nobody can read it any longer, as of a closed pipe or terminal, a run goes on without."""
+
+    def __init__(self) -> None:
+        self.out: TextIO | None = sys.stdout
+        self.console = Console(file=self.out, markup=False, highlight=False, emoji=False)
+        terminal = self.out is not None and self.out.isatty() and self.console.is_terminal
+        self.has_frames = terminal and not self.console.is_dumb_terminal
+        self._shown = False  # a frame
+
+    def line(self, text: str) -> None:
+        """A line that stays, above the frame."""
+        self.clear()
+        self._write(text + "\n")
+
+    def frame(self, content: RenderableType) -> None:
+        """A frame in place of the one before; lines that have no room are cut."""
+        width, height = self.console.size
+        with self.console.capture() as drawn:
+            self.console.print(content, width=max(width - 1, 1), height=None, overflow="crop", no_wrap=True)
+        lines = drawn.get().splitlines()[: max(height - 1, 1)]
+        back = TO_THE_START + (UP.format(len(lines) - 1) if len(lines) > 1 else "")
+        self._write(TO_THE_START + ERASE + HIDE + NO_WRAP + "\n".join(lines) + WRAP + back)
+        self._shown = True
+
+    def clear(self) -> None:
+        """Take the frame away."""
+        if self._shown:
+            self._shown = False
+            self._write(TO_THE_START + ERASE + SHOW)
+
+    def _write(self, text: str) -> None:
+        if self.out is None:
+            return
+        encoding = self.out.encoding or "utf-8"
+        try:
+            self.out.write(text.encode(encoding, "replace").decode(encoding))
+            self.out.flush()
+        except OSError:
+            self.out = None
