@@ -113,6 +113,44 @@ def run(
 
 
 @app.command()
+def branch(
+    directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
+    at: Annotated[int | None, typer.Option(min=0, metavar="NUMBER", help="Of the snapshot [the last].")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the new run [DIR-NUMBER].")
+    ] = None,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+    until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
+    preview: Annotated[bool, typer.Option("--check", help="Say what changes, as `check` does, and stop.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """A new run from a snapshot of a run, with other physics: the time goes on."""
+    from discsim.run.branch import BranchError
+    from discsim.run.branch import branch as branch_of
+    from discsim.scene import SceneError
+
+    try:
+        made = branch_of(directory, at, [*(settings or ()), *([f"run.until={until}"] if until else [])], without or ())
+    except (BranchError, SceneError) as error:
+        _refuse(str(error))
+    into = output or directory.parent / f"{directory.resolve().name}-{made.snapshot.stem}"
+    fault = None if preview else directory_fault(into, resume=False)
+    if fault:
+        _refuse(fault)
+    if preview or not quiet:
+        typer.echo(made.words)
+    if preview:
+        from discsim.preview.check import report
+
+        typer.echo(f"\n{report(made.scene)}")
+        return
+    from discsim.run.runner import run_scene
+
+    raise SystemExit(run_scene(made.scene, into, quiet=quiet))
+
+
+@app.command()
 def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOption = None) -> None:
     """Validate a scene: the effects that will run, derived numbers, warnings."""
     loaded = _load(scene, settings or (), without or ())
