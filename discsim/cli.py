@@ -219,6 +219,52 @@ def cost(
         raise SystemExit(NOT_REACHED)
 
 
+@app.command()
+def sweep(
+    scene: SceneArgument,
+    vary: VaryOption = None,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="What is told of each run, like accreted_dust, dust-r50; several times."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the runs [runs/<name>-sweep].")
+    ] = None,
+    parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; they share the cores.")] = 1,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+) -> None:
+    """Runs with every combination of some values, a directory each, and a table and a figure of what they came to."""
+    loaded = _load(scene, settings or (), without or ())
+    if not vary:
+        _refuse("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")
+    from rich.console import Console
+
+    from discsim.output.snapshot import SnapshotError
+    from discsim.scene import SceneError
+    from discsim.study.points import StudyError, Varied
+    from discsim.study.sweep import RunFailed, Sweep
+
+    directory = output or Path("runs") / f"{scene.stem}-sweep"
+    fault = directory_fault(directory, resume=False)
+    if fault:
+        _refuse(fault)
+    console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+    try:
+        varied = [Varied.from_text(text) for text in vary]
+        made = Sweep(scene, varied, directory, measure or (), settings or (), without or ())
+        with held(directory):
+            made.make(loaded.title or str(scene), parallel, console)
+    except (SceneError, StudyError, DirectoryError, SnapshotError) as wrong:
+        _refuse(str(wrong))
+    except RunFailed as failed:
+        raise SystemExit(failed.status) from None
+    except OSError as error:
+        _refuse(f"{error.filename or directory}: {error.strerror}", NOT_WRITTEN)
+    except KeyboardInterrupt:
+        _refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)
+
+
 def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -> None:
     if not vary:
         _refuse("nothing to find; expected --error 1%, the cheapest setting for it, or --vary with values of a key")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import tomllib
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -161,6 +161,15 @@ class Snapshot:
         """The kinds of particles present, by name."""
         both = {"gas": self.gas, "dust": self.dust}
         return {name: particles for name, particles in both.items() if particles is not None}
+
+    def about_centre(self) -> Snapshot:
+        """The snapshot about its moving star, where that is the centre of the disc; the box stays where it is."""
+        star = self.tables.get("star", {})
+        if self.bodies is None or star.get("frame") != "inertial" or star.get("centre") == "barycentre":
+            return self
+        kinds = {name: getattr(self, name) for name in ("gas", "dust", "bodies")}
+        shift = self.bodies.pos[0]
+        return replace(self, **{name: p and replace(p, pos=p.pos - shift) for name, p in kinds.items()})
 
     def quantity(self, name: str) -> Any:
         """ "time", or an array like "gas.density", as an astropy Quantity. Raises KeyError for any other."""
