@@ -274,6 +274,29 @@ def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -
 
 
 @app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page [DIR/report.html].")
+    ] = None,
+) -> None:
+    """A page of a run, for a browser or for paper: pictures, conservation, cost, effects with equations, scene."""
+    from discsim.output.snapshot import SnapshotError
+    from discsim.report.page import ReportError, write_report
+    from discsim.scene import SceneError
+    from discsim.study.points import StudyError
+
+    path = output or directory / "report.html"
+    try:
+        write_report(directory, path)
+    except (ReportError, SceneError, SnapshotError, StudyError) as wrong:
+        _refuse(str(wrong))
+    except OSError as error:
+        _refuse(f"{error.filename or path}: {error.strerror}", NOT_WRITTEN)
+    typer.echo(f"{path}: a page of the run in {directory}")
+
+
+@app.command()
 def setups() -> None:
     """List the setups that come with discsim: name, title, what it is and how long it takes."""
     for each in shipped_setups().values():

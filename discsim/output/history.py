@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import itertools
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -87,6 +88,12 @@ def rows_until(path: Path, step: int, count: int, columns: Sequence[str] = COLUM
         wrong = f"no row of a history; expected {len(columns)} entries" if line > 1 else "not the header of a history"
         raise HistoryError(f"{path}:{line}: {wrong}. Mend it, or move the file away to go on without its rows")
     return rows
+
+
+def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
+    """The rows of a run of the scene by the names of columns, up to the first that is not whole."""
+    names = columns_of(scene)
+    return [dict(zip(names, row, strict=True)) for row in rows_until(path, sys.maxsize, 0, names)]
 
 
 def _is_row(columns: Sequence[str], entries: list[str]) -> bool:

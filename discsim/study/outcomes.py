@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.output.history import WORDS, columns_of
+from discsim.output.history import WORDS, columns_of, read_history
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.scene import Scene, near
 from discsim.study.measures import amplitudes, clumped
@@ -107,19 +107,15 @@ class Found(NamedTuple):
 
 def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
     """What a run of the scene in a directory has come to. Raises OSError, SnapshotError, StudyError of an empty one."""
-    rows = _rows(directory / "history.csv")
+    rows = read_history(directory / "history.csv", scene)
     if not rows:
         raise StudyError(f"{directory / 'history.csv'}: no rows; expected those of a run")
     values = {name: float(value) for name, value in rows[-1].items() if name not in WORDS}
-    values["cpu"] = sum(float(row["cpu_seconds"]) for row in _rows(directory / "costs.csv"))
+    with (directory / "costs.csv").open(newline="", encoding="utf-8") as file:
+        values["cpu"] = sum(float(row["cpu_seconds"]) for row in csv.DictReader(file))
     if any("-" in each.name for each in wanted):
         values |= _of_particles(directory / "snapshots")
     return Found(values["time"], {each.name: each.factor * values[each.name] for each in wanted})
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def _of_particles(folder: Path) -> dict[str, float]:

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from discsim import load_scene, read_snapshot
 from discsim.cli import app
+from discsim.output.history import COLUMNS
 from discsim.run.runner import run_scene
 from discsim.scene import tomltext
 from discsim.study import sweep as sweeps
@@ -181,7 +182,8 @@ def test_measures_have_units(tmp_path):
     # 1 Msun / (10 au)^2 in g/cm2
     assert found["gas-peak"].factor == pytest.approx(1.98841e33 / (10 * 1.495978707e13) ** 2, rel=1e-5)
     assert [each.name for each in chosen(far)] == ["dust-peak", "dust-r50"]  # no star that accretes
-    (tmp_path / "history.csv").write_text("step,time,dt_set_by,mass_gas,mass_dust\n0,0,gas,1,1\n9,2.5,gas,3,4\n")
+    row = dict.fromkeys(COLUMNS, "0") | {"step": "9", "dt_set_by": "gas", "mass_gas": "3", "mass_dust": "4"}
+    (tmp_path / "history.csv").write_text(f"{','.join(COLUMNS)}\n{','.join(row.values())}\n")
     (tmp_path / "costs.csv").write_text("effect,calls,cpu_seconds,share\ngas,1,1.5,.75\ndust,1,0.5,.25\n")
     near = load_scene(disc | {"units": {"mass": "10 Msun"}})
     values = found_in(tmp_path, near, chosen(near, ["mass_dust", "step", "cpu"])).values
