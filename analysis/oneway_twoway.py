@@ -25,13 +25,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
-from scipy.ndimage import gaussian_filter1d
 from scipy.signal import peak_prominences, peak_widths
 
 from discsim.output.snapshot import Snapshot, SnapshotError, range_of_mass, read_snapshot
+from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHED, quantile_radii, smoothed
 
-QUANTILES = (0.1, 0.5, 0.9)
-RINGS, SMOOTHED = 80, 2.0  # rings of a profile; width of the smoothing, in rings
 FINE = 4  # rings in a given width of the smoothing, least
 
 
@@ -50,15 +48,6 @@ def snapshots(directory: Path) -> list[Snapshot]:
     return found
 
 
-def quantile_radii(radius: np.ndarray, mass: np.ndarray) -> list[float]:
-    """The radii within which QUANTILES of the mass lie; NaN where there is none."""
-    if len(mass) == 0:
-        return [float("nan")] * len(QUANTILES)
-    order = np.argsort(radius)
-    within = np.cumsum(mass[order])
-    return [float(radius[order][np.searchsorted(within, q * within[-1])]) for q in QUANTILES]
-
-
 def ring(edges: np.ndarray, sigma: np.ndarray, rings: float) -> list[float]:
     """Place, height, width and contrast of the highest peak of a profile, smoothed over so many rings."""
     profile, side = smoothed(sigma, rings), edges[1] - edges[0]
@@ -70,11 +59,6 @@ def ring(edges: np.ndarray, sigma: np.ndarray, rings: float) -> list[float]:
     foot = profile[k] - float(prominences[0][0])
     width = float(peak_widths(around, [k + 1], 0.5, prominences)[0][0]) * side
     return [float(edges[k] + 0.5 * side), float(profile[k]), width, float(profile[k] / foot) if foot > 0 else np.inf]
-
-
-def smoothed(sigma: np.ndarray, rings: float) -> np.ndarray:
-    """Profiles (..., rings) over neighbouring rings: the particles of a quiet start lie on rings of their own."""
-    return gaussian_filter1d(sigma, rings, mode="nearest", axis=-1)
 
 
 def rows_of(run: list[Snapshot], edges: np.ndarray, radii: np.ndarray, rings: float) -> list[list[float]]:

@@ -113,6 +113,44 @@ def run(
 
 
 @app.command()
+def branch(
+    directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
+    at: Annotated[int | None, typer.Option(min=0, metavar="NUMBER", help="Of the snapshot [the last].")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the new run [DIR-NUMBER].")
+    ] = None,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+    until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
+    preview: Annotated[bool, typer.Option("--check", help="Say what changes, as `check` does, and stop.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """A new run from a snapshot of a run, with other physics: the time goes on."""
+    from discsim.run.branch import BranchError
+    from discsim.run.branch import branch as branch_of
+    from discsim.scene import SceneError
+
+    try:
+        made = branch_of(directory, at, [*(settings or ()), *([f"run.until={until}"] if until else [])], without or ())
+    except (BranchError, SceneError) as error:
+        _refuse(str(error))
+    into = output or directory.parent / f"{directory.resolve().name}-{made.snapshot.stem}"
+    fault = None if preview else directory_fault(into, resume=False)
+    if fault:
+        _refuse(fault)
+    if preview or not quiet:
+        typer.echo(made.words)
+    if preview:
+        from discsim.preview.check import report
+
+        typer.echo(f"\n{report(made.scene)}")
+        return
+    from discsim.run.runner import run_scene
+
+    raise SystemExit(run_scene(made.scene, into, quiet=quiet))
+
+
+@app.command()
 def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOption = None) -> None:
     """Validate a scene: the effects that will run, derived numbers, warnings."""
     loaded = _load(scene, settings or (), without or ())
@@ -181,12 +219,81 @@ def cost(
         raise SystemExit(NOT_REACHED)
 
 
+@app.command()
+def sweep(
+    scene: SceneArgument,
+    vary: VaryOption = None,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="What is told of each run, like accreted_dust, dust-r50; several times."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the runs [runs/<name>-sweep].")
+    ] = None,
+    parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; they share the cores.")] = 1,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+) -> None:
+    """Runs with every combination of some values, a directory each, and a table and a figure of what they came to."""
+    loaded = _load(scene, settings or (), without or ())
+    if not vary:
+        _refuse("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")
+    from rich.console import Console
+
+    from discsim.output.snapshot import SnapshotError
+    from discsim.scene import SceneError
+    from discsim.study.points import StudyError, Varied
+    from discsim.study.sweep import RunFailed, Sweep
+
+    directory = output or Path("runs") / f"{scene.stem}-sweep"
+    fault = directory_fault(directory, resume=False)
+    if fault:
+        _refuse(fault)
+    console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+    try:
+        varied = [Varied.from_text(text) for text in vary]
+        made = Sweep(scene, varied, directory, measure or (), settings or (), without or ())
+        with held(directory):
+            made.make(loaded.title or str(scene), parallel, console)
+    except (SceneError, StudyError, DirectoryError, SnapshotError) as wrong:
+        _refuse(str(wrong))
+    except RunFailed as failed:
+        raise SystemExit(failed.status) from None
+    except OSError as error:
+        _refuse(f"{error.filename or directory}: {error.strerror}", NOT_WRITTEN)
+    except KeyboardInterrupt:
+        _refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)
+
+
 def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -> None:
     if not vary:
         _refuse("nothing to find; expected --error 1%, the cheapest setting for it, or --vary with values of a key")
     for name, value in given.items():
         if value:
             _refuse(f"{name}: goes with --error; expected that, or no {name}")
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page [DIR/report.html].")
+    ] = None,
+) -> None:
+    """A page of a run, for a browser or for paper: pictures, conservation, cost, effects with equations, scene."""
+    from discsim.output.snapshot import SnapshotError
+    from discsim.report.page import ReportError, write_report
+    from discsim.scene import SceneError
+    from discsim.study.points import StudyError
+
+    path = output or directory / "report.html"
+    try:
+        write_report(directory, path)
+    except (ReportError, SceneError, SnapshotError, StudyError) as wrong:
+        _refuse(str(wrong))
+    except OSError as error:
+        _refuse(f"{error.filename or path}: {error.strerror}", NOT_WRITTEN)
+    typer.echo(f"{path}: a page of the run in {directory}")
 
 
 @app.command()

@@ -11,8 +11,11 @@ project = "discsim"
 author = copyright = "the discsim developers"
 version = release = discsim.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "pages"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "pages"]
 myst_heading_anchors = 3
+nb_execution_mode = "off" if "quick" in tags else "force"  # noqa: F821 - of Sphinx
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
 exclude_patterns = ["_build", "_generated"]
 highlight_language = "text"
 smartquotes = False

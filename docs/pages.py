@@ -17,6 +17,7 @@ from sphinx.util import logging
 import discsim.exact
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview import reference
+from discsim.preview.reference import parts, pieces
 
 GENERATED = Path(__file__).parent / "_generated"
 
@@ -35,10 +36,10 @@ class Docstring(Directive):
         if part.startswith(" "):
             yield nodes.literal_block(part, textwrap.dedent(part), language="text")
             return
-        pieces = (
-            nodes.literal(piece, piece.strip("`")) if piece[:1] == "`" else nodes.Text(piece) for piece in split(part)
+        marked = (
+            nodes.literal(piece, piece.strip("`")) if piece[:1] == "`" else nodes.Text(piece) for piece in pieces(part)
         )
-        yield nodes.paragraph(part, "", *pieces)
+        yield nodes.paragraph(part, "", *marked)
 
 
 def write_pages(app: Sphinx) -> None:
@@ -60,19 +61,8 @@ def exact_solutions() -> Iterator[str]:
         yield f"## {path.stem}\n\n```{{eval-rst}}\n.. automodule:: discsim.exact.{path.stem}\n   :members:\n```\n"
 
 
-def parts(text: str) -> list[str]:
-    """Paragraphs of a docstring; those that are indented are equations, whose numbers move to where they are seen."""
-    text = re.sub(r" {5,}(\(\d+\w?\))$", r"    \1", text.strip("\n"), flags=re.M)
-    return [part for part in re.split(r"\n\s*\n", text) if part.strip()]
-
-
-def split(part: str) -> list[str]:
-    """A paragraph as plain text and `words` of code by turns."""
-    return re.split(r"(`[^`]+`)", part)
-
-
 def as_rst(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text, with equations and code as in `parts` and `split`, and no other markup."""
+    """Docstrings are plain text, with equations and code as in `parts` and `pieces`, and no other markup."""
     out: list[str] = []
     for part in parts("\n".join(lines)):
         if part.startswith(" "):
@@ -85,8 +75,8 @@ def as_rst(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: l
 def plain(part: str) -> str:
     """A paragraph of plain text as reStructuredText."""
     # Backslash and space end a literal where a letter follows it, and are not seen.
-    pieces = (rf"\ `{piece}`\ " if piece[:1] == "`" else re.sub(r"([*_|\\])", r"\\\1", piece) for piece in split(part))
-    return re.sub(r"^(?=\(?\w+[.)] )", r"\\", "".join(pieces), flags=re.M)  # no numbered list
+    marked = (rf"\ `{piece}`\ " if piece[:1] == "`" else re.sub(r"([*_|\\])", r"\\\1", piece) for piece in pieces(part))
+    return re.sub(r"^(?=\(?\w+[.)] )", r"\\", "".join(marked), flags=re.M)  # no numbered list
 
 
 def skip(app: Sphinx, what: str, name: str, thing: Any, skipped: bool, options: Any) -> bool | None:

@@ -33,6 +33,12 @@ def start_of(scene: Scene) -> Start:
     return STARTS[scene.initial.kind]
 
 
+def start_time(scene: Scene) -> float:
+    """The time at which a run of the scene begins."""
+    begins = None if scene.initial is None else start_of(scene).begins
+    return 0.0 if begins is None else begins(scene)
+
+
 def make_particles(scene: Scene) -> Given:
     """Arrays by species of the scene's initial condition. Raises ValueError where the scene's numbers make none."""
     if scene.model.cells:

@@ -48,6 +48,7 @@ class Start:
         radial(scene): the disc that it is, as functions of the radius (`physics/profile.py`). None: it is none.
         settle(state, effects): velocities, once forces are known.
         take_up(state): gives a state what the run had that it goes on from, at last.
+        begins(scene): the time at which a run begins. None: 0.
         under_way(scene): star (0) and companions that are on their way at t = 0, by number. None: all begin.
         thermal_speed(scene, r): sqrt(P / Sigma) of a temperature of its own; None where gas.eos has it.
         cells(scene, x, dx): the same on a fixed grid of cells at x (n,), dx wide: density (n,), velocities (n,) by
@@ -85,6 +86,7 @@ class Start:
     radial: Callable[[Any], Radial] | None = None
     settle: Callable[[Any, dict[str, Any]], None] | None = None
     take_up: Callable[[Any], None] | None = None
+    begins: Callable[[Any], float] | None = None
     under_way: Callable[[Any], dict[int, UnderWay]] | None = None
     thermal_speed: Callable[[Any, Array], Array | None] | None = None
     cells: Callable[[Any, Array, float], tuple[Array, Arrays, Array | None]] | None = None

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
 from discsim.numerics.bodies import Bodies
+from discsim.numerics.frames import frame_of
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
@@ -41,6 +42,10 @@ class Particles:
         """The arrays by name, without those that this run does not hold."""
         named = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: array for name, array in named.items() if array is not None}
+
+    def to_pandas(self) -> Any:
+        """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
+        return frame_of(self.arrays())
 
     def take(self, index: Array) -> None:
         """Keep the particles `index` (whole numbers), in that order, in every array."""

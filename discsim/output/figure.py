@@ -6,7 +6,6 @@ Over the exact solution where there is one.
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +38,7 @@ _BAR = (0.08, 0.2)  # distance and width of a colour bar
 
 def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.PathLike[str]) -> None:
     """Draw the snapshot at `snapshot_path` into the PNG `out_png`. Raises SnapshotError, OSError."""
-    snap = _about_centre(read_snapshot(snapshot_path))
+    snap = read_snapshot(snapshot_path).about_centre()
     figure = _lines(snap) if snap.dimensions == 1 else _maps(snap)
     figure.suptitle(_title(snap))
     FigureCanvasAgg(figure)
@@ -47,16 +46,6 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
     little = {"compress_level": 1}
     made = {"Software": f"discsim {__version__}", "Comment": snap.command, "Description": snap.scene_text}
     figure.savefig(Path(out_png), dpi=130, metadata=made, pil_kwargs=little)
-
-
-def _about_centre(snap: Snapshot) -> Snapshot:
-    """The snapshot about its moving star, where that is the centre of the disc; the box stays where it is."""
-    star = snap.tables.get("star", {})
-    if snap.bodies is None or star.get("frame") != "inertial" or star.get("centre") == "barycentre":
-        return snap
-    kinds = {name: getattr(snap, name) for name in ("gas", "dust", "bodies")}
-    shift = snap.bodies.pos[0]
-    return replace(snap, **{name: p and replace(p, pos=p.pos - shift) for name, p in kinds.items()})
 
 
 def _title(snap: Snapshot) -> str:

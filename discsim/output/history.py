@@ -104,9 +104,7 @@ def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence
 
     Raises HistoryError where one of them is damaged. What a crash has cut short later is no loss: it is made again.
     """
-    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-    head, *table = [line.split(",") for line in text.splitlines()] or [[]]
-    whole = list(itertools.takewhile(partial(_is_row, columns), table)) if head == [*columns] else []
+    head, table, whole = _read(path, columns)
     rows = [row for row in whole[:count] if int(row[0]) <= step]
     line = len(whole) + 2 if head == [*columns] else 1
     cure = "Mend it, or move the file away to go on without its rows"
@@ -127,6 +125,19 @@ def _lines(rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     return text.getvalue()
+
+
+def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
+    """The rows of a run of the scene by the names of columns, up to the first that is not whole."""
+    names = columns_of(scene)
+    return [dict(zip(names, row, strict=True)) for row in _read(path, names)[2]]
+
+
+def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
+    """The header, the lines after it, and those of them that are whole rows, up to the first that is not."""
+    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+    head, *table = [line.split(",") for line in text.splitlines()] or [[]]
+    return head, table, list(itertools.takewhile(partial(_is_row, columns), table)) if head == [*columns] else []
 
 
 def _is_row(columns: Sequence[str], entries: list[str]) -> bool:

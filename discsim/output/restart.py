@@ -1,4 +1,6 @@
-"""A start from a snapshot of ours, at any step: as it is, refined or thinned, with whatever effects; its time is 0.
+"""A start from a snapshot of ours, at any step: as it is, refined or thinned, with whatever effects.
+
+Its time is 0, or with `keep_time` that of the snapshot, and what began with the start then began as long before.
 
 Where nothing but the start and the outputs has changed it goes on as the run does, to rounding (`open_step.py`). With
 other physics it begins with the closed velocities that the snapshot shows, about the centre of the disc there. Star and
@@ -44,12 +46,17 @@ SHELLS = 40  # rings of a preview
 
 @dataclass(frozen=True)
 class SnapshotFile(InputFile):
-    """A snapshot: particles of the gas (0: there is none) and of each population of dust, and whether gas has a u."""
+    """A snapshot: particles of the gas (0: there is none) and of each population of dust, and whether gas has a u.
+
+    time: in code units of the scene that names it; time_words: the same for people.
+    """
 
     gas: int = field(default=0, compare=False)
     dust: tuple[int, ...] = field(default=(), compare=False)
     dimensions: int = field(default=2, compare=False)
     holds_heat: bool = field(default=False, compare=False)
+    time: float = field(default=0.0, compare=False)
+    time_words: str = field(default="0", compare=False)
 
     __str__ = InputFile.__str__
 
@@ -71,11 +78,14 @@ def _read(value: Any, info: ValidationInfo) -> SnapshotFile:
     numbers = () if snap.dust is None else np.bincount(_populations(snap.dust), minlength=populations)
     heat = snap.gas is not None and snap.gas.u is not None
     gas = snap.gas.count if snap.gas is not None else 0
-    return SnapshotFile(found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat)
+    units = (info.context or {}).get("units", snap.units)
+    time = snap.time if units == snap.units else float(units.to_code(snap.quantity("time")))
+    words = snap.units.show_time(snap.time)
+    return SnapshotFile(found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat, time, words)
 
 
 class FromSnapshot(Table):
-    """A snapshot of a run: refined, thinned, with other effects; at time 0."""
+    """A snapshot of a run: refined, thinned, with other effects; at time 0, or at its own."""
 
     kind: Literal["snapshot"] = "snapshot"
     file: Annotated[Any, BeforeValidator(_read), Words("path of a snapshot, relative to the scene's folder")] = Field(
@@ -84,6 +94,7 @@ class FromSnapshot(Table):
     refine: Count = Field(1, ge=1, le=MOST, description="particles that each is replaced by")
     thin: Count = Field(1, ge=1, le=MOST, description="of so many particles one stays, with the mass of all")
     reference_radius: Length = Field(1.0, gt=0, description="where a law of the radius has its value, as of a disc")
+    keep_time: bool = Field(False, description="time goes on from that of the snapshot, instead of from 0")
 
     @property
     def brings_temperature(self) -> bool:
@@ -187,12 +198,22 @@ def _matters(key: str) -> bool:
     return key not in FREE_TO_CHANGE and not of_run and table != "initial" and last not in ("particles", "every")
 
 
+def begins(scene: Scene) -> float:
+    return float(scene.initial.file.time) if scene.initial.keep_time else 0.0
+
+
 def take_up(state: State) -> None:
-    """Give the state what the snapshot's run would go on with, where it can."""
+    """Give the state what the snapshot's run would go on with, where it can, and the time at which it begins."""
+    if goes_on(state.scene):
+        _go_on(state)
+    state.time = begins(state.scene)
+    if state.bodies is not None:
+        state.bodies.begun += state.time
+
+
+def _go_on(state: State) -> None:
     scene = state.scene
     snap = _snapshot(scene.initial.file)
-    if not goes_on(scene):
-        return
     step = snap.open_step
     assert step is not None
     state.lag, state.earlier = step.lag, step.step
@@ -233,6 +254,9 @@ def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
     file: Any = draft.initial.file
     if draft.initial.refine > 1 and draft.initial.thin > 1:
         yield ("initial", "thin"), "initial.refine is there too; expected one of the two"
+    if draft.initial.keep_time and draft.run is not None and draft.run.until <= file.time:
+        wrong = "is not after the snapshot, whose time the run keeps"
+        yield ("run", "until"), f"{wrong}; expected more than {file.time_words}, or no initial.keep_time"
     if file.dimensions != draft.dimensions:
         yield ("initial", "file"), f"has {file.dimensions} dimensions; expected {draft.dimensions}, as of space"
     if draft.has("gas") and file.gas == 0:
@@ -317,6 +341,7 @@ START = Start(
     on_lattice=False,
     edges=edges,
     reference_density=reference_density,
+    begins=begins,
     take_up=take_up,
     under_way=under_way,
 )

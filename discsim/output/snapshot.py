@@ -10,18 +10,19 @@ from __future__ import annotations
 import os
 import tomllib
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.numerics.frames import frame_of
 from discsim.output import hdf5, open_step
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
 from discsim.parts import STARTS, Lazy
 from discsim.physics.eos import eos_of
 from discsim.physics.profile import reference_density
-from discsim.scene import SceneError
+from discsim.scene import SceneError, html
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
@@ -90,6 +91,11 @@ class SnapshotParticles:
         if dimension in PLAIN_UNITS:
             return u.Quantity(array, PLAIN_UNITS[dimension])
         return self.units.quantity(array, dimension)
+
+    def to_pandas(self) -> Any:
+        """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
+        held = {name: array for name, array in vars(self).items() if isinstance(array, np.ndarray)}
+        return frame_of(held | self.columns)
 
     def radial_profile(self, edges: Array) -> Array:
         """Surface density, averaged over angle, in the rings between the radii `edges` (rings + 1,)."""
@@ -163,6 +169,22 @@ class Snapshot:
         """The kinds of particles present, by name."""
         both = {"gas": self.gas, "dust": self.dust}
         return {name: particles for name, particles in both.items() if particles is not None}
+
+    def _repr_html_(self) -> str:
+        rows = [("time", self.units.show_time(self.time)), ("dimensions", self.dimensions)]
+        for name, particles in self.species.items():
+            held = [key for key, array in vars(particles).items() if isinstance(array, np.ndarray)]
+            rows.append((name, f"{particles.count:,} particles: {', '.join([*held, *particles.columns])}"))
+        return html.table(self.tables.get("title") or "A snapshot", rows)
+
+    def about_centre(self) -> Snapshot:
+        """The snapshot about its moving star, where that is the centre of the disc; the box stays where it is."""
+        star = self.tables.get("star", {})
+        if self.bodies is None or star.get("frame") != "inertial" or star.get("centre") == "barycentre":
+            return self
+        kinds = {name: getattr(self, name) for name in ("gas", "dust", "bodies")}
+        shift = self.bodies.pos[0]
+        return replace(self, **{name: p and replace(p, pos=p.pos - shift) for name, p in kinds.items()})
 
     def quantity(self, name: str) -> Any:
         """ "time", or an array like "gas.density", as an astropy Quantity. Raises KeyError for any other."""

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from discsim.initial import start_of
+from discsim.initial import start_of, start_time
 from discsim.output.files import written
 from discsim.parts import USUAL_SCHEME
 from discsim.physics import viscosity
@@ -64,7 +64,7 @@ def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     alpha = ratio * float(np.median(beside))
     yield "alpha of viscosity and noise, about", f"{float(f'{alpha:.1g}'):g}"
     if scene.run.timestep is None:
-        orbits = scene.run.until * float(np.median(at.omega)) / (2.0 * np.pi)
+        orbits = (scene.run.until - start_time(scene)) * float(np.median(at.omega)) / (2.0 * np.pi)
         energy = 3e-3 * (scene.run.courant / 0.8) ** 2.4 * orbits / 3.0
         yield "energy changed by the step, about", f"{energy:.1g}"
     yield from _drag_rows(scene, at)

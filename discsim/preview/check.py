@@ -21,7 +21,7 @@ def report(scene: Scene) -> str:
     parts = [
         [scene.title or "(no title)"],
         ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
-        ["effects that will run", *(f"  {line}" for line in _effect_lines(scene))],
+        ["effects that will run", *(f"  {name:<18} {keys}" for name, keys in effect_lines(scene))],
         ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
         ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
         ["accuracy, from what is known", *(f"  {name:<34} {value}" for name, value in _accuracy_rows(scene))],
@@ -59,7 +59,8 @@ def _unit_lines(units: Units) -> Iterator[str]:
         yield f"{name:<10} {units.show(1.0, name)}"
 
 
-def _effect_lines(scene: Scene) -> Iterator[str]:
+def effect_lines(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Each effect of a scene, and each table of those that it has several of, with the keys that it uses in words."""
     classes = effect_classes(scene)
     for name in scene.effects:
         first, _, second = name.partition(".")
@@ -67,7 +68,7 @@ def _effect_lines(scene: Scene) -> Iterator[str]:
         skip += tuple(other.removeprefix(f"{name}.") for other in scene.effects)  # which have lines of their own
         table = getattr(scene.table(first), second) if second else scene.table(first)
         for one in table if isinstance(table, tuple) else (table,):
-            yield f"{name:<18} {_parameters(scene.units, one, skip)}"
+            yield name, _parameters(scene.units, one, skip)
 
 
 def _parameters(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:

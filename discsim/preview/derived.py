@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.effects import effect_classes
-from discsim.initial import lattice, start_of
+from discsim.initial import lattice, start_of, start_time
 from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
 from discsim.parts import SCHEMES
@@ -138,7 +138,7 @@ def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         return
     period = 2 * math.pi / at.omega
     yield "orbital period", _list(scene.units, period, "time")
-    yield "orbits until the end", _plain(scene.run.until / period)
+    yield "orbits until the end", _plain((scene.run.until - start_time(scene)) / period)
     if at.scale_height is not None and at.sound_speed is not None:
         yield "H/r", _plain(at.scale_height / at.radius)
         if at.resolution is not None:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from discsim.effects import effect_classes
 from discsim.effects.base import Counts
-from discsim.initial import start_of
+from discsim.initial import start_of, start_time
 from discsim.output.files import written
 from discsim.physics import profile
 from discsim.preview.derived import grid, grid_bytes, local, particle_count
@@ -68,16 +68,17 @@ def forecast(scene: Scene) -> Forecast | None:
 
 def _steps(scene: Scene) -> float | None:
     at, run, start = local(scene), scene.run, start_of(scene)
+    length = run.until - start_time(scene)
     if run.timestep is not None:
-        return run.until / run.timestep
+        return length / run.timestep
     if not start.known_step:
         return None
     of_effects = min(effect.expected_limit(scene) for effect in effect_classes(scene).values())
     if at.step is not None:
-        return run.until / (run.courant * min(SHRINK * float(at.step.min()), of_effects))
+        return length / (run.courant * min(SHRINK * float(at.step.min()), of_effects))
     if scene.star and start.edges is not None:
         orbit = 1.0 / float(profile.kepler_omega(scene, start.edges(scene)[0]))
-        return run.until / (run.courant * min(orbit, of_effects))
+        return length / (run.courant * min(orbit, of_effects))
     return None
 
 

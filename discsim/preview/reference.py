@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
@@ -67,6 +68,17 @@ def docstring(module: str) -> str:
     found = find_spec(module)
     assert found is not None and found.origin is not None
     return ast.get_docstring(ast.parse(Path(found.origin).read_text(encoding="utf-8"))) or ""
+
+
+def parts(text: str) -> list[str]:
+    """Paragraphs of a docstring; those that are indented are equations, whose numbers move to where they are seen."""
+    text = re.sub(r" {5,}(\(\d+\w?\))$", r"    \1", text.strip("\n"), flags=re.M)
+    return [part for part in re.split(r"\n\s*\n", text) if part.strip()]
+
+
+def pieces(part: str) -> list[str]:
+    """A paragraph as plain text and `words` of code by turns."""
+    return re.split(r"(`[^`]+`)", part)
 
 
 def _schemes() -> Iterator[str]:

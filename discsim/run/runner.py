@@ -17,6 +17,7 @@ from numba.core import caching, event
 
 from discsim import __version__
 from discsim.effects.base import Column, Effect
+from discsim.initial import start_time
 from discsim.kernels import cache
 from discsim.numerics.state import Gas, State
 from discsim.output.checkpoint import CheckpointError, Scalar
@@ -129,7 +130,7 @@ class _Run:
         self.begun = self.saved = time.monotonic()
         self.saved_time: float | None = None
         self.snapshots = self.steps = 0  # written; made by this process
-        self.put_out = 0.0  # time of the last snapshot
+        self.put_out = start_time(scene)  # time of the last snapshot
         self.dt, self.set_by = 0.0, ""  # of the last step
         self.held = ExitStack()
         count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
@@ -141,7 +142,7 @@ class _Run:
         if fault:
             raise DirectoryError(fault)
         resume = resume and self._can_go_on()
-        reached = self._time_to_resume() if resume else 0.0
+        reached = self._time_to_resume() if resume else self.put_out
         times = due_times(self.scene.run, reached, self.put_out)
         if not times:
             sweep(self.directory)

@@ -34,7 +34,8 @@ from discsim.run.forces import Limits, PhysicsError, acceleration_of
 from discsim.run.operators import Operators
 from discsim.run.relaxation import Relaxed, relax
 from discsim.run.timestep import next_step
-from discsim.scene import Scene, SceneError, load_scene
+from discsim.run.watch import Watch
+from discsim.scene import Scene, SceneError, html, load_scene
 from discsim.scene.differences import refuse_another
 from discsim.scene.units import Units
 
@@ -151,15 +152,44 @@ class Simulation:
             self.operators.close()
         return dt
 
-    def run(self, until: float | None = None) -> None:
-        """Step to time `until` (code units; default that of the scene) and land on it.
+    def run(
+        self,
+        until: Any = None,
+        *,
+        progress: bool = False,
+        every: Any = None,
+        callback: Callable[[Simulation], object] | None = None,
+    ) -> None:
+        """Step to time `until` (code units or a Quantity; default that of the scene) and land on it.
+
+        progress: tell of it as the command does. callback(sim): called after each step, which changes nothing of the
+        run; with `every`, a time, instead where that is at multiples of it, and at the end. It sees velocities at the
+        time of places, and is for looking: what it changes is undone. The run ends early where it returns True.
 
         Ctrl-C ends it after a step; to run on gives the same bits as never to have stopped. Velocities then await the
-        closing kick of that step: `synchronised` shows them with it.
+        closing kick of that step: `synchronised` shows them with it. Raises ValueError.
         """
-        self.evolve(self.scene.run.until if until is None else until)
+        end = self.scene.run.until if until is None else self._in_code(until)
+        watch = Watch(self, end, progress, None if every is None else self._in_code(every), callback)
+        with watch:
+            for time in watch.times:
+                try:
+                    if not self.evolve(time, watch.after_step):
+                        break
+                except KeyboardInterrupt:
+                    if not self._in_midst:
+                        watch.after_step()  # of the step that the interrupt has waited for
+                    raise
         with self._whole():
             self.operators.close()
+
+    def _in_code(self, time: Any) -> float:
+        return float(self.units.in_code(time, "time") if hasattr(time, "unit") else time)
+
+    def _repr_html_(self) -> str:
+        now = self.units.show_time(self.time)
+        rows = [("time", now), ("step", self.state.step), *self.scene.facts]
+        return html.table(self.scene.title or "A simulation", rows)
 
     def evolve(self, until: float, after_step: Callable[[], bool] | None = None) -> bool:
         """Step to `until`, leaving the closing kick open; ends early (False) where `after_step` returns True."""

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, MODELS, STARTS, found_at
-from discsim.scene import tables, tomltext
+from discsim.scene import html, tables, tomltext
 from discsim.scene.fields import InputFile, shown
 from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
 from discsim.scene.overrides import changed
@@ -97,6 +97,19 @@ class Scene(BaseModel):
     def named(self) -> tuple[str, ...]:
         """The tables of effects that the scene has, in the order of a step."""
         return tuple(name for name in EFFECTS if self.table(name) is not None)
+
+    def _repr_html_(self) -> str:
+        return html.table(self.title or "A scene", self.facts)
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """What it is of, in words by name."""
+        size = " x ".join(self.units.show(side, "length") for side in self.space.size)
+        rows = [("until", self.units.show_time(self.run.until)), ("space", f"{size}, {self.space.boundary}")]
+        rows += [("starts as", self.initial.kind)] if self.initial is not None else []
+        rows += [("gas", f"{self.gas.particles:,}")] if self.gas is not None else []
+        rows += [("dust", ", ".join(f"{each.particles:,}" for each in self.dust))] if self.dust is not None else []
+        return [*rows, ("effects", ", ".join(self.effects))]
 
     def table(self, name: str) -> Any:
         """The table of an effect, None where the scene does not have it."""

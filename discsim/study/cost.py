@@ -6,7 +6,6 @@ Repeats go round the combinations, so that a busy hour of the machine is shared 
 from __future__ import annotations
 
 import csv
-import itertools
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ from discsim import __version__
 from discsim.output.files import written
 from discsim.scene.units import clock
 from discsim.study.findings import show
-from discsim.study.points import Point, StudyError, Varied, label_of
+from discsim.study.points import Point, Varied, axis_of, combinations, label_of, lines_of
 from discsim.study.runs import Runs, Say
 
 WIDTH = 110  # letters that the tables take, also where there is no terminal
@@ -31,16 +30,9 @@ class Study:
         self, scene: Path, varied: Sequence[Varied], repeat: int, directory: Path,
         settings: Sequence[str] = (), without: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        names = [key for each in varied for key in each.keys]
-        for name in names:
-            if names.count(name) > 1:
-                raise StudyError(f"--vary {name}: named twice; expected every key once")
         self.varied, self.repeat, self.directory = tuple(varied), repeat, directory
         self.runs = Runs(scene, directory, settings, without)
-        self.points = [
-            Point({key: part for settings in together for key, part in settings.items()})
-            for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))
-        ]
+        self.points = combinations(self.varied)
         from discsim.study.errors import measure_of
 
         self.measures = [measure_of(self.runs.scene(point.settings)) for point in self.points]
@@ -134,19 +126,11 @@ class Study:
 
     @property
     def axis(self) -> Varied | None:
-        """What varies along a line: the numbers with the most values."""
-        numeric = [each for each in self.varied if each.numbers and len(each.values) > 1]
-        return max(numeric, key=lambda each: len(each.values), default=None)
+        return axis_of(self.varied)
 
     def lines(self) -> dict[str, list[Point]]:
         """Points with an error by what they share, each line in the order of its axis."""
-        along = set(self.axis.keys) if self.axis else set()
-        out: dict[str, list[Point]] = {}
-        for point in self.points:
-            if point.error:
-                shared = {key: value for key, value in point.settings.items() if key not in along}
-                out.setdefault(label_of(shared) or "all", []).append(point)
-        return out
+        return lines_of((point for point in self.points if point.error), self.axis)
 
     def front(self) -> list[Point]:
         """Points than which no other is both cheaper and no worse."""

@@ -83,12 +83,12 @@ def seen(sim: Any) -> Run:
     out: Run = {"profiles": profiles(sim)}
     if sim.scene.centred and sim.scene.space.dimensions == 2:
         reach = 0.5 * min(sim.scene.space.size)
-        for key, of in (("modes", _amplitudes), ("clumps", _clumped)):
+        for key, of in (("modes", amplitudes), ("clumps", clumped)):
             out[key] = {kind: of(p.pos, p.mass, reach) for kind, p in sim.state.species.items()}
     return out
 
 
-def _amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
+def amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
     """A_m for MODES. pos (n, 2), mass (n,)."""
     radius, angle = np.hypot(*pos.T), np.arctan2(pos[:, 1], pos[:, 0])
     ring = np.minimum((radius / reach * RINGS).astype(int), RINGS)  # what is beyond is the last one, left out
@@ -100,14 +100,14 @@ def _amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
     return out
 
 
-def _clumped(pos: Array, mass: Array, reach: float) -> list[float]:
+def clumped(pos: Array, mass: Array, reach: float) -> list[float]:
     """The share of the mass in clumps, as a list of one. pos (n, 2), mass (n,)."""
     on_map, _ = np.histogramdd(pos, bins=PIXELS, range=[(-reach, reach)] * 2, weights=mass)
     x = (np.arange(PIXELS) + 0.5) * 2.0 / PIXELS - 1.0
     ring = (np.hypot(x[:, None], x) * RINGS).astype(int)
-    clumped, few = 0.0, FEW * float(mass.mean()) if len(mass) else 0.0
+    held, few = 0.0, FEW * float(mass.mean()) if len(mass) else 0.0
     for k in range(RINGS):
         pixels = on_map[ring == k]
         usual = float(np.median(pixels)) or float(pixels.mean())  # of a ring most of which is empty
-        clumped += float(pixels[pixels > max(CLUMPED * usual, few)].sum())
-    return [clumped / max(float(mass.sum()), 1e-300)]
+        held += float(pixels[pixels > max(CLUMPED * usual, few)].sum())
+    return [held / max(float(mass.sum()), 1e-300)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
@@ -96,6 +97,34 @@ class Point:
     def error(self) -> float | None:
         """The worse species' error; none of the reference, and of what did not come to its end."""
         return max(self.errors.values()) if self.errors else None
+
+
+def combinations(varied: Sequence[Varied]) -> list[Point]:
+    """A point for every combination of values. Raises StudyError where a key is named twice."""
+    names = [key for each in varied for key in each.keys]
+    for name in names:
+        if names.count(name) > 1:
+            raise StudyError(f"--vary {name}: named twice; expected every key once")
+    return [
+        Point({key: part for settings in together for key, part in settings.items()})
+        for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))
+    ]
+
+
+def axis_of(varied: Sequence[Varied]) -> Varied | None:
+    """What varies along a line: the numbers with the most values."""
+    numeric = [each for each in varied if each.numbers and len(each.values) > 1]
+    return max(numeric, key=lambda each: len(each.values), default=None)
+
+
+def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Point]]:
+    """Points by what they share, each line in the order of its axis."""
+    along = set(axis.keys) if axis else set()
+    out: dict[str, list[Point]] = {}
+    for point in points:
+        shared = {key: value for key, value in point.settings.items() if key not in along}
+        out.setdefault(label_of(shared) or "all", []).append(point)
+    return out
 
 
 def label_of(settings: Settings) -> str:

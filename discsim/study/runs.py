@@ -48,12 +48,12 @@ class Runs:
     def scene(self, settings: Settings) -> Scene:
         """The scene with these settings. Raises SceneError, whose problems say with which."""
         try:
-            return load_scene(self.path, self._overrides(settings), self.without)
+            return load_scene(self.path, self.overrides(settings), self.without)
         except SceneError as fault:
             where = f" (with {label_of(settings)})" if settings else ""
             raise SceneError([problem + where for problem in fault.problems]) from None
 
-    def _overrides(self, settings: Settings) -> list[str]:
+    def overrides(self, settings: Settings) -> list[str]:
         return [*self.settings, *(f"{key}={value}" for key, value in settings.items())]
 
     def open(self, what: dict[str, Any]) -> list[tuple[Settings, dict[str, Any]]]:
@@ -84,7 +84,7 @@ class Runs:
 
         With one at a time each begins when it is asked for, so that the caller may look first whether it is wanted.
         """
-        jobs = [(self.path, self._overrides(settings), self.without, limits or Limits()) for settings in todo]
+        jobs = [(self.path, self.overrides(settings), self.without, limits or Limits()) for settings in todo]
         if parallel == 1:
             yield from (one_run(*job, say) for job in jobs)
             return

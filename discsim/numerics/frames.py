@@ -1,0 +1,32 @@
+"""Particles as a table of pandas, which is imported only where somebody asks for one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+SHORT = {"pos": "", "vel": "v", "acc": "a"}  # how columns of their components begin
+AXES = "xy"
+
+
+def frame_of(arrays: Mapping[str, np.ndarray]) -> Any:
+    """A DataFrame of arrays (n,) and (n, dimensions) by name, with `ids` as its index; copies.
+
+    pos, vel and acc have the columns x, y, vx, vy, ax, ay; other vectors name_x and name_y. Raises ImportError.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError("to_pandas() needs pandas, which is not there; try: pip install 'discsim[pandas]'") from error
+    columns: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        if name == "ids":
+            continue
+        if array.ndim == 1:
+            columns[name] = array.copy()
+            continue
+        begin = SHORT.get(name, f"{name}_")
+        columns |= {f"{begin}{axis}": array[:, k].copy() for k, axis in enumerate(AXES[: array.shape[1]])}
+    return pandas.DataFrame(columns, index=pandas.Index(arrays["ids"].copy(), name="ids"))

@@ -1,0 +1,83 @@
+"""Pictures of a page as data of PNG: snapshots as `last_state.png` draws them, and what history.csv holds."""
+
+from __future__ import annotations
+
+import base64
+import io
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from discsim.output.figure import last_state_figure
+from discsim.output.snapshot import read_snapshot
+from discsim.report.totals import Totals
+from discsim.scene import Scene
+
+LEAST = 1e-17  # of a change: below it there are no digits
+
+
+class Picture(NamedTuple):
+    """A picture: the bytes of a PNG in base64, what it shows, and what stands under it."""
+
+    data: str
+    alt: str
+    caption: str
+
+
+def of_snapshot(path: Path) -> Picture:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "picture.png"
+        last_state_figure(path, file)
+        data = io.BytesIO()
+        Image.open(file).save(data, format="png")  # compressed as for a file that stays
+    snap = read_snapshot(path)
+    when = snap.units.show_time(snap.time)
+    kinds = " and ".join(snap.species)
+    return Picture(_text(data.getvalue()), f"{kinds} at t = {when}", f"Snapshot {path.stem}, t = {when}.")
+
+
+def of_history(scene: Scene, rows: list[dict[str, str]], found: list[Totals]) -> list[Picture]:
+    """Changes of what should be kept, and the length of steps, against time."""
+    time, dt = (np.array([float(row[name]) for row in rows]) for name in ("time", "dt"))
+    unit = ""
+    if scene.units.system != "code":
+        year = float(scene.units.quantity(1.0, "time").to_value("yr"))
+        time, dt, unit = year * time, year * dt, " [yr]"
+    changes, first = _axes(f"t{unit}", "change, over its size")
+    for each in found:
+        first.plot(time, np.maximum(np.abs(each.change), LEAST), label=each.name)
+    first.set(yscale="log", ylim=(0.5 * LEAST, None))
+    first.legend(frameon=False, fontsize=8)
+    steps, second = _axes(f"t{unit}", f"step{unit}")
+    made = dt > 0.0
+    second.plot(time[made], dt[made], ".-", ms=3, lw=0.8, color="tab:gray")
+    second.set(ylim=(0.0, None))
+    return [
+        Picture(_png(changes), "changes of totals against time", "Changes of totals."),
+        Picture(_png(steps), "lengths of steps against time", "Lengths of steps; those up to a snapshot are shorter."),
+    ]
+
+
+def _axes(x: str, y: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(4.8, 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.set(xlabel=x, ylabel=y)
+    axes.grid(alpha=0.3)
+    return figure, axes
+
+
+def _png(figure: Figure) -> str:
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=130)
+    return _text(out.getvalue())
+
+
+def _text(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")

@@ -1,0 +1,137 @@
+"""The page of a run, made of the files in its directory; whatever text they hold is escaped.
+
+It is one file without scripts, links to other places or fonts of its own, for screens of any width, light and dark, and
+for paper.
+"""
+
+from __future__ import annotations
+
+import csv
+import platform
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from discsim import __version__
+from discsim.output.files import written
+from discsim.output.history import read_history
+from discsim.parts import EFFECTS, SCHEMES
+from discsim.preview.check import effect_lines
+from discsim.preview.derived import derived
+from discsim.preview.reference import docstring, parts, pieces
+from discsim.report import figures
+from discsim.report.totals import totals
+from discsim.scene import Scene, load_scene
+from discsim.scene.units import clock
+from discsim.study.outcomes import chosen, found_in
+
+LIBRARIES = ("numpy", "numba", "scipy", "astropy", "h5py", "matplotlib")
+
+
+class ReportError(Exception):
+    """There is no run to tell of; the message says why."""
+
+
+def write_report(directory: Path, path: Path) -> None:
+    """Write the page of the run in `directory` to `path`. Raises ReportError, SceneError, SnapshotError, OSError."""
+    snapshots = sorted((directory / "snapshots").glob("*.h5"))
+    if not snapshots or not (directory / "scene.toml").exists():
+        raise ReportError(f"{directory}: no run here; expected a directory with scene.toml and snapshots")
+    scene = load_scene(directory / "scene.toml")
+    rows = read_history(directory / "history.csv", scene)
+    if not rows:
+        raise ReportError(f"{directory / 'history.csv'}: no rows; expected those of a run")
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("discsim.report", "."), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    found = totals(scene, rows)
+    text = environment.get_template("page.html.j2").render(
+        title=scene.title or directory.resolve().name,
+        directory=directory,
+        facts=[*_facts(scene, rows), ("snapshots", str(len(snapshots)))],
+        outcomes=_outcomes(directory, scene),
+        pictures=[figures.of_snapshot(each) for each in dict.fromkeys((snapshots[0], snapshots[-1]))],
+        totals=found,
+        history=figures.of_history(scene, rows, found),
+        effects=list(_effects(scene)),
+        derived=derived(scene) if scene.initial is not None else [],
+        costs=_costs(directory / "costs.csv"),
+        warnings=_warnings(directory / "run.log"),
+        scene=(directory / "scene.toml").read_text(encoding="utf-8"),
+        command=f"discsim run {directory / 'scene.toml'} -o {directory}-again",
+        versions=_versions(directory / "run.log"),
+    )
+    with written(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _facts(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
+    show, last = scene.units.show_time, float(rows[-1]["time"])
+    ended = "finished" if last >= (1.0 - 1e-9) * scene.run.until else f"not at its end, {show(scene.run.until)}"
+    yield "time", f"{show(float(rows[0]['time']))} to {show(last)}; {ended}"
+    yield "steps", rows[-1]["step"]
+    if scene.gas is not None:
+        yield "gas", f"{scene.gas.particles:,} {'cells' if scene.model.cells else 'particles'}"
+    for number, dust in enumerate(scene.dust or ()):
+        which = f" {number}" if len(scene.dust) > 1 else ""
+        yield f"dust{which}", f"{dust.particles:,} particles"
+    yield "effects", ", ".join(scene.effects)
+
+
+def _outcomes(directory: Path, scene: Scene) -> list[tuple[str, str]]:
+    wanted = chosen(scene)
+    values = found_in(directory, scene, wanted).values
+    return [(each.head, f"{values[each.name]:.4g}") for each in wanted]
+
+
+def _effects(scene: Scene) -> Iterator[dict[str, Any]]:
+    """Each effect with its keys here, and its equations as `discsim effects` has them."""
+    keys: dict[str, list[str]] = {}
+    for name, text in effect_lines(scene):
+        keys.setdefault(name.partition(".")[0], []).append(f"{name}: {text}" if text else name)
+    for name in scene.named:
+        text = docstring(EFFECTS.module(name))
+        if name == "drag":
+            text += f"\n\n{docstring(SCHEMES.module(scene.drag.scheme))}"
+        blocks = [(part.startswith(" "), part if part.startswith(" ") else pieces(part)) for part in parts(text)]
+        yield {"name": name, "keys": keys.get(name, []), "blocks": blocks}
+
+
+def _costs(path: Path) -> list[dict[str, Any]]:
+    """Rows of costs.csv, the dearest first; none where the run has not written them."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [
+            {"effect": row["effect"], "calls": row["calls"], "time": _seconds(float(row["cpu_seconds"])),
+             "share": 100.0 * float(row["share"])}
+            for row in csv.DictReader(file)
+        ]  # fmt: skip
+    return sorted(rows, key=lambda row: -row["share"])
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.3g} s" if value < 10.0 else clock(value)
+
+
+def _log(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+
+
+def _warnings(log: Path) -> list[str]:
+    """What the run warned of, and why it stopped, each once."""
+    lines = _log(log)
+    told = [line.removeprefix("warning: ") for line in lines if line.startswith("warning: ")]
+    stopped = [line for line in lines[-2:] if line.startswith(("interrupted by", "stopped by", "out of memory"))]
+    return list(dict.fromkeys([*told, *stopped]))
+
+
+def _versions(log: Path) -> list[tuple[str, str]]:
+    first = next(iter(_log(log)), "").partition(":")[0]
+    run = first.removeprefix("discsim ") if first.startswith("discsim ") else "not known"
+    here = [("Python", platform.python_version()), *((name, version(name)) for name in LIBRARIES)]
+    return [("discsim, of the run", run), ("discsim, of this page", __version__), *here]

@@ -1,0 +1,108 @@
+"""A new run from a snapshot of a run, with other physics: its scene, and what it changes.
+
+The scene is that of the run, with its comments, but for [initial]: the snapshot, whose time goes on. So outputs of both
+are of the same times.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from discsim.initial import start_of
+from discsim.parts import EFFECTS
+from discsim.scene import Scene, load_scene
+from discsim.scene.differences import differences
+from discsim.scene.messages import value_at
+from discsim.scene.reading import parsed, read
+
+
+class BranchError(Exception):
+    """There is no such snapshot, or no run can begin with it; the message says why."""
+
+
+class Branch(NamedTuple):
+    """The scene of a new run, the snapshot that it begins with, and what changes, a line each."""
+
+    scene: Scene
+    snapshot: Path
+    changes: list[str]
+
+    @property
+    def words(self) -> str:
+        """From where and when, and with what changed, in lines."""
+        when = self.scene.initial.file.time_words
+        return "\n  ".join([f"branch of {self.snapshot} at t = {when}, with", *(self.changes or ["nothing changed"])])
+
+
+def branch(run: Path, number: int | None, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Branch:
+    """The branch of the run in a directory at a snapshot, the last one by default. Raises BranchError, SceneError."""
+    snapshot = _snapshot(run, number)
+    path = run / "scene.toml"
+    initial = _initial(path, f"snapshots/{snapshot.name}")
+    before = load_scene(path)
+    _refuse_lost_temperature(before, settings)
+    scene = load_scene(path, [f"initial={initial}", *settings], without)
+    changes = list(_changes(before, scene))
+    head = Branch(scene, snapshot, changes).words
+    comment = "".join(f"# {line}\n" for line in _printable(head).split("\n"))
+    return Branch(scene.model_copy(update={"text": f"{comment}\n{scene.text}"}), snapshot, changes)
+
+
+def _snapshot(run: Path, number: int | None) -> Path:
+    found = {int(path.stem): path for path in (run / "snapshots").glob("*.h5") if path.stem.isdecimal()}
+    if not found:
+        raise BranchError(f"{run}: no snapshots here; expected the directory of a run")
+    wanted = max(found) if number is None else number
+    if wanted not in found:
+        raise BranchError(f"{run}: no snapshot {wanted:04d}; expected {min(found):04d} to {max(found):04d}")
+    return found[wanted]
+
+
+def _initial(path: Path, file: str) -> str:
+    """The table [initial] as TOML, with the radius that laws of the run refer to."""
+    entries: dict[str, Any] = {"kind": "snapshot", "file": file, "keep_time": True}
+    was = value_at(parsed(path, read(path)), "initial") or {}
+    # A viscous ring has its laws at its own radius.
+    radius = was.get("reference_radius", was.get("radius") if was.get("kind") == "viscous-ring" else None)
+    if radius is not None:
+        entries["reference_radius"] = radius
+    return "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in entries.items()) + "}"
+
+
+def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
+    """Where the start brings the temperature of all times, a start from a snapshot cannot know it."""
+    brings = before.initial is not None and start_of(before).thermal_speed
+    if not brings or before.gas is None or not getattr(before.initial, "brings_temperature", False):
+        return
+    given = any(each.startswith("gas.eos") for each in settings)
+    if before.gas.eos.kind == "locally-isothermal" and not given:
+        wrong = "its gas has the temperatures of the table that it began with, which no snapshot holds"
+        raise BranchError(f"{before.path}: {wrong}; expected others, like --set gas.eos.aspect_ratio=0.05")
+
+
+def _changes(before: Scene, after: Scene) -> Iterator[str]:
+    old, new = (tomllib.loads(scene.text) for scene in (before, after))
+    for key in differences(before, after):
+        path = [int(part) if part.isdecimal() else part for part in key.split(".")]
+        if path[0] == "initial" or path[-1] == "particles":
+            continue
+        if isinstance(old.get(str(path[0])), dict) and len(path) > 1 and isinstance(path[1], int):
+            path.pop(1)  # a list of one is written as a table
+        was, now = (value_at(data, *path) for data in (old, new))
+        if path == [path[0]] and path[0] in EFFECTS:
+            yield f"[{key}] taken out" if now is None else f"[{key}] put in" if was is None else f"[{key}] changed"
+        else:
+            yield f"{'.'.join(map(str, path))} = {_shown(now)}, was {_shown(was)}"
+
+
+def _shown(value: Any) -> str:
+    return "its default" if value is None else json.dumps(value, ensure_ascii=False)
+
+
+def _printable(text: str) -> str:
+    """Without what a comment of TOML cannot hold."""
+    return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text)

@@ -1,0 +1,69 @@
+"""Who watches a simulation that runs from Python: a display of its progress, and a function of the caller's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from discsim.run.progress import Progress
+    from discsim.run.simulation import Simulation
+
+
+class Watch:
+    """As `Simulation.run` has it, in code units; the display goes when the context ends. Raises ValueError."""
+
+    def __init__(
+        self,
+        sim: Simulation,
+        until: float,
+        progress: bool,
+        every: float | None,
+        callback: Callable[[Simulation], object] | None,
+    ) -> None:
+        if every is not None and (callback is None or not every > 0.0):
+            raise ValueError(f"every = {every}; expected a positive time, and a callback that is called then")
+        self.sim, self.until, self.every, self.callback = sim, until, every, callback
+        self.time, self.target = sim.time, until
+        self.shown: Progress | None = None
+        if progress:
+            from discsim.run.progress import Progress  # needed only here
+
+            run = sim.scene.run.model_copy(update={"until": until})
+            self.shown = Progress(sim.scene.model_copy(update={"run": run}), quiet=False)
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        if self.shown is not None:
+            if fault[0] is None:
+                self.shown.line(self.sim.state, 0.0, "")
+            self.shown.close()
+
+    @property
+    def times(self) -> Iterator[float]:
+        """The times to land on: multiples of `every` as decimal numbers, the same for parts as for a whole."""
+        if self.every is not None:
+            every = Fraction(repr(self.every))
+            number = Fraction(repr(self.time)) // every + 1
+            while (time := float(every * number)) < self.until:
+                self.target = time
+                yield time
+                number += 1
+        self.target = self.until
+        yield self.until
+
+    def after_step(self) -> bool:
+        """Show the state, unless it was seen already; whether the run is to end after this step."""
+        sim = self.sim
+        if sim.time <= self.time:
+            return False
+        dt, self.time = sim.time - self.time, sim.time
+        if self.shown is not None:
+            self.shown.step(sim.state, dt, sim.limited_by)
+        if self.callback is None or (self.every is not None and sim.time < self.target):
+            return False
+        with sim.synchronised():
+            return bool(self.callback(sim))

@@ -1,0 +1,155 @@
+"""What a finished run came to: numbers by name, read from its directory.
+
+    accreted_dust, kinetic_gas, ...    a column of history.csv, in its last row
+    dust-peak, dust-peak-radius        the highest surface density of the profile, and where that is
+    dust-r10, dust-r50, dust-r90       the radii within which a tenth, a half, nine tenths of the mass are
+    dust-modes, dust-clumps            largest amplitude of m = 1..4, share of the mass in clumps (`measures.py`)
+    cpu                                CPU seconds of the effects, of all threads
+
+Those with a hyphen are of a disc's last snapshot, of gas or dust. Values are in UNITS, or in code units where the scene
+is, and in one dimension, where masses are columns.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from discsim.output.history import WORDS, columns_of, read_history
+from discsim.output.snapshot import SnapshotParticles, read_snapshot
+from discsim.scene import Scene, near
+from discsim.study.measures import amplitudes, clumped
+from discsim.study.points import StudyError
+
+Array = np.ndarray
+QUANTILES = (0.1, 0.5, 0.9)
+RINGS, SMOOTHED = 80, 2.0  # rings of a profile; width of the smoothing, in rings
+UNITS = {
+    "length": "au", "mass": "Msun", "time": "yr", "surface_density": "g/cm2", "accretion_rate": "Msun/yr",
+    "momentum": "Msun km/s", "angular_momentum": "Msun au km/s", "energy": "erg",
+}  # fmt: skip
+# Dimensions of columns of history.csv by the beginning of their names; others are plain numbers.
+COLUMNS = {
+    "time": "time", "dt": "time", "mass_": "mass", "accreted_": "mass", "accretion_rate_": "accretion_rate",
+    "momentum_": "momentum", "angular_momentum": "angular_momentum", "kinetic_": "energy", "thermal": "energy",
+    "potential": "energy", "radiated": "energy",
+}  # fmt: skip
+OF_PARTICLES = {
+    "peak": "surface_density", "peak-radius": "length", **{f"r{100 * q:.0f}": "length" for q in QUANTILES},
+    "modes": "", "clumps": "",
+}  # fmt: skip
+
+
+class Outcome(NamedTuple):
+    """A number that runs of a scene come to. unit: "" of a plain number; factor: from code units to it."""
+
+    name: str
+    unit: str
+    factor: float
+
+    @property
+    def head(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+def outcomes_of(scene: Scene) -> dict[str, Outcome]:
+    """All that runs of a scene come to, by name."""
+    dimensions: dict[str, str] = {}
+    for column in columns_of(scene):
+        if column not in WORDS:
+            found = [dimension for start, dimension in COLUMNS.items() if column.startswith(start)]
+            dimensions[column] = found[0] if found else ""
+    if is_disc(scene):
+        for kind in ("dust", "gas"):
+            if getattr(scene, kind) is not None:
+                dimensions |= {f"{kind}-{what}": dimension for what, dimension in OF_PARTICLES.items()}
+    plain = scene.units.system == "code" or scene.space.dimensions == 1
+    made = {name: _outcome(scene, name, "" if plain else dimension) for name, dimension in dimensions.items()}
+    return made | {"cpu": Outcome("cpu", "s", 1.0)}
+
+
+def _outcome(scene: Scene, name: str, dimension: str) -> Outcome:
+    unit = UNITS.get(dimension, "")
+    return Outcome(name, unit, float(scene.units.quantity(1.0, dimension).to_value(unit)) if unit else 1.0)
+
+
+def is_disc(scene: Scene) -> bool:
+    return scene.centred and scene.space.dimensions == 2
+
+
+def chosen(scene: Scene, names: Sequence[str] = ()) -> list[Outcome]:
+    """Those with the names, or the usual ones. Raises StudyError."""
+    known = outcomes_of(scene)
+    for name in names:
+        if name not in known:
+            raise StudyError(f"--measure {name}: unknown; expected one of {', '.join(known)}{near(name, tuple(known))}")
+    return [known[name] for name in names or _usual(scene)]
+
+
+def _usual(scene: Scene) -> list[str]:
+    kinds = [kind for kind in ("gas", "dust") if getattr(scene, kind) is not None]
+    if not is_disc(scene):
+        return [f"kinetic_{kind}" for kind in kinds] + (["thermal"] if "gas" in kinds else [])
+    taken = [f"accreted_{kind}" for kind in kinds] if scene.star is not None and scene.star.accretion_radius else []
+    return [*taken, *(f"{kinds[-1]}-{what}" for what in ("peak", "r50"))]
+
+
+class Found(NamedTuple):
+    """The time that a run has come to, in code units, and its numbers by name, in their units."""
+
+    time: float
+    values: dict[str, float]
+
+
+def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
+    """What a run of the scene in a directory has come to. Raises OSError, SnapshotError, StudyError of an empty one."""
+    rows = read_history(directory / "history.csv", scene)
+    if not rows:
+        raise StudyError(f"{directory / 'history.csv'}: no rows; expected those of a run")
+    values = {name: float(value) for name, value in rows[-1].items() if name not in WORDS}
+    with (directory / "costs.csv").open(newline="", encoding="utf-8") as file:
+        values["cpu"] = sum(float(row["cpu_seconds"]) for row in csv.DictReader(file))
+    if any("-" in each.name for each in wanted):
+        values |= _of_particles(directory / "snapshots")
+    return Found(values["time"], {each.name: each.factor * values[each.name] for each in wanted})
+
+
+def _of_particles(folder: Path) -> dict[str, float]:
+    """Of the last snapshot of a disc; rings reach as far as the disc did at the start."""
+    paths = sorted(folder.glob("*.h5"))
+    first, last = (read_snapshot(path).about_centre() for path in (paths[0], paths[-1]))
+    values: dict[str, float] = {}
+    for kind, p in last.species.items():
+        start = first.species[kind]
+        reach = 1.1 * float(np.quantile(start.radius, 0.999)) if start.count else 1.0
+        values |= {f"{kind}-{what}": value for what, value in _of_kind(p, reach, last.upper[0]).items()}
+    return values
+
+
+def _of_kind(p: SnapshotParticles, reach: float, half: float) -> dict[str, float]:
+    edges = np.linspace(0.0, reach, RINGS + 1)
+    profile = smoothed(p.radial_profile(edges), SMOOTHED)
+    top = int(profile.argmax())
+    values = {"peak": float(profile[top]), "peak-radius": float(0.5 * (edges[top] + edges[top + 1]))}
+    values |= {f"r{100 * q:.0f}": r for q, r in zip(QUANTILES, quantile_radii(p.radius, p.mass), strict=True)}
+    return values | {"modes": max(amplitudes(p.pos, p.mass, half)), "clumps": clumped(p.pos, p.mass, half)[0]}
+
+
+def quantile_radii(radius: Array, mass: Array) -> list[float]:
+    """The radii within which QUANTILES of the mass lie; NaN where there is none."""
+    if len(mass) == 0:
+        return [float("nan")] * len(QUANTILES)
+    order = np.argsort(radius)
+    within = np.cumsum(mass[order])
+    return [float(radius[order][np.searchsorted(within, q * within[-1])]) for q in QUANTILES]
+
+
+def smoothed(sigma: Array, rings: float) -> Array:
+    """Profiles (..., rings) over neighbouring rings: the particles of a quiet start lie on rings of their own."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return gaussian_filter1d(sigma, rings, mode="nearest", axis=-1)

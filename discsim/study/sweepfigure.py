@@ -1,0 +1,60 @@
+"""The figure of a sweep: each measure against what varies, one line for all that shares its other settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from discsim import __version__
+from discsim.study.points import Point, leaves, lines_of, number_in
+
+if TYPE_CHECKING:
+    from discsim.study.outcomes import Outcome
+    from discsim.study.sweep import Sweep
+
+WIDE = 10.0  # of the largest over the smallest value, above which an axis is logarithmic
+
+
+def sweep_figure(sweep: Sweep, path: Path) -> None:
+    """Draw a panel for each measure into the PNG `path`, which appears whole."""
+    figure = Figure(figsize=(4.6 * len(sweep.measures), 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(sweep.measures), squeeze=False)[0]
+    for axes, measure in zip(panels, sweep.measures, strict=True):
+        _panel(axes, sweep, measure)
+    if panels[0].get_legend_handles_labels()[1] != ["all"]:
+        panels[0].legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=150, metadata={"Software": f"discsim {__version__}"})
+
+
+def _panel(axes: Axes, sweep: Sweep, measure: Outcome) -> None:
+    axis = sweep.axis or max(sweep.varied, key=lambda each: len(each.values))
+    units = {unit_in(axis.settings(value)[axis.keys[0]]) for value in axis.values}
+    numeric = axis.numbers is not None and len(units) == 1
+    first = [axis.settings(value)[axis.keys[0]] for value in axis.values]
+
+    def place(point: Point) -> float:
+        value = point.settings[axis.keys[0]]
+        return float(number_in(value) or 0.0) if numeric else float(first.index(value))
+
+    done = [point for point in sweep.points if point.done]
+    for number, (name, points) in enumerate(lines_of(done, axis).items()):
+        along = sorted(points, key=place)
+        values = [point.runs[0][measure.name] for point in along]
+        axes.plot([place(point) for point in along], values, "osD^v"[number % 5] + "-", label=name)
+    unit = next(iter(units)) if numeric else ""
+    axes.set(xlabel=leaves(axis.keys)[0] + (f" [{unit}]" if unit else ""), ylabel=measure.head)
+    if not numeric:
+        axes.set_xticks(range(len(first)), first)
+    elif min(axis.numbers) > 0.0 and max(axis.numbers) > WIDE * min(axis.numbers):
+        axes.set_xscale("log")
+    axes.grid(alpha=0.3)
+
+
+def unit_in(text: str) -> str:
+    """The unit of a value of a scene as it is written, "" of a plain number."""
+    return text.strip("\"'").partition(" ")[2].strip()

@@ -1,0 +1,150 @@
+"""What watches a run from Python: callbacks that change nothing, times that are landed on, progress, tables."""
+
+import builtins
+import signal
+
+import numpy as np
+import pytest
+from astropy import units as u
+from runs import at_step, state_bits
+
+from discsim import Simulation, load_scene, read_snapshot
+from discsim.output.snapshot import write_snapshot
+
+SCENE = {
+    "title": "a <disc>",
+    "units": {"system": "code"},
+    "run": {"until": 0.3, "courant": 0.1},
+    "space": {"size": 8.0, "cells": 32},
+    "initial": {"kind": "disc", "mass": 0.05, "inner": 1.0, "outer": 2.0},
+    "gas": {"particles": 600, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1}, "viscosity": {}},
+    "dust": {"particles": 200, "ratio": 0.1},
+    "drag": {"law": "stokes-number", "stokes": 0.1},
+    "star": {"mass": 1.0},
+}
+
+
+def made(**run):
+    return Simulation(SCENE | {"run": SCENE["run"] | run})
+
+
+def test_to_look_after_each_step_changes_no_bit():
+    alone, watched, seen = made(), made(), []
+
+    def look(sim):
+        seen.append((sim.time, sim.state.lag, sim.gas.vel.copy()))
+        sim.dust.vel[:] = 9.0  # undone
+
+    alone.run()
+    watched.run(callback=look)
+    assert state_bits(alone) == state_bits(watched)
+    times = [time for time, _, _ in seen]
+    assert times == sorted(set(times)) and times[-1] == 0.3 and len(times) == watched.state.step > 3
+    assert all(lag == 0.0 for _, lag, _ in seen)  # velocities are at the time of places
+    np.testing.assert_array_equal(seen[-1][2], watched.gas.vel)
+
+
+def test_times_of_a_callback_are_landed_on():
+    times = []
+    made().run(every=0.07, callback=lambda sim: times.append(sim.time))
+    assert times == [0.07, 0.14, 0.21, 0.28, 0.3]  # as decimal numbers, and the end
+
+
+def test_interrupted_it_calls_at_the_same_times_and_has_the_same_bits(monkeypatch):
+    straight, parts, times = made(), made(), []
+    straight.run(every=0.1, callback=lambda sim: None)
+    at_step(monkeypatch, 4, lambda sim: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        parts.run(every=0.1, callback=lambda sim: times.append(sim.time))
+    assert parts.state.step == 4 and 0.0 < parts.time < 0.3
+    parts.run(every=0.1, callback=lambda sim: times.append(sim.time))
+    assert times == [0.1, 0.2, 0.3] and state_bits(straight) == state_bits(parts)
+
+
+def test_a_callback_ends_a_run():
+    sim = made()
+    sim.run(callback=lambda sim: sim.state.step == 2)
+    assert sim.state.step == 2 and sim.state.lag == 0.0
+    sim.run(every=0.1, callback=lambda sim: True)
+    assert sim.time in (0.1, 0.2)
+
+
+def test_progress_is_told_to_the_time_that_was_asked_for(capsys):
+    sim = made()
+    sim.run(0.05, progress=True)
+    assert f"step {sim.state.step}  t = 0.05 of 0.05" in capsys.readouterr().out
+    sim.run(0.06)
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    "given", [{"every": 0.1}, {"every": 0.0, "callback": print}, {"every": -1.0, "callback": print}]
+)
+def test_every_needs_a_time_and_a_callback(given):
+    sim = made()
+    with pytest.raises(ValueError, match="expected a positive time, and a callback"):
+        sim.run(**given)
+    assert sim.time == 0.0
+
+
+def test_times_may_be_quantities():
+    grains = {
+        "run": {"until": "2 yr", "courant": 0.05}, "space": {"size": "8 au"}, "star": {"mass": "1 Msun"},
+        "dust": {"ratio": 1.0},
+    }  # fmt: skip
+    own = {"pos": [[1.0, 0.0]] * u.au, "vel": [[0.0, 29.78]] * u.km / u.s, "mass": [1.0] * u.g}
+    sim, times = Simulation(grains, particles={"dust": own}), []
+    sim.run(until=1.0 * u.yr, every=0.5 * u.yr, callback=lambda sim: times.append(sim.time))
+    assert (times * sim.units.time).to_value("yr") == pytest.approx([0.5, 1.0], rel=1e-12)
+    # The Earth, once around; a phase error of some (Omega dt)^2 of the orbit.
+    assert sim.dust.pos[0] == pytest.approx([1.0, 0.0], abs=0.02)
+
+
+# Tables of pandas
+
+
+def test_particles_are_a_table_of_pandas(tmp_path):
+    sim = made()
+    sim.step()
+    write_snapshot(tmp_path / "0.h5", sim.scene, sim.time, sim.gas, sim.dust, {})
+    for frame, p in ((sim.gas.to_pandas(), sim.gas), (read_snapshot(tmp_path / "0.h5").gas.to_pandas(), None)):
+        assert frame.index.name == "ids" and len(frame) == 600
+        rows = frame.loc[sim.gas.ids]
+        np.testing.assert_allclose(rows[["x", "y"]], sim.gas.pos, rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(rows[["vx", "vy"]], sim.gas.vel)
+        np.testing.assert_array_equal(rows["density"], sim.gas.density)
+        if p is not None:
+            np.testing.assert_array_equal(rows[["ax", "ay"]], sim.gas.acc)
+            frame["x"] = 0.0  # a copy
+            assert sim.gas.pos.any()
+    assert set(sim.dust.to_pandas()["species"]) == {0}
+
+
+def test_without_pandas_one_is_told(monkeypatch):
+    found = builtins.__import__
+
+    def absent(name, *arguments):
+        if name == "pandas":
+            raise ImportError(name)
+        return found(name, *arguments)
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    with pytest.raises(ImportError, match=r"needs pandas.*pip install 'discsim\[pandas\]'"):
+        made().gas.to_pandas()
+
+
+# What notebooks show
+
+
+def test_notebooks_show_small_tables_with_escaped_words(tmp_path):
+    sim = made()
+    sim.step()
+    write_snapshot(tmp_path / "0.h5", sim.scene, sim.time, sim.gas, sim.dust, {})
+    for shown, words in (
+        (sim.scene._repr_html_(), ("until", "0.3", "gas, gas.viscosity, dust, star, drag", "600")),
+        (sim._repr_html_(), ("<th style", "step", "8 x 8, open")),
+        (read_snapshot(tmp_path / "0.h5")._repr_html_(), ("200 particles: pos, vel, mass, ids", "time")),
+    ):
+        assert "a &lt;disc&gt;" in shown and "<disc>" not in shown
+        assert all(word in shown for word in words)
+    assert "<td" in load_scene(SCENE | {"title": ""})._repr_html_()
