@@ -121,7 +121,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(tmp_path):
 
 def test_a_terminal_that_is_closed_leaves_a_checkpoint(tmp_path, monkeypatch, capsys):
     scene, out = scene_of(tmp_path, SHOCK), tmp_path / "out"
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    before = signal.signal(signal.SIGHUP, lambda *given: pytest.fail("nobody took it"))
     try:
         with monkeypatch.context() as patch:
             at_step(patch, 3, lambda sim: signal.raise_signal(signal.SIGHUP))
