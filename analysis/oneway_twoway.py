@@ -28,7 +28,8 @@ from rich.table import Table
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import peak_prominences, peak_widths
 
-from discsim.output.snapshot import Snapshot, SnapshotError, range_of_mass, read_snapshot
+from discsim.output.bins import range_of_mass
+from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 
 QUANTILES = (0.1, 0.5, 0.9)
 RINGS, SMOOTHED = 80, 2.0  # rings of a profile; width of the smoothing, in rings
