@@ -276,7 +276,7 @@ def movie(
     ] = None,
 ) -> None:
     """Make a film of a run, a frame a snapshot."""
-    from discsim.plot.movie import Film, usual_path
+    from discsim.plot.film import Film, usual_path
     from discsim.plot.request import look_of
 
     def make() -> Path:

@@ -128,7 +128,8 @@ class Plane:
 
     def _pixel_of(self, at: Array) -> Array:
         """The number of the pixel at places in pixels (n, 2); `size` for those beyond the margin."""
-        cell = np.floor(at).astype(np.int64)
+        with np.errstate(invalid="ignore"):  # what is not finite is not inside
+            cell = np.floor(at).astype(np.int64)
         inside = np.isfinite(at).all(axis=1)
         for axis, n in enumerate(self.padded):
             if self.periodic[axis]:

@@ -146,18 +146,22 @@ def bodies(snap: Snapshot) -> list[Mark]:
 
 
 def scale_bar(axes: Axes, picture: Picture) -> None:
-    """A length of a round number, at most a quarter of the window, in the lower left corner of a map."""
+    """A length of a round number, at most a quarter of the window, in the lower left corner of a map that is drawn."""
     left, right = picture.x
     side, unit = float(right - left), in_units(picture.snap, "length")[1].strip(" []")
     bar = round_number(0.25 * side / (picture.scale or 1.0))  # of the disc, also where axes are angles
     x, y, long = left + 0.05 * side, picture.y[0] + 0.05 * side, bar * (picture.scale or 1.0)
-    stroke = [withStroke(linewidth=2, foreground="black")]
-    axes.plot([x, x + long], [y, y], color="white", lw=1.5, path_effects=stroke, solid_capstyle="butt")
+    part = picture.values[: len(picture.values) // 8, : picture.values.shape[1] // 3]
+    under = axes.images[0].to_rgba(np.ma.masked_invalid(part[::8, ::8]))[..., :3]
+    light = np.where(np.isnan(part[::8, ::8]), 0.85, under.mean(axis=-1)).mean() > 0.5
+    colour, other = ("black", "white") if light else ("white", "black")
+    stroke = [withStroke(linewidth=1.5, foreground=other)]
+    axes.plot([x, x + long], [y, y], color=colour, lw=1.5, path_effects=stroke, solid_capstyle="butt")
     axes.text(
         x + 0.5 * long,
         y + 0.015 * side,
         f"{bar:g} {unit}".strip(),
-        color="white",
+        color=colour,
         ha="center",
         va="bottom",
         fontsize=9,

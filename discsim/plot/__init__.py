@@ -22,8 +22,8 @@ from discsim.output.snapshot import Snapshot
 from discsim.parts import FIELDS
 from discsim.plot import curves, pictures
 from discsim.plot.compose import limited
+from discsim.plot.film import Film, usual_path
 from discsim.plot.look import Look
-from discsim.plot.movie import Film, usual_path
 from discsim.plot.request import look_of
 from discsim.plot.sources import PlotError, Source, files_of, read
 

@@ -60,9 +60,10 @@ class Board:
         width = pitch * most + (0.2 if self.width == 1.0 else RIGHT - 0.9)
         figure = Figure(figsize=(width, row * (len(self.rows) - 1) + MAP + BELOW + top))
         FigureCanvasAgg(figure)
-        for up, panels in enumerate(reversed(self.rows)):
+        for down, panels in enumerate(self.rows):
+            bottom = BELOW + row * (len(self.rows) - 1 - down)
             for across, panel in enumerate(panels):
-                panel(axes_at(figure, LEFT + pitch * across, BELOW + row * up, MAP * self.width, MAP))
+                panel(axes_at(figure, LEFT + pitch * across, bottom, MAP * self.width, MAP))
         high = figure.get_size_inches()[1]
         figure.suptitle(
             "\n".join(text for text in (self.title, *self.notes) if text), y=1.0 - 0.12 / high, va="top", fontsize=12

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@base.density("dust", r"$\Sigma_SPECIES$", colours="inferno")
+@base.density("dust", r"$\Sigma_SPECIES$", reads=("dust.density",), colours="inferno")
 def surface_density(snap: Snapshot) -> Array:
     """surface density: Sigma_d = sum m / area, of dust particles"""
     return snap.dust.mass

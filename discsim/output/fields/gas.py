@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@base.density("gas", r"$\Sigma_SPECIES$", reads=("gas.small",))
+@base.density("gas", r"$\Sigma_SPECIES$", reads=("gas.small", "gas.density"))
 def surface_density(snap: Snapshot) -> Array:
     """surface density: Sigma = sum m / area, without the small dust that gas carries"""
     small = snap.gas.small

@@ -9,6 +9,7 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,8 +107,8 @@ def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None
 def _gif(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
     first = next(frames)
     palette = first.quantize(256)  # of all, so that a colour stays what it is
-    rest = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    palette.save(path, format="gif", save_all=True, append_images=rest, duration=round(1000 / rate), loop=0)
+    every = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in chain([first], frames))
+    next(every).save(path, format="gif", save_all=True, append_images=every, duration=round(1000 / rate), loop=0)
 
 
 def _mp4(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
