@@ -27,7 +27,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.signal import peak_prominences, peak_widths
 
-from discsim.output.snapshot import Snapshot, SnapshotError, range_of_mass, read_snapshot
+from discsim.output.bins import range_of_mass
+from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHED, quantile_radii, smoothed
 
 FINE = 4  # rings in a given width of the smoothing, least

@@ -21,7 +21,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from discsim.output.snapshot import Snapshot, SnapshotError, range_of_mass, read_snapshot
+from discsim.output.bins import range_of_mass
+from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 
 COLOURS = {"gas": "viridis", "dust": "inferno"}
 CURVES = 5  # times in the figure of profiles

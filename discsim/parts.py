@@ -174,6 +174,47 @@ EFFECTS = Parts(
     },
 )
 
+# Fields that can be drawn, names of `discsim plot --field` and `snap.field`.
+FIELDS = Parts(
+    "discsim.fields",
+    {
+        "gas.surface_density": "discsim.output.fields.gas:surface_density",
+        "gas.density": "discsim.output.fields.gas:density",
+        "gas.temperature": "discsim.output.fields.gas:temperature",
+        "gas.pressure": "discsim.output.fields.gas:pressure",
+        "gas.sound_speed": "discsim.output.fields.gas:sound_speed",
+        "gas.aspect_ratio": "discsim.output.fields.gas:aspect_ratio",
+        "gas.toomre_q": "discsim.output.fields.gas:toomre_q",
+        "gas.h": "discsim.output.fields.gas:h",
+        "gas.v_r": "discsim.output.fields.motion:gas_v_r",
+        "gas.v_phi": "discsim.output.fields.motion:gas_v_phi",
+        "gas.v_phi_excess": "discsim.output.fields.motion:gas_v_phi_excess",
+        "gas.v_x": "discsim.output.fields.motion:gas_v_x",
+        "gas.v_y": "discsim.output.fields.motion:gas_v_y",
+        "gas.eccentricity": "discsim.output.fields.motion:gas_eccentricity",
+        "gas.radius": "discsim.output.fields.motion:gas_radius",
+        "gas.x": "discsim.output.fields.motion:gas_x",
+        "gas.y": "discsim.output.fields.motion:gas_y",
+        "dust.surface_density": "discsim.output.fields.dust:surface_density",
+        "dust.stokes": "discsim.output.fields.dust:stokes",
+        "dust.stopping_time": "discsim.output.fields.dust:stopping_time",
+        "dust.size": "discsim.output.fields.dust:size",
+        "dust.v_r": "discsim.output.fields.motion:dust_v_r",
+        "dust.v_phi": "discsim.output.fields.motion:dust_v_phi",
+        "dust.v_phi_excess": "discsim.output.fields.motion:dust_v_phi_excess",
+        "dust.v_x": "discsim.output.fields.motion:dust_v_x",
+        "dust.v_y": "discsim.output.fields.motion:dust_v_y",
+        "dust.eccentricity": "discsim.output.fields.motion:dust_eccentricity",
+        "dust.radius": "discsim.output.fields.motion:dust_radius",
+        "dust.x": "discsim.output.fields.motion:dust_x",
+        "dust.y": "discsim.output.fields.motion:dust_y",
+        "small_dust.surface_density": "discsim.output.fields.dust:small_surface_density",
+        "dust_to_gas": "discsim.output.fields.together:dust_to_gas",
+        "optical_depth": "discsim.output.fields.together:optical_depth",
+        "emission": "discsim.output.fields.together:emission",
+    },
+)
+
 # What the gas is made of; the first one that a scene is of. Other packages bring none, and no integrators.
 MODELS = (
     "discsim.effects.models:GIVEN_DISC",

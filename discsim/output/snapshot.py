@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from discsim.numerics.frames import frame_of
 from discsim.output import hdf5, open_step
+from discsim.output.bins import square_window
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
 from discsim.parts import STARTS, Lazy
 from discsim.physics.eos import eos_of
@@ -26,6 +28,8 @@ from discsim.scene import SceneError, html
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
+    import h5py
+
     from discsim.effects.base import Column
     from discsim.numerics.bodies import Bodies
     from discsim.numerics.state import Dust, Gas, Particles
@@ -38,10 +42,6 @@ growth = Lazy("discsim.physics.growth")
 
 class SnapshotError(Exception):
     """The file is absent, damaged, or no snapshot of ours; the message says which."""
-
-
-_NEIGHBOURS = 12  # that the Gaussian of a map covers
-_REACH = 3.5  # widths of a Gaussian, beyond which it is cut
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,10 @@ class SnapshotParticles:
     def count(self) -> int:
         return len(self.mass)
 
-    @property
+    @cached_property
     def radius(self) -> Array:
         """Distance from the origin, (n,)."""
-        return np.linalg.norm(self.pos, axis=1)
+        return np.sqrt(np.einsum("ij,ij->i", self.pos, self.pos))
 
     def quantity(self, name: str) -> Any:
         """The array `name` as an astropy Quantity. Raises KeyError where it is not stored."""
@@ -108,37 +108,8 @@ class SnapshotParticles:
         Each particle is a Gaussian as wide as the distance to its 12th neighbour, of one particle for all in its
         pixel: a shot noise of 1/sqrt(48) where particles lie at random. `periodic`: the window is the box, and repeats.
         """
-        from scipy.ndimage import gaussian_filter
-        from scipy.spatial import cKDTree
-
-        side = np.subtract(upper, lower)
-        pixel = max(side) / pixels
-        shape = tuple(np.maximum(np.rint(side / pixel).astype(int), 1))
-        total = np.zeros(shape)
-        pos = (self.pos - lower) % side if periodic else self.pos - lower
-        cell = np.floor(pos / pixel).astype(int)
-        seen = np.flatnonzero(np.all((cell >= 0) & (cell < shape), axis=1))
-        if not seen.size:
-            return total
-        # A balanced tree takes twice as long to make, and finds no sooner.
-        tree = cKDTree(pos, boxsize=side if periodic else None, balanced_tree=False, compact_nodes=False)
-        flat = np.ravel_multi_index(tuple(cell[seen].T), shape)
-        _, one, of = np.unique(flat, return_index=True, return_inverse=True)
-        width = tree.query(pos[seen[one]], k=[min(_NEIGHBOURS + 1, self.count)])[0][of, 0] / pixel
-        # One filter for each factor of sqrt(2) in width; a particle is shared between the two about its own,
-        # so that nothing jumps where the width passes from one to the next. Half a pixel is as good as sharp.
-        level = 2 * np.log2(np.clip(width, 0.5, max(shape)))
-        for step in range(int(np.floor(level.min())), int(np.ceil(level.max())) + 1):
-            away = np.abs(level - step)
-            some, sigma = np.flatnonzero(away < 1), 2 ** (step / 2)
-            mass = (1 - away[some]) * self.mass[seen[some]]
-            if some.size < _REACH * sigma and not periodic:  # one by one: a wide filter takes longer
-                total += _gaussians(cell[seen[some]], mass, sigma, shape)
-            else:
-                deposit = np.bincount(flat[some], mass, total.size).reshape(shape)
-                mode = "wrap" if periodic else "constant"
-                total += gaussian_filter(deposit, sigma, mode=mode, truncate=_REACH)
-        return total / pixel**2
+        plane = square_window(self.pos, (lower, upper), pixels, periodic)
+        return plane.sum(self.mass) / plane.measure
 
 
 @dataclass(frozen=True)
@@ -182,9 +153,12 @@ class Snapshot:
         star = self.tables.get("star", {})
         if self.bodies is None or star.get("frame") != "inertial" or star.get("centre") == "barycentre":
             return self
-        kinds = {name: getattr(self, name) for name in ("gas", "dust", "bodies")}
-        shift = self.bodies.pos[0]
-        return replace(self, **{name: p and replace(p, pos=p.pos - shift) for name, p in kinds.items()})
+        place, speed = self.bodies.pos[0], self.bodies.vel[0]
+
+        def shifted(p: SnapshotParticles | None) -> SnapshotParticles | None:
+            return p and replace(p, pos=p.pos - place, vel=None if p.vel is None else p.vel - speed)
+
+        return replace(self, gas=shifted(self.gas), dust=shifted(self.dust), bodies=shifted(self.bodies))
 
     def quantity(self, name: str) -> Any:
         """ "time", or an array like "gas.density", as an astropy Quantity. Raises KeyError for any other."""
@@ -195,26 +169,17 @@ class Snapshot:
             raise KeyError(f"the snapshot holds no {kind!r}")
         return self.species[kind].quantity(array)
 
+    def field(self, name: str, window: tuple[Array, Array] | None = None, pixels: int = 480, edges: Any = None) -> Any:
+        """A field like "gas.toomre_q" as an astropy Quantity; `discsim plot --fields` lists them.
 
-def _gaussians(cell: Array, mass: Array, sigma: float, shape: tuple[int, ...]) -> Array:
-    """What `gaussian_filter` makes on pixels of `shape` of masses (n,) at `cell` (n, 2), open at the edges."""
-    reach = int(_REACH * sigma + 0.5)
-    norm = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).sum()
-    along, across = (np.abs(np.arange(n) - at[:, None]) for n, at in zip(shape, cell.T, strict=True))
-    x, y = (np.where(away <= reach, np.exp(-0.5 * (away / sigma) ** 2), 0.0) / norm for away in (along, across))
-    return (mass[:, None] * x).T @ y
+        Of a field of particles their values (n,), in the order of the ids; of a density, or what gas and dust make
+        together, a map [ix, iy] of `pixels` on the longer side of the window, (lower, upper) corners in code units, by
+        default the part of the plane that figures show. With window or edges any field is a map, or the mean in the
+        rings between the radii `edges` (in 1D between places). Raises FieldError where the snapshot has no such field.
+        """
+        from discsim.output.fields import values
 
-
-def range_of_mass(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
-    """Least and greatest surface density that matter in a map: 99% of the mass, `decades` at most."""
-    seen = np.sort(sigma[sigma > 0])
-    if not seen.size:
-        return 0.1, 1.0
-    mass = np.cumsum(seen)
-    low, high = seen[np.minimum(np.searchsorted(mass, np.array([0.01, 0.999]) * mass[-1]), seen.size - 1)]
-    if high < 1.05 * low:  # uniform: colours must not blow up the last digits
-        return low / 1.05, high * 1.05
-    return max(low * max(0.5, (low / high) ** 0.25), high * 10**-decades), high
+        return values.quantity(self, name, window, pixels, edges)
 
 
 def write_snapshot(
@@ -261,21 +226,29 @@ def write_snapshot(
             write_particles(file, name, arrays, scene.units)
 
 
-def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
-    """Read what `write_snapshot` wrote. Raises SnapshotError where it is absent, damaged or not ours."""
+def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None = None) -> Snapshot:
+    """Read what `write_snapshot` wrote. Raises SnapshotError where it is absent, damaged or not ours.
+
+    columns: of gas and dust only places, masses and these, like "gas.density"; others are None. By default all.
+    """
     with hdf5.reading(path, SnapshotError, "snapshot") as file:
         own = file["discsim"]
         dimensions = int(own.attrs["dimensions"])
         origin = own.attrs["origin"]
-        system, length, mass = (text.decode() for text in own.attrs["units"])
-        units = Units(system, dimensions, length, mass)
+        units = units_of(file)
         kinds = {}
         for kind, (group, fields) in GROUPS.items():
             if group not in file:
                 continue
-            arrays = {name: file[group][f.dataset][()] for name, f in fields.items() if f.dataset in file[group]}
+            wanted = partial(_wanted, columns, kind)
+            arrays = {
+                name: file[group][f.dataset][()]
+                for name, f in fields.items()
+                if f.dataset in file[group] and wanted(name)
+            }
             arrays["pos"] = arrays["pos"][:, :dimensions] + origin
-            arrays["vel"] = arrays["vel"][:, :dimensions]
+            if "vel" in arrays:
+                arrays["vel"] = arrays["vel"][:, :dimensions]
             if "h" in arrays:
                 arrays["h"] = arrays["h"] / own.attrs["support"]
             if not own.attrs["energy_equation"]:
@@ -283,10 +256,11 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             if "immobile" in arrays:
                 arrays["immobile"] = arrays["immobile"].astype(bool)
             known = {name: fields[name].dimension for name in arrays}
-            others = other_columns(file[group])
+            others = {name: column for name, column in other_columns(file[group]).items() if wanted(name)}
             known |= {name: dimension for name, (_, dimension) in others.items()}
-            columns = {name: array for name, (array, _) in others.items()}
-            kinds[kind] = SnapshotParticles(units, known, columns=columns, **arrays)
+            own_columns = {name: array for name, (array, _) in others.items()}
+            needed = dict.fromkeys(("vel", "ids")) | arrays
+            kinds[kind] = SnapshotParticles(units, known, columns=own_columns, **needed)
         return Snapshot(
             time=float(file["Header"].attrs["Time"][0]),
             gas=kinds.get("gas"),
@@ -297,11 +271,23 @@ def read_snapshot(path: str | os.PathLike[str]) -> Snapshot:
             dimensions=dimensions,
             lower=origin,
             upper=origin + own.attrs["size"],
-            open_step=open_step.read(own),
+            open_step=open_step.read(own) if columns is None else None,
             reference_density=own.attrs.get("reference_density"),
             version=file.attrs["version"].decode(),
             command=file.attrs.get("command", b"").decode(errors="replace"),
         )
+
+
+def units_of(file: h5py.File) -> Units:
+    """The units of a snapshot that is open."""
+    own = file["discsim"]
+    system, length, mass = (text.decode() for text in own.attrs["units"])
+    return Units(system, int(own.attrs["dimensions"]), length, mass)
+
+
+def _wanted(columns: Collection[str] | None, kind: str, name: str) -> bool:
+    """Whether `read_snapshot` is to read a column."""
+    return columns is None or kind == "bodies" or name in ("pos", "mass") or f"{kind}.{name}" in columns
 
 
 def _unit_texts(units: Units) -> tuple[str, str, str]:

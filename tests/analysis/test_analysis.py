@@ -9,8 +9,9 @@ from scipy.ndimage import gaussian_filter
 
 from discsim.exact import dustywave, riemann
 from discsim.numerics.state import Dust, Gas
+from discsim.output.bins import REACH, gaussians, range_of_mass
 from discsim.output.figure import last_state_figure
-from discsim.output.snapshot import _REACH, SnapshotError, _gaussians, range_of_mass, read_snapshot, write_snapshot
+from discsim.output.snapshot import SnapshotError, read_snapshot, write_snapshot
 from discsim.scene import load_scene
 
 DISC = {
@@ -152,8 +153,8 @@ def test_gaussians_one_by_one_are_those_of_the_filter(sigma):
     cell[1] = cell[0]  # two in one pixel
     deposit = np.zeros(shape)
     np.add.at(deposit, tuple(cell.T), mass)
-    expected = gaussian_filter(deposit, sigma, mode="constant", truncate=_REACH)
-    np.testing.assert_allclose(_gaussians(cell, mass, sigma, shape), expected, rtol=0, atol=1e-15)
+    expected = gaussian_filter(deposit, sigma, mode="constant", truncate=REACH)
+    np.testing.assert_allclose(gaussians(cell, mass, sigma, shape), expected, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("kinds", [("gas", "dust"), ("gas",), ("dust",)])

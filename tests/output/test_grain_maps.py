@@ -1,16 +1,19 @@
-"""What the last figure shows of grains: mean size and Stokes number, and small dust that gas carries."""
+"""What figures show of grains: mean size and Stokes number, and small dust that gas carries."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from discsim.numerics.state import Dust
-from discsim.output import figure, grain_maps
+from discsim.output import figure
+from discsim.output.drawing import map_picture, norm_of
+from discsim.output.fields.values import on_pixels
 from discsim.output.snapshot import SnapshotParticles, read_snapshot, write_snapshot
 from discsim.scene import load_scene
 
 COUNT = 6000
+WINDOW = np.full(2, -4.0), np.full(2, 4.0)
 SCENE = {
     "units": {"system": "code"},
     "run": {"until": 1.0},
@@ -40,12 +43,11 @@ def snapshot(tmp_path, mass=None):
 
 def test_maps_are_means_over_mass(tmp_path):
     snap = snapshot(tmp_path)
-    assert grain_maps.shown(snap) == ["size", "stokes"]
-    window = np.full(2, -4.0), np.full(2, 4.0)
+    assert figure._of_grains(snap) == ["dust.size", "dust.stokes"]
     centres = -4.0 + 8.0 / 160 * (np.arange(160) + 0.5)
     r = np.hypot(*np.meshgrid(centres, centres))
     for name, unit in (("size", 1.0), ("stokes", 30.0)):
-        mean, _ = grain_maps.mean_map(snap, name, window, 160, False)
+        mean = snap.field(f"dust.{name}", WINDOW, 160).value
         # Gaussians are .1 wide and end at 3.5 widths.
         np.testing.assert_allclose(mean[(r > 1.1) & (r < 1.5)], 0.01 * unit, rtol=1e-3)
         # (1 * .001 + 2 * .004) / 3; a pixel's Gaussian has some ten grains, 8,000 pixels have all.
@@ -57,7 +59,7 @@ def test_the_figure_has_them(tmp_path):
     snap = snapshot(tmp_path)
     drawn = figure._maps(snap)
     labels = [axes.get_ylabel() for axes in drawn.findobj(lambda a: hasattr(a, "get_ylabel"))]
-    assert {"mean size", "mean Stokes number"} <= set(labels)
+    assert {"grain size $s$", "Stokes number"} <= set(labels)
     figure.last_state_figure(tmp_path / "a.h5", tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
     plain = replace(snap, dust=replace(snap.dust, size=None))
@@ -66,29 +68,26 @@ def test_the_figure_has_them(tmp_path):
 
 def test_grains_without_mass_or_of_one_size(tmp_path):
     nothing = snapshot(tmp_path, mass=np.zeros(COUNT))
-    assert grain_maps.shown(nothing) == []
+    assert figure._of_grains(nothing) == []
     figure._maps(nothing)
-    assert grain_maps.colours(np.full((3, 3), np.nan)).vmin > 0.0
+    picture = map_picture(on_pixels(nothing, WINDOW, 40), "dust.size", WINDOW)
+    assert np.isnan(picture.values).all() and norm_of([picture]).vmin > 0.0
     some = snapshot(tmp_path, mass=np.where(np.arange(COUNT) < COUNT // 2, 1e-9, 0.0))
     figure._maps(some)
-    norm = grain_maps.colours(np.full((3, 3), 0.01))
+    norm = norm_of([replace(picture, values=np.full((3, 3), 0.01))])
     assert norm.vmin < 0.01 < norm.vmax
 
 
-@dataclass(frozen=True)
-class Carriers(SnapshotParticles):
-    small: np.ndarray | None = None
-
-
 def test_small_dust_beside_grown(tmp_path):
-    """Gas that carries a fifth of its mass: a profile of its own, a fifth of the gas's."""
+    """Gas that carries a fifth of its mass: a profile of its own, a quarter of that of the gas alone."""
     snap = snapshot(tmp_path)
-    assert grain_maps.small_dust(snap) is None
+    assert not [line for line in figure._maps(snap).axes[-1].lines if line.get_label() == "small dust"]
     dust = snap.dust
-    gas = Carriers(dust.units, {}, dust.pos, dust.vel, np.full(COUNT, 1e-7), dust.ids, small=np.full(COUNT, 2e-8))
+    mass, small = np.full(COUNT, 1e-7), np.full(COUNT, 2e-8)
+    gas = SnapshotParticles(dust.units, {}, dust.pos, dust.vel, mass, dust.ids, small=small)
     snap = replace(snap, gas=gas)
     axes = figure._maps(snap).axes[-1]
     lines = {line.get_label(): line.get_ydata() for line in axes.lines}
     assert set(lines) == {"gas", "grown dust", "small dust"}
     seen = np.isfinite(lines["gas"])
-    np.testing.assert_allclose(lines["small dust"][seen], 0.2 * lines["gas"][seen], rtol=1e-12)
+    np.testing.assert_allclose(lines["small dust"][seen], 0.25 * lines["gas"][seen], rtol=1e-12)

@@ -1,0 +1,107 @@
+"""A snapshot's fields on pixels or in rings; what several of them need is summed once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.output.bins import Bins
+from discsim.parts import FIELDS
+
+if TYPE_CHECKING:
+    from discsim.output.snapshot import Snapshot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Optics:
+    """How the dust is seen: wavelength and opacity per gram of dust, astropy Quantities.
+
+    opacity: None stands for that of Beckwith et al. (1990), 10 cm2/g (nu / 1 THz).
+    """
+
+    wavelength: Any
+    opacity: Any = None
+
+    @property
+    def frequency(self) -> float:
+        """In Hz."""
+        from astropy import units as u
+
+        return float(self.wavelength.to_value(u.Hz, equivalencies=u.spectral()))
+
+    @property
+    def opacity_cgs(self) -> float:
+        """In cm2 per gram of dust."""
+        return 10.0 * self.frequency / 1e12 if self.opacity is None else float(self.opacity.to_value("cm2/g"))
+
+    def planck(self, temperature: Array) -> Array:
+        """B_nu(T) in mJy/arcsec2 of temperatures in K; nothing at T = 0."""
+        from astropy import constants, units
+
+        nu, h, c, k = self.frequency, *(getattr(constants, name).cgs.value for name in ("h", "c", "k_B"))
+        with np.errstate(divide="ignore", over="ignore"):
+            brightness = 2.0 * h * nu**3 / c**2 / np.expm1(h * nu / (k * temperature))
+        return brightness * units.Unit("erg / (s cm2 Hz sr)").to("mJy/arcsec2")
+
+    @property
+    def text(self) -> str:
+        """What is stated of it beside a figure."""
+        return rf"$\lambda$ = {self.wavelength:.3g}, $\kappa$ = {self.opacity_cgs:.3g} cm$^2$ per g of dust"
+
+    @classmethod
+    def usual(cls) -> Optics:
+        from astropy import units
+
+        return cls(1.3 * units.mm)
+
+
+class Binned:
+    """`binned["gas.v_r"]`: a field in the bins that `bins_of` makes for the particles of a species, in code units."""
+
+    def __init__(self, snap: Snapshot, bins_of: Callable[[str], Bins], optics: Optics | None = None) -> None:
+        self.snap, self._bins_of, self._optics = snap, bins_of, optics
+        self._bins: dict[str, Bins] = {}
+        self._found: dict[str, Array] = {}
+
+    @cached_property
+    def optics(self) -> Optics:
+        return self._optics or Optics.usual()
+
+    def __getitem__(self, name: str) -> Array:
+        """Densities, 0 where there is nothing; means over mass, NaN there."""
+        if name not in self._found:
+            self._found[name] = self._find(name)
+        return self._found[name]
+
+    def _find(self, name: str) -> Array:
+        field = FIELDS[name]
+        if field.kind == "places":
+            return field.values(self)
+        values, bins = field.values(self.snap), self.bins(field.species)
+        if field.kind == "density":
+            return bins.sum(values) / bins.measure
+        mass = self.mass(field.species)
+        weighted = bins.sum(self.snap.species[field.species].mass * values)
+        return np.divide(weighted, mass, where=bins.there(mass), out=np.full(mass.shape, np.nan))
+
+    def there(self, species: str) -> Array:
+        """Where a species has enough mass that it says something."""
+        return self.bins(species).there(self.mass(species))
+
+    def mass(self, species: str) -> Array:
+        """Of a species, in each bin."""
+        key = f"{species} mass"
+        if key not in self._found:
+            self._found[key] = self.bins(species).sum(self.snap.species[species].mass)
+        return self._found[key]
+
+    def bins(self, species: str) -> Bins:
+        if species not in self._bins:
+            self._bins[species] = self._bins_of(species)
+        return self._bins[species]

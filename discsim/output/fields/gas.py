@@ -1,0 +1,74 @@
+"""Fields of the gas."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.output.fields import base
+from discsim.output.fields.frame import omega
+
+if TYPE_CHECKING:
+    from discsim.output.snapshot import Snapshot
+
+Array = np.ndarray
+
+
+@base.density("gas", r"$\Sigma_SPECIES$", reads=("gas.small", "gas.density"))
+def surface_density(snap: Snapshot) -> Array:
+    """surface density: Sigma = sum m / area, without the small dust that gas carries"""
+    small = snap.gas.small
+    return snap.gas.mass if small is None else snap.gas.mass - small
+
+
+@base.of_particles("gas", "density", r"$\Sigma_\mathrm{SPH}$", needs=("gas.density",))
+def density(snap: Snapshot) -> Array:
+    """SPH density: Sigma_a = sum_b m_b W(r_ab, h_a), with small dust; in 1D rho"""
+    return snap.gas.density
+
+
+@base.of_particles("gas", "temperature", "temperature $T$", needs=("gas.temperature",), colours="magma")
+def temperature(snap: Snapshot) -> Array:
+    """temperature: T = (P / Sigma) mu m_H / k_B"""
+    return snap.gas.temperature
+
+
+@base.of_particles("gas", "pressure", "pressure $P$", needs=("gas.pressure",))
+def pressure(snap: Snapshot) -> Array:
+    """pressure, integrated over height: P"""
+    return snap.gas.pressure
+
+
+@base.of_particles("gas", "velocity", "sound speed $c_s$", needs=("gas.sound_speed",), colours="magma")
+def sound_speed(snap: Snapshot) -> Array:
+    """sound speed: c_s, the adiabatic one of gas that holds heat"""
+    return snap.gas.sound_speed
+
+
+@base.of_particles(
+    "gas",
+    "",
+    "aspect ratio $H/r$",
+    needs=("gas.pressure", "gas.density", "plane", "star"),
+    scale="linear",
+    colours="cividis",
+)
+def aspect_ratio(snap: Snapshot) -> Array:
+    """aspect ratio: H / r = sqrt(P / Sigma) / (Omega_K r)"""
+    r = snap.gas.radius
+    return np.sqrt(snap.gas.pressure / snap.gas.density) / (omega(snap, r) * r)
+
+
+@base.of_particles(
+    "gas", "", "Toomre $Q$", needs=("gas.sound_speed", "gas.density", "plane", "star"), colours="cividis_r"
+)
+def toomre_q(snap: Snapshot) -> Array:
+    """Toomre's Q: Q = c_s Omega_K / (pi G Sigma)"""
+    return snap.gas.sound_speed * omega(snap, snap.gas.radius) / (np.pi * snap.gas.density)
+
+
+@base.of_particles("gas", "length", "smoothing length $h$", needs=("gas.h",), colours="cividis")
+def h(snap: Snapshot) -> Array:
+    """smoothing length: h"""
+    return snap.gas.h

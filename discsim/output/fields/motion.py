@@ -1,0 +1,107 @@
+"""Places, velocities and orbits, of gas and dust alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.output.fields import base
+from discsim.output.fields.frame import central_mass, omega
+
+if TYPE_CHECKING:
+    from discsim.output.snapshot import Snapshot, SnapshotParticles
+
+Array = np.ndarray
+Of = Callable[["Snapshot", "SnapshotParticles"], Array]
+
+
+def _both(dimension: str, label: str, *needs: str, **more: Any) -> Callable[[Of], tuple[base.Field, base.Field]]:
+    """The same field of gas and of dust; needs "vel" stands for that of the species."""
+
+    def fields(values: Of) -> tuple[base.Field, base.Field]:
+        return _of("gas", values), _of("dust", values)
+
+    def _of(species: str, values: Of) -> base.Field:
+        def of_species(snap: Snapshot) -> Array:
+            return values(snap, snap.species[species])
+
+        of_species.__doc__ = values.__doc__
+        own = tuple(f"{species}.vel" if need == "vel" else need for need in needs)
+        return base.of_particles(species, dimension, label, needs=own, **more)(of_species)
+
+    return fields
+
+
+@_both("length", "$r$", "plane", scale="linear", colours="cividis")
+def _radius(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """distance from the centre: r"""
+    return p.radius
+
+
+@_both("length", "$x$", scale="linear", colours="cividis")
+def _x(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """place: x, from the centre where there is one"""
+    return p.pos[:, 0]
+
+
+@_both("length", "$y$", "plane", scale="linear", colours="cividis")
+def _y(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """place: y"""
+    return p.pos[:, 1]
+
+
+@_both("velocity", "$v_{x,SPECIES}$", "vel", scale="signed", colours="RdBu_r")
+def _v_x(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """velocity along x: v_x"""
+    return p.vel[:, 0]
+
+
+@_both("velocity", "$v_{y,SPECIES}$", "vel", "plane", scale="signed", colours="RdBu_r")
+def _v_y(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """velocity along y: v_y"""
+    return p.vel[:, 1]
+
+
+@_both("velocity", "$v_{r,SPECIES}$", "vel", "plane", unit="m/s", scale="signed", colours="RdBu_r")
+def _v_r(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """radial velocity: v_r = (x v_x + y v_y) / r"""
+    return np.einsum("ij,ij->i", p.pos, p.vel) / _away(p)
+
+
+@_both("velocity", r"$v_{\varphi,SPECIES}$", "vel", "plane", scale="linear", colours="viridis")
+def _v_phi(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """azimuthal velocity: v_phi = (x v_y - y v_x) / r"""
+    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _away(p)
+
+
+@_both("velocity", r"$v_{\varphi,SPECIES} - v_\mathrm{K}$", "vel", "plane", "star", unit="m/s", scale="signed",
+       colours="PuOr_r")  # fmt: skip
+def _v_phi_excess(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """azimuthal velocity beyond Kepler's: v_phi - Omega_K r"""
+    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _away(p) - omega(snap, p.radius) * p.radius
+
+
+@_both("", "eccentricity $e_SPECIES$", "vel", "plane", "star", scale="linear", colours="cividis")
+def _eccentricity(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """eccentricity about the central mass alone: e^2 = 1 + 2 E L^2 / (G M)^2"""
+    mass = central_mass(snap)
+    energy = 0.5 * np.einsum("ij,ij->i", p.vel, p.vel) - mass / _away(p)
+    spin = p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]
+    return np.sqrt(np.maximum(1.0 + 2.0 * energy * (spin / mass) ** 2, 0.0))
+
+
+def _away(p: SnapshotParticles) -> Array:
+    return np.maximum(p.radius, 1e-300)
+
+
+gas_radius, dust_radius = _radius
+gas_x, dust_x = _x
+gas_y, dust_y = _y
+gas_v_x, dust_v_x = _v_x
+gas_v_y, dust_v_y = _v_y
+gas_v_r, dust_v_r = _v_r
+gas_v_phi, dust_v_phi = _v_phi
+gas_v_phi_excess, dust_v_phi_excess = _v_phi_excess
+gas_eccentricity, dust_eccentricity = _eccentricity

@@ -1,0 +1,101 @@
+"""Fields by the names that users give them, and why a run has none of that name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+from discsim.output.fields.base import SHOWN, Field, FieldError
+from discsim.parts import FIELDS
+from discsim.scene.messages import near
+
+if TYPE_CHECKING:
+    from discsim.output.snapshot import Snapshot
+
+SPECIES = ("gas", "dust")
+
+
+def known(word: str) -> list[str]:
+    """The fields that a word stands for: one by its whole name, or "v_r" for that of each species.
+
+    Raises FieldError with the nearest right name and all there are.
+    """
+    if word in FIELDS:
+        return [word]
+    found = [name for name in FIELDS if name.partition(".")[2] == word]
+    if found:
+        return found
+    last = [name.rpartition(".")[2] for name in FIELDS]
+    hint = near(word, list(FIELDS)) or near(word.rpartition(".")[2], list(dict.fromkeys(last)))
+    raise FieldError(f'"{word}" is no field; expected one of {", ".join(FIELDS)}{hint}')
+
+
+def columns(names: Iterable[str]) -> set[str]:
+    """The columns of a snapshot that some fields need, beside places and masses."""
+    fields = [FIELDS[name] for name in names]
+    return {need for field in fields for need in (*field.needs, *field.reads) if "." in need}
+
+
+def of_run(word: str, snap: Snapshot) -> list[str]:
+    """Those that a word stands for and the snapshot has. Raises FieldError where it has none."""
+    names = known(word)
+    lacks = {name: why_not(FIELDS[name], snap) for name in names}
+    there = [name for name in names if lacks[name] is None]
+    if not there:
+        same = len(set(lacks.values())) == 1
+        raise FieldError("; ".join([f"{word}: {lacks[names[0]]}"] if same else [f"{n}: {lacks[n]}" for n in names]))
+    return there
+
+
+def why_not(field: Field, snap: Snapshot) -> str | None:
+    """Why a snapshot lacks a field; None where it has it."""
+    needs = (f"{field.species}.mass", *field.needs) if field.species else field.needs
+    return next((why for need in needs if (why := _lacks(need, snap))), None)
+
+
+def _lacks(need: str, snap: Snapshot) -> str | None:
+    tables = snap.tables
+    if need == "plane":
+        return None if snap.dimensions == 2 else "the run has one dimension, and the field wants two"
+    if need == "star":
+        return None if "star" in tables else "the scene has no [star], about which it is defined"
+    if need == "physical":
+        return _of_code_units("nothing has a unit") if snap.units.system == "code" else None
+    kind, _, name = need.partition(".")
+    particles = snap.species.get(kind)
+    if particles is None:
+        given = ": its gas is a given disc, [background]" if kind == "gas" and "background" in tables else ""
+        return f"the run has no {kind}{given}" + (" particles" if not given and kind == "gas" else "")
+    if getattr(particles, name, None) is not None or name in particles.columns:
+        return None
+    if name == "temperature" and snap.units.system == "code":
+        return _of_code_units("gas has no temperature")
+    return f"the snapshot holds no {need}{_because(name, tables)}"
+
+
+def _of_code_units(what: str) -> str:
+    return f"the scene is in code units, in which {what}; expected a run with [units] length and mass"
+
+
+def _because(name: str, tables: dict[str, object]) -> str:
+    if name == "small":
+        return ": the scene has no [growth]"
+    if name == "size":
+        return ": the grains have no sizes of their own, as a range of dust.grain_size or [growth] gives them"
+    if name in ("stokes", "stopping_time"):
+        return ": the scene has no [drag]" if "drag" not in tables else ": the scene has no [star]"
+    return ""
+
+
+def listed() -> Iterator[tuple[str, str, str]]:
+    """Name, unit and what it is, of each field."""
+    for name, field in FIELDS.items():
+        dimension = {"density": "surface_density"}.get(field.dimension, field.dimension)
+        yield name, field.unit or SHOWN.get(dimension, ""), field.about
+
+
+def table() -> str:
+    """The fields as text."""
+    rows = [("name", "unit", "what it is"), *listed()]
+    wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
+    return "\n".join(f"{name:<{wide[0]}}  {unit:<{wide[1]}}  {about}".rstrip() for name, unit, about in rows)

@@ -1,0 +1,54 @@
+"""Fields that gas and dust make together, and what one would see of the dust.
+
+Intensity of optically thin dust at the gas's temperature, seen face-on, of an opacity per gram of dust that is stated,
+or else that of Beckwith et al. (1990, AJ 99, 924), 10 cm2/g (nu / 1 THz):
+
+    I_nu = kappa_nu Sigma_d B_nu(T),    tau = kappa_nu Sigma_d
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.output.fields import base
+
+if TYPE_CHECKING:
+    from discsim.output.fields.binned import Binned
+
+Array = np.ndarray
+SMALL = ("gas.small",)
+
+
+@base.of_places(
+    "",
+    r"dust-to-gas ratio $\Sigma_\mathrm{dust} / \Sigma_\mathrm{gas}$",
+    needs=("gas.mass", "dust.mass"),
+    reads=SMALL,
+    colours="plasma",
+)
+def dust_to_gas(at: Binned) -> Array:
+    """dust-to-gas ratio: (Sigma_d + Sigma_s) / Sigma, with the small dust that gas carries"""
+    gas = at["gas.surface_density"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(at.there("gas") & at.there("dust"), _all_dust(at) / gas, np.nan)
+
+
+@base.of_places("", r"optical depth $\tau$", needs=("dust.mass", "physical", "plane"), reads=SMALL, colours="inferno")
+def optical_depth(at: Binned) -> Array:
+    """optical depth at --wavelength, seen face-on: tau = kappa Sigma_dust"""
+    return at.optics.opacity_cgs * _all_dust(at) * at.snap.units.cgs("surface_density")
+
+
+@base.of_places(
+    "intensity", r"$I_\nu$", needs=("gas.temperature", "dust.mass", "physical", "plane"), reads=SMALL, colours="inferno"
+)
+def emission(at: Binned) -> Array:
+    """optically thin emission of dust at the gas's temperature, at --wavelength: I = kappa Sigma_dust B(T)"""
+    return optical_depth.values(at) * at.optics.planck(np.nan_to_num(at["gas.temperature"]))
+
+
+def _all_dust(at: Binned) -> Array:
+    dust = at["dust.surface_density"]
+    return dust if at.snap.gas is None or at.snap.gas.small is None else dust + at["small_dust.surface_density"]

@@ -1,0 +1,219 @@
+"""Figures of several panels: fields, runs and times side by side, with shared scales."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+
+from discsim.output.drawing import (
+    BELOW,
+    COLOURS,
+    COLUMN,
+    LEFT,
+    MAP,
+    RIGHT,
+    STYLES,
+    Picture,
+    axes_at,
+    draw,
+    norm_of,
+    scale_bar,
+)  # fmt: skip
+from discsim.output.fields.binned import Optics
+from discsim.output.fields.names import known, of_run
+from discsim.output.snapshot import Snapshot
+from discsim.parts import FIELDS
+from discsim.plot import curves, pictures
+from discsim.plot.look import Look
+from discsim.plot.sources import Named
+
+ACROSS = 3  # panels of one run in a row
+WIDE = 1.25  # a profile over a map
+CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # of Okabe & Ito (2008)
+Norms = Mapping[str, Normalize]
+Draw = Callable[[Axes], None]
+
+
+@dataclass
+class Board:
+    """Panels in rows, each with what draws it; `notes` stand below the title."""
+
+    title: str
+    rows: list[list[Draw]]
+    width: float = 1.0  # of a panel, over that of a map
+    notes: list[str] = field(default_factory=list)
+    headed: bool = False  # whether panels have titles
+    apart: float = 0.0  # more room between panels, in inches
+
+    def figure(self) -> Figure:
+        """The figure, on a canvas of its own."""
+        pitch, row = COLUMN + (self.width - 1.0) * MAP + self.apart, MAP + BELOW + (0.5 if self.headed else 0.25)
+        most = max(len(panels) for panels in self.rows)
+        lines = self.title.count("\n") + 1 + len(self.notes) if self.title or self.notes else 0
+        top = 0.2 + 0.22 * lines + (0.25 if self.headed else 0.0)
+        width = pitch * most + (0.2 if self.width == 1.0 else RIGHT - 0.9)
+        figure = Figure(figsize=(width, row * (len(self.rows) - 1) + MAP + BELOW + top))
+        FigureCanvasAgg(figure)
+        for down, panels in enumerate(self.rows):
+            bottom = BELOW + row * (len(self.rows) - 1 - down)
+            for across, panel in enumerate(panels):
+                panel(axes_at(figure, LEFT + pitch * across, bottom, MAP * self.width, MAP))
+        high = figure.get_size_inches()[1]
+        figure.suptitle(
+            "\n".join(text for text in (self.title, *self.notes) if text), y=1.0 - 0.12 / high, va="top", fontsize=12
+        )
+        return figure
+
+
+def words_to_names(words: Sequence[str], snaps: Sequence[Snapshot]) -> list[list[str]]:
+    """The fields that each word stands for, of those that all snapshots have. Raises FieldError."""
+    found = []
+    for word in words:
+        of_each = [of_run(word, snap) for snap in snaps]
+        found.append([name for name in of_each[0] if all(name in names for names in of_each)] or of_each[0])
+    return found
+
+
+def flat(names: Sequence[Sequence[str]]) -> list[str]:
+    return list(dict.fromkeys(name for several in names for name in several))
+
+
+def usual_words(dimensions: int) -> list[str]:
+    """The fields that are drawn where none is named."""
+    return ["surface_density"] if dimensions == 2 else ["surface_density", "v_x"]
+
+
+def all_names(words: Sequence[str]) -> list[str]:
+    """All that the words may stand for, before a snapshot is read. Raises FieldError."""
+    return flat([known(word) for word in words])
+
+
+def of_pictures(
+    made: Sequence[Mapping[str, Picture]], titles: Sequence[str], look: Look, norms: Norms | None = None,
+    compare: bool = False,
+) -> list[list[Draw]]:  # fmt: skip
+    """Panels of pictures by name: a row a field, a column a run, `compare` the ratio; of one run ACROSS to a row."""
+    rows = []
+    for name in made[0]:
+        together = [each[name] for each in made]
+        norm = (norms or {}).get(name) or limited(look, norm_of(together), together[0])
+        row = [_picture_panel(picture, norm, title) for picture, title in zip(together, titles, strict=True)]
+        if compare:
+            change, between, label = pictures.compared(*together)
+            row.append(_picture_panel(change, between, f"{titles[1]} against {titles[0]}", "RdBu_r", label))
+        rows.append(row)
+    if len(made) == 1:
+        panels = [row[0] for row in rows]
+        rows = [panels[k : k + ACROSS] for k in range(0, len(panels), ACROSS)]
+    return rows
+
+
+def limited(look: Look, norm: Normalize, picture: Picture) -> Normalize:
+    """The colours with the range that the user gives, where there is one."""
+    if look.limits is None:
+        return norm
+    low, high = look.limits
+    if picture.field.scale == "log" and low > 0:
+        return LogNorm(low, high, clip=True)
+    return Normalize(low, high, clip=True)
+
+
+def _picture_panel(
+    picture: Picture, norm: Normalize, title: str, colours: str | None = None, bar: str | None = None
+) -> Draw:
+    def panel(axes: Axes) -> None:
+        draw(axes, picture, norm, colours, bar)
+        if picture.scale is not None and colours is None:
+            scale_bar(axes, picture)
+        axes.set_title(title, fontsize=10)
+
+    return panel
+
+
+def of_profiles(
+    snaps: Sequence[Snapshot], names: Sequence[Sequence[str]], titles: Sequence[str], look: Look
+) -> list[list[Draw]]:
+    """A panel for each word, with a curve a run and species."""
+    found = [curves.profile(snap, flat(names), look) for snap in snaps]
+
+    def panel(several: Sequence[str]) -> Draw:
+        def draw_all(axes: Axes) -> None:
+            for number, (snap, curve, title) in enumerate(zip(snaps, found, titles, strict=True)):
+                for name in several:
+                    curves.draw_curve(axes, snap, curve[name], FIELDS[name],
+                                      **_style(name, number, several, title, len(snaps)))  # fmt: skip
+            curves.finish_profile(axes, snaps[0], several, look)
+
+        return draw_all
+
+    panels = [panel(several) for several in names]
+    across = min(len(panels), 2)
+    return [panels[k : k + across] for k in range(0, len(panels), across)]
+
+
+def _style(name: str, number: int, several: Sequence[str], title: str, runs: int) -> dict[str, Any]:
+    """A colour a species of one run; of several a colour a run, and a line a species."""
+    species = name.partition(".")[0].replace("_", " ")
+    if runs == 1:
+        key = name.partition(".")[0]
+        return {"color": COLOURS.get(key, "black"), "ls": STYLES.get(key, "-"), "label": species}
+    label = title if len(several) == 1 else f"{title}, {species}"
+    return {"color": CYCLE[number % len(CYCLE)], "ls": ("-", "--", ":")[several.index(name) % 3], "label": label}
+
+
+def of_phase(snaps: Sequence[Snapshot], names: Sequence[str], against: str, titles: Sequence[str],
+             look: Look) -> list[list[Draw]]:  # fmt: skip
+    """A row a field, a column a run."""
+
+    def panel(snap: Snapshot, name: str, title: str) -> Draw:
+        def draw_one(axes: Axes) -> None:
+            curves.phase(axes, snap, name, _of_same(against, name), look)
+            axes.set_title(title, fontsize=10)
+
+        return draw_one
+
+    rows = [[panel(snap, name, title) for snap, title in zip(snaps, titles, strict=True)] for name in names]
+    return rows if len(snaps) > 1 else [[row[0] for row in rows][k : k + ACROSS] for k in range(0, len(rows), ACROSS)]
+
+
+def _of_same(word: str, name: str) -> str:
+    """The field that a word stands for, of the species of another where it has one. Raises FieldError."""
+    names = known(word)
+    return next((each for each in names if each.partition(".")[0] == name.partition(".")[0]), names[0])
+
+
+def titles_of(snaps: Sequence[Snapshot], found: Sequence[Named]) -> tuple[str, list[str]]:
+    """The title of a figure and those of its columns: what all have in common, and what they differ in."""
+    times = [snap.units.show_time(snap.time) for snap in snaps]
+    runs = [each.name for each in found]
+    title = snaps[0].tables.get("title", "") if len(set(runs)) == 1 else ""
+    same_time = len(set(times)) == 1
+    head = "\n".join(text for text in (title, f"t = {times[0]}" if same_time else "") if text)
+    several = len(set(runs)) > 1
+    each = [
+        ", ".join(text for text in (run if several else "", "" if same_time else f"t = {time}") if text)
+        for run, time in zip(runs, times, strict=True)
+    ]
+    return head, each
+
+
+def notes_of(names: Sequence[str], look: Look, made: Sequence[Mapping[str, Picture]] = ()) -> list[str]:
+    """What is to be said below the title: how dust is seen, how far away, and its flux."""
+    notes = []
+    if {"emission", "optical_depth"} & set(names):
+        notes.append((look.optics or Optics.usual()).text)
+    if look.distance is not None:
+        notes.append(f"at {look.distance:g}")
+        for each in made:
+            if "emission" in each:
+                shown = each["emission"]
+                (left, right), (low, high) = shown.x, shown.y
+                pixel = (right - left) * (high - low) / shown.values.size
+                notes[-1] += f", F = {float(shown.values.sum() * pixel):.3g} mJy"
+    return [", ".join(notes)] if notes else []

@@ -1,0 +1,117 @@
+"""What a figure shows as lines and points: profiles, and one field of the particles against another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+
+from discsim.output.drawing import colour_bar, in_units, log_ticks, points
+from discsim.output.fields.base import Field
+from discsim.output.fields.values import smooth_profile
+from discsim.parts import FIELDS
+from discsim.plot.look import Look
+from discsim.plot.sources import PlotError
+
+if TYPE_CHECKING:
+    from discsim.output.snapshot import Snapshot
+
+Array = np.ndarray
+MOST_CELLS = 160  # of a phase plot, along each axis
+DECADES = 4.5  # that an axis of a density shows
+
+
+def profile(snap: Snapshot, names: Sequence[str], look: Look) -> dict[str, tuple[Array, Array]]:
+    """Places and values of fields against radius, in the units of axes; in 1D of particles against x."""
+    if snap.dimensions == 1:
+        return {name: points(snap, name) for name in names}
+    edges, binned = smooth_profile(snap, look.radii(snap), look.optics)
+    radius = in_units(snap, "length")[0] * 0.5 * (edges[1:] + edges[:-1])
+    return {name: (radius, FIELDS[name].factor(snap.units) * binned[name]) for name in names}
+
+
+def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Field, **style: Any) -> None:
+    """A line, or in 1D the points of particles; nothing of a density where there is none."""
+    x, values = curve
+    if field.scale == "log":
+        values = np.where(values > 0, values, np.nan)
+    if snap.dimensions == 1:
+        style = {**style, "ls": "none", "marker": ".", "ms": 3}
+    axes.plot(x, values, **style)
+
+
+def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], look: Look) -> None:
+    """Labels, scale and legend of axes that have their curves."""
+    field, (length, unit) = FIELDS[names[0]], in_units(snap, "length")
+    low, high = look.radii(snap)
+    axes.set(xlabel=f"{'r' if snap.dimensions == 2 else 'x'}{unit}", xlim=(length * low, length * high))
+    axes.set_ylabel(field.text(snap.units, of_all=len(names) > 1))
+    shown = [y[np.isfinite(y)] for y in (np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)]
+    peaks = [y.max() for y in shown if y.size]
+    if field.scale == "log" and peaks and _decades(shown) > 0.3:
+        axes.set_yscale("log")
+        if field.kind == "density":  # a lone particle must not set the scale
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-DECADES))
+    if look.limits is not None:
+        axes.set_ylim(*look.limits)
+    if axes.get_yscale() == "log":
+        log_ticks(axes.yaxis, *axes.get_ylim())
+    if field.scale == "signed":
+        axes.axhline(0.0, color="0.5", lw=0.8, zorder=0)
+    axes.grid(alpha=0.3)
+    if len(axes.get_legend_handles_labels()[0]) > 1:
+        axes.legend(frameon=False, fontsize=9)
+
+
+def _decades(shown: Sequence[Array]) -> float:
+    values = np.concatenate(shown)
+    return float(np.log10(values.max() / values.min())) if values.size and values.min() > 0 else 0.0
+
+
+def phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> None:
+    """The mass of particles over one field and another, on both their scales. Raises PlotError."""
+    fields = FIELDS[against], FIELDS[name]
+    for each, field in zip((against, name), fields, strict=True):
+        if field.kind != "particles" or field.species != fields[1].species:
+            of = fields[1].species or "one species"
+            raise PlotError(f"{each}: no field of the particles of {of}; --against takes two of the same, like v_r")
+    values = [field.factor(snap.units) * field.values(snap) for field in fields]
+    cells = int(np.clip(0.7 * len(values[0]) ** 0.5, 20, MOST_CELLS))
+    edges = [_edges(field, array, cells) for field, array in zip(fields, values, strict=True)]
+    if look.limits is not None:
+        edges[1] = _between(fields[1], *look.limits, cells)
+    mass = snap.species[fields[1].species].mass
+    total, _, _ = np.histogram2d(values[0], values[1], (edges[0], edges[1]), weights=mass / max(mass.sum(), 1e-300))
+    share = np.where(total > 0, total, np.nan)
+    seen = share[np.isfinite(share)]
+    norm = LogNorm(max(seen.min(), 1e-5 * seen.max()), seen.max(), clip=True) if seen.size else LogNorm(0.1, 1.0)
+    image = axes.pcolormesh(*edges, share.T, norm=norm, cmap="viridis", rasterized=True)
+    for axis, field, ends in ((axes.xaxis, fields[0], edges[0]), (axes.yaxis, fields[1], edges[1])):
+        if _log(field, ends):
+            getattr(axes, f"set_{axis.axis_name}scale")("log")
+            log_ticks(axis, ends[0], ends[-1])
+    axes.set(xlabel=fields[0].text(snap.units), ylabel=fields[1].text(snap.units))
+    colour_bar(axes, image, f"share of the mass of {fields[1].species}")
+
+
+def _log(field: Field, edges: Array) -> bool:
+    return field.scale == "log" and edges[0] > 0 and edges[-1] > 3 * edges[0]
+
+
+def _edges(field: Field, values: Array, cells: int) -> Array:
+    values = values[np.isfinite(values) & ((values > 0) | (field.scale != "log"))]
+    if not values.size:
+        return np.linspace(0.0, 1.0, cells + 1)
+    low, high = (float(each) for each in np.quantile(values, (0.001, 0.999)))
+    room = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+    if field.scale == "log":
+        return _between(field, low / 1.1, high * 1.1, cells)
+    return _between(field, low - room, high + room, cells)
+
+
+def _between(field: Field, low: float, high: float, cells: int) -> Array:
+    even = field.scale != "log" or low <= 0 or high <= 3 * low
+    return np.linspace(low, high, cells + 1) if even else np.geomspace(low, high, cells + 1)

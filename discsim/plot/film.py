@@ -1,0 +1,127 @@
+"""A film of a run: a frame for each snapshot, all with the same colours and the same part of the disc.
+
+mp4 by imageio-ffmpeg where that is installed, else gif by pillow.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.colors import Normalize
+from PIL import Image
+
+from discsim.output.drawing import norm_of
+from discsim.output.files import written
+from discsim.plot import compose, pictures
+from discsim.plot.compose import Board
+from discsim.plot.look import Look
+from discsim.plot.sources import Named, PlotError, directory_of, files_of, name_of, read, times_of
+
+if TYPE_CHECKING:
+    from discsim.output.drawing import Picture
+
+KINDS = {"map": pictures.maps, "polar": pictures.polar}
+LOOKED_AT = 12  # snapshots, of which the colours are found
+ROUGH = 160  # pixels of those
+DPI = 110
+Say = Callable[[int, int], None]  # told the number of frames that are made, and of all
+
+
+@dataclass(frozen=True)
+class Film:
+    """kind: of KINDS. words: fields. rate: frames a second."""
+
+    source: Path
+    words: Sequence[str] = ()
+    kind: str = "map"
+    rate: float = 10.0
+    look: Look = field(default_factory=Look)
+
+    def save(self, path: Path, say: Say | None = None) -> int:
+        """Write the film, which appears whole; how many frames it has. Raises PlotError, FieldError, OSError."""
+        writer = writer_of(path)
+        files = files_of(self.source)
+        if len(files) < 2:
+            raise PlotError(f"{self.source}: one snapshot makes no film; expected the directory of a run")
+        if times_of(files[:1])[1].dimensions == 1:
+            raise PlotError(f"{self.source}: a run in one dimension has no map; expected `discsim plot --time`")
+        frames = self._frames(files, say)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with written(path, path.suffix) as temporary:
+            writer(temporary, frames, self.rate)
+        return len(files)
+
+    def _frames(self, files: Sequence[Path], say: Say | None) -> Iterator[Image.Image]:
+        words = list(self.words) or compose.usual_words(2)
+        wanted = compose.all_names(words)
+        names = compose.flat(compose.words_to_names(words, [read(files[-1], wanted)]))
+        look, norms = self._shared(files, names)
+        for number, file in enumerate(files, 1):
+            snap = read(file, names)
+            head, titles = compose.titles_of([snap], [Named(file, name_of(self.source))])
+            made = KINDS[self.kind](snap, names, look)
+            rows = compose.of_pictures([made], titles, look, norms)
+            content = io.BytesIO()
+            board = Board(head, rows, notes=compose.notes_of(names, look))
+            board.figure().savefig(content, format="png", dpi=DPI, pil_kwargs={"compress_level": 1})
+            if say is not None:
+                say(number, len(files))
+            yield Image.open(content).convert("RGB")
+
+    def _shared(self, files: Sequence[Path], names: Sequence[str]) -> tuple[Look, dict[str, Normalize]]:
+        """The part of the disc and the colours of some snapshots, spread over the run."""
+        some = np.unique(np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int))
+        look = self.look.shared([read(files[k], names) for k in (0, -1)], self.kind)
+        rough = Look(look.window, look.limits, look.distance, look.optics, look.corners, look.ends, ROUGH)
+        seen: list[dict[str, Picture]] = [KINDS[self.kind](read(files[k], names), names, rough) for k in some]
+        return look, {
+            name: compose.limited(look, norm_of([each[name] for each in seen]), seen[0][name]) for name in names
+        }
+
+
+def usual_path(film: Film) -> Path:
+    """Where a film goes by itself: into `plots` of its run, as mp4 where that can be made."""
+    directory = directory_of(film.source) or film.source.parent
+    ending = ".mp4" if find_spec("imageio_ffmpeg") else ".gif"
+    return directory / "plots" / f"{'-'.join(film.words) or 'surface_density'}-{film.kind}{ending}"
+
+
+def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None]:
+    """What writes a film of that name. Raises PlotError."""
+    if path.suffix.lower() == ".gif":
+        return _gif
+    if path.suffix.lower() != ".mp4":
+        raise PlotError(f"{path}: no format of films; expected a name that ends in .mp4 or .gif")
+    if not find_spec("imageio_ffmpeg"):
+        raise PlotError(f"{path}: mp4 needs imageio-ffmpeg; expected pip install 'discsim[movie]', or -o NAME.gif")
+    return _mp4
+
+
+def _gif(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
+    first = next(frames)
+    palette = first.quantize(256)  # of all, so that a colour stays what it is
+    every = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in chain([first], frames))
+    next(every).save(path, format="gif", save_all=True, append_images=every, duration=round(1000 / rate), loop=0)
+
+
+def _mp4(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
+    import imageio_ffmpeg
+
+    sink: Any = None
+    for frame in frames:
+        # The codec takes blocks of 2 x 2 pixels.
+        frame = frame.crop((0, 0, frame.width // 2 * 2, frame.height // 2 * 2))
+        if sink is None:
+            sink = imageio_ffmpeg.write_frames(
+                str(path), frame.size, fps=rate, macro_block_size=2, quality=8, ffmpeg_log_level="error"
+            )
+            sink.send(None)
+        sink.send(np.asarray(frame).tobytes())
+    sink.close()

@@ -1,0 +1,100 @@
+"""What a figure shows as colours: a field on the plane, in angle and radius, in radius and time; and a ratio."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import LogNorm, Normalize
+
+from discsim.output.drawing import Picture, bodies, in_units, map_picture
+from discsim.output.fields.values import hole, on_pixels, on_polar_pixels, smooth_profile
+from discsim.parts import FIELDS
+from discsim.plot.look import Look
+from discsim.plot.sources import PlotError, read, times_of
+
+if TYPE_CHECKING:
+    from discsim.output.snapshot import Snapshot
+
+Array = np.ndarray
+Pictures = dict[str, Picture]  # by name of the field
+MakePictures = Callable[["Snapshot", Sequence[str], Look], Pictures]
+
+
+def maps(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
+    """Fields on the plane."""
+    _plane(snap)
+    window = look.map_window(snap)
+    binned = on_pixels(snap, window, look.pixels, look.optics)
+    return {name: map_picture(binned, name, window, look.arcsec(snap.units)) for name in names}
+
+
+def polar(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
+    """Fields in angle and radius."""
+    _plane(snap)
+    inner, outer = look.radii(snap, 0.9 * hole(snap))
+    binned = on_polar_pixels(snap, inner, outer, look.pixels, look.optics)
+    length, unit = in_units(snap, "length")
+    sides = np.array([-180.0, 180.0]), length * np.array([inner, outer])
+    labels = r"$\varphi$ [deg]", f"r{unit}"
+    marks = [
+        (float(np.degrees(np.arctan2(y, x))), float(np.hypot(x, y)), False)
+        for x, y, star in bodies(snap)
+        if not star and inner <= np.hypot(x, y) / length <= outer
+    ]
+    return {
+        name: Picture(snap, name, FIELDS[name].factor(snap.units) * binned[name].T, *sides, labels, marks)
+        for name in names
+    }
+
+
+def in_time(files: Sequence[Path], names: Sequence[str], look: Look) -> Pictures:
+    """Fields in radius (in 1D place) and time, of the snapshots of a run, over the radii that show the first."""
+    first, rows = read(files[0], names), []
+    edges = np.empty(0)
+    for path in files:
+        edges, binned = smooth_profile(read(path, names), look.radii(first), look.optics)
+        rows.append([FIELDS[name].factor(first.units) * binned[name] for name in names])
+    (length, unit), (year, time_unit) = in_units(first, "length"), in_units(first, "time")
+    between = year * between_times(np.array(times_of(files)[0]))
+    labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
+    return {
+        name: Picture(first, name, np.array([row[k] for row in rows]), length * edges, between, labels)
+        for k, name in enumerate(names)
+    }
+
+
+def between_times(times: Array) -> Array:
+    """Edges (n + 1,) of the bins about times (n,); one time alone is given a width."""
+    if len(times) == 1:
+        return times[0] + np.array([-0.5, 0.5])
+    return np.concatenate([times[:1], (times[1:] + times[:-1]) / 2, times[-1:]])
+
+
+def _plane(snap: Snapshot) -> None:
+    if snap.dimensions == 1:
+        raise PlotError("a run in one dimension has no map; expected --profile, --time or --against")
+
+
+def compared(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
+    """The other over the first, or less it where values have a sign; its colours, and what they show."""
+    if one.values.shape != other.values.shape or not all(
+        np.allclose(a, b) for a, b in zip((one.x, one.y), (other.x, other.y), strict=True)
+    ):
+        raise PlotError("the two runs do not cover the same times or places; expected the same snapshots in both")
+    field = one.field
+    if field.scale == "log":
+        low = 1e-3 * max(np.nanmax(one.values), np.nanmax(other.values), 1e-300)
+        seen = (one.values > low) & (other.values > low) if field.kind == "density" else one.values > 0
+        values = np.divide(other.values, one.values, where=seen, out=np.full(one.values.shape, np.nan))
+        most = float(np.nanquantile(np.abs(np.log(values)), 0.99)) if seen.any() else 1.0
+        most = float(np.clip(most, np.log(1.05), 5.0))
+        name = one.text.partition(" [")[0]
+        return replace(one, values=values), LogNorm(np.exp(-most), np.exp(most), clip=True), f"ratio of {name}"
+    values = other.values - one.values
+    ends = np.abs(values[np.isfinite(values)])
+    most = float(np.quantile(ends, 0.99)) if ends.size else 1.0
+    return replace(one, values=values), Normalize(-(most or 1.0), most or 1.0, clip=True), f"difference of {one.text}"

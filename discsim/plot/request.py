@@ -1,0 +1,154 @@
+"""A figure as the command line and Python ask for it: what kind, of which fields and snapshots; and its file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from discsim import __version__
+from discsim.output.files import written
+from discsim.plot import compose, pictures
+from discsim.plot.compose import Board
+from discsim.plot.look import Look, quantity
+from discsim.plot.sources import PlotError, chosen, directory_of, files_of, name_of, read, times_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from discsim.output.snapshot import Snapshot
+
+KINDS = ("map", "polar", "profile", "time", "phase")
+FORMATS = (".png", ".pdf", ".svg")
+
+
+@dataclass(frozen=True)
+class Request:
+    """kind: one of KINDS, or None for a map, of one dimension a profile. at: times as texts. against: of a phase plot.
+
+    compare: the second source over the first.
+    """
+
+    sources: Sequence[Path]
+    words: Sequence[str] = ()
+    kind: str | None = None
+    at: Sequence[str] = ()
+    against: str | None = None
+    compare: bool = False
+    look: Look = field(default_factory=Look)
+
+    def figure(self) -> Figure:
+        """The figure. Raises PlotError, FieldError, SnapshotError."""
+        self._refuse_what_does_nothing()
+        return (self._in_time() if self.kind == "time" else self._at_times()).figure()
+
+    def _refuse_what_does_nothing(self) -> None:
+        """Raises PlotError for an option that this kind of figure has no use for."""
+        if self.at and self.kind == "time":
+            raise PlotError("--at: --time is of all snapshots; expected one of the two")
+        if self.look.distance is not None and self.kind not in (None, "map"):
+            raise PlotError("--distance: goes with maps; expected no such figure, or no distance")
+        if self.look.window is not None and self.kind == "phase":
+            raise PlotError("--window: goes with maps and radii; expected none with --against")
+        if self.look.optics is not None and not {"emission", "optical_depth"} & set(self.words):
+            raise PlotError("--wavelength and --opacity: go with --field emission or optical_depth")
+
+    def _at_times(self) -> Board:
+        found = chosen(self.sources, self.at)
+        if self.compare and len(found) != 2:
+            raise PlotError("--compare: takes two snapshots; expected one DIR or FILE, and at most one --at")
+        names, snaps = self._read([each.path for each in found])
+        head, titles = compose.titles_of(snaps, found)
+        kind = self.kind or ("map" if snaps[0].dimensions == 2 else "profile")
+        if self.compare and kind in ("profile", "phase"):
+            raise PlotError("--compare: goes with maps, --polar and --time; expected both runs, DIR DIR")
+        flat = compose.flat(names)
+        if kind == "phase":
+            return Board(
+                head,
+                compose.of_phase(snaps, flat, self.against or "radius", titles, self.look),
+                headed=any(titles),
+                apart=0.4,
+            )
+        look = self.look.shared(snaps, kind)
+        if kind == "profile":
+            rows = compose.of_profiles(snaps, names, titles, look)
+            return Board(head, rows, compose.WIDE, compose.notes_of(flat, look))
+        make: pictures.MakePictures = {"map": pictures.maps, "polar": pictures.polar}[kind]
+        made = [make(snap, flat, look) for snap in snaps]
+        rows = compose.of_pictures(made, titles, look, compare=self.compare)
+        return Board(head, rows, notes=compose.notes_of(flat, look, made), headed=any(titles))
+
+    def _in_time(self) -> Board:
+        runs = [(files_of(source), name_of(source)) for source in self.sources]
+        if min(len(files) for files, _ in runs) < 2:
+            raise PlotError("--time: needs the snapshots of a run; expected its directory")
+        names, snaps = self._read([files[0] for files, _ in runs])
+        flat, look = compose.flat(names), self.look.shared(snaps, "time")
+        made = [pictures.in_time(files, flat, look) for files, _ in runs]
+        titles = [name for _, name in runs] if len(runs) > 1 else [""]
+        head = str(snaps[0].tables.get("title", "")) if len(runs) == 1 else ""
+        rows = compose.of_pictures(made, titles, look, compare=self.compare)
+        return Board(head, rows, notes=compose.notes_of(flat, look), headed=any(titles))
+
+    def _read(self, paths: Sequence[Path]) -> tuple[list[list[str]], list[Snapshot]]:
+        """The fields of each word that all have, and the snapshots with what those need. Raises PlotError."""
+        every = [times_of([path])[1] for path in paths]
+        if any(vars(units) != vars(every[0]) for units in every):
+            raise PlotError("the runs have different dimensions or units; expected the same in all")
+        words = list(self.words) or compose.usual_words(every[0].dimensions)
+        wanted = compose.all_names([*words, *([self.against or "radius"] if self.kind == "phase" else [])])
+        snaps = [read(path, wanted) for path in paths]
+        return compose.words_to_names(words, snaps), snaps
+
+
+def look_of(
+    window: str | None = None,
+    limits: str | None = None,
+    distance: Any = None,
+    wavelength: Any = None,
+    opacity: Any = None,
+) -> Look:
+    """A look from texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". Raises PlotError."""
+    from discsim.output.fields.binned import Optics
+
+    optics = None
+    if wavelength is not None or opacity is not None:
+        seen = quantity(wavelength, "--wavelength", "mm") if wavelength else Optics.usual().wavelength
+        optics = Optics(seen, None if opacity is None else quantity(opacity, "--opacity", "cm2/g"))
+    away = None if distance is None else quantity(distance, "--distance", "pc")
+    return Look(window, None if limits is None else _range(limits), away, optics)
+
+
+def _range(text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise PlotError(f'--range: "{text}"; expected two numbers, LOW,HIGH, in the unit shown') from None
+    if not low < high:
+        raise PlotError(f'--range: "{text}"; expected LOW below HIGH')
+    return low, high
+
+
+def usual_path(request: Request, ending: str = ".png") -> Path:
+    """Where a figure goes by itself: into `plots` of the first run's directory, or beside a lone snapshot."""
+    first = request.sources[0]
+    directory = directory_of(first)
+    words = "-".join(request.words) or "surface_density"
+    name = "-".join(part for part in (words, request.kind or "", "compared" if request.compare else "") if part)
+    if directory is None:
+        return first.with_name(f"{first.stem}-{name}{ending}")
+    number = f"-{first.stem}" if first.is_file() else ""
+    return directory / "plots" / f"{name}{number}{ending}"
+
+
+def save(make: Callable[[], Figure], path: Path) -> None:
+    """Make a figure and write it; it appears whole. Raises PlotError for a format that it cannot have, OSError."""
+    if path.suffix.lower() not in FORMATS:
+        raise PlotError(f"{path}: no format of figures; expected a name that ends in {', '.join(FORMATS)}")
+    figure = make()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written(path, path.suffix) as temporary:
+        software = {".png": "Software", ".pdf": "Creator", ".svg": "Creator"}[path.suffix.lower()]
+        figure.savefig(temporary, dpi=130, metadata={software: f"discsim {__version__}"})

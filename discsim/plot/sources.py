@@ -1,0 +1,93 @@
+"""Which snapshots are drawn: those of a run's directory, or files; found by time without reading their particles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from discsim.output import hdf5
+from discsim.output.fields.names import columns
+from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, units_of
+from discsim.scene.units import UnitError, Units
+
+
+class PlotError(Exception):
+    """What cannot be drawn; the message says why, and what was expected."""
+
+
+Source = Snapshot | str | Path
+
+
+@dataclass(frozen=True)
+class Named:
+    """A snapshot's file, with the name of its run for titles."""
+
+    path: Path
+    name: str
+
+
+def files_of(source: str | Path) -> list[Path]:
+    """The snapshots of a run's directory in the order of time, or the one file. Raises PlotError."""
+    path = Path(source)
+    if not path.is_dir():
+        if not path.exists():
+            raise PlotError(f"{path}: there is no such file; expected the directory of a run, or a snapshot")
+        return [path]
+    files = sorted((path / "snapshots").glob("*.h5")) or sorted(path.glob("[0-9]*.h5"))
+    if not files:
+        raise PlotError(f"{path}: no snapshots here; expected the directory of a run, or a snapshot")
+    return files
+
+
+def directory_of(source: Path) -> Path | None:
+    """The directory of the run that a directory or snapshot is of; None for a file elsewhere."""
+    if source.is_dir():
+        return source.parent if source.resolve().name == "snapshots" else source
+    return source.resolve().parent.parent if source.resolve().parent.name == "snapshots" else None
+
+
+def name_of(source: Path) -> str:
+    """The name of its run, or that of the file."""
+    directory = directory_of(source)
+    return directory.resolve().name if directory is not None else source.stem
+
+
+def chosen(sources: Iterable[Path], at: Sequence[str] = ()) -> list[Named]:
+    """The last snapshot of each source, or those nearest to the times `at`. Raises PlotError, SnapshotError."""
+    found = []
+    for source in sources:
+        files = files_of(source)
+        picked = [nearest(files, text) for text in at] if at else files[-1:]
+        found += [Named(path, name_of(source)) for path in picked]
+    return found
+
+
+def nearest(files: Sequence[Path], text: str) -> Path:
+    """The snapshot nearest to a time like "700 yr", or in code units a number. Raises PlotError."""
+    times, units = times_of(files)
+    try:
+        wanted = float(text) if units.system == "code" else units.parse(text, "time")
+    except (UnitError, ValueError) as error:
+        words = str(error) if isinstance(error, UnitError) else f'"{text}" is no number, as times in code units are'
+        raise PlotError(f"--at: {words}") from None
+    return files[int(np.abs(np.array(times) - wanted).argmin())]
+
+
+def times_of(files: Sequence[Path]) -> tuple[list[float], Units]:
+    """Times in code units, and the units of the first file."""
+    times, units = [], Units("code")
+    for path in files:
+        with hdf5.reading(path, SnapshotError, "snapshot") as file:
+            times.append(float(file["Header"].attrs["Time"][0]))
+            units = units_of(file) if len(times) == 1 else units
+    return times, units
+
+
+def read(source: Source, names: Iterable[str]) -> Snapshot:
+    """A snapshot about its centre, with the columns that some fields need; the last one of a directory."""
+    if isinstance(source, Snapshot):
+        return source.about_centre()
+    return read_snapshot(files_of(source)[-1], columns(names)).about_centre()
