@@ -1,0 +1,23 @@
+"""The command line: what to run is checked here, before anything slow is imported or anything is written."""
+
+from __future__ import annotations
+
+import gc
+
+from discsim import RARELY
+from discsim.cli.base import app, refuse
+from discsim.parts import PartError
+
+# isort: off
+from discsim.cli import runs, scenes, costs, looking  # in the order in which the help has their commands
+
+__all__ = ["app", "costs", "looking", "main", "runs", "scenes"]
+
+
+def main() -> None:
+    """Entry point of the command `discsim`."""
+    gc.set_threshold(*RARELY)
+    try:
+        app(prog_name="discsim")
+    except PartError as error:
+        refuse(str(error))

@@ -1,0 +1,81 @@
+"""What all commands share: the app, how a fault is told, options of several, and the scene."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from discsim import shipped
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+NOT_WRITTEN, WRONG_INPUT, INTERRUPTED = 1, 2, 130
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="2D circumstellar discs: SPH gas, particle-in-cell dust, FFT gravity, implicit drag-in-cell.",
+)
+
+
+def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise SystemExit(status)
+
+
+def _scene_file(given: Path) -> Path:
+    try:
+        return shipped.scene_file(given)
+    except shipped.ShippedError as error:
+        refuse(str(error))
+
+
+SceneArgument = Annotated[
+    Path,
+    typer.Argument(
+        help="Scene file (TOML), or the name of a setup.", metavar="SCENE.toml", readable=False, callback=_scene_file
+    ),
+]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
+]
+WithoutOption = Annotated[list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")]
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TABLE.KEY=A,B,...", help="Values of a key; of several at once: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6."
+    ),
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from discsim import __version__
+
+        typer.echo(f"discsim {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _discsim(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene:
+    from discsim.scene import SceneError, load_scene
+
+    try:
+        return load_scene(path, overrides, without)
+    except SceneError as error:
+        refuse(str(error))

@@ -1,0 +1,88 @@
+"""What accuracy costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from discsim.cli.base import INTERRUPTED, SceneArgument, SetOption, VaryOption, WithoutOption, app, load, refuse
+from discsim.run.directory import DirectoryError, directory_fault, held
+
+NOT_REACHED = 4
+
+ReferenceOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="TABLE.KEY=VALUE", help="Of the finer run, without an exact solution [2 x particles]."),
+]
+
+
+@app.command()
+def cost(
+    scene: SceneArgument,
+    error: Annotated[
+        str | None,
+        typer.Option(metavar="E", help='Find the cheapest setting with this error: "1%", or "scene" for its own.'),
+    ] = None,
+    vary: VaryOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Directory of table and figure [runs/<name>-cost]."),
+    ] = None,
+    budget: Annotated[str, typer.Option(metavar="T", help="Wall-clock time that a search may take.")] = "1 h",
+    measure: Annotated[
+        str | None, typer.Option(metavar="NAME", help="What the error is of, like exact, dust-profile, gas-modes.")
+    ] = None,
+    reference: ReferenceOption = None,
+    keep: Annotated[
+        list[str] | None, typer.Option(metavar="TABLE.KEY", help="A key that a search leaves alone.")
+    ] = None,
+    repeat: Annotated[int | None, typer.Option(min=1, help="Runs of each [1]; of a search's finalists [3].")] = None,
+    parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; more than one makes them slower.")] = 1,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+) -> None:
+    """What accuracy costs in time: a table of runs with --vary, the cheapest setting with --error."""
+    loaded = load(scene, settings or (), without or ())
+    from discsim.scene import SceneError
+
+    changed = settings or (), without or ()
+    directory = output or Path("runs") / f"{scene.stem}-{'cost' if error is None else 'cheapest'}"
+    title = loaded.title or str(scene)
+    try:
+        from discsim.study.points import StudyError, Varied
+
+        varied = [Varied.from_text(text) for text in vary or ()]
+        make: Callable[[], bool]
+        if error is None:
+            _refuse_without_error(vary, {"--measure": measure, "--reference": reference, "--keep": keep})
+            from discsim.study.cost import Study
+
+            make = partial(Study(scene, varied, repeat or 1, directory, *changed).make, title, parallel)
+        else:
+            from discsim.study.cheapest import Cheapest, wanted
+
+            search = wanted(error, budget, measure, reference or (), varied, keep or (), repeat or 3, parallel)
+            make = partial(Cheapest(scene, directory, search, *changed).make, title)
+        fault = directory_fault(directory, resume=False)
+        if fault:
+            refuse(fault)
+        with held(directory):
+            reached = make()
+    except (SceneError, StudyError, DirectoryError) as wrong:
+        refuse(str(wrong))
+    except KeyboardInterrupt:
+        refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)
+    if not reached:
+        raise SystemExit(NOT_REACHED)
+
+
+def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -> None:
+    if not vary:
+        refuse("nothing to find; expected --error 1%, the cheapest setting for it, or --vary with values of a key")
+    for name, value in given.items():
+        if value:
+            refuse(f"{name}: goes with --error; expected that, or no {name}")

@@ -1,0 +1,156 @@
+"""Commands that look at runs: pages, figures and films."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, refuse
+
+WindowOption = Annotated[
+    str | None, typer.Option(metavar="R", help='Part to show: "50 au", "10 au,50 au" in radius, "X,Y,R" on a map.')
+]
+DistanceOption = Annotated[
+    str | None, typer.Option(metavar="D", help='For angles in arcsec and fluxes, like "140 pc".')
+]
+WavelengthOption = Annotated[str | None, typer.Option(metavar="L", help="Of emission and optical_depth [1.3 mm].")]
+OpacityOption = Annotated[
+    str | None, typer.Option(metavar="K", help='Per gram of dust, like "2 cm2/g" [10 cm2/g (nu / THz)].')
+]
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page [DIR/report.html].")
+    ] = None,
+) -> None:
+    """A page of a run, for a browser or for paper: pictures, conservation, cost, effects with equations, scene."""
+    from discsim.output.snapshot import SnapshotError
+    from discsim.report.page import ReportError, write_report
+    from discsim.scene import SceneError
+    from discsim.study.points import StudyError
+
+    path = output or directory / "report.html"
+    try:
+        write_report(directory, path)
+    except (ReportError, SceneError, SnapshotError, StudyError) as wrong:
+        refuse(str(wrong))
+    except OSError as error:
+        refuse(f"{error.filename or path}: {error.strerror}", NOT_WRITTEN)
+    typer.echo(f"{path}: a page of the run in {directory}")
+
+
+@app.command()
+def plot(
+    sources: Annotated[
+        list[Path] | None, typer.Argument(metavar="DIR|FILE...", help="Directories of runs, or snapshots.")
+    ] = None,
+    field: Annotated[
+        str | None, typer.Option(metavar="NAME,...", help="Fields, like toomre_q or dust.v_r [surface_density].")
+    ] = None,
+    fields: Annotated[bool, typer.Option("--fields", help="List the fields: units and equations.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="Against radius, in place of maps.")] = False,
+    polar: Annotated[bool, typer.Option("--polar", help="In angle and radius.")] = False,
+    time: Annotated[bool, typer.Option("--time", help="In radius and time, of all snapshots.")] = False,
+    against: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Particles over this field, like radius, and --field.")
+    ] = None,
+    at: Annotated[
+        list[str] | None, typer.Option(metavar="T", help='The snapshot nearest to "700 yr" [the last].')
+    ] = None,
+    compare: Annotated[Path | None, typer.Option(metavar="DIR|FILE", help="What it has over the first.")] = None,
+    window: WindowOption = None,
+    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of colours or axis.")] = None,
+    distance: DistanceOption = None,
+    wavelength: WavelengthOption = None,
+    opacity: OpacityOption = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="png, pdf or svg [DIR/plots/...png].")
+    ] = None,
+) -> None:
+    """Draw a run or snapshots: maps, profiles, fields in time."""
+    if fields:
+        from discsim.output.fields.names import table
+
+        typer.echo(table())
+        return
+    kinds = {"--profile": profile, "--polar": polar, "--time": time, "--against": against is not None}
+    given = [name for name, there in kinds.items() if there]
+    if not sources or len(given) > 1:
+        refuse(
+            "no run to draw; expected DIR or FILE" if not sources else f"{' and '.join(given)}: expected one of them"
+        )
+    from discsim.plot.request import Request, look_of, save, usual_path
+
+    kind = "phase" if against else given[0].removeprefix("--") if given else None
+
+    def make() -> Path:
+        request = Request(
+            [*sources, *([compare] if compare else [])],
+            field.split(",") if field else (),
+            kind,
+            at or (),
+            against,
+            compare is not None,
+            look_of(window, limits, distance, wavelength, opacity),
+        )
+        where = output or usual_path(request)
+        save(request.figure, where)
+        return where
+
+    typer.echo(_drawn(make))
+
+
+@app.command()
+def movie(
+    source: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a run.")],
+    field: Annotated[str | None, typer.Option(metavar="NAME,...", help="Fields [surface_density].")] = None,
+    polar: Annotated[bool, typer.Option("--polar", help="In angle and radius.")] = False,
+    rate: Annotated[float, typer.Option(min=0.1, max=100.0, help="Snapshots a second.")] = 10.0,
+    window: WindowOption = None,
+    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of colours.")] = None,
+    distance: DistanceOption = None,
+    wavelength: WavelengthOption = None,
+    opacity: OpacityOption = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="mp4 or gif [DIR/plots/...].")
+    ] = None,
+) -> None:
+    """Make a film of a run, a frame a snapshot."""
+    from discsim.plot.film import Film, usual_path
+    from discsim.plot.request import look_of
+
+    def make() -> Path:
+        look = look_of(window, limits, distance, wavelength, opacity)
+        film = Film(source, field.split(",") if field else (), "polar" if polar else "map", rate, look)
+        where = output or usual_path(film)
+        film.save(where, _count if sys.stderr.isatty() else None)
+        return where
+
+    typer.echo(_drawn(make))
+
+
+def _count(done: int, of: int) -> None:
+    print(f"\rframe {done} of {of}", end="\n" if done == of else "", file=sys.stderr, flush=True)
+
+
+def _drawn(make: Callable[[], Path]) -> Path:
+    """What draws a figure or film, with its faults as messages."""
+    from discsim.output.fields.base import FieldError
+    from discsim.output.snapshot import SnapshotError
+    from discsim.plot.sources import PlotError
+
+    try:
+        return make()
+    except (FieldError, PlotError, SnapshotError) as wrong:
+        refuse(str(wrong))
+    except OSError as error:
+        refuse(f"{error.filename or 'the figure'}: cannot be written: {error.strerror}", NOT_WRITTEN)
+    except KeyboardInterrupt:
+        refuse("interrupted; nothing was written", INTERRUPTED)

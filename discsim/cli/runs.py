@@ -1,0 +1,135 @@
+"""Commands that run scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from discsim.cli.base import (
+    INTERRUPTED,
+    NOT_WRITTEN,
+    SceneArgument,
+    SetOption,
+    VaryOption,
+    WithoutOption,
+    app,
+    load,
+    refuse,
+)
+from discsim.run.directory import DirectoryError, directory_fault, held
+
+
+@app.command()
+def run(
+    scene: SceneArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Output directory [runs/<name of the scene>]."),
+    ] = None,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+    until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads; results do not depend on it.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in DIR.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """Run a scene."""
+    overrides = list(settings or ())
+    if until is not None:
+        overrides.append(f"run.until={until}")
+    if threads is not None:
+        overrides.append(f"run.threads={threads}")
+    loaded = load(scene, overrides, without or ())
+    directory = output or Path("runs") / scene.stem
+    fault = directory_fault(directory, resume)
+    if fault:
+        refuse(fault)
+    from discsim.run.runner import run_scene
+
+    raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
+
+
+@app.command()
+def branch(
+    directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
+    at: Annotated[int | None, typer.Option(min=0, metavar="NUMBER", help="Of the snapshot [the last].")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the new run [DIR-NUMBER].")
+    ] = None,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+    until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
+    preview: Annotated[bool, typer.Option("--check", help="Say what changes, as `check` does, and stop.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """A new run from a snapshot of a run, with other physics: the time goes on."""
+    from discsim.run.branch import BranchError
+    from discsim.run.branch import branch as branch_of
+    from discsim.scene import SceneError
+
+    try:
+        made = branch_of(directory, at, [*(settings or ()), *([f"run.until={until}"] if until else [])], without or ())
+    except (BranchError, SceneError) as error:
+        refuse(str(error))
+    into = output or directory.parent / f"{directory.resolve().name}-{made.snapshot.stem}"
+    fault = None if preview else directory_fault(into, resume=False)
+    if fault:
+        refuse(fault)
+    if preview or not quiet:
+        typer.echo(made.words)
+    if preview:
+        from discsim.preview.check import report
+
+        typer.echo(f"\n{report(made.scene)}")
+        return
+    from discsim.run.runner import run_scene
+
+    raise SystemExit(run_scene(made.scene, into, quiet=quiet))
+
+
+@app.command()
+def sweep(
+    scene: SceneArgument,
+    vary: VaryOption = None,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="What is told of each run, like accreted_dust, dust-r50; several times."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the runs [runs/<name>-sweep].")
+    ] = None,
+    parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; they share the cores.")] = 1,
+    settings: SetOption = None,
+    without: WithoutOption = None,
+) -> None:
+    """Runs with every combination of some values, a directory each, and a table and a figure of what they came to."""
+    loaded = load(scene, settings or (), without or ())
+    if not vary:
+        refuse("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")
+    from rich.console import Console
+
+    from discsim.output.snapshot import SnapshotError
+    from discsim.scene import SceneError
+    from discsim.study.points import StudyError, Varied
+    from discsim.study.sweep import RunFailed, Sweep
+
+    directory = output or Path("runs") / f"{scene.stem}-sweep"
+    fault = directory_fault(directory, resume=False)
+    if fault:
+        refuse(fault)
+    console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+    try:
+        varied = [Varied.from_text(text) for text in vary]
+        made = Sweep(scene, varied, directory, measure or (), settings or (), without or ())
+        with held(directory):
+            made.make(loaded.title or str(scene), parallel, console)
+    except (SceneError, StudyError, DirectoryError, SnapshotError) as wrong:
+        refuse(str(wrong))
+    except RunFailed as failed:
+        raise SystemExit(failed.status) from None
+    except OSError as error:
+        refuse(f"{error.filename or directory}: {error.strerror}", NOT_WRITTEN)
+    except KeyboardInterrupt:
+        refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)

@@ -1,0 +1,55 @@
+"""Commands about scenes and what they may hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from discsim.cli.base import NOT_WRITTEN, SceneArgument, SetOption, WithoutOption, app, load, refuse
+from discsim.shipped import ShippedError, copy_setup
+from discsim.shipped import setups as shipped_setups
+
+
+@app.command()
+def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOption = None) -> None:
+    """Validate a scene: the effects that will run, derived numbers, warnings."""
+    loaded = load(scene, settings or (), without or ())
+    from discsim.preview.check import report
+
+    typer.echo(report(loaded))
+
+
+@app.command()
+def setups() -> None:
+    """List the setups that come with discsim: name, title, what it is and how long it takes."""
+    for each in shipped_setups().values():
+        takes = each.notes.get("How long", "").partition(",")[0].rstrip(".")
+        typer.echo(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of a setup, as `discsim setups` lists them.")],
+    file: Annotated[
+        Path | None, typer.Argument(help="New scene file [NAME.toml].", metavar="[FILE.toml]", readable=False)
+    ] = None,
+) -> None:
+    """Copy a setup that comes with discsim, as the start of a scene of one's own."""
+    path = file or Path(f"{name}.toml")
+    try:
+        copy_setup(name, path)
+    except ShippedError as error:
+        refuse(str(error))
+    except OSError as error:
+        refuse(f"{path}: cannot be written: {error.strerror}", NOT_WRITTEN)
+    typer.echo(f"{path}: a copy of the setup {name}; run it with: discsim run {path}")
+
+
+@app.command()
+def effects() -> None:
+    """List every effect: its equation, its keys with units and defaults."""
+    from discsim.preview.reference import effects_text
+
+    typer.echo(effects_text())
