@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,7 +34,7 @@ from discsim.plot import curves, pictures
 from discsim.plot.look import Look
 from discsim.plot.sources import Named
 
-ACROSS = 3  # panels of one run in a row
+ACROSS = 3  # panels of one run in a row, at most
 WIDE = 1.25  # a profile over a map
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # of Okabe & Ito (2008)
 Norms = Mapping[str, Normalize]
@@ -98,7 +99,7 @@ def of_pictures(
     made: Sequence[Mapping[str, Picture]], titles: Sequence[str], look: Look, norms: Norms | None = None,
     compare: bool = False,
 ) -> list[list[Draw]]:  # fmt: skip
-    """Panels of pictures by name: a row a field, a column a run, `compare` the ratio; of one run ACROSS to a row."""
+    """Panels of pictures by name: a row a field, a column a run, `compare` the ratio; of one run up to ACROSS to a row."""
     rows = []
     for name in made[0]:
         together = [each[name] for each in made]
@@ -110,7 +111,8 @@ def of_pictures(
         rows.append(row)
     if len(made) == 1:
         panels = [row[0] for row in rows]
-        rows = [panels[k : k + ACROSS] for k in range(0, len(panels), ACROSS)]
+        across = math.ceil(len(panels) / math.ceil(len(panels) / ACROSS))  # rows as even as can be
+        rows = [panels[k : k + across] for k in range(0, len(panels), across)]
     return rows
 
 
