@@ -99,7 +99,7 @@ def of_pictures(
     made: Sequence[Mapping[str, Picture]], titles: Sequence[str], look: Look, norms: Norms | None = None,
     compare: bool = False,
 ) -> list[list[Draw]]:  # fmt: skip
-    """Panels of pictures by name: a row a field, a column a run, `compare` the ratio; of one run up to ACROSS to a row."""
+    """Panels of pictures by name: a row a field, a column a run, `compare` the ratio; of one run rows of ACROSS."""
     rows = []
     for name in made[0]:
         together = [each[name] for each in made]
