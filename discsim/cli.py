@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from discsim import RARELY
+from discsim.launch import size_and_rank
 from discsim.parts import PartError
 from discsim.run.directory import DirectoryError, directory_fault, held
 from discsim.shipped import ShippedError, copy_setup, scene_file
@@ -32,7 +33,8 @@ app = typer.Typer(
 
 
 def _refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
-    print(message, file=sys.stderr)
+    if size_and_rank()[1] == 0:  # of several MPI ranks, which find the same, one tells
+        print(message, file=sys.stderr)
     raise SystemExit(status)
 
 
@@ -104,12 +106,24 @@ def run(
         overrides.append(f"run.threads={threads}")
     loaded = _load(scene, overrides, without or ())
     directory = output or Path("runs") / scene.stem
+    if size_and_rank()[0] > 1:
+        raise SystemExit(_on_ranks(loaded, directory, resume, quiet))
     fault = directory_fault(directory, resume)
     if fault:
         _refuse(fault)
     from discsim.run.runner import run_scene
 
     raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
+
+
+def _on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
+    try:
+        import mpi4py  # noqa: F401
+    except ImportError:
+        _refuse("started as several MPI ranks, but mpi4py is not installed; expected pip install 'discsim[mpi]'")
+    from discsim.ranks.run import run_on_ranks
+
+    return run_on_ranks(scene, directory, resume, quiet)
 
 
 @app.command()

@@ -1,5 +1,5 @@
 """Totals over particles that are exact sums, rounded once: the same bits in whatever order the particles are, and
-however they are divided.
+however they are divided, among threads or processes.
 """
 
 from __future__ import annotations
@@ -8,7 +8,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from discsim.kernels.totals import LIMBS, NOT_FINITE, add_columns
+from discsim.kernels.totals import NOT_FINITE, add_columns
+from discsim.numerics import world
 from discsim.numerics.threads import share
 
 Array = np.ndarray
@@ -28,12 +29,12 @@ def totals(values: Array) -> Array:
 
 def mean(values: Array) -> float:
     """The mean of values (n,), of which there are some."""
-    return total(values) / len(values)
+    return total(values) / int(world.together.sum(len(values)))
 
 
 def rounded(limbs: Array) -> Array:
     """The sums (columns,) of limbs (columns, LIMBS), as kernels of `kernels/totals.py` fill them."""
-    return np.array([_number(row) for row in limbs.reshape(-1, LIMBS).tolist()])
+    return np.array([_number(row) for row in world.together.sum(limbs).tolist()])
 
 
 def _number(limbs: list[int]) -> float:

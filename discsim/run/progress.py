@@ -41,11 +41,11 @@ class Progress:
         self._log = path.open("a" if resume else "w", encoding="utf-8")
         early, self._early = self._early, []
         for line in early:
-            self._note(line)
+            self.note(line)
 
     def say(self, text: str) -> None:
         """Lines for the screen and the log."""
-        self._note(text)
+        self.note(text)
         if not self.quiet:
             self.console.print(text)
 
@@ -55,7 +55,7 @@ class Progress:
         print(text, file=sys.stderr)
         if self._log is not None:
             with suppress(OSError):  # perhaps the log itself is what failed
-                self._note(text)
+                self.note(text)
 
     def step(self, state: State, dt: float, set_by: str) -> None:
         """After each step: a frame or a line, when one is due."""
@@ -77,7 +77,7 @@ class Progress:
         if self.live is None:
             self.say(text)
         else:
-            self._note(text)
+            self.note(text)
 
     def close_live(self) -> None:
         if self.live is not None:
@@ -91,7 +91,7 @@ class Progress:
                 self._log.close()
             self._log = None
 
-    def _note(self, text: str) -> None:
+    def note(self, text: str) -> None:
         if self._log is None:
             self._early.append(text)
         else:
