@@ -8,10 +8,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from discsim.kernels.totals import NOT_FINITE, add_columns
 from discsim.numerics import world
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
 
+kernels = Lazy("discsim.kernels.totals")
 Array = np.ndarray
 UNIT = 1 << 1075  # limbs count in units of 1 / UNIT
 
@@ -24,7 +25,7 @@ def total(values: Array) -> float:
 def totals(values: Array) -> Array:
     """The sum (columns,) of each column of values (n, columns); NaN where an entry is not finite."""
     bits = np.ascontiguousarray(values, float).view(np.int64)
-    return rounded(sum(share(add_columns, len(bits), bits)))
+    return rounded(sum(share(kernels.add_columns, len(bits), bits)))
 
 
 def mean(values: Array) -> float:
@@ -38,9 +39,9 @@ def rounded(limbs: Array) -> Array:
 
 
 def _number(limbs: list[int]) -> float:
-    if limbs[NOT_FINITE] > 0:
+    if limbs[-1] > 0:
         return float("nan")
-    whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:NOT_FINITE]))
+    whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:-1]))
     try:
         return float(Fraction(whole, UNIT))
     except OverflowError:

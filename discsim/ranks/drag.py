@@ -59,10 +59,14 @@ class DividedDrag:
             _blocks_of(blocks.dust_order, blocks.dust_start, drag.classes.number),
         )
         needed = self._needed(drag, blocks, keys)
-        gas, dust = (in_cells(self.comm, p, key, needed) for p, key in zip(state.species.values(), keys, strict=True))
+        wides = {
+            name: in_cells(self.comm, p, key, needed)
+            for (name, p), key in zip(state.species.items(), keys, strict=True)
+        }
+        gas, dust = wides["gas"], wides["dust"]
         own_acc = {
-            name: wide.of(acc) if self.comm.mpi.allreduce(len(acc)) > 0 else acc[:0]
-            for (name, acc), wide in zip(state.own_acc.items(), (gas, dust), strict=True)
+            name: wides[name].of(acc) if self.comm.mpi.allreduce(len(acc)) > 0 else acc[:0]
+            for name, acc in state.own_acc.items()
         }
         both = replace(state, gas=_of(gas, state.gas), dust=_of(dust, state.dust), own_acc=own_acc)
         vel = gas.of(gas_vel)

@@ -2,8 +2,10 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -20,17 +22,27 @@ pytestmark = [
     pytest.mark.ranks,
     pytest.mark.skipif(find_spec("mpi4py") is None or not MPIEXEC, reason="needs mpi4py: pip install 'discsim[mpi]'"),
 ]
+LONGEST = 600  # seconds, after which a run hangs
 UNTIL = ["run.until=0.5"]  # five steps, of which the first sorts; the star takes gas and dust in each
+
+
+ENVIRONMENT = os.environ | {"NUMBA_NUM_THREADS": "1"}
+RANKED = Path(__file__).parents[1] / "helpers" / "ranked.py"
+NAMES = ("long", "idic", "linear", "one-way", "off the grid", "eaten", "all gone", "bodies")
 
 
 def on_ranks(number, scene, folder, *more, settings=UNTIL):
     """Run a scene file with `number` ranks of one thread each; status and what is on stderr."""
+    command = command_of(number, scene, folder, settings)
+    done = subprocess.run([*command, *more], capture_output=True, text=True, env=ENVIRONMENT, timeout=LONGEST)
+    return done.returncode, done.stderr
+
+
+def command_of(number, scene, folder, settings):
     command = [MPIEXEC, "-n", str(number), sys.executable, "-m", "discsim", "run", str(scene), "-o", str(folder)]
     for setting in settings:
         command += ["--set", setting]
-    environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
-    done = subprocess.run([*command, *more], capture_output=True, text=True, env=environment, timeout=300)
-    return done.returncode, done.stderr
+    return command
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +112,29 @@ def test_a_stop_by_the_physics_is_told_once(scene, tmp_path):
 def test_a_directory_that_holds_a_run_is_refused_once(scene, one):
     status, said = on_ranks(2, scene, one)
     assert status == 2 and said.count("\n") == 1 and "holds a run already" in said
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_many_scenes_have_the_bits_of_one(number):
+    """Other schemes and directions of drag, companions, particles off the grid, few gas that is left, and none."""
+    command = [MPIEXEC, "-n", str(number), sys.executable, str(RANKED), *NAMES]
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=2 * LONGEST)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.partition(";")[0] for line in lines] == [f"{name}: the same" for name in NAMES]
+
+
+def test_a_signal_ends_all_ranks_with_a_checkpoint(scene, tmp_path):
+    folder = tmp_path / "run"
+    command = command_of(2, scene, folder, ["run.until=1000", "run.every=500"])
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=ENVIRONMENT
+    ) as run:
+        while run.poll() is None and not (folder / "checkpoint.h5").exists():
+            time.sleep(0.1)
+        before = (folder / "checkpoint.h5").stat().st_mtime_ns
+        run.send_signal(signal.SIGTERM)
+        said = run.communicate(timeout=LONGEST)[1]
+    assert run.returncode == 128 + signal.SIGTERM
+    assert said.startswith("interrupted by SIGTERM") and said.count("\n") == 1
+    assert (folder / "checkpoint.h5").stat().st_mtime_ns > before
