@@ -104,7 +104,7 @@ def test_what_cannot_run_is_refused_once(scene, tmp_path, setting, told):
 
 def test_a_stop_by_the_physics_is_told_once(scene, tmp_path):
     """On all ranks at a time."""
-    status, said = on_ranks(2, scene, tmp_path / "run", settings=["run.timestep=3", "run.until=6"])
+    status, said = on_ranks(2, scene, tmp_path / "run", settings=["run.timestep=3", "run.until=6", "run.every=6"])
     assert status == 3 and said.count("stopped by the physics") == 1
     assert (tmp_path / "run" / "checkpoint.h5").exists()
 
