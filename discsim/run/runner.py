@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import time
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numba import config
 from numba.core import caching, event
 
 from discsim import __version__
@@ -28,7 +26,7 @@ from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
-from discsim.run import ahead
+from discsim.run.compilation import Compilation
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
 from discsim.run.forces import kick_owner
 from discsim.run.interrupts import Interrupts
@@ -43,7 +41,6 @@ from discsim.scene.units import clock
 Array = np.ndarray
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
-CORES: int = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
 SMALL = 20_000  # particles: below it history has a row for every step
 LONG_RUN = 100  # steps, after which it is known what one takes
 ROW_EVERY = 16  # steps between rows of a larger run
@@ -90,33 +87,6 @@ def ended(run: Run, resume: bool) -> int:
             return 128 + run.interrupts.number
         finally:
             run.close()
-
-
-class Compilation(event.Listener):
-    """Tells, once, that kernels compile which numba's cache does not hold; a second process takes its part."""
-
-    def __init__(self, scene: Scene, say: Callable[[str], None]) -> None:
-        self.scene, self.say, self.told = scene, say, False
-        self.second: subprocess.Popen[bytes] | None = None
-
-    def on_start(self, event: event.Event) -> None:
-        if not self.told:
-            self.told = True
-            self.say("compiling those that numba's cache does not hold: once, up to a minute for a scene with drag")
-            self.second = ahead.begin(self.scene) if CORES > 1 else None
-
-    def on_end(self, event: event.Event) -> None:
-        pass
-
-    def wait(self, interrupts: Interrupts) -> None:
-        """Until what the second process compiles is there to be loaded."""
-        while self.second is not None and self.second.poll() is None and not interrupts.number:
-            time.sleep(0.05)
-
-    def close(self) -> None:
-        if self.second is not None:
-            self.second.kill()
-            self.second.wait()
 
 
 class Run:

@@ -14,7 +14,7 @@ from runs import SHOCK, WAVE, assert_same_run, at_step, contents, rows, scene_of
 from discsim import Simulation, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
 from discsim.run.outputs import output_times
-from discsim.run.runner import _Run, run_scene
+from discsim.run.runner import Run, run_scene
 from discsim.scene import load_scene
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
@@ -70,7 +70,7 @@ def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch
         out = tmp_path / str(step)
 
         def die(sim):
-            monkeypatch.setattr("discsim.run.runner._Run._output", lambda run: os._exit(9))
+            monkeypatch.setattr("discsim.run.runner.Run._output", lambda run: os._exit(9))
 
         def run():
             at_step(monkeypatch, step, die)  # noqa: B023
@@ -92,9 +92,9 @@ def test_a_due_snapshot_with_another_schedule(tmp_path, monkeypatch):
             os._exit(9)
         real(run)
 
-    real = _Run._output
+    real = Run._output
     with monkeypatch.context() as patch:
-        patch.setattr(_Run, "_output", die)
+        patch.setattr(Run, "_output", die)
         assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
     for until, every, expected in (
         (0.1, 0.05, [0, 0.05, 0.1]),
