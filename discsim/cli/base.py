@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from discsim import shipped
+from discsim.launch import size_and_rank
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -26,7 +27,8 @@ app = typer.Typer(
 
 
 def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
-    print(message, file=sys.stderr)
+    if size_and_rank()[1] == 0:  # of several MPI ranks, which find the same, one tells
+        print(message, file=sys.stderr)
     raise SystemExit(status)
 
 

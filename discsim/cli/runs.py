@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,7 +18,11 @@ from discsim.cli.base import (
     load,
     refuse,
 )
+from discsim.launch import size_and_rank
 from discsim.run.directory import DirectoryError, directory_fault, held
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
 
 
 @app.command()
@@ -43,12 +47,24 @@ def run(
         overrides.append(f"run.threads={threads}")
     loaded = load(scene, overrides, without or ())
     directory = output or Path("runs") / scene.stem
+    if size_and_rank()[0] > 1:
+        raise SystemExit(_on_ranks(loaded, directory, resume, quiet))
     fault = directory_fault(directory, resume)
     if fault:
         refuse(fault)
     from discsim.run.runner import run_scene
 
     raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
+
+
+def _on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
+    try:
+        import mpi4py  # noqa: F401
+    except ImportError:
+        refuse("started as several MPI ranks, but mpi4py is not installed; expected pip install 'discsim[mpi]'")
+    from discsim.ranks.run import run_on_ranks
+
+    return run_on_ranks(scene, directory, resume, quiet)
 
 
 @app.command()

@@ -48,7 +48,7 @@ class Scheme:
 
     relax(drag, state, dt, gas_vel, heat) kicks gas and dust over dt, accelerations and drag together: dust in place,
     the gas in `gas_vel` (n, d), for one-way drag a copy that nobody reads afterwards. It writes `drag.stopping_times`
-    of the dust and `drag.uncoupled`, and if `heat` has entries the heat per mass of each gas particle.
+    of the dust and `drag.alone`, and if `heat` has entries the heat per mass of each gas particle.
 
     advance(drag, tube, cells, dt) returns what the `cells` (5, n) of a `ppm.Tube` hold dt later: fluxes are the
     accelerations there.
@@ -66,6 +66,10 @@ class Scheme:
     cells: Cells | None = None  # where drag is that of the particles in a cell
     nanoseconds: float = 3000.0  # CPU time of a particle of either kind in a step: those of pairs
     rules: tuple[Rule, ...] = ()  # what a scene with this scheme must have
+    # For runs on several MPI ranks: the blocks that it relaxes in, members(drag, state), and how many rings of nodes
+    # beyond those about a block its particles hang on, below 0 for none at all.
+    members: Callable[[Any, State], Any] | None = None
+    rings: int = -1
 
     @property
     def explicit(self) -> bool:

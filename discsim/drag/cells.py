@@ -12,7 +12,9 @@ from discsim.drag.frame import clockwise, frame
 from discsim.kernels import blocks as kernels
 from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import Corners, relax_blocks
+from discsim.kernels.frame import Frame
 from discsim.kernels.kinds import Law, Species
+from discsim.numerics import world
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
@@ -75,10 +77,11 @@ class Blocks(NamedTuple):
         return self.lattice.origin + self.first_leaf * self.lattice.side
 
 
-def lattice(drag: Drag, state: State, wanted: float) -> Lattice:
-    """Leaves at least as large as `wanted`, of a lattice that has room to move where it is not periodic."""
+def lattice(drag: Drag, state: State) -> Lattice:
+    """Leaves at least as large as is wanted, of a lattice that has room to move where it is not periodic."""
     grid, dim = state.grid, drag.dim
-    side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, state.gas.count)
+    wanted, count = drag.agree(lambda: (wanted_leaf(drag, state), state.gas.everywhere))
+    side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, count)
     extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
         # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
@@ -91,7 +94,8 @@ def wanted_leaf(drag: Drag, state: State) -> float:
     if drag.drag.cell_length is not None:
         return drag.drag.cell_length
     h = state.gas.h
-    return drag.scheme.cells.leaf(state.scene, lambda: float(np.exp(mean(np.log(h)))), float(h.min()))
+    least = world.together.least(float(h.min(initial=np.inf)))
+    return drag.scheme.cells.leaf(state.scene, lambda: float(np.exp(mean(np.log(h)))), least)
 
 
 def sort_into_blocks(
@@ -115,8 +119,7 @@ def sort_into_blocks(
         leaves = _widened(leaves, drag.dim)
         shift, gas_key, dust_key, n_gas, n_dust = _leaf_of_each(drag, state, leaves, shifted, mirrored)
     nx, ny = leaves.shape
-    unit = 2.0 ** (math.frexp(float(gas.h.max()))[1] - H_BITS)
-    h_sum = unit * np.bincount(gas_key, np.rint(gas.h / unit), nx * ny + 1)
+    h_sum = drag.agree(lambda: _sums_of_h(gas_key, gas.h, nx * ny + 1))
     # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
     length = leaves.side if drag.drag.cell_length else 0.0
     number, first_leaf, level, enlarged = merge(
@@ -132,6 +135,12 @@ def sort_into_blocks(
     dust_order, dust_start = counting_sort(dust_key, (count + 2) * population)
     moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
     return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
+
+
+def _sums_of_h(key: Array, h: Array, count: int) -> Array:
+    """The sum of h (n,) for each `key` (n,) in [0, count)."""
+    unit = 2.0 ** (math.frexp(world.together.most(float(h.max(initial=0.0))))[1] - H_BITS)
+    return unit * world.together.sum(np.bincount(key, np.rint(h / unit), count))
 
 
 def _widened(leaves: Lattice, dim: int) -> Lattice:
@@ -160,7 +169,8 @@ def _leaf_of_each(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirr
             kernels.leaf_keys, particles.count, particles.pos, leaves.origin, shift, low, high, 1.0 / leaves.side,
             nx, ny, leaves.periodic, keys[-1],
         )  # fmt: skip
-    return shift, *keys, *(counts(key, nx * ny + 1) for key in keys)
+    held = drag.agree(lambda: [world.together.sum(counts(key, nx * ny + 1)) for key in keys])
+    return shift, *keys, *held
 
 
 def merge(
@@ -204,14 +214,19 @@ def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tupl
     )  # fmt: skip
 
 
-def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
-    """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
+def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:
+    """The blocks of `relax_in_blocks`, and the frame."""
     about_star = frame(drag, state)
     blocks = sort_into_blocks(
-        drag, state, lattice(drag, state, wanted_leaf(drag, state)), drag.scheme.cells.least(state.scene),
-        drag.drag.cell or 0.0,
+        drag, state, lattice(drag, state), drag.scheme.cells.least(state.scene), drag.drag.cell or 0.0,
         INSIDE if drag.two_way else IGNORE, linear, linear and clockwise(about_star),
     )  # fmt: skip
+    return blocks, about_star
+
+
+def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
+    """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
+    blocks, about_star = blocks_of(drag, state, linear)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
     times = np.empty((len(corners), drag.classes.number))
@@ -221,5 +236,5 @@ def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
     )  # fmt: skip
     start = blocks.dust_start[:: drag.classes.number]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
-    drag.note_uncoupled(state.dust, kernels.members_of(blocks.dust_order, start, alone))
+    drag.alone = kernels.members_of(blocks.dust_order, start, alone)
     drag.stopping_times = lambda: kernels.times_of_members(times, blocks.dust_order, blocks.dust_start)

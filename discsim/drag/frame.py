@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.kernels.frame import Frame
+from discsim.numerics import world
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -29,11 +30,17 @@ def frame(drag: Drag, state: State) -> Frame:
     mass, softening = drag.star
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
-    few = [_sample(p.ids) for p in state.species.values()]
-    weight, pos, vel = (
-        np.concatenate([getattr(p, name)[part] for p, part in zip(state.species.values(), few, strict=True)])
-        for name in ("mass", "pos", "vel")
-    )
+    return drag.agree(lambda: _about_star(state, mass, softening))
+
+
+def _about_star(state: State, mass: float, softening: float) -> Frame:
+    few = [_sample(p.ids, p.everywhere) for p in state.species.values()]
+    parts = [
+        world.together.sample(np.column_stack([p.mass[part], p.pos[part], p.vel[part]]), p.place, part)
+        for p, part in zip(state.species.values(), few, strict=True)
+    ]
+    table = np.concatenate(parts)
+    weight, pos, vel = table[:, 0], table[:, 1:3], table[:, 3:]
     r2 = np.maximum(np.einsum("ij,ij->i", pos, pos), 1e-300)
     log = np.log(r2)
     low, high = log.min(), log.max()
@@ -52,10 +59,10 @@ def frame(drag: Drag, state: State) -> Frame:
     return Frame(mass, softening, low, per_ring, sense[:1] if np.ptp(sense) == 0.0 else sense)
 
 
-def _sample(ids: Array) -> Array | slice:
-    """Which particles to look at, of `ids` (n,)."""
-    every = 1 << max(0, -(-len(ids) // SAMPLE) - 1).bit_length()
-    return slice(None) if every == 1 else np.flatnonzero(ids & (every - 1) == 0)
+def _sample(ids: Array, count: int) -> Array:
+    """Which particles to look at, of `ids` (n,), of `count` in the whole run."""
+    every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
+    return np.flatnonzero(ids & (every - 1) == 0)
 
 
 def clockwise(about_star: Frame) -> bool:

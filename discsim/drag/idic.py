@@ -9,7 +9,7 @@ smear its staircase over the particles.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from discsim.drag.base import NO_KERNEL, Array, Cells, Scheme
 from discsim.numerics.layout import LOADED
@@ -25,6 +25,10 @@ cells = Lazy("discsim.drag.cells")
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=False)
+
+
+def members(drag: Drag, state: State) -> Any:
+    return cells.blocks_of(drag, state, linear=False)[0]
 
 
 def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
@@ -45,4 +49,4 @@ def least(scene: Scene) -> tuple[int, int]:
 
 
 CELLS = Cells(leaf, few=(8, 30), few_random=(8, 30), least=least)
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0)
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0, members=members)

@@ -8,7 +8,7 @@ a star velocities are taken relative to circular orbits (`drag/frame.py`). Momen
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from discsim.drag.base import NO_KERNEL, Array, Scheme
 from discsim.drag.idic import CELLS
@@ -25,4 +25,8 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=True)
 
 
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0)
+def members(drag: Drag, state: State) -> Any:
+    return cells.blocks_of(drag, state, linear=True)[0]
+
+
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0, members=members)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.cells import Blocks, lattice, law_of, sort_into_blocks, species_in, wanted_leaf
+from discsim.drag.cells import Blocks, lattice, law_of, sort_into_blocks, species_in
 from discsim.drag.frame import clockwise, frame
 from discsim.kernels import (
     levels,
@@ -37,14 +37,19 @@ FEW = 6  # grains of a class in a cell, above which sums of the cell are cheaper
 LEAST = 64  # blocks or nodes in a piece of a loop
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
+def blocks_of(drag: Drag, state: State) -> tuple[Blocks, Frame]:
+    """The blocks whose particles have nodes, and the frame."""
     about_star = frame(drag, state)
     blocks = sort_into_blocks(
-        drag, state, lattice(drag, state, wanted_leaf(drag, state)), (1, 0),
-        drag.scheme.cells.share * (drag.drag.cell or 0.0),
+        drag, state, lattice(drag, state), (1, 0), drag.scheme.cells.share * (drag.drag.cell or 0.0),
         NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip
+    return blocks, about_star
+
+
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
+    blocks, about_star = blocks_of(drag, state)
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     rows = [_kept(drag, f"rows of {name}", p.count, FIELDS) for name, p in state.species.items()]
@@ -66,7 +71,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
         share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, rows[0], heat, least=LEAST)
     alone = np.ones((len(met[1]) + 2, dust.number), bool)  # also of what lies outside
     alone[:-2] = (met[1] == 0.0) | blocks.enlarged[:, None]
-    drag.note_uncoupled(state.dust, members_of(dust.order, dust.start, alone.ravel()))
+    drag.alone = members_of(dust.order, dust.start, alone.ravel())
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, rows[1])
 
 

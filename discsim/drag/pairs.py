@@ -172,7 +172,7 @@ def note_times(drag: Drag, dust: Dust, found: list[Pairs]) -> None:
     for pairs in found:
         coupled = pairs.rate > 0.0
         drag.stopping_times[pairs.cloud.members[coupled]] = 1.0 / pairs.rate[coupled]
-    drag.note_uncoupled(dust, np.flatnonzero(drag.stopping_times == np.inf))
+    drag.alone = np.flatnonzero(drag.stopping_times == np.inf)
 
 
 def short_steps(drag: Drag, dt: float, rate: float) -> int:

@@ -11,7 +11,7 @@ origin moves with every step.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,10 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     nodes.relax(drag, state, dt, gas_vel, heat)
 
 
+def members(drag: Drag, state: State) -> Any:
+    return nodes.blocks_of(drag, state)[0]
+
+
 def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
     """Such that the side nearest to `cell` mean h is a power of two of them, and one in the densest gas is as well."""
     assert scene.drag is not None and scene.drag.cell is not None
@@ -41,4 +45,5 @@ def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
 # A node has the particles of nine cells: with two of each kind in a cell, placed evenly, the drift is right to .4%
 # (analysis/drift_cost.py). Of dust placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
 CELLS = Cells(leaf, few=(2, 2), few_random=(3, 9), share=NEAREST)
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0)
+# A node's change is sharpened by those of its neighbours, which hang on slopes about theirs.
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0, members=members, rings=2)

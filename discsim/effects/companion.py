@@ -23,6 +23,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from discsim.effects import base
 from discsim.effects.accretion import swallow
 from discsim.initial import start_of
+from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES, Bodies
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
@@ -302,7 +303,7 @@ class Effect(base.Effect):
             kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
             inside[gone[kept]] = False
             gone = gone[~kept]
-        if len(gone) > 0:
+        if world.together.most(len(gone)) > 0:
             swallow(state, k + 1, name, gone, grows=True, moves=bool(self.orbits.live[k]))
             p.remove(inside)
 

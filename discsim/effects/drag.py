@@ -19,6 +19,7 @@ from discsim.drag.classes import Classes, classes_of
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
+from discsim.numerics import world
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, fill, share
@@ -46,6 +47,7 @@ OF_CELLS = (
     "integration",
 )  # keys that only particles' gas has a use for
 
+NOBODY = np.empty(0, np.int64)
 OF_A_CLASS = 0.12  # of a kick's time, that one class of grains more costs
 
 
@@ -172,8 +174,11 @@ class Effect(base.Effect):
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
+        self.alone = NOBODY  # numbers of the dust that has no gas to relax with, at the last kick
         self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
-        self._times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
+        self.relax_by = self.scheme.relax
+        self.agree: Callable[[Callable[[], Any]], Any] = _found  # on what hangs on the particles of all processes
+        self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
         self._kicked = (-1, 0.0)  # step and time of the last kick
 
     @classmethod
@@ -198,20 +203,22 @@ class Effect(base.Effect):
     @property
     def stopping_times(self) -> np.ndarray:
         """Stopping times of the dust at the last kick (n,), inf where it had no gas; made when they are looked at."""
-        self._times = times = self._times() if callable(self._times) else self._times
+        self.found_times = times = self.found_times() if callable(self.found_times) else self.found_times
         return times
 
     @stopping_times.setter
     def stopping_times(self, times: np.ndarray | Callable[[], np.ndarray]) -> None:
-        self._times = times
+        self.found_times = times
 
-    def note_uncoupled(self, dust: Dust, alone: np.ndarray) -> None:
-        """Note the share of the dust mass that is uncoupled, that of the particles `alone` (their numbers)."""
+    def _share_alone(self, dust: Dust) -> float:
+        """The share of the dust mass that is uncoupled."""
+        if world.together.most(len(self.alone)) == 0:
+            return 0.0
         mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
-        self.uncoupled = total(mass[alone]) / total(mass) if len(alone) > 0 else 0.0
+        return total(mass[self.alone]) / total(mass)
 
     def limit(self, state: State) -> float:
-        if self.scheme.limit is None or not self.two_way or state.gas.count == 0 or state.dust.count == 0:
+        if self.scheme.limit is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:
             return np.inf
         return self.scheme.limit(self, state)
 
@@ -220,13 +227,13 @@ class Effect(base.Effect):
         self._kicked = state.step, state.time
         before = copied(gas.vel)
         heat = np.zeros(gas.count if self.drag.heating else 0)
-        if gas.count > 0 and dust.count > 0:
+        if gas.everywhere > 0 and dust.everywhere > 0:
             # One-way: the gas is kicked below as it is without dust, to the last bit.
             self._relax(state, dt, gas.vel if two_way else before, heat)
         else:
             share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt)
             share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt)
-            self.uncoupled = 1.0 if dust.count > 0 else 0.0
+            self.uncoupled = 1.0 if dust.everywhere > 0 else 0.0
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
             kick_gas(state, dt)
@@ -252,7 +259,7 @@ class Effect(base.Effect):
         gas, dust = state.gas, state.dust
         if self._kicked == (state.step, state.time) and not self.law.nonlinear:
             return self.stopping_times
-        if gas.count == 0 or dust.count == 0:
+        if gas.everywhere == 0 or dust.everywhere == 0:
             return np.full(dust.count, np.inf)
         vel, dust.vel = dust.vel, dust.vel.copy()
         self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
@@ -265,11 +272,17 @@ class Effect(base.Effect):
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
-        assert self.scheme.relax is not None
+        assert self.relax_by is not None
+        self.alone = NOBODY
         self.classes.sort(dust)
         if state.bodies is not None:
             self.star = (state.central_mass, state.scene.star.softening)
         with state.about_centre(gas_vel):
-            self.scheme.relax(self, state, dt, gas_vel, heat)
+            self.relax_by(self, state, dt, gas_vel, heat)
+        self.uncoupled = self._share_alone(dust)
         if resting is not None:
             dust.vel[dust.immobile] = resting
+
+
+def _found(find: Callable[[], Any]) -> Any:
+    return find()

@@ -102,4 +102,4 @@ class Effect(base.Effect):
 
     def event(self, state: State) -> None:
         if state.grid is not None and base.to_sort(state.step):
-            state.dust.take(state.grid.order(state.dust.pos, state.dust.ids))
+            state.dust.sort(*state.grid.places(state.dust.pos))

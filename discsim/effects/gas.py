@@ -157,7 +157,7 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         gas = state.gas
-        if gas.count == 0:  # the star has it all
+        if gas.everywhere == 0:  # the star has it all
             self._limit = np.inf
             return
         vel, u = self.predicted(state)
@@ -237,8 +237,8 @@ class Effect(base.Effect):
         base.drift(self.scene, state.gas, dt)
 
     def event(self, state: State) -> None:
-        if base.to_sort(state.step) and state.gas.count > 0:
-            state.gas.take(self.sph.order(state.gas))
+        if base.to_sort(state.step) and state.gas.everywhere > 0:
+            state.gas.sort(*self.sph.keys(state.gas))
 
 
 def kick_gas(state: State, dt: float) -> None:

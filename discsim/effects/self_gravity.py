@@ -22,6 +22,7 @@ from pydantic import Field
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics import world
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import fill
 from discsim.parts import Lazy
@@ -252,8 +253,9 @@ class Effect(base.Effect):
         """The potential of the sources where they are now."""
         fill(self._density, lambda piece: 0.0)
         for name in self.sources:
-            particles = state.species[name]
-            self.grid.deposit(particles.pos, particles.mass, out=self._density)
+            pos, mass = world.together.about_nodes(self.grid, state.species[name])
+            self.grid.deposit(pos, mass, out=self._density)
+        world.together.join_nodes(self.grid, self._density)
         return self.poisson.solve(self._density, out=self._potential)
 
     def _monopole(self) -> _Monopole:

@@ -18,6 +18,7 @@ from pydantic import Field, StrictBool
 
 from discsim.effects import base
 from discsim.effects.accretion import swallow, taken_from
+from discsim.numerics import world
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.numerics.totals import rounded, total, totals
@@ -161,7 +162,7 @@ class Effect(base.Effect):
         found = share(kernels.divide, particles.count, particles.pos, squared, inside, *place)
         self._nearest[name] = min(found)
         gone = np.flatnonzero(inside)
-        if len(gone) == 0:
+        if world.together.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
         ledger = state.ledger

@@ -13,7 +13,7 @@ import numpy as np
 
 from discsim.kernels import grid as kernels
 from discsim.numerics.layout import grid_cells
-from discsim.numerics.sorting import by_ids, counting_sort
+from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
 
 if TYPE_CHECKING:
@@ -104,11 +104,11 @@ class Grid:
         )  # fmt: skip
         return float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())
 
-    def order(self, pos: Array, ids: Array) -> Array:
-        """Order (n,) of the particles by cell, for memory locality, and in it by `ids` (n,)."""
+    def places(self, pos: Array) -> tuple[Array, int]:
+        """Place of the cell of each particle (n,), to sort by for memory locality, and how many places there are."""
         key = np.empty(len(pos), np.uint32)
         share(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
-        return by_ids(key, int(key.max(initial=0)) + 1, ids)
+        return key, int(key.max(initial=0)) + 1
 
     def outside(self, pos: Array) -> Array:
         """Indices of the particles off the grid: never deposited, and not to be gathered for."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,15 +11,33 @@ from discsim.kernels import neighbours as kernels
 from discsim.kernels.neighbours import CELL_OVER_REACH, FIRST, LANES, MAX_CLASSES, NX, REACH, SIDE_X, Cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
+from discsim.numerics.world import Alone
 
 Array = np.ndarray
+ALONE = Alone()
 LEAST = 64  # the fewest cells that a thread takes at once
 
 
-def box_about(pos: Array) -> tuple[Array, Array]:
+class Grids(NamedTuple):
+    """The grids of all size classes: their `table`, how many cells they have, and the largest support of each class.
+
+    Supports are `extent` times h; `low` and `width` (2,) are the box.
+    """
+
+    table: Array
+    cells: int
+    edges: Array
+    extent: float
+    low: Array
+    width: Array
+    periodic: bool
+
+
+def box_about(pos: Array, together: Any = ALONE) -> tuple[Array, Array]:
     """Lower corner and widths (2,) of the box about positions (n, d), in one dimension flat."""
     low, width = np.zeros(2), np.zeros(2)
     least, most = _extremes(pos)
+    least, most = together.least(least), together.most(most)
     low[: len(least)], width[: len(least)] = least, most - least
     width[0] = max(width[0], 1e-300)
     return low, width
@@ -30,19 +48,40 @@ def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Arra
 
     `low` and `width` (2,) are the box; in 1D width[1] is 0.
     """
-    least, most = (extent * float(h_extreme[0]) for h_extreme in _extremes(h[:, None]))
+    return cells_in(*grids_of(pos, h, extent, low, width, periodic), pos, h)
+
+
+def grids_of(
+    pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool, together: Any = ALONE
+) -> tuple[Grids, Array]:
+    """The grids of the particles of all processes `together`, and the class (n,) of each of this one's."""
+    smallest, largest = _extremes(h[:, None])
+    least, most = (extent * float(h[0]) for h in (together.least(smallest), together.most(largest)))
     edges = (1.0 + 1e-12) * max(2.0 * least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
     found = np.array(share(kernels.size_classes, len(pos), h, extent, edges, classes))
-    grids, count = _lay_grids(found[:, 0].sum(axis=0), found[:, 1].max(axis=0), low, width, periodic)
+    members, reach = together.sum(found[:, 0].sum(axis=0)), together.most(found[:, 1].max(axis=0))
+    table, count = _lay_grids(members, reach, low, width, periodic)
+    return Grids(table, count, edges, extent, low, width, periodic), classes
+
+
+def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
+    """The cell of each particle (n,)."""
     key = np.empty(len(pos), np.uint32)
-    share(kernels.cell_keys, len(pos), pos, classes, grids, low, key)
-    order, start = counting_sort(key, count)
+    share(kernels.cell_keys, len(pos), pos, classes, grids.table, grids.low, key)
+    return key
+
+
+def cells_in(grids: Grids, classes: Array, pos: Array, h: Array) -> Cells:
+    """Cells of particles on grids that are laid."""
+    key = keys_in(grids, classes, pos)
+    order, start = counting_sort(key, grids.cells)
     x, y, radius = np.zeros((3, len(pos) + LANES))  # as much as loops over whole vectors look at
-    bounds = np.empty((count, 5))
-    share(kernels.lay_out, count, pos, h, extent, order, start, x, y, radius, bounds)
+    bounds = np.empty((grids.cells, 5))
+    share(kernels.lay_out, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)
     filled = np.flatnonzero(np.diff(start))
-    return Cells(filled, key, grids, order, start, x, y, radius, bounds, low, width, periodic)
+    table = grids.table.copy()  # cells are widened
+    return Cells(filled, key, table, order, start, x, y, radius, bounds, grids.low, grids.width, grids.periodic)
 
 
 def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -> list[Any]:

@@ -11,8 +11,8 @@ from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_columns, force_driver
 from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE
+from discsim.numerics import world
 from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
-from discsim.numerics.sorting import by_ids
 from discsim.numerics.threads import share
 from discsim.numerics.totals import mean
 
@@ -75,10 +75,10 @@ class Sph:
         room = 1.0 if self.fixed else ROOM
         return sort_into_cells(points.pos, points.h, room * self.support, *self.box_of(points), self.periodic)
 
-    def order(self, gas: Gas) -> np.ndarray:
-        """Order of the particles by neighbour cell, for memory locality, and in it by their ids (n,)."""
+    def keys(self, gas: Gas) -> tuple[np.ndarray, int]:
+        """The neighbour cell of each particle (n,), to sort by for memory locality, and how many cells there are."""
         cells = self.cells_of(gas)
-        return by_ids(cells.key, len(cells.bounds), gas.ids)
+        return cells.key, len(cells.bounds)
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
         """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`.
@@ -91,7 +91,8 @@ class Sph:
                 raise FloatingPointError("a smoothing length of the gas is not finite")
             self.settle(gas, vel, h_least)
             # Where h is at its limit, that has to be one of the h found, not of the first guess.
-            if self.fixed or gas.h.min() > h_least or self.least(gas) > 0.9 * h_least:
+            smallest = world.together.least(float(gas.h.min(initial=np.inf)))
+            if self.fixed or smallest > h_least or self.least(gas) > 0.9 * h_least:
                 return
 
     def least(self, gas: Points) -> float:

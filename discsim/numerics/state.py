@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
+from discsim.numerics import world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.frames import frame_of
 
@@ -33,6 +34,7 @@ class Particles:
     mass: Array
     ids: Array
     immobile: Array | None = None  # boundary particles of a shock tube (mask); None where there are none
+    place: Array | None = None  # in the order of all particles of a run, where other processes have some of them
 
     @property
     def count(self) -> int:
@@ -59,6 +61,19 @@ class Particles:
             rows, out = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, taken))
             share(take_rows, len(index), rows, index, out)
             setattr(self, name, taken)
+
+    @property
+    def everywhere(self) -> int:
+        """How many particles all processes of the run have."""
+        return int(world.together.sum(self.count))
+
+    def sort(self, key: Array, count: int) -> None:
+        """Sort every array by `key` (n,) in [0, count), and by ids where keys are equal."""
+        from discsim.numerics.sorting import by_ids
+
+        if self.place is not None:
+            self.place[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
+        self.take(by_ids(key, count, self.ids))
 
     def remove(self, gone: Array) -> None:
         """Drop the particles of the mask `gone` (n,); the others keep their order, which decides that of sums."""
@@ -170,7 +185,8 @@ class State:
     def unnoticed(self) -> bool:
         """Whether the dust is one-way beside gas: the gas must not notice it, not even by the length of a step."""
         drag = self.scene.drag
-        return self.gas is not None and self.gas.count > 0 and drag is not None and drag.direction == "one-way"
+        one_way = drag is not None and drag.direction == "one-way"
+        return one_way and self.gas is not None and self.gas.everywhere > 0
 
     @property
     def limiting(self) -> list[Particles]:

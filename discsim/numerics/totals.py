@@ -1,5 +1,5 @@
 """Totals over particles that are exact sums, rounded once: the same bits in whatever order the particles are, and
-however they are divided.
+however they are divided, among threads or processes.
 """
 
 from __future__ import annotations
@@ -8,9 +8,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from discsim.kernels.totals import LIMBS, NOT_FINITE, add_columns
+from discsim.numerics import world
 from discsim.numerics.threads import share
+from discsim.parts import Lazy
 
+kernels = Lazy("discsim.kernels.totals")
 Array = np.ndarray
 UNIT = 1 << 1075  # limbs count in units of 1 / UNIT
 
@@ -23,23 +25,23 @@ def total(values: Array) -> float:
 def totals(values: Array) -> Array:
     """The sum (columns,) of each column of values (n, columns); NaN where an entry is not finite."""
     bits = np.ascontiguousarray(values, float).view(np.int64)
-    return rounded(sum(share(add_columns, len(bits), bits)))
+    return rounded(sum(share(kernels.add_columns, len(bits), bits)))
 
 
 def mean(values: Array) -> float:
     """The mean of values (n,), of which there are some."""
-    return total(values) / len(values)
+    return total(values) / int(world.together.sum(len(values)))
 
 
 def rounded(limbs: Array) -> Array:
     """The sums (columns,) of limbs (columns, LIMBS), as kernels of `kernels/totals.py` fill them."""
-    return np.array([_number(row) for row in limbs.reshape(-1, LIMBS).tolist()])
+    return np.array([_number(row) for row in world.together.sum(limbs).tolist()])
 
 
 def _number(limbs: list[int]) -> float:
-    if limbs[NOT_FINITE] > 0:
+    if limbs[-1] > 0:
         return float("nan")
-    whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:NOT_FINITE]))
+    whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:-1]))
     try:
         return float(Fraction(whole, UNIT))
     except OverflowError:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.effects.base import Effect
+from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import copied, fill
 from discsim.run.costs import Costs
@@ -77,11 +78,17 @@ def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
 
 def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:
     """What each effect allows, and the least of it."""
-    limits = {name: effect.limit(state) for name, effect in effects.items()}
+    limits = _least_of_all({name: effect.limit(state) for name, effect in effects.items()})
     least = Limits(*_least(limits))
     if state.unnoticed:
-        least = Limits(*least[:2], *_least({name: effect.limit_of(state, "dust") for name, effect in effects.items()}))
+        of_dust = _least_of_all({name: effect.limit_of(state, "dust") for name, effect in effects.items()})
+        least = Limits(*least[:2], *_least(of_dust))
     return limits, least
+
+
+def _least_of_all(limits: dict[str, float]) -> dict[str, float]:
+    """The least that any process of the run has found."""
+    return dict(zip(limits, world.together.least(np.array([*limits.values()])).tolist(), strict=True))
 
 
 def _least(limits: dict[str, float]) -> tuple[float, str]:

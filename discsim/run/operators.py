@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from discsim.effects.base import Effect
+from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.run import forces, guards
 from discsim.run.costs import Costs
@@ -63,6 +64,7 @@ class Operators:
 
     def forces(self) -> None:
         """Accelerations of all effects at the present positions, and the steps that they allow."""
+        world.together.settle(self.state)
         forces.accelerate(self.state, self.effects, self.costs)
         limits, self.limits = forces.limits_of(self.state, self.effects)
         guards.check_forces(self.state, self.effects, limits)

@@ -39,11 +39,11 @@ class Progress:
         self._log = path.open("a" if resume else "w", encoding="utf-8", errors="backslashreplace")
         early, self._early = self._early, []
         for line in early:
-            self._note(line)
+            self.note(line)
 
     def say(self, text: str) -> None:
         """Lines for the screen and the log."""
-        self._note(text)
+        self.note(text)
         if not self.quiet:
             self.screen.line(text)
 
@@ -54,7 +54,7 @@ class Progress:
             print(text, file=sys.stderr)
         if self._log is not None:
             with suppress(OSError):  # perhaps the log itself is what failed
-                self._note(text)
+                self.note(text)
 
     def step(self, state: State, dt: float, set_by: str) -> None:
         """After each step: a frame or a line, when one is due."""
@@ -76,7 +76,7 @@ class Progress:
         if end or not self.screen.has_frames:
             self.say(text)
         else:
-            self._note(text)
+            self.note(text)
 
     def close(self) -> None:
         self.screen.clear()
@@ -85,7 +85,7 @@ class Progress:
                 self._log.close()
             self._log = None
 
-    def _note(self, text: str) -> None:
+    def note(self, text: str) -> None:
         if self._log is None:
             self._early.append(text)
         else:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import time
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numba import config
 from numba.core import caching, event
 
 from discsim import __version__
@@ -29,8 +27,8 @@ from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
-from discsim.run import ahead
 from discsim.run.checkpoints import Checkpoints
+from discsim.run.compilation import Compilation
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
 from discsim.run.forces import kick_owner
 from discsim.run.interrupts import Interrupts
@@ -45,7 +43,6 @@ from discsim.scene.units import clock
 Array = np.ndarray
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
-CORES: int = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
 SMALL = 20_000  # particles: below it history has a row for every step
 LONG_RUN = 100  # steps, after which it is known what one takes
 ROW_EVERY = 16  # steps between rows of a larger run
@@ -57,7 +54,12 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
     0 done, or stopped by run.walltime; 1 a file cannot be written; 2 cannot start, or be resumed; 3 stopped
     by the physics; 128 + signal interrupted. What is wrong is one message on stderr.
     """
-    run = _Run(scene, Path(directory), quiet)
+    return ended(Run(scene, Path(directory), quiet), resume)
+
+
+def ended(run: Run, resume: bool) -> int:
+    """Let a run go to its end; returns the exit status, as `run_scene`."""
+    directory = run.directory
     fail = run.progress.fail
     with run.interrupts, event.install_listener("numba:compile", run.compilation):
         try:
@@ -89,34 +91,7 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
             run.close()
 
 
-class Compilation(event.Listener):
-    """Tells, once, that kernels compile which numba's cache does not hold; a second process takes its part."""
-
-    def __init__(self, scene: Scene, say: Callable[[str], None]) -> None:
-        self.scene, self.say, self.told = scene, say, False
-        self.second: subprocess.Popen[bytes] | None = None
-
-    def on_start(self, event: event.Event) -> None:
-        if not self.told:
-            self.told = True
-            self.say("compiling those that numba's cache does not hold: once, up to a minute for a scene with drag")
-            self.second = ahead.begin(self.scene) if CORES > 1 else None
-
-    def on_end(self, event: event.Event) -> None:
-        pass
-
-    def wait(self, interrupts: Interrupts) -> None:
-        """Until what the second process compiles is there to be loaded."""
-        while self.second is not None and self.second.poll() is None and not interrupts.number:
-            time.sleep(0.05)
-
-    def close(self) -> None:
-        if self.second is not None:
-            self.second.kill()
-            self.second.wait()
-
-
-class _Run:
+class Run:
     """One run: the simulation, and the files of its directory."""
 
     sim: Simulation
@@ -137,21 +112,12 @@ class _Run:
         self.rows_every = 1 if count < SMALL else ROW_EVERY
 
     def go(self, resume: bool) -> int:
-        locked = self.held.enter_context(held(self.directory))
-        fault = directory_fault(self.directory, resume)
-        if fault:
-            raise DirectoryError(fault)
-        resume = resume and self._can_go_on()
-        reached = self._time_to_resume() if resume else self.put_out
+        locked, resume, reached = self._enter(resume)
         times = due_times(self.scene.run, reached, self.put_out)
         if not times:
-            sweep(self.directory)
-            if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
-                self._draw()  # the run was killed before that
-            self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
-            return DONE
+            return self._nothing_left(reached)
         self._announce(locked)
-        self.scene = with_own_files(self.scene, self.directory)
+        self._copy_files()
         self.sim = Simulation(self.scene, to_restore=resume)
         if self.sim.relaxed is not None:
             self.progress.say(str(self.sim.relaxed))
@@ -198,6 +164,25 @@ class _Run:
 
     # Starting
 
+    def _enter(self, resume: bool) -> tuple[bool, bool, float]:
+        """Take hold of the directory: whether it is locked, whether there is a run to go on with, and its time."""
+        locked = self.held.enter_context(held(self.directory))
+        fault = directory_fault(self.directory, resume)
+        if fault:
+            raise DirectoryError(fault)
+        resume = resume and self._can_go_on()
+        return locked, resume, self._time_to_resume() if resume else self.put_out
+
+    def _nothing_left(self, reached: float) -> int:
+        sweep(self.directory)
+        if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
+            self._draw()  # the run was killed before that
+        self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
+        return DONE
+
+    def _copy_files(self) -> None:
+        self.scene = with_own_files(self.scene, self.directory)
+
     def _can_go_on(self) -> bool:
         """Whether there is a checkpoint; without one the scene must be that of the run, which begins anew."""
         if not only_begun(self.directory):
@@ -232,9 +217,24 @@ class _Run:
 
     def _open(self, resume: bool) -> None:
         """Open the directory's files, and take up the state where the run goes on."""
-        sim, folder = self.sim, self.directory / "snapshots"
-        self.records = Records(self.scene, self.directory)
+        sim = self.sim
+        self.records = self._tables()
         remarks = self._take_up() if resume else []
+        self._open_files(resume)
+        self.costs_before = self.costs_after_first = sim.costs.copy()
+        with sim.synchronised():  # makes the first forces, which say what sets the first step
+            self.time, self.next_set_by = sim.time, self._limiter()
+        self.set_by = self.set_by or self.next_set_by
+        if resume:
+            self.progress.say(f"resumed {self.where()}")
+            for line in remarks:
+                self.progress.say(f"warning: {line}")
+
+    def _tables(self) -> Records:
+        return Records(self.scene, self.directory)
+
+    def _open_files(self, resume: bool) -> None:
+        folder = self.directory / "snapshots"
         sweep(self.directory)
         self.checkpoints.settle()
         with written(self.directory / "scene.toml") as temporary:
@@ -245,14 +245,6 @@ class _Run:
                 path.unlink()
         self.progress.open_log(self.directory / "run.log", resume)
         self.records.open()
-        self.costs_before = self.costs_after_first = sim.costs.copy()
-        with sim.synchronised():  # makes the first forces, which say what sets the first step
-            self.time, self.next_set_by = sim.time, self._limiter()
-        self.set_by = self.set_by or self.next_set_by
-        if resume:
-            self.progress.say(f"resumed {self.where()}")
-            for line in remarks:
-                self.progress.say(f"warning: {line}")
 
     def _take_up(self) -> list[str]:
         """Take up the state of the checkpoint and the rows until there; what is to be told of these. Writes nothing."""
@@ -274,13 +266,16 @@ class _Run:
             with self.sim.synchronised():
                 self._add_row()
         self.progress.step(state, self.dt, self.set_by)
-        if time.monotonic() - self.saved >= self.scene.run.checkpoint_every:
+        if self._must_save():
             self._save()
         return self._must_stop()
 
     def _limiter(self) -> str:
         """What sets the next step; to land on an output it may be cut."""
         return self.sim.limited_by if self.scene.run.timestep is None else "run.timestep"
+
+    def _must_save(self) -> bool:
+        return time.monotonic() - self.saved >= self.scene.run.checkpoint_every
 
     def _must_stop(self) -> bool:
         """Whether somebody, or run.walltime, asks the run to end."""
@@ -304,7 +299,7 @@ class _Run:
         open_step = left_open(sim.state, kick_owner(sim.effects) is not None)
         with sim.synchronised() as state:
             extra = columns(state, sim.effects.values())
-            gas = _with_present_pressure(state)
+            gas = with_present_pressure(state)
             path = self._snapshot(self.snapshots)
             write_snapshot(path, self.scene, state.time, gas, state.dust, extra, state.bodies, open_step)
             self._add_row()
@@ -389,7 +384,7 @@ def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Arra
     return extra
 
 
-def _with_present_pressure(state: State) -> Gas | None:
+def with_present_pressure(state: State) -> Gas | None:
     """The gas with the pressure of its present energy: the forces had to foresee that."""
     gas = state.gas
     if gas is None or gas.u is None:

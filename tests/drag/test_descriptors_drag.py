@@ -39,7 +39,6 @@ def relax(drag, state, dt, gas_vel, heat):
     dust.vel -= lost
     gas_vel += loaded * lost
     drag.stopping_times = np.full(dust.count, time)
-    drag.note_uncoupled(dust, lambda mass: 0.0)
 
 
 def no_star(draft):

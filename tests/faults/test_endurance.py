@@ -5,7 +5,7 @@ import os
 from runs import DISC, scene_of
 from short import ALWAYS
 
-from discsim.run.runner import _Run, run_scene
+from discsim.run.runner import Run, run_scene
 
 OUTPUTS, STEPS = 400, 800
 
@@ -13,7 +13,7 @@ OUTPUTS, STEPS = 400, 800
 def test_memory_and_open_files(tmp_path, monkeypatch):
     few = ["gas.particles=300", "dust.particles=300", "space.cells=16", "run.timestep=0.001"]
     length = [f"run.until={STEPS * 0.001}", f"run.every={STEPS * 0.001 / OUTPUTS}"]
-    seen, after = {}, _Run._after_step
+    seen, after = {}, Run._after_step
 
     def look(run):
         ends = after(run)
@@ -22,7 +22,7 @@ def test_memory_and_open_files(tmp_path, monkeypatch):
         seen[run.sim.state.step] = pages * os.sysconf("SC_PAGE_SIZE") / 2**20, len(os.listdir("/proc/self/fd"))
         return ends
 
-    monkeypatch.setattr(_Run, "_after_step", look)
+    monkeypatch.setattr(Run, "_after_step", look)
     assert run_scene(scene_of(tmp_path, DISC, *few, *length, ALWAYS), tmp_path / "out", quiet=True) == 0
     assert len(seen) >= STEPS and len([*tmp_path.glob("out/snapshots/*.h5")]) == OUTPUTS + 1
     (first, files), (last, files_at_end) = seen[STEPS // 4], seen[STEPS]

@@ -34,7 +34,7 @@ def going_on(tmp_path, monkeypatch):
         time.sleep(100)
 
     with monkeypatch.context() as patch:
-        patch.setattr("discsim.run.runner._Run._after_step", wait)
+        patch.setattr("discsim.run.runner.Run._after_step", wait)
         child = forked(lambda: run_scene(scene, tmp_path / "out", quiet=True))
     while not (tmp_path / "waits").exists():
         time.sleep(0.01)

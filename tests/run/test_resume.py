@@ -14,7 +14,7 @@ import discsim
 from discsim import Simulation, __version__, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
 from discsim.output.files import command
-from discsim.run.runner import _Run, run_scene
+from discsim.run.runner import Run, run_scene
 from discsim.run.simulation import PhysicsError
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
@@ -57,7 +57,7 @@ def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch
         out = tmp_path / str(step)
 
         def die(sim):
-            monkeypatch.setattr("discsim.run.runner._Run._output", lambda run: os._exit(9))
+            monkeypatch.setattr("discsim.run.runner.Run._output", lambda run: os._exit(9))
 
         def run():
             at_step(monkeypatch, step, die)  # noqa: B023
@@ -79,9 +79,9 @@ def test_a_due_snapshot_with_another_schedule(tmp_path, monkeypatch):
             os._exit(9)
         real(run)
 
-    real = _Run._output
+    real = Run._output
     with monkeypatch.context() as patch:
-        patch.setattr(_Run, "_output", die)
+        patch.setattr(Run, "_output", die)
         assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
     for until, every, expected in (
         (0.1, 0.05, [0, 0.05, 0.1]),
@@ -190,7 +190,7 @@ def test_a_run_goes_on_from_the_checkpoint_before_the_last(tmp_path, monkeypatch
     if damage == "gone":
         last.unlink()
     with monkeypatch.context() as patch:  # a fault before the first step
-        patch.setattr("discsim.run.runner._Run._after_step", lambda run: os._exit(9))
+        patch.setattr("discsim.run.runner.Run._after_step", lambda run: os._exit(9))
         assert status_of(forked(lambda: run_scene(scene, out, resume=True, quiet=True))) == 9
     assert last.read_bytes() == kept and not before.exists()
     before.write_bytes(kept)

@@ -1,0 +1,97 @@
+"""What a rank of several needs of others: cells of neighbours and blocks of drag that sums over own particles look at,
+and particles that give mass to other ranks' nodes of the grid.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.grid import stencil
+from discsim.kernels.neighbours import FIRST, NX, REACH, SIDE_X
+
+EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def mark_cells(first, last, filled, grids, flat, periodic, room, out):
+    """Mark in `out` (cells,) the cells that may hold anybody within reach of the cells `filled`, or whose reach meets
+    them, where supports are at most `room` times the largest in the grid of each; `flat` in one dimension.
+    """
+    for c in range(first, last):
+        cell, mine = filled[c], 0
+        for level in range(len(grids)):
+            if grids[level, FIRST] <= cell:
+                mine = level
+        place = cell - int(grids[mine, FIRST])
+        ix, iy = place // int(grids[mine, NX + 1]), place % int(grids[mine, NX + 1])
+        for level in range(len(grids)):
+            begin, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NX + 1])
+            reach = room * max(grids[mine, REACH], grids[level, REACH])
+            x0, x1 = _span(ix, grids[mine, SIDE_X], grids[level, SIDE_X], reach)
+            y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], grids[level, SIDE_X + 1], reach)
+            if not periodic:
+                x0, x1, y0, y1 = max(x0, 0), min(x1, nx - 1), max(y0, 0), min(y1, ny - 1)
+            for jx in range(x0, min(x1, x0 + nx - 1) + 1):
+                for jy in range(y0, min(y1, y0 + ny - 1) + 1):
+                    out[begin + jx % nx * ny + jy % ny] = True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _span(i, side, per, reach):
+    # Cells of side `per` along an axis within reach of the i-th of a `side`.
+    low, high = (i - EDGE) * side - reach, (i + 1 + EDGE) * side + reach
+    return math.floor(low / per), math.floor(high / per)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def mark_blocks(own, home, about, near, rings, out):
+    """Mark in `out` (blocks,) those that the nodes about the blocks `own` hang on, `rings` of nodes beyond these; with
+    none below 0, their own alone. `home`, `about` and `near` as `kernels/levels.py` has them.
+    """
+    marked = np.zeros(len(about), np.bool_)
+    for block in own:
+        out[block] = True
+        if rings >= 0:
+            marked[home[block]] = True
+    for _ in range(rings + 1):
+        before = marked.copy()
+        for node in range(len(about)):
+            if before[node]:
+                for k in range(9):
+                    if about[node, k] >= 0:
+                        marked[about[node, k]] = True
+    for node in range(len(about)):
+        if marked[node]:
+            for k in range(9):
+                if near[node, k] >= 0:
+                    out[near[node, k]] = True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def near_others(first, last, pos, origin, inverse, periodic, owner, rank, out):
+    """Mark in `out` (n,) the particles of whose nodes about them any has another `owner` (nx, ny) than `rank`."""
+    nx, ny, plane = owner.shape[0], owner.shape[1], pos.shape[1] == 2
+    for p in range(first, last):
+        ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
+        iy, jy = 0, 0
+        if plane:
+            iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
+        out[p] = False
+        if ix >= 0 and iy >= 0:
+            same = owner[ix, iy] == rank and owner[jx, iy] == rank
+            out[p] = not (same and owner[ix, jy] == rank and owner[jx, jy] == rank)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def owners_about(some, pos, origin, inverse, periodic, owner, out):
+    """Mark in `out` (ranks, some) who owns a node about each of `some` particles, which are on the grid."""
+    nx, ny, plane = owner.shape[0], owner.shape[1], pos.shape[1] == 2
+    for k in range(len(some)):
+        p = some[k]
+        ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
+        iy, jy = 0, 0
+        if plane:
+            iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
+        out[owner[ix, iy], k] = out[owner[jx, iy], k] = True
+        out[owner[ix, jy], k] = out[owner[jx, jy], k] = True

@@ -1,0 +1,59 @@
+"""What the processes of a run know together. A run is one process, for which all this is nothing at all, unless
+`discsim/ranks` has joined several.
+
+Least, largest and sums of whole numbers are exact, and so the same however particles are divided among the processes;
+sums of other numbers go through `numerics/totals.py`. Each process has to ask, in the same order.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from discsim.numerics.grid import Grid
+    from discsim.numerics.state import Particles, State
+
+Array = np.ndarray
+
+
+class Alone:
+    """One process."""
+
+    many = False
+
+    def least(self, values: Any) -> Any:
+        """The least of each of `values`, a number or an array."""
+        return values
+
+    def most(self, values: Any) -> Any:
+        """The largest of each."""
+        return values
+
+    def sum(self, values: Any) -> Any:
+        """The sum of each, of whole numbers."""
+        return values
+
+    def settle(self, state: State) -> None:
+        """Bring particles to the processes that they belong to, once they have moved."""
+
+    def about_nodes(self, grid: Grid, particles: Particles) -> tuple[Array, Array]:
+        """Places and masses of the particles that give mass to the nodes of this process."""
+        return particles.pos, particles.mass
+
+    def join_nodes(self, grid: Grid, field: Array) -> None:
+        """Make `field` (nx, ny) that of all processes, each of which has summed that of its own nodes."""
+
+    def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
+        """Rows (m, columns) of the particles `some` of `place`, of all processes, in the order of all."""
+        return columns
+
+
+together: Any = Alone()
+
+
+def join(world: Any) -> None:
+    """Let `world` answer from now on."""
+    global together
+    together = world

@@ -1,0 +1,104 @@
+"""Who owns which particles: square tiles of space along a Hilbert curve (Hilbert 1891), a run of them for each rank.
+
+Runs are cut so that the costs of their particles are alike, and anew where those of a rank are TOLERANCE above the
+mean. A particle off the grid belongs to the nearest tile.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+
+from discsim.ranks.comm import Comm, Route
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import Particles, State
+    from discsim.scene import Scene
+
+Array = np.ndarray
+COST = {"gas": 3.0, "dust": 1.0}  # of a particle in a step
+TOLERANCE = 0.1
+TILES = 8  # along a side for each doubling of the ranks, at least
+
+
+class Division:
+    """Tiles of a scene's space and their owners (tiles,), the same on every rank."""
+
+    def __init__(self, scene: Scene, comm: Comm) -> None:
+        self.comm, dim = comm, scene.space.dimensions
+        size = np.array(scene.space.size)
+        bits = int(np.ceil(np.log2(TILES * comm.size ** (1.0 / dim))))
+        self.along = 1 << bits
+        self.low = -0.5 * size.max() * np.ones(dim) if scene.centred else np.zeros(dim)
+        self.per_tile = self.along / size.max()
+        self.owner = np.zeros(self.along**dim, np.int64)
+        if dim == 2:
+            x, y = np.divmod(np.arange(self.along**2), self.along)
+            self.curve = np.argsort(hilbert(x, y, bits))
+        else:
+            self.curve = np.arange(self.along)
+
+    def tile_of(self, pos: Array) -> Array:
+        """The tile (n,) of each place (n, d)."""
+        index = np.clip((pos - self.low) * self.per_tile, 0, self.along - 1).astype(np.int64)
+        return index[:, 0] if pos.shape[1] == 1 else index[:, 0] * self.along + index[:, 1]
+
+    def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
+        """Divide the tiles anew where that is due; whether it was. `whole`: each rank has all the particles."""
+        cost = np.zeros(len(self.owner))
+        for name, p in species.items():
+            cost += COST[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
+        if not whole:
+            cost = self.comm.reduced(cost, MPI.SUM)  # whole numbers
+            loads = np.bincount(self.owner, cost, self.comm.size)
+            if loads.max() <= (1.0 + TOLERANCE) * loads.mean():
+                return False
+        until = np.cumsum(cost[self.curve])
+        middle = until - 0.5 * cost[self.curve]
+        share = max(float(until[-1]), 1.0) / self.comm.size
+        owner = np.empty_like(self.owner)
+        owner[self.curve] = np.minimum(middle / share, self.comm.size - 1).astype(np.int64)
+        changed = not np.array_equal(owner, self.owner)
+        self.owner = owner
+        return changed
+
+    def keep_own(self, state: State) -> None:
+        """Of particles that each rank has all of, keep own ones."""
+        for name, p in state.species.items():
+            p.place = np.arange(p.count, dtype=np.uint64)
+            own = np.flatnonzero(self.owner[self.tile_of(p.pos)] == self.comm.rank)
+            p.take(own)
+            acc = state.own_acc.get(name)  # of a run that goes on
+            if acc is not None and len(acc) > 0:
+                state.own_acc[name] = acc[own]
+
+    def migrate(self, particles: Particles) -> None:
+        """Bring particles to their owners."""
+        owner = self.owner[self.tile_of(particles.pos)]
+        leaving = owner != self.comm.rank
+        if not self.comm.reduced(bool(leaving.any()), MPI.MAX):
+            return
+        route = Route(self.comm, [np.flatnonzero(leaving & (owner == rank)) for rank in range(self.comm.size)])
+        stays = ~leaving
+        assert particles.place is not None
+        place = np.concatenate([particles.place[stays], route.send(particles.place)])
+        order = np.argsort(place, kind="stable")
+        for name, array in particles.arrays().items():
+            setattr(particles, name, np.concatenate([array[stays], route.send(array)])[order])
+
+
+def hilbert(x: Array, y: Array, bits: int) -> Array:
+    """Place (n,) along the Hilbert curve of whole numbers x, y (n,) below 2^bits."""
+    x, y, out = x.copy(), y.copy(), np.zeros_like(x)
+    for k in range(bits - 1, -1, -1):
+        right, up = x >> k & 1, y >> k & 1
+        out += (3 * right ^ up) << 2 * k
+        # Turn the quadrant, so that the curve begins and ends where its neighbours do.
+        turned = up == 0
+        flipped = turned & (right == 1)
+        x, y = np.where(flipped, ~x, x), np.where(flipped, ~y, y)
+        x, y = np.where(turned, y, x), np.where(turned, x, y)
+        x, y = x & (1 << k) - 1, y & (1 << k) - 1
+    return out

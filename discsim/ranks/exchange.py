@@ -1,0 +1,50 @@
+"""Particles of other ranks that sums here need, beside this rank's own, in the order of all."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.ranks.comm import Comm, Route
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import Particles
+
+Array = np.ndarray
+
+
+class Wide:
+    """Own particles of a species and `ghosts`, those that a route brings: arrays of both in the order of all.
+
+    own, ghosts: where in them each is.
+    """
+
+    def __init__(self, particles: Particles, route: Route) -> None:
+        assert particles.place is not None
+        self.route = route
+        place = np.concatenate([particles.place, route.send(particles.place)])
+        self._order = np.argsort(place, kind="stable")
+        at = np.empty_like(self._order)
+        at[self._order] = np.arange(len(at))
+        self.own, self.ghosts = at[: particles.count], at[particles.count :]
+
+    @property
+    def count(self) -> int:
+        return len(self._order)
+
+    def of(self, array: Array) -> Array:
+        """An array (n, ...) of own particles, with the same of ghosts."""
+        return np.concatenate([array, self.route.send(array)])[self._order]
+
+    def refresh(self, array: Array) -> None:
+        """Take the ghosts' entries of an array of both, in place, from those whose own they are."""
+        array[self.ghosts] = self.route.send(array[self.own])
+
+
+def in_cells(comm: Comm, particles: Particles, key: Array, needed: Array) -> Wide:
+    """Own particles, whose cells are `key` (n,), with those of others in the cells that are `needed` (cells,) here."""
+    masks = comm.gathered_bits(needed)
+    nobody = np.empty(0, np.int64)
+    to = [nobody if rank == comm.rank else np.flatnonzero(masks[rank][key]) for rank in range(comm.size)]
+    return Wide(particles, Route(comm, to))

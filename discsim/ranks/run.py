@@ -1,0 +1,193 @@
+"""A run on several MPI ranks: each steps on with its own particles, the first one (rank 0) leads: it alone writes, and
+tells of the run.
+
+What only it does may fail there alone: all are told of it, and all end alike. Where a rank fails by itself the others
+wait for it in vain: after WAIT seconds the job is aborted.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from discsim.effects.base import Effect
+from discsim.numerics.state import State
+from discsim.output.history import history_row
+from discsim.output.open_step import left_open
+from discsim.output.snapshot import write_snapshot
+from discsim.ranks.begin import divide, faults
+from discsim.ranks.comm import Comm
+from discsim.ranks.gathering import gathered, gathered_columns
+from discsim.ranks.world import Ranks
+from discsim.run.forces import kick_owner
+from discsim.run.progress import Progress
+from discsim.run.records import Records
+from discsim.run.runner import Run, columns, ended, with_present_pressure
+from discsim.scene import Scene, SceneError
+
+WAIT = 3.0  # seconds for all ranks to come to their ends
+FAILED = 1  # exit status of what nobody has foreseen
+
+
+def run_on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
+    """`run_scene` on all ranks; returns the exit status, the same on each. Ends the process where ranks are lost."""
+    comm = Comm()
+    alarm = comm.mpi.Dup()  # beside what may be waited for
+    run = DividedRun(scene, directory, quiet, comm)
+    try:
+        status = ended(run, resume)
+    except BaseException:
+        status, run.progress.failed = FAILED, traceback.format_exc()
+    request, late = alarm.Ibarrier(), time.monotonic() + WAIT + (0.0 if comm.rank == 0 else 1.0)
+    while not request.Test():
+        if time.monotonic() > late:
+            if run.progress.failed:
+                print(run.progress.failed, file=sys.stderr, flush=True)
+            comm.mpi.Abort(status or FAILED)
+        time.sleep(0.01)
+    if comm.rank == 0 and run.progress.failed:
+        print(run.progress.failed, file=sys.stderr, flush=True)
+    return int(comm.mpi.bcast(status))
+
+
+class Told(Progress):
+    """Of the leading rank; keeps its errors until it is known whether others have any."""
+
+    failed = ""
+
+    def fail(self, text: str) -> None:
+        self.screen.clear()
+        self.failed = text
+        self.note(text)
+
+
+class Untold(Told):
+    """Of the other ranks."""
+
+    def open_log(self, path: Path, resume: bool) -> None:
+        pass
+
+    def say(self, text: str) -> None:
+        pass
+
+    def step(self, state: State, dt: float, set_by: str) -> None:
+        pass
+
+    def line(self, state: State, dt: float, set_by: str, end: str = "") -> None:
+        pass
+
+
+class Unwritten(Records):
+    """Tables that another rank writes."""
+
+    def take_up(self, step: int, values: Mapping[str, object]) -> list[str]:
+        return []
+
+    def open(self) -> None:
+        pass
+
+    def add_history(self, state: State, effects: Mapping[str, Effect], dt: float, set_by: str) -> None:
+        history_row(state, effects, dt, set_by)  # totals are of all ranks
+
+    def add_companions(self, state: State, dt: float) -> None:
+        pass
+
+
+class DividedRun(Run):
+    """A run's part on one rank."""
+
+    ranks: Ranks
+
+    def __init__(self, scene: Scene, directory: Path, quiet: bool, comm: Comm) -> None:
+        super().__init__(scene, directory, quiet)
+        self.comm, self.leads = comm, comm.rank == 0
+        self.progress: Told = (Told if self.leads else Untold)(scene, quiet)
+        self.compilation.say = self.progress.say
+
+    def led(self, do: Callable[[], Any]) -> Any:
+        """What `do` returns on the rank that leads, where alone it is called; raises everywhere what it raises."""
+        told: tuple[Any, BaseException | None] | None = None
+        if self.leads:
+            try:
+                told = do(), None
+            except Exception as fault:
+                told = None, fault
+        value, raised = self.comm.mpi.bcast(told)
+        if raised is not None:
+            raise raised
+        return value
+
+    def go(self, resume: bool) -> int:
+        if wrong := list(faults(self.scene)):
+            raise SceneError(wrong)
+        return super().go(resume)
+
+    def _enter(self, resume: bool) -> tuple[bool, bool, float]:
+        entered = super()._enter
+        found, self.snapshots, self.put_out, self.checkpoints = self.led(
+            lambda: (entered(resume), self.snapshots, self.put_out, self.checkpoints)
+        )
+        return found
+
+    def _nothing_left(self, reached: float) -> int:
+        return int(self.led(lambda: super(DividedRun, self)._nothing_left(reached)))
+
+    def _copy_files(self) -> None:
+        self.led(super()._copy_files)
+
+    def _tables(self) -> Records:
+        return super()._tables() if self.leads else Unwritten(self.scene, self.directory)
+
+    def _open_files(self, resume: bool) -> None:
+        self.comm.mpi.Barrier()  # all have read the checkpoint, which may get another name
+        self.led(lambda: super(DividedRun, self)._open_files(resume))
+        self.ranks = divide(self.sim, self.comm)
+
+    def _must_save(self) -> bool:
+        return bool(self.ranks.most(super()._must_save()))
+
+    def _must_stop(self) -> bool:
+        self.interrupts.number = self.ranks.most(self.interrupts.number)
+        return bool(self.ranks.most(super()._must_stop()))
+
+    def _output(self) -> None:
+        sim, comm = self.sim, self.comm
+        open_step = left_open(gathered(comm, sim.state), kick_owner(sim.effects) is not None)
+        with sim.synchronised() as state:
+            extra = gathered_columns(comm, state, columns(state, sim.effects.values()))
+            shown = gathered(comm, replace(state, gas=with_present_pressure(state)))
+            path = self._snapshot(self.snapshots)
+            self.led(
+                lambda: write_snapshot(
+                    path, self.scene, state.time, shown.gas, shown.dust, extra, state.bodies, open_step
+                )
+            )
+            self._add_row()
+            if state.step == 0:
+                self.records.add_companions(state, 0.0)
+        self.led(lambda: sim.costs.write(self.directory / "costs.csv"))
+        self.put_out = sim.time
+        self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
+        self.snapshots += 1
+
+    def _save(self) -> None:
+        own, saved = self.sim.state, super()._save
+        whole = gathered(self.comm, own)
+
+        def save() -> None:
+            self.sim.state = whole
+            try:
+                saved()
+            finally:
+                self.sim.state = own
+
+        self.led(save)
+        self.saved, self.saved_time = time.monotonic(), self.sim.time
+
+    def _finish(self) -> int:
+        return int(self.led(super()._finish))
