@@ -25,6 +25,7 @@ from discsim.kernels.frame import Frame
 from discsim.kernels.kinds import Law, Species
 from discsim.kernels.nodes import FIELDS, Cells, Change, Nodes, Sharp, Slopes
 from discsim.kernels.rows import LANES
+from discsim.numerics import world
 from discsim.numerics.threads import share
 
 if TYPE_CHECKING:
@@ -37,23 +38,23 @@ FEW = 6  # grains of a class in a cell, above which sums of the cell are cheaper
 LEAST = 64  # blocks or nodes in a piece of a loop
 
 
-def blocks_of(drag: Drag, state: State) -> tuple[Blocks, Frame]:
-    """The blocks whose particles have nodes, and the frame."""
+def blocks_of(drag: Drag, state: State) -> tuple[Blocks, Frame, bool]:
+    """The blocks whose particles have nodes, the frame, and whether cells have few grains of each class."""
     about_star = frame(drag, state)
     blocks = sort_into_blocks(
         drag, state, lattice(drag, state), (1, 0), drag.scheme.cells.share * (drag.drag.cell or 0.0),
         NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip
-    return blocks, about_star
+    return blocks, about_star, drag.classes.number > 1 and drag.agree(lambda: _are_few(drag, blocks))
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    blocks, about_star = blocks_of(drag, state)
+    blocks, about_star, few = blocks_of(drag, state)
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     rows = [_kept(drag, f"rows of {name}", p.count, FIELDS) for name, p in state.species.items()]
-    cells, nodes = _places(drag, blocks, _by_grain(drag, blocks, len(state.own_acc["dust"]) > 0))
+    cells, nodes = _places(drag, blocks, few and len(state.own_acc["dust"]) == 0)
     for kind, row in zip((gas, dust), rows, strict=True):
         _gather(kind, cells, nodes, about_star, law.code, row)
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
@@ -88,11 +89,10 @@ def _outside(kind: Species, cells: Cells) -> Array:
     return kind.order[kind.start[len(cells.home) * kind.number] :]
 
 
-def _by_grain(drag: Drag, blocks: Blocks, sourced: bool) -> bool:
-    """Whether nodes take the dust grain by grain: where cells have too few of a class to be worth sums of their own."""
-    start, number = blocks.dust_start, drag.classes.number
-    held = np.count_nonzero(np.diff(start[: len(blocks.level) * number + 1]))
-    return number > 1 and not sourced and start[len(blocks.level) * number] < FEW * held
+def _are_few(drag: Drag, blocks: Blocks) -> bool:
+    """Whether cells have too few grains of a class, of all processes, for sums of the cell to be worth while."""
+    held = world.together.sum(np.diff(blocks.dust_start[: len(blocks.level) * drag.classes.number + 1]))
+    return bool(held.sum() < FEW * np.count_nonzero(held))
 
 
 def _places(drag: Drag, blocks: Blocks, by_grain: bool) -> tuple[Cells, Nodes]:
