@@ -39,7 +39,7 @@ def said(*arguments):
     return out.getvalue()
 
 scene, name, keys = sys.argv[1], sys.argv[2], sys.argv[3].split(",")
-reference = said("effects")
+reference = said("effects") + said("plot", "--fields")
 assert all(word in reference for word in (name, *keys)), reference
 assert "derived" in said("check", scene) or True
 said("run", scene, "-o", "out", "--quiet")

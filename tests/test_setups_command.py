@@ -33,7 +33,8 @@ def loaded(monkeypatch):
         seen.append(path)
         raise SystemExit(7)
 
-    monkeypatch.setattr(cli, "_load", note)
+    for module in (cli.runs, cli.scenes, cli.costs):
+        monkeypatch.setattr(module, "load", note)
     return seen
 
 

@@ -25,7 +25,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from discsim.effects import base
 from discsim.effects.dust import Sizes
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.numerics.state import Growth, State
+from discsim.numerics.state import Pace, State
 from discsim.numerics.threads import share
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics import growth
@@ -147,7 +147,7 @@ class Effect(base.Effect):
             float(law.typical[0]), law.code, law.grains[0],
             growth.SEED * all_dust / state.dust.count,
         )  # fmt: skip
-        state.growth = Growth()
+        state.pace = Pace()
 
     @classmethod
     def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -174,12 +174,12 @@ class Effect(base.Effect):
         return counts.dust * (GROWN + PASSES * PAIR * about) / STEPS
 
     def move(self, state: State, dt: float) -> None:
-        state.growth = Growth(state.growth.since + dt, state.growth.rate)
+        state.pace = Pace(state.pace.since + dt, state.pace.rate)
 
     def event(self, state: State) -> None:
-        since, rate = state.growth
+        since, rate = state.pace
         if since * rate >= SHARE and state.gas.count > 0 and state.dust.count > 0:
-            state.growth = Growth(rate=self._grow(state, since))
+            state.pace = Pace(rate=self._grow(state, since))
 
     def _grow(self, state: State, dt: float) -> float:
         """Let grains grow over dt. Returns the fastest rate, of growth or, where nothing grows, of orbits."""

@@ -25,6 +25,7 @@ NOUGHT: Any = np.int64(0)  # a literal 0 given to a function would make a versio
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 MOST = 1 << LEVELS
 DONE, LONELY, SMALL, FEW, LACKING = range(5)
+TIE = 1e-6  # of a side: sums of h are right to some 1e-9 of the largest, and sides are often equal to what is wanted
 IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 
 
@@ -146,7 +147,7 @@ def _status(gas, dust, h_sum, side, wanted):
         return DONE
     if gas == 0:
         return LACKING
-    if side < _wanted_side(gas, h_sum, wanted) * (1.0 - 1e-9):
+    if side < _wanted_side(gas, h_sum, wanted) * (1.0 - TIE):
         return SMALL
     if dust == 0:
         return LACKING if wanted.dust_in == INSIDE else LONELY if wanted.dust_in == NEAR else DONE
@@ -190,7 +191,7 @@ def _take_children(level, bx, by, tx, ty, wanted, tree, held):
         side, waits, too_large = wanted.leaf * 2.0**level, worst != DONE, False
         if waits and gas > 0 and worst != SMALL:
             limit = (wanted.soft if worst == FEW else wanted.hard) * _wanted_side(gas, h_sum, wanted)
-            too_large = side > limit or (worst == LONELY and dust > 0)
+            too_large = side > limit * (1.0 + TIE) or (worst == LONELY and dust > 0)
         for cx in range(along_x):
             for cy in range(along_y):
                 tree.enlarged[b] |= tree.enlarged[below + cx * height + cy]

@@ -12,8 +12,7 @@ stays; what is left of a particle's velocity is damped towards its own species' 
     r_i' = r_i exp(-dt/t) + b_i t (1 - exp(-dt/t)),   1/t = 1/t_j for dust, sum_j e_j / t_j for gas    (2)
 
 (1), (2) with G = 0 are Stoyanovskaya et al. 2018, sec. 3.3 (individual accelerations); the exact exponential
-replaces their implicit Euler, which stays selectable. Sources are the accelerations that gas and dust do not
-share.
+replaces their implicit Euler, which stays selectable. Sources act on one species.
 """
 
 import math

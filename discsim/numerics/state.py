@@ -141,8 +141,8 @@ class Ledger:
     damped_angular_momentum: float = 0.0
 
 
-class Growth(NamedTuple):
-    """Where dust grows: the time since grains last did, and the fastest rate d ln a / dt of them then."""
+class Pace(NamedTuple):
+    """Of an effect that comes once in some steps: the time since it last did, and the fastest rate of change then."""
 
     since: float = 0.0
     rate: float = math.inf
@@ -165,7 +165,7 @@ class State:
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)
-    growth: Growth | None = None  # where dust grows
+    pace: Pace | None = None  # of an effect that comes once in some steps
     # Where gas cools: its energies (n,) after a time at `kick_rate`. Kicks of u, and foreseen ones, take it.
     cooled: Callable[[Gas, float], Array] | None = None
 

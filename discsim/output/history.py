@@ -12,6 +12,7 @@ import io
 import itertools
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -81,7 +82,8 @@ class History:
             while left:
                 left = left[self._file.write(left) :]
         except OSError:
-            self._file.truncate(whole)
+            with suppress(OSError):  # what is to be told is the first fault
+                self._file.truncate(whole)
             raise
 
     def sync(self) -> None:

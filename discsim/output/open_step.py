@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.numerics.state import Growth
+from discsim.numerics.state import Pace
 from discsim.output import hdf5
 
 if TYPE_CHECKING:
@@ -32,13 +32,13 @@ class OpenStep:
     """lag: as of the state, 0 where the kick is made. step: number of it, with those of runs that it went on from.
 
     arrays: by species, "bodies" too, those that the snapshot shows otherwise or lacks, in the order of the ids.
-    growth: as of the state.
+    pace: as of the state.
     """
 
     lag: float
     step: int
     arrays: dict[str, dict[str, Array]] = field(default_factory=dict)
-    growth: Growth | None = None
+    pace: Pace | None = None
 
 
 def left_open(state: State, together: bool) -> OpenStep:
@@ -56,14 +56,14 @@ def left_open(state: State, together: bool) -> OpenStep:
     if state.bodies is not None:
         held = state.bodies.arrays()
         arrays["bodies"] = {name: held[name].copy() for name in (*OF_BODIES, *(names[:1]))}
-    return OpenStep(lag, state.step + state.earlier, arrays, state.growth)
+    return OpenStep(lag, state.step + state.earlier, arrays, state.pace)
 
 
 def write(group: h5py.Group, step: OpenStep) -> None:
     into = group.create_group(GROUP)
     into.attrs["lag"], into.attrs["step"] = step.lag, step.step
-    if step.growth is not None:
-        into.attrs["growth"] = step.growth
+    if step.pace is not None:
+        into.attrs["pace"] = step.pace
     for species, arrays in step.arrays.items():
         part = into.create_group(species)
         for name, array in arrays.items():
@@ -76,5 +76,5 @@ def read(group: h5py.Group) -> OpenStep | None:
         return None
     held = group[GROUP]
     arrays = {species: {name: stored[()] for name, stored in part.items()} for species, part in held.items()}
-    growth = Growth(*map(float, held.attrs["growth"])) if "growth" in held.attrs else None
-    return OpenStep(float(held.attrs["lag"]), int(held.attrs["step"]), arrays, growth)
+    pace = Pace(*map(float, held.attrs["pace"])) if "pace" in held.attrs else None
+    return OpenStep(float(held.attrs["lag"]), int(held.attrs["step"]), arrays, pace)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
@@ -84,10 +84,13 @@ def _read(value: Any, info: ValidationInfo) -> SnapshotFile:
     return SnapshotFile(found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat, time, words)
 
 
+KIND: Final = "snapshot"
+
+
 class FromSnapshot(Table):
     """A snapshot of a run: refined, thinned, with other effects; at time 0, or at its own."""
 
-    kind: Literal["snapshot"] = "snapshot"
+    kind: Literal["snapshot"] = KIND
     file: Annotated[Any, BeforeValidator(_read), Words("path of a snapshot, relative to the scene's folder")] = Field(
         description="its particles, whatever numbers of them the scene has; tables say what else there is"
     )
@@ -217,7 +220,7 @@ def _go_on(state: State) -> None:
     step = snap.open_step
     assert step is not None
     state.lag, state.earlier = step.lag, step.step
-    state.growth = step.growth or state.growth
+    state.pace = step.pace or state.pace
     held = {**state.species, **({} if state.bodies is None else {"bodies": state.bodies})}
     for name, particles in held.items():
         shown: Any = getattr(snap, name)

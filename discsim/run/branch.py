@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from discsim.initial import start_of
+from discsim.output.restart import KIND
 from discsim.parts import EFFECTS
 from discsim.scene import Scene, load_scene
 from discsim.scene.differences import differences
@@ -42,8 +43,8 @@ def branch(run: Path, number: int | None, settings: Sequence[str] = (), without:
     """The branch of the run in a directory at a snapshot, the last one by default. Raises BranchError, SceneError."""
     snapshot = _snapshot(run, number)
     path = run / "scene.toml"
-    initial = _initial(path, f"snapshots/{snapshot.name}")
     before = load_scene(path)
+    initial = _initial(path, f"snapshots/{snapshot.name}", hasattr(before.initial, "reference_radius"))
     _refuse_lost_temperature(before, settings)
     scene = load_scene(path, [f"initial={initial}", *settings], without)
     changes = list(_changes(before, scene))
@@ -62,13 +63,12 @@ def _snapshot(run: Path, number: int | None) -> Path:
     return found[wanted]
 
 
-def _initial(path: Path, file: str) -> str:
+def _initial(path: Path, file: str, refers: bool) -> str:
     """The table [initial] as TOML, with the radius that laws of the run refer to."""
-    entries: dict[str, Any] = {"kind": "snapshot", "file": file, "keep_time": True}
+    entries: dict[str, Any] = {"kind": KIND, "file": file, "keep_time": True}
     was = value_at(parsed(path, read(path)), "initial") or {}
-    # A viscous ring has its laws at its own radius.
-    radius = was.get("reference_radius", was.get("radius") if was.get("kind") == "viscous-ring" else None)
-    if radius is not None:
+    radius = was.get("reference_radius", was.get("radius"))  # that of a ring is its own
+    if refers and radius is not None:
         entries["reference_radius"] = radius
     return "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in entries.items()) + "}"
 

@@ -23,7 +23,7 @@ from discsim.effects.base import Effect
 from discsim.initial import make_particles, make_state, own, start_of
 from discsim.initial.frame import enter_frame, make_bodies
 from discsim.numerics.bodies import Bodies
-from discsim.numerics.state import Dust, Gas, Growth, Ledger, State
+from discsim.numerics.state import Dust, Gas, Ledger, Pace, State
 from discsim.numerics.threads import use_threads
 from discsim.output.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
 from discsim.parts import INTEGRATORS, found_at
@@ -255,8 +255,8 @@ class Simulation:
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
         values |= dict(zip(LIMITS, self.operators.limits, strict=True))
-        if state.growth is not None:
-            values |= {f"growth_{name}": value for name, value in state.growth._asdict().items()}
+        if state.pace is not None:
+            values |= {f"pace_{name}": value for name, value in state.pace._asdict().items()}
         write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
     def restore(self, path: str | Path) -> dict[str, Scalar]:
@@ -279,14 +279,14 @@ class Simulation:
         time, step, lag = float(values["time"]), int(values["step"]), float(values["lag"])
         limits = Limits(*(values[name] for name in LIMITS))  # type: ignore[arg-type]
         own_acc = dict(groups["own_acc"])
-        growth = None
-        if state.growth is not None:
-            growth = Growth(*(float(values[f"growth_{name}"]) for name in Growth._fields))
+        pace = None
+        if state.pace is not None:
+            pace = Pace(*(float(values[f"pace_{name}"]) for name in Pace._fields))
         for name, particles in state.species.items():
             for array_name, array in groups[name].items():
                 setattr(particles, array_name, array)
         state.own_acc, state.ledger, state.bodies, self.costs = own_acc, ledger, bodies, costs
-        state.time, state.step, state.lag, state.growth = time, step, lag, growth
+        state.time, state.step, state.lag, state.pace = time, step, lag, pace
         self.operators.limits = limits
         self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values

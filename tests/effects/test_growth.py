@@ -10,7 +10,7 @@ from discsim import Simulation, load_scene
 from discsim.effects.growth import SHARE, Effect
 from discsim.formulas import growth as formulas
 from discsim.formulas import laws
-from discsim.numerics.state import Growth
+from discsim.numerics.state import Pace
 from discsim.output.history import columns_of, history_row
 from discsim.preview.derived import local
 from discsim.scene import SceneError
@@ -79,7 +79,7 @@ def test_grains_are_behind_by_their_share_at_most(monkeypatch):
         grew[share], sizes[share] = 0, []
         for _ in range(12):
             sim.step()
-            grew[share] += sim.state.growth.since == 0.0
+            grew[share] += sim.state.pace.since == 0.0
             sizes[share].append(sim.dust.size[np.argsort(sim.dust.ids)])
     assert grew[0.0] == 12 and 2 <= grew[SHARE] <= 6
     behind = np.log(np.array(sizes[0.0]) / np.array(sizes[SHARE]))
@@ -186,14 +186,14 @@ def test_momentum_is_exact_and_angular_momentum_but_at_edges():
     effect, dust = sim.effects["growth"], sim.dust
     inside = np.abs(np.hypot(*dust.pos.T) - 1.15) < 0.25
     for dt, speed in ((2.0, 1.0), (1e-9, 1e-4)):
-        sim.state.growth, effect.grains = Growth(dt), effect.grains._replace(fragmentation=speed)
+        sim.state.pace, effect.grains = Pace(dt), effect.grains._replace(fragmentation=speed)
         mass, momentum, spin, moved = handed(sim)
         assert moved > 1e-3
         assert abs(mass) < 1e-14 and momentum < 1e-14
         assert 1e-12 < abs(spin) < 0.01 * moved  # of dust at the edges, with gas on one side of it
     keep = ~inside
     dust.remove(keep)
-    sim.state.growth, effect.grains = Growth(2.0), effect.grains._replace(fragmentation=1.0)
+    sim.state.pace, effect.grains = Pace(2.0), effect.grains._replace(fragmentation=1.0)
     mass, momentum, spin, moved = handed(sim)
     assert moved > 1e-4
     assert max(abs(mass), momentum, abs(spin)) < 1e-14
@@ -206,7 +206,7 @@ def test_gas_keeps_its_heat():
     sim.gas.u = 1.0 + np.arange(sim.gas.count) / sim.gas.count
     heat = sim.gas.mass @ sim.gas.u
     small = sim.gas.small.sum()
-    sim.state.growth = Growth(2.0)
+    sim.state.pace = Pace(2.0)
     sim.effects["growth"].event(sim.state)
     assert abs(sim.gas.small.sum() - small) > 1e-3 * small
     assert sim.gas.mass @ sim.gas.u == pytest.approx(heat, rel=1e-14)
@@ -270,7 +270,7 @@ def test_the_same_bits_on_any_number_of_threads_and_after_resume(monkeypatch, tm
         sim = Simulation(scene)
         for step in range(8):
             if step == 4:
-                assert sim.state.growth.since > 0.0
+                assert sim.state.pace.since > 0.0
                 sim.save(tmp_path / "checkpoint.h5")
             sim.evolve(1.0, after_step=lambda: True)
         found.append(state_bits(sim))

@@ -16,6 +16,7 @@ from discsim.formulas import laws as formulas
 from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK
 from discsim.kernels.background import Disc, path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
+from discsim.kernels.coupled import ROOM
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.nonlinear import relax_by_speed
 from discsim.parts import LAWS
@@ -151,7 +152,7 @@ def test_relaxation_by_speed_is_that_of_an_ode_solver(kind, time, populations, t
     y, b, change = 10 * rng.normal(size=(n, 2)), 3 * rng.normal(size=(n, 2)), np.empty((n, 2))
     grains = np.tile(grain, (populations, 1))
     times = slow.copy()
-    relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, two_way, 1.0, True, True, change)
+    relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, two_way, 1.0, True, True, np.empty((n, ROOM)), change)
     expected = by_ode(mass, slow, law, grains, y, b, two_way, 1.0)
     largest = np.abs(y - y[0]).max()
     np.testing.assert_allclose((y + b + change)[1:], expected[1:], rtol=0, atol=1e-7 * largest)
@@ -178,7 +179,7 @@ def test_relaxation_by_speed_is_sane(kind, ratio, time, slip, source, boost):
     def change_of(y, b):
         change = np.empty((2, 1))
         slow = np.array([np.inf, time])
-        relax_by_speed(mass, slow, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.0, True, True, change)
+        relax_by_speed(mass, slow, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.0, True, True, np.empty((2, ROOM)), change)
         assert np.isfinite(change).all()
         return change
 
