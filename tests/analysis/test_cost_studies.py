@@ -158,6 +158,7 @@ def test_the_sheet_grows_as_it_must_with_more_cells(cost_module, tmp_path):
     assert (tmp_path / "cost_sheet.png").exists()
 
 
+@pytest.mark.slow
 def test_what_discs_keep_against_the_courant_factor(cost_module, tmp_path, capsys):
     module = cost_module(COURANTS=(0.2, 0.8), DISC=800, ORBITS=0.3)
     assert module.main(["-o", str(tmp_path), "--studies", "courant"]) == 0
@@ -169,6 +170,7 @@ def test_what_discs_keep_against_the_courant_factor(cost_module, tmp_path, capsy
     assert (tmp_path / "cost_courant.png").exists() and "Courant factor" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_cost_of_the_drift(tmp_path, capsys):
     module = script("drift_cost")
     wanted = [case for case in module.cases((1500,), (1,)) if case.gas == "given" and case.stokes == 0.01]

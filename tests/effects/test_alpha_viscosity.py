@@ -115,7 +115,7 @@ def test_particles_have_the_viscosity_of_their_present_sound_speed():
 # Strength
 
 
-@pytest.mark.parametrize("kernel, off", [("cubic", 0.03), ("wendland-c4", 0.015)])
+@pytest.mark.parametrize("kernel, off", [("cubic", 0.03), pytest.param("wendland-c4", 0.015, marks=pytest.mark.slow)])
 def test_a_shear_wave_feels_the_viscosity_asked_for(kernel, off):
     """On a square lattice, and after it dissolved. q^2 dW/dr leaves 2 to 3% under the cubic kernel, of few neighbours,
     and the wave's own curvature (k h)^2 / 10 or less; with dW/dr a lattice has 12% less.

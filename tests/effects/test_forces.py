@@ -303,6 +303,7 @@ def test_mean_over_height_of_a_point_is_the_thin_disc_kernel():
 # analysis/forces.py
 
 
+@pytest.mark.slow
 def test_the_study_of_forces(tmp_path, capsys):
     assert forces.main(["--cells", "32,40", "-o", str(tmp_path)]) == 0
     with (tmp_path / "forces.csv").open() as file:

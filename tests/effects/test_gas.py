@@ -107,6 +107,7 @@ def test_uniform_gas_stays_uniform():
     assert np.ptp(sim.gas.density) < 1e-11 and np.ptp(sim.gas.u) < 1e-11
 
 
+@pytest.mark.slow
 def test_squeezed_quintic_is_the_quintic():
     """The same kernel by another name for its h: the same steps, which the preview has too, and the same energy."""
     stream = np.random.default_rng(5)

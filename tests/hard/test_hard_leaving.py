@@ -142,6 +142,7 @@ def followed(starts, until, **options):
     return ends, sim
 
 
+@pytest.mark.slow
 def test_companions_beyond_the_grid_move_as_about_a_point():
     """Two orbits of eccentricity .3 that never meet the grid: exact but for leapfrog's (Omega dt)^2 / 24 a radian."""
     periapsis, timestep = 1.75, 0.02
