@@ -183,15 +183,8 @@ def test_sizes_drift_each_at_its_own_speed(prescribed, scheme, bins):
     np.testing.assert_allclose(found, expected, rtol=0.05)
 
 
-@pytest.mark.parametrize(
-    "scheme, bins",
-    [
-        ("tsc", BINS),
-        pytest.param("tsc", 3, marks=pytest.mark.slow),
-        pytest.param("idic-linear", BINS, marks=pytest.mark.slow),  # a minute
-        pytest.param("idic-linear", 3, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow  # a minute; in given gas they drift above
+@pytest.mark.parametrize("scheme, bins", [("tsc", BINS), ("tsc", 3), ("idic-linear", BINS), ("idic-linear", 3)])
 def test_sizes_drift_in_gas_with_a_pressure_of_its_own(scheme, bins):
     """NSH of three and of eight sizes at once (Benitez-Llambay et al. 2019)."""
     drifts = size_drift.measure(size_drift.ring(bins, scheme))

@@ -183,6 +183,7 @@ def test_balance_of_a_viscous_irradiated_disc(opacity):
     assert (found > 1.005 * irradiated).any()
 
 
+@pytest.mark.slow
 def test_a_viscous_irradiated_disc_comes_to_its_balance():
     """Heated by [alpha_viscosity], from 11% below: T in annuli is that of the balance of their own Sigma to 2%.
 

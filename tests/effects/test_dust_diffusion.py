@@ -85,6 +85,7 @@ def test_a_line_spreads():
     assert np.abs(sim.dust.vel).max() < 1e-13  # without a star velocities stay; the gas's have rounding
 
 
+@pytest.mark.slow
 def test_dust_follows_the_gas_into_a_bump():
     """Grains that begin evenly end where Sigma_d ~ Sigma_g = 1 + cos(2 pi x) / 2, of which the mean of cos is 1/4."""
     sim = Simulation(box(gas=60, dust=30_000, D=0.05))
@@ -146,7 +147,8 @@ def test_a_ring_is_as_wide_as_drift_and_diffusion_have_it():
     assert found[near].mean() == pytest.approx(middle, abs=0.05 * width)
 
 
-@pytest.mark.parametrize("stokes", [pytest.param(0.03, marks=pytest.mark.slow), 0.5])
+@pytest.mark.slow
+@pytest.mark.parametrize("stokes", [0.03, 0.5])
 def test_a_layer_is_as_thick_as_settling_and_diffusion_have_it(stokes):
     alpha = 0.03
     exact = diffusion.layer_height(1.0, alpha, stokes)

@@ -175,7 +175,7 @@ def test_isothermal_shock():
     assert np.abs(sim.gas.vel[:, 0] - exact.velocity)[inside].mean() < 0.02
 
 
-@pytest.mark.parametrize("case", ["halves", "random"])
+@pytest.mark.parametrize("case", [pytest.param("halves", marks=pytest.mark.slow), "random"])
 def test_conduction_leaves_no_particle_without_heat(case):
     """Light particles beside heavy ones, each of which would give more in a sound's step than the light one lacks."""
     n, stream = 100, np.random.default_rng(3)
