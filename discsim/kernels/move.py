@@ -17,17 +17,6 @@ def take_rows(begin, end, source, index, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def close_gaps(rows, holes):
-    """Move the rows (n, d) between `holes` (their numbers, and n) up to where the first one is, in their order."""
-    flat, wide = rows.reshape(-1), rows.shape[1]
-    to = holes[0] * wide
-    for k in range(len(holes) - 1):
-        for i in range((holes[k] + 1) * wide, holes[k + 1] * wide):
-            flat[to] = flat[i]
-            to += 1
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def add_scaled(begin, end, y, x, dt):
     """y += dt x for arrays (n, d)."""
     out, source, dim = y.reshape(-1), x.reshape(-1), y.shape[1]  # one loop: vectorised

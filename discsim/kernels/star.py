@@ -8,8 +8,7 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.totals import LIMBS, SOME, carry
-from discsim.kernels.totals import add as add_exactly
+from discsim.kernels.totals import LIMBS, SOME, add_some
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 
@@ -38,27 +37,19 @@ def add(begin, end, vectors, x, y):
 @njit(nogil=True, cache=True, error_model="numpy")
 def pull_of(begin, end, pos, mass, softening, x0, y0):
     """What particles give to a point at (x0, y0): the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
-    limbs, terms = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME))
-    bits = terms.view(np.int64)
+    limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
+    flat = pos.reshape(-1)
     for block in range(begin, end, SOME):
-        number = min(SOME, end - block)
-        for k in range(number):
-            i = block + k
-            x, y = pos[i, 0] - x0, pos[i, 1] - y0
+        number, start = min(SOME, end - block), np.uint64(block)
+        for k in range(np.uint64(number)):
+            i = start + k
+            x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
             d2 = x * x + y * y + softening * softening
             f = mass[i] / (d2 * math.sqrt(d2))
             terms[0, k], terms[1, k] = f * x, f * y
-        _add_terms(number, bits, limbs)
+        for column in range(2):
+            add_some(number, terms[column], spare, limbs[column])
     return limbs
-
-
-@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
-def _add_terms(number, bits, limbs):
-    for k in range(number):
-        add_exactly(bits[0, k], limbs[0])
-        add_exactly(bits[1, k], limbs[1])
-    carry(limbs[0])
-    carry(limbs[1])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -67,25 +58,26 @@ def attract_both(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, 
 
     Returns the limbs of that, and the least d^2 and the least (d^2 + s^2) / v^2, v the relative velocity.
     """
-    limbs, terms = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME))
-    bits = terms.view(np.int64)
+    limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     nearest2 = crossing2 = np.inf
+    places, motions, out = pos.reshape(-1), vel.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):
-        number = min(SOME, end - block)
-        for k in range(number):
-            i = block + k
-            x, y = pos[i, 0] - x0, pos[i, 1] - y0
-            vx, vy = vel[i, 0] - vx0, vel[i, 1] - vy0
+        number, start = min(SOME, end - block), np.uint64(block)
+        for k in range(np.uint64(number)):
+            i = start + k
+            x, y = places[TWO * i] - x0, places[TWO * i + ONE] - y0
+            vx, vy = motions[TWO * i] - vx0, motions[TWO * i + ONE] - vy0
             square, v2 = x * x + y * y, vx * vx + vy * vy
             d2 = square + softening * softening
             f = 1.0 / (d2 * math.sqrt(d2))
             terms[0, k], terms[1, k] = mass[i] * f * x, mass[i] * f * y
-            acc[i, 0] -= pull * f * x
-            acc[i, 1] -= pull * f * y
+            out[TWO * i] -= pull * f * x
+            out[TWO * i + ONE] -= pull * f * y
             nearest2 = min(nearest2, square)
             if d2 < crossing2 * v2:
                 crossing2 = d2 / v2
-        _add_terms(number, bits, limbs)
+        for column in range(2):
+            add_some(number, terms[column], spare, limbs[column])
     return limbs, (nearest2, crossing2)
 
 

@@ -76,20 +76,19 @@ class Particles:
         self.take(by_ids(key, count, self.ids))
 
     def remove(self, gone: Array) -> None:
-        """Drop the particles of the mask `gone` (n,); the others keep their order, which decides that of sums."""
-        from discsim.kernels.move import close_gaps
-        from discsim.numerics.threads import share
+        """Drop the particles of the mask `gone` (n,); the last ones take their places, so that little is moved.
 
-        holes = np.append(np.flatnonzero(gone), self.count)
-        left = self.count + 1 - len(holes)
-        arrays = [*self.arrays().items()]
-
-        def part(first: int, last: int) -> None:
-            for name, array in arrays[first:last]:
-                close_gaps(array.reshape(len(array), math.prod(array.shape[1:])).view(f"i{array.itemsize}"), holes)
-                setattr(self, name, array[:left])
-
-        share(part, len(arrays), least=1)
+        Where other processes have some of the particles all call it, with what goes of theirs.
+        """
+        if self.place is not None:
+            self.take(world.together.close_up(self.place, gone))
+            return
+        left = self.count - int(np.count_nonzero(gone))
+        holes = np.flatnonzero(gone[:left])
+        tail = left + np.flatnonzero(~gone[left:])
+        for name, array in self.arrays().items():
+            array[holes] = array[tail]
+            setattr(self, name, array[:left])
 
     def copy(self) -> Self:
         return type(self)(**{name: array.copy() for name, array in self.arrays().items()})

@@ -24,8 +24,8 @@ def total(values: Array) -> float:
 
 def totals(values: Array) -> Array:
     """The sum (columns,) of each column of values (n, columns); NaN where an entry is not finite."""
-    bits = np.ascontiguousarray(values, float).view(np.int64)
-    return rounded(sum(share(kernels.add_columns, len(bits), bits)))
+    values = np.ascontiguousarray(values, float)
+    return rounded(sum(share(kernels.add_columns, len(values), values)))
 
 
 def mean(values: Array) -> float:

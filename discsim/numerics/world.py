@@ -38,6 +38,12 @@ class Alone:
     def settle(self, state: State) -> None:
         """Bring particles to the processes that they belong to, once they have moved."""
 
+    def close_up(self, place: Array, gone: Array) -> Array:
+        """Without the particles of the mask `gone` (n,), let the last ones of all processes take their places, as
+        `Particles.remove` does; the order (kept,) of those that stay. `place` (n,) becomes what it is then.
+        """
+        raise NotImplementedError("one process has no places")
+
     def about_nodes(self, grid: Grid, particles: Particles) -> tuple[Array, Array]:
         """Places and masses of the particles that give mass to the nodes of this process."""
         return particles.pos, particles.mass

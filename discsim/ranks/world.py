@@ -53,6 +53,19 @@ class Ranks:
         for particles in state.species.values():
             self.division.migrate(particles)
 
+    def close_up(self, place: Array, gone: Array) -> Array:
+        number = self.sum(int(np.count_nonzero(gone)))
+        end = slice(max(len(place) - number, 0), None)  # only the last ones of a rank can be among the last of all
+        found = self.comm.mpi.allgather((place[gone], place[end], gone[end]))
+        removed, last, gone_too = (np.concatenate(one) for one in zip(*found, strict=True))
+        order = np.argsort(last)[len(last) - number :]
+        movers = last[order][~gone_too[order]]
+        holes = np.sort(removed)[: len(movers)]
+        mine = np.flatnonzero(np.isin(place, movers))
+        place[mine] = holes[np.searchsorted(movers, place[mine])]
+        stay = np.flatnonzero(~gone)
+        return stay[np.argsort(place[stay])]
+
     def about_nodes(self, grid: Grid, particles: Particles) -> tuple[Array, Array]:
         pos, owner, rank = particles.pos, self._owner_of_nodes(grid), self.comm.rank
         near, where = np.empty(len(pos), bool), (grid.origin, 1.0 / grid.cell, grid.periodic)

@@ -27,6 +27,16 @@ def test_total_is_the_exact_sum(monkeypatch, threads, number):
     assert totals(both).tolist() == [math.fsum(column) for column in both.T]
 
 
+@pytest.mark.parametrize("decades", [0, 5, 18, 19, 25, 40])
+def test_numbers_alike_are_summed_as_whole_numbers(decades):
+    """Numbers within 70 powers of two of the largest are cut without a rest; beyond, the rest is added by itself."""
+    stream = np.random.default_rng(5)
+    values = stream.standard_normal(5000) * 10.0 ** stream.uniform(-decades, 0.0, 5000)
+    values[stream.integers(0, 5000, 50)] = 0.0
+    for scale in (1.0, 2.0**960, 2.0**-900, 2.0**-1000):
+        assert total(scale * values) == math.fsum(scale * values)
+
+
 def test_total_of_the_smallest_numbers():
     tiny = np.array([5e-324, 5e-324, -2e-323, 1e-310])
     assert total(tiny) == math.fsum(tiny)
@@ -46,6 +56,6 @@ def test_parts_add_up_to_the_whole():
     values = wide(5000)
     shuffled = np.random.default_rng(4).permutation(values)
     for cut in (0, 1, 2049, len(values)):
-        bits = shuffled.view(np.int64)[:, None]
-        parts = add_columns(0, cut, bits) + add_columns(cut, len(bits), bits)
+        column = shuffled[:, None]
+        parts = add_columns(0, cut, column) + add_columns(cut, len(column), column)
         assert rounded(parts)[0] == total(values)
