@@ -246,8 +246,11 @@ def list_candidates(first, last, filled, bounds, extent, mutual, cells):
             work = np.empty((2 * runs, 2), np.int64), np.empty((2 * runs, 2), np.int64), work[2]
         elif room > len(listed.slots):
             slots, turned = np.empty(2 * room, np.uint32), np.empty((2, 2 * images * room), np.int32)
-            slots[: len(listed.slots)] = listed.slots
-            turned[:, : listed.turned.shape[1]] = listed.turned
+            # Element by element: slices bring numba's formatted errors with them, seconds of compilation.
+            for k in range(len(listed.slots)):
+                slots[k] = listed.slots[k]
+            for k in range(listed.turned.shape[1]):
+                turned[0, k], turned[1, k] = listed.turned[0, k], listed.turned[1, k]
             listed = Candidates(begin, slots, crossing, turned)
     return listed
 

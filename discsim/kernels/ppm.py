@@ -160,4 +160,5 @@ def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
         rightward[0, i + 1], rightward[1, i + 1] = density[i] * max(u, 0.0), density[i] * max(u, 0.0) * u
         leftward[0, i], leftward[1, i] = density[i] * min(u, 0.0), density[i] * min(u, 0.0) * u
     if periodic:
-        rightward[:, 0], leftward[:, n] = rightward[:, n], leftward[:, 0]
+        for k in range(2):
+            rightward[k, 0], leftward[k, n] = rightward[k, n], leftward[k, 0]

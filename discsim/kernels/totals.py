@@ -58,6 +58,7 @@ def add_some(number, values, spare, limbs):
     rest, sum_bits = left.view(np.int64), sums.view(np.int64)
     top = np.int64(0)
     for k in range(np.uint64(number)):
+        left[k] = values[k]
         top = max(top, bits[k] >> 52 & EXPONENT)
     e = top + 53 - CUT
     if top > EXPONENT - 53 or e - 2 * CUT < 1:  # not finite or, with those, too large or small for such units
@@ -65,7 +66,6 @@ def add_some(number, values, spare, limbs):
             add(bits[k], limbs)
         carry(limbs)
         return
-    left[:number] = values[:number]
     for _ in range(3):
         sum_bits[0] = bound_bits = e << 52 | HALF
         bound = sums[0]
