@@ -11,11 +11,10 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import FAST
 from discsim.kernels.lines import solve
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.smoothing import SUPPORT, shape
-
-FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
 @njit(inline="always")

@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.numerics import world
 from discsim.numerics.bodies import Bodies
-from discsim.numerics.frames import frame_of
+from discsim.numerics.dataframe import dataframe_of
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
@@ -47,7 +47,7 @@ class Particles:
 
     def to_pandas(self) -> Any:
         """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
-        return frame_of(self.arrays())
+        return dataframe_of(self.arrays())
 
     def take(self, index: Array) -> None:
         """Keep the particles `index` (whole numbers), in that order, in every array."""

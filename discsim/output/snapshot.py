@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.numerics.frames import frame_of
+from discsim.numerics.dataframe import dataframe_of
 from discsim.output import hdf5, open_step
 from discsim.output.bins import square_window
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
@@ -95,7 +95,7 @@ class SnapshotParticles:
     def to_pandas(self) -> Any:
         """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
         held = {name: array for name, array in vars(self).items() if isinstance(array, np.ndarray)}
-        return frame_of(held | self.columns)
+        return dataframe_of(held | self.columns)
 
     def radial_profile(self, edges: Array) -> Array:
         """Surface density, averaged over angle, in the rings between the radii `edges` (rings + 1,)."""

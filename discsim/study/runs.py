@@ -17,6 +17,7 @@ from discsim.effects.base import SORT_EVERY
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.study.points import Settings, StudyError, label_of
+from discsim.study.workers import end_with_parent
 
 RUNS = "runs.jsonl"
 WARM = 2.0  # seconds of steps that are made before any is measured, at most; two are always
@@ -88,7 +89,7 @@ class Runs:
         if parallel == 1:
             yield from (one_run(*job, say) for job in jobs)
             return
-        with ProcessPoolExecutor(parallel) as pool:
+        with ProcessPoolExecutor(parallel, initializer=end_with_parent) as pool:
             try:
                 yield from (future.result() for future in [pool.submit(one_run, *job) for job in jobs])
             except BaseException:

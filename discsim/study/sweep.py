@@ -26,6 +26,7 @@ from discsim.scene import load_scene
 from discsim.study.outcomes import chosen, found_in
 from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, leaves
 from discsim.study.runs import Runs, Say
+from discsim.study.workers import end_with_parent
 
 DONE, PHYSICS, INTERRUPTED = 0, 3, 128  # exit statuses of a run; interrupted: 128 + the signal
 REACHED = 1e-9  # share of the end by which a run may miss it
@@ -159,5 +160,6 @@ def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], direct
 
 def _leave_interrupts() -> None:
     """For processes whose parent tells them, once, that somebody interrupts; Ctrl-C on a terminal tells all."""
+    end_with_parent()
     os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)

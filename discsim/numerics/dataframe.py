@@ -11,7 +11,7 @@ SHORT = {"pos": "", "vel": "v", "acc": "a"}  # how columns of their components b
 AXES = "xy"
 
 
-def frame_of(arrays: Mapping[str, np.ndarray]) -> Any:
+def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
     """A DataFrame of arrays (n,) and (n, dimensions) by name, with `ids` as its index; copies.
 
     pos, vel and acc have the columns x, y, vx, vy, ax, ay; other vectors name_x and name_y. Raises ImportError.
