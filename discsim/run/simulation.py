@@ -242,6 +242,11 @@ class Simulation:
         Raises PhysicsError where the state is not finite: it would take the place of one that can go on.
         before: where the one that was at `path` stays; else it is replaced.
         """
+        groups, values = self.contents()
+        write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
+
+    def contents(self) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Scalar]]:
+        """Arrays by group and single values of a checkpoint of now. Raises PhysicsError as `save`."""
         self._prepare()
         guards.check_inputs(self.state, self.effects)
         state = self.state
@@ -257,14 +262,15 @@ class Simulation:
         values |= dict(zip(LIMITS, self.operators.limits, strict=True))
         if state.pace is not None:
             values |= {f"pace_{name}": value for name, value in state.pace._asdict().items()}
-        write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
+        return groups, values
 
-    def restore(self, path: str | Path) -> dict[str, Scalar]:
+    def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> dict[str, Scalar]:
         """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError, SceneError.
 
-        The scene may differ from that of the checkpoint as with --resume. What raises leaves all as it was.
+        The scene may differ from that of the checkpoint as with --resume. What raises leaves all as it was. share: of
+        the particles only some, as `read_checkpoint`, for who has the others elsewhere.
         """
-        groups, values = read_checkpoint(path)
+        groups, values = read_checkpoint(path, share)
         refuse_another(path, groups["scene"]["text"].tobytes(), self.scene)
         state, costs = self.state, self.costs.copy()
         for name, particles in state.species.items():
