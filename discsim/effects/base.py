@@ -78,6 +78,9 @@ class Effect:
     shared = False
     is_kick = False  # whether it kicks gas and dust together, in place of each species' own; one in a scene at most
     needs_grid = False  # whether `state.grid` has to be there
+    # Attributes that it has made of the particles of the start, in `__init__` or `begin`: other processes, which have
+    # none of these, take them from the one that has made them, in place of `begin`. All others need the scene alone.
+    from_start: tuple[str, ...] = ()
     slow_kernels = False  # whether its kick takes so long to compile that a second process is to help (run/ahead.py)
     softer = ""  # what to change so that `limit_of` is longer
     uncoupled = 0.0  # share of the dust mass that it should have coupled to gas at the last kick, and could not

@@ -17,21 +17,24 @@ from typing import Any
 
 from discsim.effects.base import Effect
 from discsim.numerics.state import State
+from discsim.output.checkpoint import Scalar
 from discsim.output.history import history_row
 from discsim.output.open_step import left_open
 from discsim.output.parts import tidy
 from discsim.output.snapshot import Extent, extent_of, write_snapshot
 from discsim.ranks import files
-from discsim.ranks.agreed import led
+from discsim.ranks.agreed import alike, led
 from discsim.ranks.begin import divide, faults
 from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
+from discsim.ranks.start import begun
 from discsim.ranks.world import Ranks
 from discsim.run.forces import kick_owner
 from discsim.run.progress import Progress
 from discsim.run.records import Records
 from discsim.run.runner import Run, ended
 from discsim.run.shown import columns, with_present_pressure
+from discsim.run.simulation import Simulation
 from discsim.scene import Scene, SceneError
 
 WAIT = 3.0  # seconds for all ranks to come to their ends
@@ -137,10 +140,21 @@ class DividedRun(Run):
     def _tables(self) -> Records:
         return super()._tables() if self.leads else Unwritten(self.scene, self.directory)
 
+    def _simulation(self, to_restore: bool) -> Simulation:
+        return Simulation(self.scene, begun=begun(self.comm, self.scene, to_restore))
+
+    def _restore(self, path: Path) -> dict[str, Scalar]:
+        return dict(alike(self.comm, lambda: self.sim.restore(path, (self.comm.rank, self.comm.size))))
+
+    def _take_up_rows(self, values: dict[str, Scalar]) -> list[str]:
+        return list(self.led(lambda: super(DividedRun, self)._take_up_rows(values)))
+
     def _open_files(self, resume: bool) -> None:
-        self.comm.mpi.Barrier()  # all have read the checkpoint, which may get another name
-        self.led(lambda: super(DividedRun, self)._open_files(resume))
-        self.ranks = divide(self.sim, self.comm)
+        self.led(lambda: super(DividedRun, self)._open_files(resume))  # all have read the checkpoint
+        self.ranks = divide(self.sim, self.comm, alike=False)
+
+    def _add_row(self) -> None:
+        alike(self.comm, super()._add_row)  # of what fails once all have made the row
 
     def _must_save(self) -> bool:
         return bool(self.ranks.most(super()._must_save()))

@@ -114,7 +114,7 @@ class Run:
             return self._nothing_left(reached)
         self._announce(locked)
         self._copy_files()
-        self.sim = Simulation(self.scene, to_restore=resume)
+        self.sim = self._simulation(resume)
         if self.sim.relaxed is not None:
             self.progress.say(str(self.sim.relaxed))
         if cache.temporary:
@@ -198,6 +198,9 @@ class Run:
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
         return float(values["time"])
 
+    def _simulation(self, to_restore: bool) -> Simulation:
+        return Simulation(self.scene, to_restore=to_restore)
+
     def _announce(self, locked: bool) -> None:
         say = self.progress.say
         say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
@@ -249,6 +252,9 @@ class Run:
         values = self._restore(self.checkpoints.chosen)
         self.saved_time = self.sim.time
         self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
+        return self._take_up_rows(values)
+
+    def _take_up_rows(self, values: dict[str, Scalar]) -> list[str]:
         return self.records.take_up(self.sim.state.step, values)
 
     def _restore(self, path: Path) -> dict[str, Scalar]:

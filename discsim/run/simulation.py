@@ -18,10 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from discsim.effects import load_effects
 from discsim.effects.base import Effect
-from discsim.initial import make_particles, make_state, own, start_of
-from discsim.initial.frame import enter_frame, make_bodies
+from discsim.initial import own
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.state import Dust, Gas, Ledger, Pace, State
 from discsim.numerics.threads import use_threads
@@ -32,7 +30,7 @@ from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import Limits, PhysicsError, acceleration_of
 from discsim.run.operators import Operators
-from discsim.run.relaxation import Relaxed, relax
+from discsim.run.start import Begun, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
 from discsim.scene import Scene, SceneError, html, load_scene
@@ -47,7 +45,8 @@ class Simulation:
 
     scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
     dict(pos (n, d), vel (n, d), mass (n,)[, u, species, size]), Quantities or in code units. to_restore: its state will
-    be that of a checkpoint (`restore`), so that the start need not settle before t = 0. Raises SceneError.
+    be that of a checkpoint (`restore`), so that the start need not settle before t = 0. begun: its start, where that is
+    made. Raises SceneError.
     """
 
     def __init__(
@@ -56,6 +55,7 @@ class Simulation:
         particles: dict[str, dict[str, Any]] | None = None,
         *,
         to_restore: bool = False,
+        begun: Begun | None = None,
     ):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
@@ -66,27 +66,7 @@ class Simulation:
         if faults := list(too_much(scene)):
             raise SceneError(faults)
         use_threads(scene.run.threads)
-        try:
-            self.state = make_state(scene, _made(scene) if given is None else given)
-            self.state.bodies = make_bodies(scene, with_start=particles is None)
-            effects = load_effects(scene, self.state)
-            settle = None if particles is not None else start_of(scene).settle
-            if settle is not None:
-                with np.errstate(**OVERFLOWS):
-                    settle(self.state, effects)
-            for effect in effects.values():
-                effect.begin(self.state, effects)
-            self.relaxed: Relaxed | None = None
-            if particles is None and not to_restore:
-                self.relaxed = relax(self.state, effects)
-            enter_frame(self.state, with_particles=particles is None)
-            take_up = None if particles is not None else start_of(scene).take_up
-            if take_up is not None:
-                take_up(self.state)
-        except ValueError as error:
-            raise SceneError([str(error)]) from error
-        except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
-            raise SceneError([f"the start's numbers are too extreme: {error}; expected others"]) from error
+        self.state, effects, self.relaxed = begun or begin(scene, given, to_restore)
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
         self._fresh = self._in_midst = False
@@ -366,9 +346,3 @@ def _entry(array: np.ndarray) -> Any:
 
 LIMITS = ("limit", "limited_by", "dust_limit", "dust_limited_by")  # of `Limits`, in a checkpoint
 MOVED = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # what a kick changes
-OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
-
-
-def _made(scene: Scene) -> dict[str, dict[str, Any]]:
-    with np.errstate(**OVERFLOWS):
-        return make_particles(scene)
