@@ -1,12 +1,16 @@
 """For mpiexec: the command line of discsim with files in parts, however small, and where wanted a rank that fails.
 
-mpiexec -n 3 python tests/helpers/failing.py parts:kill@1:4 run scene.toml -o out
-kill, raise, full (its files find no room) or spoil (a number of its particles) at the end of step 4 on rank 1.
+mpiexec -n 3 python tests/helpers/failing.py parts run scene.toml -o out
+mpiexec -n 3 python tests/helpers/failing.py parts:kill@1@4 run scene.toml -o out
+
+kill, raise, full (its files find no room) or spoil (a number of its particles), at the end of step 4 on rank 1. When it
+was, in seconds since the epoch, is in a file of that name beside OUT.
 """
 
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -23,31 +27,40 @@ from discsim.cli import main
 from discsim.ranks import files
 
 
-def kill(sim):
+def kill(folder):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def fail(sim):
+def fail(folder):
     raise RuntimeError("a rank that fails")
 
 
-def full(sim):
-    folder = Path(sys.argv[sys.argv.index("-o") + 1])
+def full(folder):
     in_pieces(pytest.MonkeyPatch(), lambda file: Limited(file, folder, 0))
 
 
-def spoil(sim):
-    sim.state.gas.pos[0] = np.nan
+FAULTS = {"kill": kill, "raise": fail, "full": full}
 
 
-FAULTS = {"kill": kill, "raise": fail, "full": full, "spoil": spoil}
+def prepare(what, rank, step):
+    if MPI.COMM_WORLD.rank != int(rank):
+        return
+    folder = Path(sys.argv[sys.argv.index("-o") + 1])
+
+    def act(sim):
+        folder.with_name(what).write_text(str(time.time()))
+        if what == "spoil":
+            sim.state.gas.pos[0] = np.nan
+        else:
+            FAULTS[what](folder)
+
+    at_step(pytest.MonkeyPatch(), int(step), act)
+
 
 if __name__ == "__main__":
-    how, *faults = sys.argv.pop(1).split(":", 1)
+    how, *faults = sys.argv.pop(1).split(":")
     if how == "parts":
         files.LEAST = 0
     for fault in faults:
-        what, rank, step = fault.replace(":", "@").split("@")
-        if MPI.COMM_WORLD.rank == int(rank):
-            at_step(pytest.MonkeyPatch(), int(step), FAULTS[what])
+        prepare(*fault.split("@"))
     sys.exit(main())
