@@ -121,6 +121,9 @@ class Effect:
     def begin(self, state: State, effects: Mapping[str, Effect]) -> None:
         """What it has to know of the start, once that has its velocities; of a run that goes on it is called too."""
 
+    def forget(self) -> None:
+        """The state is that of a checkpoint from now on: what it has found in another one means nothing any more."""
+
     def accelerate(self, state: State) -> None:
         """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,9 +33,13 @@ class Gathering:
         """What comes here of an array (n, ...)."""
         return self.route.send(array)[self.order]
 
-    def particles(self, particles: Any) -> Any:
-        arrays = {name: self.array(array) for name, array in particles.arrays().items() if name != "place"}
-        return type(particles)(**arrays)
+    def particles(self, particles: Any, wanted: Collection[str] | None = None) -> Any:
+        """Those that come here; arrays that are not `wanted` have no entries."""
+        held = {name: array for name, array in particles.arrays().items() if name != "place"}
+        every = wanted is None
+        return type(particles)(
+            **{name: self.array(a) if every or name in wanted else a[:0] for name, a in held.items()}
+        )
 
 
 def _cuts(comm: Comm, key: Array) -> Array:
@@ -50,14 +55,19 @@ def _cuts(comm: Comm, key: Array) -> Array:
     return keys[order][at]
 
 
-def gathered(comm: Comm, state: State, by: str = "place", divided: bool = False) -> State:
-    """A state with the particles that come here: all on the rank that leads and elsewhere none, or a run of them."""
+def gathered(
+    comm: Comm, state: State, by: str = "place", divided: bool = False, wanted: Collection[str] | None = None
+) -> State:
+    """A state with the particles that come here: all on the rank that leads and elsewhere none, or a run of them.
+
+    wanted: names of arrays; all others, and what gas and dust do not both feel, have no entries. None: all.
+    """
     found: dict[str, Any] = {}
     own_acc = {}
     for name, p in state.species.items():
         gathering = Gathering(comm, p, by, divided)
-        found[name] = gathering.particles(p)
-        if name in state.own_acc:
+        found[name] = gathering.particles(p, wanted)
+        if name in state.own_acc and wanted is None:
             acc = state.own_acc[name]
             empty = comm.mpi.allreduce(len(acc)) == 0
             own_acc[name] = acc[:0] if empty else gathering.array(acc)

@@ -19,7 +19,8 @@ from discsim.effects.base import Effect
 from discsim.numerics.state import State
 from discsim.output.checkpoint import Scalar
 from discsim.output.history import history_row
-from discsim.output.open_step import left_open
+from discsim.output.layout import GROUPS
+from discsim.output.open_step import KICKED, left_open
 from discsim.output.parts import tidy
 from discsim.output.snapshot import Extent, extent_of, write_snapshot
 from discsim.ranks import files
@@ -37,6 +38,8 @@ from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import Simulation
 from discsim.scene import Scene, SceneError
 
+STORED = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays that snapshots show
+OPEN = {"mass", "ids", *KICKED, "h_before"}  # and what they have of an open step
 WAIT = 3.0  # seconds for all ranks to come to their ends
 FAILED = 1  # exit status of what nobody has foreseen
 
@@ -165,11 +168,13 @@ class DividedRun(Run):
 
     def _output(self) -> None:
         sim, comm, divided = self.sim, self.comm, files.to_divide(self.comm, self.sim.state)
-        open_step = left_open(gathered(comm, sim.state, "ids", divided), kick_owner(sim.effects) is not None)
+        unfinished = gathered(comm, sim.state, "ids", divided, OPEN)
+        open_step = left_open(unfinished, kick_owner(sim.effects) is not None)
+        del unfinished  # it takes memory
         with sim.synchronised() as state:
             extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)
             extent = self._extent(state)
-            shown = gathered(comm, replace(state, gas=with_present_pressure(state)), "ids", divided)
+            shown = gathered(comm, replace(state, gas=with_present_pressure(state)), "ids", divided, STORED)
             path = self._snapshot(self.snapshots)
             files.write(
                 comm,

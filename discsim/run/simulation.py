@@ -274,6 +274,8 @@ class Simulation:
         state.own_acc, state.ledger, state.bodies, self.costs = own_acc, ledger, bodies, costs
         state.time, state.step, state.lag, state.pace = time, step, lag, pace
         self.operators.limits = limits
+        for effect in self.effects.values():
+            effect.forget()
         self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values
 
