@@ -326,6 +326,7 @@ class Run:
     def _save(self) -> None:
         self._write_checkpoint(hdf5.create)
         tidy(self.directory)
+        self.saved, self.saved_time = time.monotonic(), self.sim.time
 
     def _write_checkpoint(self, into: Any) -> None:
         self.records.sync()
@@ -339,7 +340,6 @@ class Run:
             sim.costs = costs
         values |= {**notes, "dt": self.dt, "set_by": self.set_by}
         write_checkpoint(self.checkpoints.last, groups, values, self.checkpoints.before, into)
-        self.saved, self.saved_time = time.monotonic(), sim.time
 
     # Ending
 

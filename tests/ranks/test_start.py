@@ -1,10 +1,12 @@
 """Ranks that have no particles of a start have the effects of the one that has made it."""
 
 import pickle
+import tomllib
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from runs import DISC
 
 from discsim.run.start import begin
 from discsim.scene import load_scene
@@ -44,7 +46,16 @@ def few(path):
 
 @pytest.mark.parametrize("path", SETUPS, ids=lambda path: path.stem)
 def test_effects_without_particles_know_the_same(path):
-    scene = few(path)
+    assert_same_without_particles(few(path))
+
+
+def test_what_the_particles_have_told_is_passed_on():
+    """Damping, towards velocities that hang on the pull of the disc."""
+    zones = {"damping": {"inner": [0.5, 0.7], "outer": [1.8, 2.0]}}
+    assert_same_without_particles(load_scene(tomllib.loads(DISC) | zones))
+
+
+def assert_same_without_particles(scene):
     one = begin(scene, to_restore=True)
     other = without_particles(scene, pickle.loads(pickle.dumps(told(one))))
     assert one.effects.keys() == other.effects.keys()
