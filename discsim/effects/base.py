@@ -78,6 +78,9 @@ class Effect:
     shared = False
     is_kick = False  # whether it kicks gas and dust together, in place of each species' own; one in a scene at most
     needs_grid = False  # whether `state.grid` has to be there
+    # Attributes that it has made of the particles of the start, in `__init__` or `begin`: other processes, which have
+    # none of these, take them from the one that has made them, in place of `begin`. All others need the scene alone.
+    from_start: tuple[str, ...] = ()
     slow_kernels = False  # whether its kick takes so long to compile that a second process is to help (run/ahead.py)
     softer = ""  # what to change so that `limit_of` is longer
     uncoupled = 0.0  # share of the dust mass that it should have coupled to gas at the last kick, and could not
@@ -117,6 +120,9 @@ class Effect:
 
     def begin(self, state: State, effects: Mapping[str, Effect]) -> None:
         """What it has to know of the start, once that has its velocities; of a run that goes on it is called too."""
+
+    def forget(self) -> None:
+        """The state is that of a checkpoint from now on: what it has found in another one means nothing any more."""
 
     def accelerate(self, state: State) -> None:
         """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""

@@ -67,6 +67,8 @@ class Effect(base.Effect):
     rules = (_zones, _about_a_star)
     acts_on = ()
 
+    from_start = ("zones",)
+
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
 

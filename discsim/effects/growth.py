@@ -136,6 +136,8 @@ class Effect(base.Effect):
     rules = (_who_grows, _sizes, _one_population, _of_grains, _brings_masses)
     acts_on = ()
 
+    from_start = ("grains",)
+
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = smoothing.Sph(scene)

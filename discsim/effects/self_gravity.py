@@ -211,6 +211,9 @@ class Effect(base.Effect):
         columns = pad * shape[-1] // 2 + 1
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
+    def forget(self) -> None:
+        self._made = False
+
     def accelerate(self, state: State) -> None:
         gradient = self.grid.gradient(self._solved(state), out=self._gradient)
         self._made = True

@@ -35,6 +35,7 @@ MOST_ORBITS = 1000.0  # of a start that settles
 SLOW = 1.0  # of the sound speed, that a viscous flow is at most
 Array = np.ndarray
 KINDS = 32  # of grains, where each has a size of its own: enough for the sums over them
+PIECE = 1 << 17  # particles whose velocities are found at a time: it takes many times the memory of their places
 RING = 32  # particles of a ring of which a mean is taken, least
 
 
@@ -174,12 +175,17 @@ def gas_alone(scene: Scene) -> Scene:
 def settle(state: State, effects: dict[str, Any]) -> None:
     """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
     found = Balance(state, effects)
+    # The mean pull of companions is a table over the radii at which it is asked for: of all at a time.
+    most = PIECE if state.scene.table("companion") is None else np.iinfo(np.int64).max
     for name, particles in state.species.items():
         own = getattr(particles, "species", None), getattr(particles, "size", None)
-        radial, azimuthal = found.velocities(name, particles.pos, *own)
-        direction = particles.pos / np.sqrt((particles.pos**2).sum(axis=1))[:, None]
-        across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
-        particles.vel[:] = radial[:, None] * direction + azimuthal[:, None] * across
+        for first in range(0, particles.count, most):
+            piece = slice(first, first + most)
+            pos = particles.pos[piece]
+            radial, azimuthal = found.velocities(name, pos, *(None if array is None else array[piece] for array in own))
+            direction = pos / np.sqrt((pos**2).sum(axis=1))[:, None]
+            across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+            particles.vel[piece] = radial[:, None] * direction + azimuthal[:, None] * across
 
 
 def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:

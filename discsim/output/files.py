@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+PARTS = "parts"  # the folder of files that belong to others beside it, `parts.py`
 MAIN = Path(__file__).parents[1] / "__main__.py"  # what `python -m discsim` runs
 
 

@@ -1,11 +1,13 @@
 """HDF5 files that are whole or absent, are read back once they are written, and notice a flipped bit later.
 
-Arrays carry a fletcher32 checksum; the format of HDF5 1.10 checksums all else (attributes, indices).
+Arrays carry a fletcher32 checksum; the format of HDF5 1.10 checksums all else (attributes, indices). Rows of particles
+may lie in several files, `parts.py`.
 """
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import os
 from collections.abc import Iterator
@@ -20,6 +22,9 @@ from discsim.output.files import command, written
 
 _CHUNK = 1 << 16  # entries; a chunk is read and checked as a whole
 _BLOCK = 1 << 24  # bytes that are read back at a time
+ALL = slice(None)
+_SEAL = b"\ndiscsim: sha256 of all before this line "  # at the end, before the digest: HDF5 does not read it
+NAMES, MADE = "parts", "made"  # attributes: names of the parts of a master; what both of them have, and no others
 
 
 @contextmanager
@@ -30,8 +35,18 @@ def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator
     holds something else than was written. before: where what was there stays.
     """
     content = io.BytesIO()
-    with h5py.File(content, "w", libver=("v110", "v110")) as file:
+    with new(content) as file:
         yield file
+    put_down(path, content, before)
+
+
+def new(content: io.BytesIO) -> h5py.File:
+    """An empty file in memory."""
+    return h5py.File(content, "w", libver=("v110", "v110"))
+
+
+def put_down(path: str | os.PathLike[str], content: io.BytesIO, before: Path | None = None) -> None:
+    """Have a file that was made in memory at `path`, as `create`."""
     with written(path, before=before) as temporary:
         with temporary.open("wb") as plain:
             plain.write(content.getbuffer())
@@ -39,6 +54,28 @@ def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator
             os.fsync(plain.fileno())
         if not _holds(temporary, np.frombuffer(content.getbuffer(), np.uint8)):
             raise OSError(errno.EIO, "the disk does not hold what was written", str(path))
+
+
+def seal(content: io.BytesIO) -> None:
+    """Append a digest of all that a file in memory holds.
+
+    What says where virtual datasets lie has no checksum of HDF5, which may crash on a flipped bit there.
+    """
+    digest = hashlib.sha256(content.getbuffer()).digest()
+    content.seek(0, os.SEEK_END)
+    content.write(_SEAL + digest)
+
+
+def _check_seal(path: Path) -> None:
+    with path.open("rb") as file:
+        length = file.seek(0, os.SEEK_END) - len(_SEAL) - hashlib.sha256().digest_size
+        file.seek(max(length, 0))
+        if file.read(len(_SEAL)) != _SEAL:
+            return
+        digest = file.read()
+        file.seek(0)
+        if hashlib.sha256(file.read(length)).digest() != digest:
+            raise OSError("some of its bits are not those that were written")
 
 
 def _holds(path: Path, content: np.ndarray) -> bool:
@@ -58,9 +95,13 @@ def _holds(path: Path, content: np.ndarray) -> bool:
 def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[h5py.File]:
     """The file at `path`, open for reading; whatever is wrong with it becomes one `error`."""
     try:
+        _check_seal(Path(path))
         with h5py.File(path, "r") as file:
             if file.attrs.get("discsim") != np.bytes_(kind):
                 raise error(f"{path}: an HDF5 file, but not a {kind} of discsim")
+            for part in parts_of(file):
+                if not part.exists():
+                    raise error(f"{path}: its part {part} is gone; expected all its parts beside it")
             yield file
     except FileNotFoundError:
         raise error(f"{path}: no such file") from None
@@ -89,3 +130,37 @@ def put(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
     # HDF5 takes a chunk longer than the array only where the array could still grow.
     room = array.shape if shape else (None,) * array.ndim
     return group.create_dataset(name, data=array, chunks=chunk, maxshape=room, fletcher32=True)
+
+
+def parts_of(file: h5py.File) -> list[Path]:
+    """The files that hold rows of the particles of a master; none of a file that holds all."""
+    folder = Path(file.filename).parent
+    return [folder / os.fsdecode(name) for name in file.attrs.get(NAMES, ())]
+
+
+def read(stored: h5py.Dataset, rows: slice = ALL) -> np.ndarray:
+    """Entries of a dataset, those in parts from there: HDF5 gives zeros for a part that it cannot open."""
+    if not stored.is_virtual:
+        return np.asarray(stored[rows])
+    first, last, _ = rows.indices(len(stored))
+    out = np.empty((max(last - first, 0), *stored.shape[1:]), stored.dtype)
+    folder, made = Path(stored.file.filename).parent, stored.file.attrs[MADE]
+    for source in stored.virtual_sources():
+        (begin, *_), (end, *_) = source.vspace.get_select_bounds()
+        one, other = max(first, begin), min(last, end + 1)
+        if one < other:
+            with _part(folder / source.file_name, made) as part:
+                out[one - first : other - first] = part[source.dset_name][one - begin : other - begin]
+    return out
+
+
+@contextmanager
+def _part(path: Path, made: str) -> Iterator[h5py.File]:
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get(MADE) != np.bytes_(made):
+                raise OSError("it is of another file than this one")
+            yield file
+    except (OSError, KeyError, ValueError, RuntimeError) as fault:
+        reason = str(fault).splitlines()[0] if isinstance(fault, OSError) else "its contents cannot be read"
+        raise OSError(f"part {path}: {reason}") from fault

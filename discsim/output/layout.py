@@ -102,14 +102,17 @@ def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[
 def other_columns(group: h5py.Group) -> dict[str, tuple[Array, str]]:
     """Arrays of a species that the layout does not know, with their dimensions, by name."""
     others = [stored for stored in group.values() if "Dimension of discsim" in stored.attrs]
-    return {s.attrs["Name"].decode(): (s[()], s.attrs["Dimension of discsim"].decode()) for s in others}
+    return {s.attrs["Name"].decode(): (hdf5.read(s), s.attrs["Dimension of discsim"].decode()) for s in others}
 
 
-def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, present: dict[str, Any]) -> None:
-    """The groups that readers of the layout look for, each with the attributes that one of them needs."""
+def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, held: dict[str, int]) -> None:
+    """The groups that readers of the layout look for, each with the attributes that one of them needs.
+
+    held: how many particles there are of each kind.
+    """
     units, counts = scene.units, np.zeros(TYPES, np.int64)
-    for kind, particles in present.items():
-        counts[int(GROUPS[kind][0][-1])] = particles.count
+    for kind, count in held.items():
+        counts[int(GROUPS[kind][0][-1])] = count
     box = np.full(3, side.max())
     box[: len(side)] = side
     gas = scene.gas

@@ -75,6 +75,6 @@ def read(group: h5py.Group) -> OpenStep | None:
     if GROUP not in group:
         return None
     held = group[GROUP]
-    arrays = {species: {name: stored[()] for name, stored in part.items()} for species, part in held.items()}
+    arrays = {species: {name: hdf5.read(stored) for name, stored in part.items()} for species, part in held.items()}
     pace = Pace(*map(float, held.attrs["pace"])) if "pace" in held.attrs else None
     return OpenStep(float(held.attrs["lag"]), int(held.attrs["step"]), arrays, pace)

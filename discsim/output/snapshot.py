@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -182,6 +182,27 @@ class Snapshot:
         return values.quantity(self, name, window, pixels, edges)
 
 
+class Extent(NamedTuple):
+    """Corners (dimensions,) of the box that holds all particles of a run, and how many there are of each kind."""
+
+    lower: Array
+    upper: Array
+    counts: dict[str, int]
+
+
+def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> Extent:
+    """The scene's box, widened to hold what has left it through an open boundary."""
+    size = np.asarray(scene.space.size, dtype=float)
+    lower = -size / 2 if scene.centred else np.zeros_like(size)
+    upper = lower + size
+    present = _present(gas, dust, bodies)
+    for particles in present.values():
+        if particles.count:
+            lower = np.minimum(lower, particles.pos.min(axis=0))
+            upper = np.maximum(upper, particles.pos.max(axis=0))
+    return Extent(lower, upper, {name: particles.count for name, particles in present.items()})
+
+
 def write_snapshot(
     path: str | os.PathLike[str],
     scene: Scene,
@@ -191,19 +212,21 @@ def write_snapshot(
     extra: dict[str, dict[str, Array | Column]] | None = None,
     bodies: Bodies | None = None,
     step: OpenStep | None = None,
+    extent: Extent | None = None,
+    into: Callable[[Any], AbstractContextManager[h5py.File]] = hdf5.create,
 ) -> None:
     """Write the particles at `time` to `path`, which appears only when it is complete.
 
     `extra` holds more arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the
-    particles; `step` what a run goes on from beside them. Raises OSError where the file cannot be written.
+    particles; `step` what a run goes on from beside them. Of a run whose particles are not all here `extent` is that
+    of all. into: what makes the file. Raises OSError where it cannot be written.
     """
-    extra = extra or {}
-    present = {name: p for name, p in (("gas", gas), ("dust", dust), ("bodies", bodies)) if p is not None}
-    lower, upper = _box(scene, list(present.values()))
+    extra, present = extra or {}, _present(gas, dust, bodies)
+    lower, upper, counts = extent or extent_of(scene, gas, dust, bodies)
     support = _support(scene)
-    with hdf5.create(path) as file:
+    with into(path) as file:
         hdf5.mark(file, "snapshot")
-        write_layout(file, scene, time, upper - lower, present)
+        write_layout(file, scene, time, upper - lower, counts)
         own = file.create_group("discsim")
         own.attrs["origin"] = lower
         own.attrs["size"] = upper - lower
@@ -242,7 +265,7 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
                 continue
             wanted = partial(_wanted, columns, kind)
             arrays = {
-                name: file[group][f.dataset][()]
+                name: hdf5.read(file[group][f.dataset])
                 for name, f in fields.items()
                 if f.dataset in file[group] and wanted(name)
             }
@@ -303,16 +326,9 @@ def _support(scene: Scene) -> float:
     return SUPPORT[KERNELS[scene.gas.kernel]]
 
 
-def _box(scene: Scene, kinds: list[Particles | Bodies]) -> tuple[Array, Array]:
-    """Corners of the scene's box, widened to hold what has left it through an open boundary."""
-    size = np.asarray(scene.space.size, dtype=float)
-    lower = -size / 2 if scene.centred else np.zeros_like(size)
-    upper = lower + size
-    for particles in kinds:
-        if particles.count:
-            lower = np.minimum(lower, particles.pos.min(axis=0))
-            upper = np.maximum(upper, particles.pos.max(axis=0))
-    return lower, upper
+def _present(gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> dict[str, Particles | Bodies]:
+    kinds: dict[str, Any] = {"gas": gas, "dust": dust, "bodies": bodies}
+    return {name: particles for name, particles in kinds.items() if particles is not None}
 
 
 def _into_box(pos: Array, lower: Array, upper: Array) -> Array:

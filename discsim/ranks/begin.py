@@ -51,10 +51,13 @@ def _faults_of_drag(scene: Scene) -> Iterator[str]:
             yield "dust.grain_size: many sizes run on one MPI rank only; expected one size, or no mpiexec"
 
 
-def divide(sim: Simulation, comm: Comm) -> Ranks:
-    """Let each rank keep its own particles of a simulation that all have made alike, and step on with the others."""
+def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
+    """Let each rank have its own particles of a simulation, and step on with the others.
+
+    alike: all have made all of it, else each has a run of the rows, in the order of ranks.
+    """
     ranks = Ranks(sim.scene, comm)
-    ranks.divide(sim.state)
+    ranks.divide(sim.state, alike)
     effects: Any = sim.effects
     if sim.scene.gas is not None:
         effects["gas"].sph = DividedSph(sim.scene, comm)

@@ -74,6 +74,19 @@ class Division:
             if acc is not None and len(acc) > 0:
                 state.own_acc[name] = acc[own]
 
+    def deal(self, state: State) -> None:
+        """Of particles of which each rank has a run of rows, in the order of ranks, bring all to their owners."""
+        for name, p in state.species.items():
+            before = self.comm.mpi.exscan(p.count) or 0
+            p.place = np.arange(before, before + p.count, dtype=np.uint64)
+            owner = self.owner[self.tile_of(p.pos)]
+            route = Route(self.comm, [np.flatnonzero(owner == rank) for rank in range(self.comm.size)])
+            order = np.argsort(route.send(p.place))
+            for array_name, array in p.arrays().items():
+                setattr(p, array_name, route.send(array)[order])
+            if name in state.own_acc and self.comm.mpi.allreduce(len(state.own_acc[name])) > 0:
+                state.own_acc[name] = route.send(state.own_acc[name])[order]
+
     def migrate(self, particles: Particles) -> None:
         """Bring particles to their owners."""
         owner = self.owner[self.tile_of(particles.pos)]

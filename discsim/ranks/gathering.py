@@ -1,7 +1,8 @@
-"""The whole state of a run on the rank that leads, for what is written: in the order of all, as on one rank."""
+"""Particles in the order in which they are written: all on the rank that leads, or a run of them on each."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,45 +14,73 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
 
 Array = np.ndarray
+SAMPLES = 256  # of each rank, from which it is found where a run ends: to 1/SAMPLES of a rank's
 
 
 class Gathering:
-    """Arrays of a species, brought to the rank that leads."""
+    """Arrays of a species, brought to where they are written.
 
-    def __init__(self, comm: Comm, particles: Particles) -> None:
-        assert particles.place is not None
-        nobody = np.empty(0, np.int64)
-        self.route = Route(comm, [np.arange(particles.count)] + [nobody] * (comm.size - 1))
-        self.order = np.argsort(self.route.send(particles.place))
+    by: "place", their order in the memory of one process, or "ids". divided: each rank takes a run of them.
+    """
+
+    def __init__(self, comm: Comm, particles: Particles, by: str = "place", divided: bool = False) -> None:
+        key = getattr(particles, by)
+        owner = np.searchsorted(_cuts(comm, key), key, side="right") if divided else np.zeros(len(key), np.int64)
+        self.route = Route(comm, [np.flatnonzero(owner == rank) for rank in range(comm.size)])
+        self.order = np.argsort(self.route.send(key))
 
     def array(self, array: Array) -> Array:
-        """All of an array (n, ...); elsewhere one of no entries."""
+        """What comes here of an array (n, ...)."""
         return self.route.send(array)[self.order]
 
-    def particles(self, particles: Any) -> Any:
-        arrays = {name: self.array(array) for name, array in particles.arrays().items() if name != "place"}
-        return type(particles)(**arrays)
+    def particles(self, particles: Any, wanted: Collection[str] | None = None) -> Any:
+        """Those that come here; arrays that are not `wanted` have no entries."""
+        held = {name: array for name, array in particles.arrays().items() if name != "place"}
+        every = wanted is None
+        return type(particles)(
+            **{name: self.array(a) if every or name in wanted else a[:0] for name, a in held.items()}
+        )
 
 
-def gathered(comm: Comm, state: State) -> State:
-    """The whole of a state on the rank that leads, elsewhere one of no particles."""
+def _cuts(comm: Comm, key: Array) -> Array:
+    """Keys (size - 1,) that divide those of all ranks into runs, about as long."""
+    some = np.sort(key)[np.linspace(0, max(len(key) - 1, 0), SAMPLES if len(key) else 0).astype(np.int64)]
+    found = comm.mpi.allgather((some, len(key)))
+    keys = np.concatenate([sample for sample, _ in found])
+    if len(keys) == 0:
+        return np.zeros(comm.size - 1, key.dtype)
+    order = np.argsort(keys, kind="stable")
+    until = np.cumsum(np.concatenate([np.full(len(sample), count / SAMPLES) for sample, count in found])[order])
+    at = np.searchsorted(until, until[-1] * np.arange(1, comm.size) / comm.size)
+    return keys[order][at]
+
+
+def gathered(
+    comm: Comm, state: State, by: str = "place", divided: bool = False, wanted: Collection[str] | None = None
+) -> State:
+    """A state with the particles that come here: all on the rank that leads and elsewhere none, or a run of them.
+
+    wanted: names of arrays; all others, and what gas and dust do not both feel, have no entries. None: all.
+    """
     found: dict[str, Any] = {}
     own_acc = {}
     for name, p in state.species.items():
-        gathering = Gathering(comm, p)
-        found[name] = gathering.particles(p)
-        if name in state.own_acc:
+        gathering = Gathering(comm, p, by, divided)
+        found[name] = gathering.particles(p, wanted)
+        if name in state.own_acc and wanted is None:
             acc = state.own_acc[name]
             empty = comm.mpi.allreduce(len(acc)) == 0
             own_acc[name] = acc[:0] if empty else gathering.array(acc)
     return replace(state, own_acc=own_acc, **found)
 
 
-def gathered_columns(comm: Comm, state: State, extra: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def gathered_columns(
+    comm: Comm, state: State, extra: dict[str, dict[str, Any]], by: str = "place", divided: bool = False
+) -> dict[str, dict[str, Any]]:
     """Columns of effects, by species and name, as snapshots take them."""
     out: dict[str, dict[str, Any]] = {}
     for species, columns in extra.items():
-        gathering = Gathering(comm, state.species[species])
+        gathering = Gathering(comm, state.species[species], by, divided)
         out[species] = {
             name: gathering.array(column)
             if isinstance(column, np.ndarray)

@@ -17,19 +17,29 @@ from typing import Any
 
 from discsim.effects.base import Effect
 from discsim.numerics.state import State
+from discsim.output.checkpoint import Scalar
 from discsim.output.history import history_row
-from discsim.output.open_step import left_open
-from discsim.output.snapshot import write_snapshot
+from discsim.output.layout import GROUPS
+from discsim.output.open_step import KICKED, left_open
+from discsim.output.parts import tidy
+from discsim.output.snapshot import Extent, extent_of, write_snapshot
+from discsim.ranks import files
+from discsim.ranks.agreed import alike, led
 from discsim.ranks.begin import divide, faults
 from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
+from discsim.ranks.start import begun
 from discsim.ranks.world import Ranks
 from discsim.run.forces import kick_owner
 from discsim.run.progress import Progress
 from discsim.run.records import Records
-from discsim.run.runner import Run, columns, ended, with_present_pressure
+from discsim.run.runner import Run, ended
+from discsim.run.shown import columns, with_present_pressure
+from discsim.run.simulation import Simulation
 from discsim.scene import Scene, SceneError
 
+STORED = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays that snapshots show
+OPEN = {"mass", "ids", *KICKED, "h_before"}  # and what they have of an open step
 WAIT = 3.0  # seconds for all ranks to come to their ends
 FAILED = 1  # exit status of what nobody has foreseen
 
@@ -110,17 +120,7 @@ class DividedRun(Run):
         self.compilation.say = self.progress.say
 
     def led(self, do: Callable[[], Any]) -> Any:
-        """What `do` returns on the rank that leads, where alone it is called; raises everywhere what it raises."""
-        told: tuple[Any, BaseException | None] | None = None
-        if self.leads:
-            try:
-                told = do(), None
-            except Exception as fault:
-                told = None, fault
-        value, raised = self.comm.mpi.bcast(told)
-        if raised is not None:
-            raise raised
-        return value
+        return led(self.comm, do)
 
     def go(self, resume: bool) -> int:
         if wrong := list(faults(self.scene)):
@@ -143,10 +143,21 @@ class DividedRun(Run):
     def _tables(self) -> Records:
         return super()._tables() if self.leads else Unwritten(self.scene, self.directory)
 
+    def _simulation(self, to_restore: bool) -> Simulation:
+        return Simulation(self.scene, begun=begun(self.comm, self.scene, to_restore))
+
+    def _restore(self, path: Path) -> dict[str, Scalar]:
+        return dict(alike(self.comm, lambda: self.sim.restore(path, (self.comm.rank, self.comm.size))))
+
+    def _take_up_rows(self, values: dict[str, Scalar]) -> list[str]:
+        return list(self.led(lambda: super(DividedRun, self)._take_up_rows(values)))
+
     def _open_files(self, resume: bool) -> None:
-        self.comm.mpi.Barrier()  # all have read the checkpoint, which may get another name
-        self.led(lambda: super(DividedRun, self)._open_files(resume))
-        self.ranks = divide(self.sim, self.comm)
+        self.led(lambda: super(DividedRun, self)._open_files(resume))  # all have read the checkpoint
+        self.ranks = divide(self.sim, self.comm, alike=False)
+
+    def _add_row(self) -> None:
+        alike(self.comm, super()._add_row)  # of what fails once all have made the row
 
     def _must_save(self) -> bool:
         return bool(self.ranks.most(super()._must_save()))
@@ -156,16 +167,22 @@ class DividedRun(Run):
         return bool(self.ranks.most(super()._must_stop()))
 
     def _output(self) -> None:
-        sim, comm = self.sim, self.comm
-        open_step = left_open(gathered(comm, sim.state), kick_owner(sim.effects) is not None)
+        sim, comm, divided = self.sim, self.comm, files.to_divide(self.comm, self.sim.state)
+        unfinished = gathered(comm, sim.state, "ids", divided, OPEN)
+        open_step = left_open(unfinished, kick_owner(sim.effects) is not None)
+        del unfinished  # it takes memory
         with sim.synchronised() as state:
-            extra = gathered_columns(comm, state, columns(state, sim.effects.values()))
-            shown = gathered(comm, replace(state, gas=with_present_pressure(state)))
+            extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)
+            extent = self._extent(state)
+            shown = gathered(comm, replace(state, gas=with_present_pressure(state)), "ids", divided, STORED)
             path = self._snapshot(self.snapshots)
-            self.led(
-                lambda: write_snapshot(
-                    path, self.scene, state.time, shown.gas, shown.dust, extra, state.bodies, open_step
-                )
+            files.write(
+                comm,
+                path,
+                divided,
+                lambda into: write_snapshot(
+                    path, self.scene, state.time, shown.gas, shown.dust, extra, state.bodies, open_step, extent, into
+                ),
             )
             self._add_row()
             if state.step == 0:
@@ -175,18 +192,26 @@ class DividedRun(Run):
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
         self.snapshots += 1
 
-    def _save(self) -> None:
-        own, saved = self.sim.state, super()._save
-        whole = gathered(self.comm, own)
+    def _extent(self, state: State) -> Extent:
+        """That of the particles of all ranks."""
+        lower, upper, counts = extent_of(self.scene, state.gas, state.dust, state.bodies)
+        counts |= {name: p.everywhere for name, p in state.species.items()}
+        return Extent(self.ranks.least(lower), self.ranks.most(upper), counts)
 
-        def save() -> None:
-            self.sim.state = whole
+    def _save(self) -> None:
+        own, write_checkpoint = self.sim.state, super()._write_checkpoint
+        divided = files.to_divide(self.comm, own)
+        share = gathered(self.comm, own, divided=divided)
+
+        def fill(into: Any) -> None:
+            self.sim.state = share
             try:
-                saved()
+                write_checkpoint(into)
             finally:
                 self.sim.state = own
 
-        self.led(save)
+        files.write(self.comm, self.checkpoints.last, divided, fill, self.checkpoints.before)
+        self.led(lambda: tidy(self.directory))
         self.saved, self.saved_time = time.monotonic(), self.sim.time
 
     def _finish(self) -> int:

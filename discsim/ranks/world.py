@@ -42,10 +42,10 @@ class Ranks:
     def sum(self, values: Any) -> Any:
         return self.comm.reduced(values, MPI.SUM)
 
-    def divide(self, state: State) -> None:
-        """Of a state that each rank has the whole of, keep own particles."""
-        self.division.cut(state.species, whole=True)
-        self.division.keep_own(state)
+    def divide(self, state: State, alike: bool = True) -> None:
+        """Bring particles to their owners: each rank has all of them, or a run of rows in the order of ranks."""
+        self.division.cut(state.species, whole=alike)
+        (self.division.keep_own if alike else self.division.deal)(state)
 
     def settle(self, state: State) -> None:
         if to_sort(state.step) and self.division.cut(state.species):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from discsim.output.checkpoint import CheckpointError, read_checkpoint
+from discsim.output.checkpoint import CheckpointError, Scalar, checked_checkpoint
 from discsim.output.files import renamed
 from discsim.run.directory import CHECKPOINTS
 
@@ -17,14 +17,14 @@ class Checkpoints:
         self.last, self.before = (directory / name for name in CHECKPOINTS)
         self.chosen, self.fault = self.last, ""
 
-    def newest(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Arrays by group and values of the newest one that can be read. Raises CheckpointError where none can."""
+    def newest(self) -> tuple[dict[str, Any], dict[str, Scalar]]:
+        """Arrays by group, but for particles, and values of the newest that can be read. Raises CheckpointError."""
         try:
-            return read_checkpoint(self.last)
+            return checked_checkpoint(self.last)
         except CheckpointError as fault:
             self.chosen, self.fault = self.before, str(fault)
         try:
-            return read_checkpoint(self.before)
+            return checked_checkpoint(self.before)
         except CheckpointError as fault:
             both = f"{self.fault}; {fault}" if self.before.exists() else self.fault
             raise CheckpointError(both) from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import socket
 import time
 import tomllib
@@ -14,7 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from discsim.output.files import keep_names, written
+from discsim.output.files import PARTS, keep_names, written
+from discsim.parts import Lazy
 from discsim.scene import Scene, tomltext
 from discsim.scene.loading import files_of
 
@@ -23,6 +23,7 @@ try:
 except ImportError:  # a system without flock
     fcntl = None
 
+parts = Lazy("discsim.output.parts")  # imports h5py
 CHECKPOINTS = ("checkpoint.h5", "checkpoint_before.h5")  # the last one, and the one before it
 LEFT_BY_A_RUN = ("scene.toml", *CHECKPOINTS, "snapshots")
 # What flock answers where a file system has no locks.
@@ -80,7 +81,7 @@ def with_own_files(scene: Scene, directory: Path) -> Scene:
         path = directory / f"{table}{file.path.suffix}"
         if file.path != path.absolute():
             with written(path) as temporary:
-                shutil.copyfile(file.path, temporary)
+                parts.copy(file.path, path, temporary)
         values.append(([table, key], path.name))
         tomltext.with_value(data, [table, key], path.name)
         update[table] = scene.table(table).model_copy(update={key: replace(file, path=path.absolute())})
@@ -154,6 +155,7 @@ def _is_at(file: int, path: Path) -> bool:
 
 def sweep(directory: Path) -> None:
     """Remove what killed runs left half-written; only for who holds the directory."""
-    for folder in (directory, directory / "snapshots"):
+    places = directory, directory / "snapshots"
+    for folder in (*places, *(place / PARTS for place in places)):
         for part in (*folder.glob(".*.part"), *folder.glob(".*.part.png")):
             part.unlink()

@@ -5,25 +5,22 @@ from __future__ import annotations
 import signal
 import time
 import traceback
-from collections.abc import Iterable
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from numba.core import caching, event
 
 from discsim import __version__
-from discsim.effects.base import Column, Effect
 from discsim.initial import start_time
 from discsim.kernels import cache
-from discsim.numerics.state import Gas, State
-from discsim.output.checkpoint import CheckpointError, Scalar
+from discsim.output import hdf5
+from discsim.output.checkpoint import CheckpointError, Scalar, write_checkpoint
 from discsim.output.files import command, written
 from discsim.output.history import HistoryError
 from discsim.output.open_step import left_open
+from discsim.output.parts import tidy
 from discsim.output.snapshot import write_snapshot
-from discsim.physics.eos import pressure_and_sound_speed
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
@@ -35,12 +32,11 @@ from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
 from discsim.run.records import Records
+from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene, SceneError
 from discsim.scene.differences import refuse_another
 from discsim.scene.units import clock
-
-Array = np.ndarray
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
 SMALL = 20_000  # particles: below it history has a row for every step
@@ -118,7 +114,7 @@ class Run:
             return self._nothing_left(reached)
         self._announce(locked)
         self._copy_files()
-        self.sim = Simulation(self.scene, to_restore=resume)
+        self.sim = self._simulation(resume)
         if self.sim.relaxed is not None:
             self.progress.say(str(self.sim.relaxed))
         if cache.temporary:
@@ -202,6 +198,9 @@ class Run:
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
         return float(values["time"])
 
+    def _simulation(self, to_restore: bool) -> Simulation:
+        return Simulation(self.scene, to_restore=to_restore)
+
     def _announce(self, locked: bool) -> None:
         say = self.progress.say
         say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
@@ -243,15 +242,23 @@ class Run:
         for path in folder.glob("*.h5"):
             if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
                 path.unlink()
+        tidy(self.directory)
+        tidy(folder)
         self.progress.open_log(self.directory / "run.log", resume)
         self.records.open()
 
     def _take_up(self) -> list[str]:
         """Take up the state of the checkpoint and the rows until there; what is to be told of these. Writes nothing."""
-        values = self.sim.restore(self.checkpoints.chosen)
+        values = self._restore(self.checkpoints.chosen)
         self.saved_time = self.sim.time
         self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
+        return self._take_up_rows(values)
+
+    def _take_up_rows(self, values: dict[str, Scalar]) -> list[str]:
         return self.records.take_up(self.sim.state.step, values)
+
+    def _restore(self, path: Path) -> dict[str, Scalar]:
+        return self.sim.restore(path)
 
     # Stepping
 
@@ -317,16 +324,22 @@ class Run:
         self.records.add_history(self.sim.state, self.sim.effects, self.dt, self.set_by)
 
     def _save(self) -> None:
+        self._write_checkpoint(hdf5.create)
+        tidy(self.directory)
+        self.saved, self.saved_time = time.monotonic(), self.sim.time
+
+    def _write_checkpoint(self, into: Any) -> None:
         self.records.sync()
         notes: dict[str, Scalar] = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
         sim, costs = self.sim, self.sim.costs
         if self.steps < 2:  # what follows forgets the first step, in which kernels compiled
             sim.costs = self.costs_before
         try:
-            sim.save(self.checkpoints.last, {**notes, "dt": self.dt, "set_by": self.set_by}, self.checkpoints.before)
+            groups, values = sim.contents()
         finally:
             sim.costs = costs
-        self.saved, self.saved_time = time.monotonic(), sim.time
+        values |= {**notes, "dt": self.dt, "set_by": self.set_by}
+        write_checkpoint(self.checkpoints.last, groups, values, self.checkpoints.before, into)
 
     # Ending
 
@@ -373,21 +386,3 @@ def of_numba_cache(fault: BaseException) -> bool:
     """Whether an exception came out of the writing of numba's cache."""
     frames = traceback.walk_tb(fault.__traceback__)
     return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)
-
-
-def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Array | Column]]:
-    """What effects add to a snapshot of a synchronised state, by species and name."""
-    extra: dict[str, dict[str, Array | Column]] = {}
-    for effect in effects:
-        for species, arrays in effect.columns(state).items():
-            extra[species] = extra.get(species, {}) | dict(arrays)
-    return extra
-
-
-def with_present_pressure(state: State) -> Gas | None:
-    """The gas with the pressure of its present energy: the forces had to foresee that."""
-    gas = state.gas
-    if gas is None or gas.u is None:
-        return gas
-    pressure, sound_speed = pressure_and_sound_speed(state.scene, state.from_centre(gas.pos), gas.density, gas.u)
-    return replace(gas, pressure=pressure, sound_speed=sound_speed)

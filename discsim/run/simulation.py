@@ -18,10 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from discsim.effects import load_effects
 from discsim.effects.base import Effect
-from discsim.initial import make_particles, make_state, own, start_of
-from discsim.initial.frame import enter_frame, make_bodies
+from discsim.initial import own
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.state import Dust, Gas, Ledger, Pace, State
 from discsim.numerics.threads import use_threads
@@ -32,7 +30,7 @@ from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import Limits, PhysicsError, acceleration_of
 from discsim.run.operators import Operators
-from discsim.run.relaxation import Relaxed, relax
+from discsim.run.start import Begun, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
 from discsim.scene import Scene, SceneError, html, load_scene
@@ -47,7 +45,8 @@ class Simulation:
 
     scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
     dict(pos (n, d), vel (n, d), mass (n,)[, u, species, size]), Quantities or in code units. to_restore: its state will
-    be that of a checkpoint (`restore`), so that the start need not settle before t = 0. Raises SceneError.
+    be that of a checkpoint (`restore`), so that the start need not settle before t = 0. begun: its start, where that is
+    made. Raises SceneError.
     """
 
     def __init__(
@@ -56,6 +55,7 @@ class Simulation:
         particles: dict[str, dict[str, Any]] | None = None,
         *,
         to_restore: bool = False,
+        begun: Begun | None = None,
     ):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
@@ -66,27 +66,7 @@ class Simulation:
         if faults := list(too_much(scene)):
             raise SceneError(faults)
         use_threads(scene.run.threads)
-        try:
-            self.state = make_state(scene, _made(scene) if given is None else given)
-            self.state.bodies = make_bodies(scene, with_start=particles is None)
-            effects = load_effects(scene, self.state)
-            settle = None if particles is not None else start_of(scene).settle
-            if settle is not None:
-                with np.errstate(**OVERFLOWS):
-                    settle(self.state, effects)
-            for effect in effects.values():
-                effect.begin(self.state, effects)
-            self.relaxed: Relaxed | None = None
-            if particles is None and not to_restore:
-                self.relaxed = relax(self.state, effects)
-            enter_frame(self.state, with_particles=particles is None)
-            take_up = None if particles is not None else start_of(scene).take_up
-            if take_up is not None:
-                take_up(self.state)
-        except ValueError as error:
-            raise SceneError([str(error)]) from error
-        except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
-            raise SceneError([f"the start's numbers are too extreme: {error}; expected others"]) from error
+        self.state, effects, self.relaxed = begun or begin(scene, given, to_restore)
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
         self._fresh = self._in_midst = False
@@ -242,6 +222,11 @@ class Simulation:
         Raises PhysicsError where the state is not finite: it would take the place of one that can go on.
         before: where the one that was at `path` stays; else it is replaced.
         """
+        groups, values = self.contents()
+        write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
+
+    def contents(self) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Scalar]]:
+        """Arrays by group and single values of a checkpoint of now. Raises PhysicsError as `save`."""
         self._prepare()
         guards.check_inputs(self.state, self.effects)
         state = self.state
@@ -257,14 +242,15 @@ class Simulation:
         values |= dict(zip(LIMITS, self.operators.limits, strict=True))
         if state.pace is not None:
             values |= {f"pace_{name}": value for name, value in state.pace._asdict().items()}
-        write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
+        return groups, values
 
-    def restore(self, path: str | Path) -> dict[str, Scalar]:
+    def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> dict[str, Scalar]:
         """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError, SceneError.
 
-        The scene may differ from that of the checkpoint as with --resume. What raises leaves all as it was.
+        The scene may differ from that of the checkpoint as with --resume. What raises leaves all as it was. share: of
+        the particles only some, as `read_checkpoint`, for who has the others elsewhere.
         """
-        groups, values = read_checkpoint(path)
+        groups, values = read_checkpoint(path, share)
         refuse_another(path, groups["scene"]["text"].tobytes(), self.scene)
         state, costs = self.state, self.costs.copy()
         for name, particles in state.species.items():
@@ -288,6 +274,8 @@ class Simulation:
         state.own_acc, state.ledger, state.bodies, self.costs = own_acc, ledger, bodies, costs
         state.time, state.step, state.lag, state.pace = time, step, lag, pace
         self.operators.limits = limits
+        for effect in self.effects.values():
+            effect.forget()
         self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values
 
@@ -360,9 +348,3 @@ def _entry(array: np.ndarray) -> Any:
 
 LIMITS = ("limit", "limited_by", "dust_limit", "dust_limited_by")  # of `Limits`, in a checkpoint
 MOVED = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # what a kick changes
-OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
-
-
-def _made(scene: Scene) -> dict[str, dict[str, Any]]:
-    with np.errstate(**OVERFLOWS):
-        return make_particles(scene)

@@ -8,12 +8,13 @@ import h5py
 import numpy as np
 import pytest
 from deaths import forked, left_by_kills, status_of
-from runs import SHOCK, WAVE, assert_same_files, at_step, contents, rows, scene_of
+from runs import DISC, SHOCK, WAVE, assert_same_files, at_step, contents, rows, scene_of
 
 import discsim
 from discsim import Simulation, __version__, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
 from discsim.output.files import command
+from discsim.output.history import history_row
 from discsim.run.runner import Run, run_scene
 from discsim.run.simulation import PhysicsError
 
@@ -233,6 +234,19 @@ def test_no_checkpoint_of_numbers_that_are_not_finite(stopped):
     with pytest.raises(PhysicsError, match=r"gas particle \d+ is not finite in its mass"):
         sim.save(out / "checkpoint.h5")
     assert contents(out) == before
+
+
+def test_a_row_that_is_due_at_the_checkpoint_is_the_same_once_resumed(tmp_path):
+    """Its potential is that of the checkpoint, not of the start that has settled in its own."""
+    scene, found = scene_of(tmp_path, DISC), []
+    one, other = Simulation(scene), Simulation(scene, to_restore=True)
+    one.evolve(0.15)
+    one.save(tmp_path / "checkpoint.h5")
+    other.restore(tmp_path / "checkpoint.h5")
+    for sim in (one, other):
+        with sim.synchronised() as state:
+            found.append(history_row(state, sim.effects, 0.1, "gas"))
+    assert found[0] == found[1]
 
 
 def test_files_say_what_made_them(stopped, monkeypatch):

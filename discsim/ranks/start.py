@@ -1,0 +1,71 @@
+"""The start of a run on several ranks: the one that leads makes it, with all its particles; the others have the same
+effects and none of the particles, until these are dealt out (`division.py`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from discsim.effects import load_effects
+from discsim.numerics.state import Dust, Gas, State
+from discsim.numerics.threads import use_threads
+from discsim.ranks.agreed import led
+from discsim.ranks.comm import Comm
+from discsim.run.start import Begun, begin
+from discsim.scene import Scene
+
+KINDS: dict[str, Any] = {"gas": Gas, "dust": Dust}
+TOLD = ("time", "step", "earlier", "lag", "ledger", "pace", "bodies")  # of a state, beside its particles
+
+
+def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
+    """As `begin`, with all particles on the rank that leads."""
+    use_threads(scene.run.threads)
+    made: list[Begun] = []
+
+    def make() -> Any:
+        made.append(begin(scene, to_restore=to_restore))
+        return told(made[0])
+
+    heard = led(comm, make)
+    return made[0] if made else without_particles(scene, heard)
+
+
+def told(begun: Begun) -> dict[str, Any]:
+    """What other ranks have to know of a start."""
+    state = begun.state
+    return {
+        "arrays": {
+            name: {key: (array.shape, array.dtype) for key, array in p.arrays().items()}
+            for name, p in state.species.items()
+        },
+        "state": {name: getattr(state, name) for name in TOLD},
+        "effects": {
+            name: {key: getattr(effect, key) for key in effect.from_start} for name, effect in begun.effects.items()
+        },
+    }
+
+
+def without_particles(scene: Scene, told: dict[str, Any]) -> Begun:
+    """The same state and effects, with arrays of no rows."""
+    # Effects are made of a state that has as many particles: zeros, which take no memory until somebody writes there.
+    species: dict[str, Any] = {
+        name: KINDS[name](**{key: np.zeros(*like) for key, like in arrays.items()})
+        for name, arrays in told["arrays"].items()
+    }
+    state = State(scene, species.get("gas"), species.get("dust"), None)
+    for name, value in told["state"].items():
+        setattr(state, name, value)
+    effects = load_effects(scene, state)
+    for name, effect in effects.items():
+        for key, value in told["effects"][name].items():
+            setattr(effect, key, value)
+        if not effect.from_start:
+            effect.begin(state, effects)
+    state.pace = told["state"]["pace"]  # which an effect may have begun anew
+    for p in species.values():
+        for key, array in p.arrays().items():
+            setattr(p, key, array[:0].copy())
+    return Begun(state, effects)

@@ -1,0 +1,63 @@
+"""How a simulation begins: the state of its start, and the effects that have seen it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from discsim.effects import load_effects
+from discsim.effects.base import Effect
+from discsim.initial import make_particles, make_state, start_of
+from discsim.initial.frame import enter_frame, make_bodies
+from discsim.numerics.state import State
+from discsim.run.relaxation import Relaxed, relax
+from discsim.scene import Scene, SceneError
+
+Given = dict[str, dict[str, Any]]
+OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
+
+
+class Begun(NamedTuple):
+    """A state before its first step, its effects by name, and what relaxing it took."""
+
+    state: State
+    effects: dict[str, Effect]
+    relaxed: Relaxed | None = None
+
+
+def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False) -> Begun:
+    """The start of a scene, or own particles. Raises SceneError.
+
+    to_restore: the state will be that of a checkpoint, so that it need not settle.
+    """
+    try:
+        return _begin(scene, particles, to_restore)
+    except ValueError as error:
+        raise SceneError([str(error)]) from error
+    except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
+        raise SceneError([f"the start's numbers are too extreme: {error}; expected others"]) from error
+
+
+def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> Begun:
+    own = particles is not None
+    state = make_state(scene, _made(scene) if particles is None else particles)
+    state.bodies = make_bodies(scene, with_start=not own)
+    effects = load_effects(scene, state)
+    settle = None if own else start_of(scene).settle
+    if settle is not None:
+        with np.errstate(**OVERFLOWS):
+            settle(state, effects)
+    for effect in effects.values():
+        effect.begin(state, effects)
+    relaxed = None if own or to_restore else relax(state, effects)
+    enter_frame(state, with_particles=not own)
+    take_up = None if own else start_of(scene).take_up
+    if take_up is not None:
+        take_up(state)
+    return Begun(state, effects, relaxed)
+
+
+def _made(scene: Scene) -> Given:
+    with np.errstate(**OVERFLOWS):
+        return make_particles(scene)
