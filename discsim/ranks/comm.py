@@ -38,9 +38,19 @@ class Comm:
             self.mpi.Allgather(np.ascontiguousarray(array), out)
         return out
 
-    def gathered_bits(self, mask: Array) -> Array:
-        """Masks (size, n) of all ranks, of this one's mask (n,)."""
-        return np.unpackbits(self.gathered(np.packbits(mask)), axis=1, count=len(mask)).view(bool)
+    def listed(self, array: Array) -> list[Array]:
+        """Arrays (n,) of all ranks, each of its own length."""
+        counts = self.gathered(np.array(len(array)))
+        out = np.empty(int(counts.sum()), array.dtype)
+        of = MPI.Datatype.fromcode(array.dtype.char)
+        with self.traffic.call((self.size - 1) * array.nbytes, self._rounds):
+            self.mpi.Allgatherv([np.ascontiguousarray(array), of], [out, counts, of])
+        return np.split(out, np.cumsum(counts)[:-1])
+
+    def gathered_runs(self, mask: Array) -> list[Array]:
+        """Where runs of True begin and end (runs, 2) in the masks (n,) of all ranks: a few, where what is near is."""
+        edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+        return [run.reshape(-1, 2) for run in self.listed(edges)]
 
     def deal(self, out: Array, given: Array, taken: Array) -> Array:
         """Rows of `out`, numbers `given` (ranks,) of them to each rank in turn; those that come here, `taken`."""

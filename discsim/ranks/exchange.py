@@ -44,7 +44,17 @@ class Wide:
 
 def in_cells(comm: Comm, particles: Particles, key: Array, needed: Array) -> Wide:
     """Own particles, whose cells are `key` (n,), with those of others in the cells that are `needed` (cells,) here."""
-    masks = comm.gathered_bits(needed)
-    nobody = np.empty(0, np.int64)
-    to = [nobody if rank == comm.rank else np.flatnonzero(masks[rank][key]) for rank in range(comm.size)]
-    return Wide(particles, Route(comm, to))
+    runs, wanted = comm.gathered_runs(needed), np.zeros(len(needed), bool)
+    runs[comm.rank] = runs[comm.rank][:0]
+    for first, last in np.concatenate(runs).tolist():
+        wanted[first:last] = True
+    some = np.flatnonzero(wanted[key])  # few of all
+    some = some[np.argsort(key[some], kind="stable")]
+    cells = key[some].astype(np.int64)
+    return Wide(particles, Route(comm, [_members(some, np.searchsorted(cells, cut)) for cut in runs]))
+
+
+def _members(some: Array, cuts: Array) -> Array:
+    """Of an array its parts between `cuts` (runs, 2)."""
+    parts = [some[first:last] for first, last in cuts.tolist() if last > first]
+    return np.concatenate(parts) if parts else some[:0]

@@ -205,8 +205,8 @@ class DividedMesh(Mesh):
         Along x rows are added one after another: in pieces of columns, from rank to rank.
         """
         density, rank, last = self.slabs.density, self.comm.rank, self.comm.size - 1
-        with self.comm.traffic.call(density[0].nbytes if len(density) else 0, self.comm.size):
-            rows = np.concatenate(self.comm.mpi.allgather(density.sum(axis=1)))
+        rows = np.concatenate(self.comm.listed(density.sum(axis=1)))
+        with self.comm.traffic.call(8 * self.grid.shape[1], self.comm.size):
             columns = np.zeros(self.grid.shape[1])
             edges = np.linspace(0, len(columns), self.comm.size + 1).astype(int).tolist()
             for begin, end in pairwise(edges):
