@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.kernels.move import take_rows
+from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles
 
 Array = np.ndarray
+
+
+def taken(array: Array, index: Array) -> Array:
+    """The rows `index` (m,) of an array (n, ...)."""
+    out = np.empty((len(index), *array.shape[1:]), array.dtype)
+    wide = math.prod(array.shape[1:])
+    rows, to = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, out))
+    share(take_rows, len(index), rows, index, to)
+    return out
 
 
 class Wide:
@@ -35,7 +47,7 @@ class Wide:
 
     def of(self, array: Array) -> Array:
         """An array (n, ...) of own particles, with the same of ghosts."""
-        return np.concatenate([array, self.route.send(array)])[self._order]
+        return taken(np.concatenate([array, self.route.send(array)]), self._order)
 
     def refresh(self, array: Array) -> None:
         """Take the ghosts' entries of an array of both, in place, from those whose own they are."""

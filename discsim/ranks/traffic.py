@@ -28,9 +28,6 @@ class Sum(NamedTuple):
     bytes: float = 0.0
     messages: float = 0.0
 
-    def __add__(self, other: Sum) -> Sum:  # type: ignore[override]
-        return Sum(*(a + b for a, b in zip(self, other, strict=True)))
-
     def __sub__(self, other: Sum) -> Sum:
         return Sum(*(a - b for a, b in zip(self, other, strict=True)))
 
@@ -41,7 +38,7 @@ class Traffic:
     def __init__(self, mpi: MPI.Comm) -> None:
         self._mpi = mpi
         self.doing = ""
-        self.sums: dict[str, Sum] = {}
+        self._sums: dict[str, list[float]] = {}
         self._times: list[tuple[str, float]] = []  # of calls that have not been compared yet
 
     @contextmanager
@@ -50,13 +47,20 @@ class Traffic:
         wall, cpu = time.perf_counter(), time.process_time()
         yield
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        self._add(self.doing, Sum(1, cpu, wall, 0.0, size, messages))
+        self._add(self.doing, 1, cpu, wall, 0.0, size, messages)
         self._times.append((self.doing, wall))
         if len(self._times) == FOLD:
             self.fold()
 
-    def _add(self, name: str, what: Sum) -> None:
-        self.sums[name] = self.sums.get(name, Sum()) + what
+    def _add(self, name: str, *more: float) -> None:
+        row = self._sums.setdefault(name, [0.0] * len(Sum._fields))
+        for k, number in enumerate(more):
+            row[k] += number
+
+    @property
+    def sums(self) -> dict[str, Sum]:
+        """Until now, by name."""
+        return {name: Sum(*row) for name, row in self._sums.items()}
 
     def fold(self) -> None:
         """Compare the times of the last calls; all ranks together."""
@@ -64,7 +68,7 @@ class Traffic:
         least = np.empty_like(own)
         self._mpi.Allreduce(own, least, MPI.MIN)
         for (name, _), waited in zip(self._times, (own - least).tolist(), strict=True):
-            self._add(name, Sum(waiting=waited))
+            self._sums[name][Sum._fields.index("waiting")] += waited
         self._times = []
 
     def mean(self, sums: dict[str, Sum]) -> dict[str, Sum]:
