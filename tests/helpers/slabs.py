@@ -23,6 +23,7 @@ from discsim.ranks.comm import Comm
 from discsim.ranks.division import Division
 from discsim.ranks.gravity import divided
 
+CELL = 0.05
 # Shape, whether periodic, kernel, and how particles lie.
 CASES = {
     "open": ((64, 64), False, Plummer(0.1), "disc"),
@@ -34,6 +35,7 @@ CASES = {
     "one clump": ((64, 64), False, Plummer(0.1), "clump"),
     "periodic": ((64, 48), True, Plummer(0.1), "even"),
     "periodic disc": ((96, 96), True, ThinDisc(0.1), "disc"),
+    "periodic corner": ((40, 50), True, Plummer(0.1), "corner"),
     "periodic and narrow": ((90, 3), True, ThinDisc(0.1), "even"),
     "sheet": ((64, 1), True, Plummer(0.1), "even"),
 }
@@ -47,6 +49,7 @@ def particles(lie, sides, number, seed, dim):
         "beyond": lambda: rng.normal(0.0, 0.3, (number, 2)) * sides,
         "far": lambda: 3.0 * sides + rng.random((number, 2)),
         "disc": lambda: 0.4 * sides.min() * _disc(rng, number),
+        "corner": lambda: CELL * (0.7 + 0.5 * rng.random((number, 2))) - 0.5 * sides,  # about the first nodes
         "clump": lambda: 0.01 * rng.random((number, 2)) + 0.2,
     }
     out = cloud(places[lie]()[:, :dim], rng.random(number) + 0.1, dim)
@@ -71,10 +74,10 @@ def found(mesh, species):
 
 
 def differences(comm, shape, periodic, kernel, lie):
-    cell, dim = 0.05, 1 if shape[1] == 1 else 2
-    sides = cell * np.array(shape)
+    dim = 1 if shape[1] == 1 else 2
+    sides = CELL * np.array(shape)
     corner = tuple(-0.5 * sides) if dim == 2 else (-0.5 * sides[0], 0.0)
-    grid = Grid(corner, cell, shape, periodic)
+    grid = Grid(corner, CELL, shape, periodic)
     space = SimpleNamespace(dimensions=dim, size=tuple(sides[:dim]))
     division = Division(SimpleNamespace(space=space, centred=True), comm)
     alone = Mesh(grid, kernel)
