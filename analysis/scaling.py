@@ -9,8 +9,9 @@ those that it fetches, its part of the grid, and what it sends to how many other
         + bytes / bandwidth                                                                                        (1)
 
 a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. s: of
-what each rank does for all n particles: cells and blocks are listed on each rank. Both are fitted to short runs on 1
-and 8 ranks of one thread (`rank_steps.py`), and compared with such runs on 2 and 4. Network: two examples, NETWORKS.
+what each rank does for all n particles: cells and blocks are listed on each rank. Both are fitted to short runs on 3
+and 8 ranks of one thread (`rank_steps.py`), and compared with such runs on 2 and 4; what one rank takes is measured, as
+it moves no particles to others. Network: two examples, NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
 lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too.
@@ -34,7 +35,8 @@ from matplotlib.figure import Figure
 
 Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
-FITTED, CHECKED = (1, 8), (2, 4)
+FITTED, CHECKED = (3, 8), (2, 4)
+SOME = 7  # a step
 BIG = (100.0, 16384)  # times the particles, and cells along a side
 
 
@@ -90,6 +92,11 @@ def fit(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[flo
     return out
 
 
+def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float]]:
+    """The same for one rank, by its run."""
+    return {part: (t / float(units(counts[1], part)[0]), 0.0) for part, t in measured[1][0]["seconds"].items()}
+
+
 def _all(counts: dict[str, Any]) -> int:
     return int(sum(np.sum(each) for each in counts["particles"].values()))
 
@@ -104,7 +111,7 @@ def predict(
     """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
     size, n = len(counts["rows"]), particles * _all(counts)
     own = slowest = alike = 0.0
-    for part, (a, s) in costs["fit"].items():
+    for part, (a, s) in costs["fit" if size > 1 else "alone"].items():
         u = a * units(counts, part, particles, side)
         slowest += u.max() + s * n
         own += u.mean()
@@ -152,6 +159,7 @@ def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -
     sim = Simulation(scene(gas, dust, side, scheme))
     cells = cells_of_gas(sim)
     sim.operators.forces()
+    sim.state.step = SOME  # at the start blocks begin where tiles do
     blocks = blocks_of_drag(sim)
     return {number: counted(counts_of(sim, number, cells, blocks), side) for number in ranks}
 
@@ -185,7 +193,8 @@ def costs_of(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, Any]
         row[exchange] = (total - of_grid) / rows  # with the little that calls of all have
         sends[exchange] = two[0]["communication"][effect][5] / (1 if exchange == "sph" else 2)
     calls = sum(each[0] for each in two[0]["communication"].values())
-    return {"fit": fit(measured, counts), "row": row, "sends": sends, "calls": calls}
+    both = {"fit": fit(measured, counts), "alone": alone(measured, counts)}
+    return {**both, "row": row, "sends": sends, "calls": calls}
 
 
 def check(measured: dict[int, Any], counts: dict[int, Any], costs: dict[str, Any]) -> dict[int, tuple[float, float]]:
@@ -240,7 +249,7 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     small, size = ([int(float(part)) for part in text.split(",")] for text in (given.measure, given.size))
-    out, scheme, few = given.out, given.scheme, (1, 2, 4, 8)
+    out, scheme, few = given.out, given.scheme, tuple(sorted({1, *FITTED, *CHECKED}))
     measured = kept(out / f"measured_{scheme}.json", lambda: measure(*small, scheme, few))
     at_small = kept(out / f"counts_small_{scheme}.json", lambda: count(*small, scheme, few))
     at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS))

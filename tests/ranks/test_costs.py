@@ -29,6 +29,28 @@ def test_communication_has_lines_of_its_own(tmp_path):
     assert "busiest rank 1.0" in (tmp_path / "run" / "run.log").read_text()
 
 
+WAITS = """
+import time
+from mpi4py import MPI
+from discsim.ranks.comm import Comm
+comm = Comm()
+comm.traffic.doing = "gas"
+if comm.rank == 1:
+    time.sleep(1.0)
+comm.reduced(1.0, MPI.MAX)
+comm.traffic.fold()
+found = comm.mpi.gather(comm.traffic.sums["gas"].waiting)
+if comm.rank == 0:
+    print(*found)
+"""
+
+
+def test_who_comes_first_waits():
+    """A second for another rank, which does not wait itself; half of it is room for a busy machine."""
+    waited = [float(each) for each in lines_of(2, "-c", WAITS)[0].split()]
+    assert waited[0] > 0.5 > waited[1]
+
+
 @pytest.mark.parametrize("number", [2, 3])
 def test_what_is_counted_is_what_ranks_exchange(number):
     """Rows of each exchange, and bytes and messages of the grid, to the last one."""
