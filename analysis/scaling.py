@@ -5,13 +5,14 @@
 A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), which gives for each rank its particles,
 those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
 
-    T = sum over the parts of a step of max over ranks (a units + s n) + calls latency log2 N + messages latency
+    T = sum over the parts of a step of max over ranks (a units + s n + c) + calls latency log2 N + messages latency
         + bytes / bandwidth                                                                                        (1)
 
 a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. s: of
-what each rank does for all n particles: cells and blocks are listed on each rank. Both are fitted to short runs on 3
-and 8 ranks of one thread (`rank_steps.py`), and compared with such runs on 2 and 4; what one rank takes is measured, as
-it moves no particles to others. Network: two examples, NETWORKS.
+what each rank does for all n particles: cells and blocks are listed on each rank. c: of calls. They are fitted to short
+runs on 3 and 8 ranks of one thread (`rank_steps.py`), of two sizes, and compared with such runs on 2 and 4; what one
+rank takes is measured, as it moves no particles to others. Bytes: of rows that are sent; 2 b n that are summed over all
+ranks, of cells and blocks. Network: two examples, NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
 lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too.
@@ -32,6 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.optimize import nnls
 
 Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
@@ -75,26 +77,28 @@ def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int |
     return out
 
 
-def fit(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float]]:
-    """a and s of each part, by the runs FITTED."""
+def fit(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, tuple[float, float, float]]:
+    """a, s and c of each part, none below 0, by what was measured and counted of the runs FITTED of some sizes."""
     out = {}
     for part in PARTS:
-        a = np.concatenate([units(counts[n], part) for n in FITTED])
-        n = np.full(len(a), float(_all(counts[1])))
-        if PARTS[part][0] == ():
-            n[:] = 0.0
-        t = np.array([rank["seconds"][part] for n in FITTED for rank in measured[n]])
-        weight = 1.0 / np.repeat([np.mean([r["seconds"][part] for r in measured[n]]) for n in FITTED], FITTED)
-        both = np.linalg.lstsq(np.column_stack([a, n]) * weight[:, None], t * weight, rcond=None)[0]
-        if both[1] <= 0.0 or not n.any():
-            both = np.array([np.average(t / a, weights=a), 0.0])
-        out[part] = float(both[0]), float(both[1])
+        rows, seconds = [], []
+        for measured, counts in runs:
+            for n in FITTED:
+                own = [rank["seconds"][part] for rank in measured[n]]
+                alike = _all(counts[n]) if PARTS[part][0] else 0.0
+                one = np.column_stack([units(counts[n], part), np.full(n, alike), np.ones(n)])
+                rows.append(one / np.mean(own))
+                seconds.append(np.array(own) / np.mean(own))
+        matrix = np.concatenate(rows)
+        scale = np.abs(matrix).max(axis=0) + (matrix.max(axis=0) == 0.0)
+        found = nnls(matrix / scale, np.concatenate(seconds))[0] / scale
+        out[part] = float(found[0]), float(found[1]), float(found[2])
     return out
 
 
-def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float]]:
+def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float, float]]:
     """The same for one rank, by its run."""
-    return {part: (t / float(units(counts[1], part)[0]), 0.0) for part, t in measured[1][0]["seconds"].items()}
+    return {part: (t / float(units(counts[1], part)[0]), 0.0, 0.0) for part, t in measured[1][0]["seconds"].items()}
 
 
 def _all(counts: dict[str, Any]) -> int:
@@ -111,11 +115,11 @@ def predict(
     """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
     size, n = len(counts["rows"]), particles * _all(counts)
     own = slowest = alike = 0.0
-    for part, (a, s) in costs["fit" if size > 1 else "alone"].items():
+    for part, (a, s, c) in costs["fit" if size > 1 else "alone"].items():
         u = a * units(counts, part, particles, side)
-        slowest += u.max() + s * n
+        slowest += u.max() + s * n + c
         own += u.mean()
-        alike += s * n
+        alike += s * n + c
     fetched = sum(
         costs["fit"][part][0] * np.sqrt(particles) * np.mean(counts["received"][f"{exchange} {name}"])
         for part, (species, exchange) in PARTS.items() if exchange for name in species
@@ -129,6 +133,7 @@ def predict(
         sent |= {name: wider**2 * np.array(each) for name, each in counts["bytes"].items()}
         messages = sum(sends.get(name.split()[0], 1) * np.array(each) for name, each in counts["messages"].items())
         out["bandwidth"] = sum(float(each.max()) for each in sent.values()) / network.bandwidth
+        out["sums over cells"] = 2.0 * costs["reduced"] * n / network.bandwidth
         out["latency"] = network.latency * (float(messages.max()) + costs["calls"] * np.log2(size))
     return out
 
@@ -181,19 +186,23 @@ def measure(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...])
     return out
 
 
-def costs_of(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, Any]:
-    """What `predict` takes, of short runs and the counts of the same state."""
+def costs_of(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, Any]:
+    """What `predict` takes, of short runs and the counts of the same states, the largest first."""
+    measured, counts = runs[0]
     two, at_two = measured[2], counts[2]
     effects = {"sph": "gas", "drag": "drag", "grid": "self_gravity"}
     row, sends = {}, {}
     for exchange, effect in effects.items():
         rows = sum(np.sum(each) for name, each in at_two["sent"].items() if name.startswith(exchange))
         total = sum(rank["communication"][effect][4] for rank in two)
-        of_grid = sum(np.sum(each) for each in at_two["bytes"].values()) if exchange == "grid" else 0.0
-        row[exchange] = (total - of_grid) / rows  # with the little that calls of all have
+        if exchange == "grid":
+            total -= sum(np.sum(each) for each in at_two["bytes"].values())
+        if exchange == "drag":
+            total -= sum(rank["reduced"] for rank in two)
+        row[exchange] = total / rows  # with the little that other calls have
         sends[exchange] = two[0]["communication"][effect][5] / (1 if exchange == "sph" else 2)
     calls = sum(each[0] for each in two[0]["communication"].values())
-    both = {"fit": fit(measured, counts), "alone": alone(measured, counts)}
+    both = {"fit": fit(runs), "alone": alone(measured, counts), "reduced": two[0]["reduced"] / _all(at_two)}
     return {**both, "row": row, "sends": sends, "calls": calls}
 
 
@@ -250,13 +259,20 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     small, size = ([int(float(part)) for part in text.split(",")] for text in (given.measure, given.size))
     out, scheme, few = given.out, given.scheme, tuple(sorted({1, *FITTED, *CHECKED}))
-    measured = kept(out / f"measured_{scheme}.json", lambda: measure(*small, scheme, few))
-    at_small = kept(out / f"counts_small_{scheme}.json", lambda: count(*small, scheme, few))
+    tiny = [small[0] // 10, small[1] // 10, small[2] // 4]
+    runs = [
+        (
+            kept(out / f"measured_{name}_{scheme}.json", lambda what=what: measure(*what, scheme, few)),
+            kept(out / f"counts_{name}_{scheme}.json", lambda what=what: count(*what, scheme, few)),
+        )
+        for name, what in (("small", small), ("tiny", tiny))
+    ]
     at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS))
-    costs = costs_of(measured, at_small)
-    ns = {part: [1e9 * a, 1e9 * s] for part, (a, s) in costs["fit"].items()}
-    found: dict[str, Any] = {"ns of a unit, and for each of all particles": ns, "bytes of a row": costs["row"]}
-    found["seconds of a step, predicted and measured"] = check(measured, at_small, costs)
+    costs = costs_of(runs)
+    ns = {part: [1e9 * each for each in found] for part, found in costs["fit"].items()}
+    about = "ns of a unit, for each of all particles, and of a step"
+    found: dict[str, Any] = {about: ns, "bytes of a row": costs["row"]}
+    found["seconds of a step, predicted and measured"] = check(*runs[0], costs)
     words = {1.0: "1e6 + 1e7, 2048$^2$", BIG[0]: "1e8 + 1e9, 16384$^2$"}
     of_all = 1.1e7 / _all(at_size[1])  # where a smaller sample is cut
     sides = {1.0: 2048, BIG[0]: BIG[1]}
