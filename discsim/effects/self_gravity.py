@@ -6,9 +6,8 @@
 The second is the mean over height of a disc that is Gaussian in height, of constant H, without approximation (Rendon
 Restrepo et al. 2025, arXiv:2506.10812).
 
-Particle mesh (Hockney & Eastwood 1988, ch. 5): deposit, potential by FFT, centred difference of fourth order,
-gather with the deposit's weights. A particle off an open grid attracts nothing, and feels the mass on the
-grid as one point with that kernel.
+By a particle mesh (`numerics/mesh.py`), with a centred difference of fourth order. A particle off an open grid
+attracts nothing, and feels the mass on the grid as one point with that kernel.
 """
 
 from __future__ import annotations
@@ -22,21 +21,19 @@ from pydantic import Field
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.numerics import world
 from discsim.numerics.state import Particles, State
-from discsim.numerics.threads import fill
 from discsim.parts import Lazy
 from discsim.scene.fields import Length, Table
 from discsim.scene.rules import Draft, Problem, kinds
 
 if TYPE_CHECKING:
+    from discsim.numerics.mesh import Mesh
     from discsim.numerics.poisson import Kernel
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
-numba = Lazy("numba")
 kernels = Lazy("discsim.kernels.grid")
-grids = Lazy("discsim.numerics.grid")
+meshes = Lazy("discsim.numerics.mesh")
 poisson = Lazy("discsim.numerics.poisson")
 totals = Lazy("discsim.numerics.totals")
 
@@ -185,13 +182,8 @@ class Effect(base.Effect):
             # In its plane this kernel is as sharp as the grid.
             self.kernel, self.smallest = poisson.ThinDisc(scene.self_gravity.thickness), grid.cell
             self.softer = "fewer space.cells"
-        threads = numba.get_num_threads()
-        border = 0 if grid.periodic else grids.BORDER
-        self.poisson = poisson.Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, threads, border)
+        self.mesh: Mesh = meshes.Mesh(grid, self.kernel)
         self.outside = 0
-        # Kept from step to step: memory that is new costs as much as what is made in it.
-        self._density, self._gradient = np.empty(grid.shape), np.empty((*grid.shape, 2))
-        self._potential = np.empty((grid.shape[0] + 2 * border, grid.shape[1] + 2 * border))
         self._made = False  # whether that has made forces
         self._strongest: dict[str, float] = {}
 
@@ -215,12 +207,13 @@ class Effect(base.Effect):
         self._made = False
 
     def accelerate(self, state: State) -> None:
-        gradient = self.grid.gradient(self._solved(state), out=self._gradient)
+        self.mesh.solve(state.species, self.sources)
+        self.mesh.differentiate()
         self._made = True
         monopole: _Monopole | None = None
         self.outside = 0
         for name, particles in state.species.items():
-            strongest, missing = self.grid.pull(gradient, particles.pos, particles.acc)
+            strongest, missing = self.mesh.pull(particles.pos, particles.acc)
             if missing > 0:
                 outside = self.grid.outside(particles.pos)
                 monopole = monopole or self._monopole()
@@ -242,29 +235,21 @@ class Effect(base.Effect):
 
     def potential_energy(self, state: State) -> float:
         """Half the sum of m phi over the sources, in the potential that last made forces."""
-        potential = self._potential if self._made else self._solved(state)
-        return 0.5 * sum(self._energy(state.species[name], potential) for name in self.sources)
+        if not self._made:
+            self.mesh.solve(state.species, self.sources)
+        return 0.5 * sum(self._energy(state.species[name]) for name in self.sources)
 
-    def _energy(self, particles: Particles, field: Array) -> float:
-        potential = self.grid.gather(self.grid.within(field), particles.pos)
+    def _energy(self, particles: Particles) -> float:
+        potential = self.mesh.potential(particles.pos)
         outside = self.grid.outside(particles.pos)
         if len(outside) > 0:
             potential[outside] = self._monopole().potential(particles.pos[outside])
         return float(totals.total(particles.mass * potential))
 
-    def _solved(self, state: State) -> Array:
-        """The potential of the sources where they are now."""
-        fill(self._density, lambda piece: 0.0)
-        for name in self.sources:
-            pos, mass = world.together.about_nodes(self.grid, state.species[name])
-            self.grid.deposit(pos, mass, out=self._density)
-        world.together.join_nodes(self.grid, self._density)
-        return self.poisson.solve(self._density, out=self._potential)
-
     def _monopole(self) -> _Monopole:
         """Of the mass that was on the grid when the potential was made."""
         # Cloud in cell keeps the mass and its first moments, so the grid gives those of the deposited particles.
-        along = (self._density.sum(axis=1), self._density.sum(axis=0))
+        along = self.mesh.sums()
         total = float(along[0].sum())
         if total == 0.0:
             return _Monopole(0.0, np.zeros(2), self.kernel)

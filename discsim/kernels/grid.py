@@ -3,6 +3,9 @@
 Every sum has an order that does not depend on the number of threads. `origin` is the grid's lower corner,
 `inverse` one over the cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
 `discsim.numerics.threads.share`.
+
+A field may be part of a grid: `part` is (nx, ny, x, y), the nodes of the whole grid and the field's first one. It has
+all nodes about the particles; an axis of which it has them all goes round where space is periodic.
 """
 
 import numpy as np
@@ -128,17 +131,22 @@ def runs_of(key):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, shift, out, beyond):
-    """Add `scale` times `value` (n,) to the nodes of `out` (nx, ny), cloud in cell; order and start sort the runs of
+def deposit_strips(
+    begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
+):
+    """Add `scale` times `value` (n,) to the nodes of `out`, a `part`, cloud in cell; order and start sort the runs of
     particles by strip.
 
-    A strip sums its own rows and, apart, the one after them: `beyond` (strips, ny), for `join_strips`.
+    A strip sums its own rows and, apart, the one after them: `beyond` (strips, columns), 0 at first, for `join_strips`.
     """
-    nx, ny = out.shape
+    nx, ny, first_x, first_y = part
+    held, wide = out.shape
     ox, oy, rows, plane = origin[0], origin[1], 1 << shift, pos.shape[1] == 2
-    sums = np.empty((rows + 1, ny + 1))  # one column more, which is the first where space is periodic
-    flat, row_length = sums.reshape(-1), np.uint64(ny + 1)
+    sums = np.empty((rows + 1, wide + 1))  # one column more, which is the first where space is periodic
+    flat, row_length = sums.reshape(-1), np.uint64(wide + 1)
     for s in range(begin, end):
+        if start[s] == start[s + 1]:
+            continue
         first = s * rows
         flat[:] = 0.0
         for k in range(start[s], start[s + 1]):
@@ -147,7 +155,7 @@ def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, in
                 if periodic:
                     x, y = _wrapped(x, nx), _wrapped(y, ny)
                 ix, iy = int(x), int(y)
-                low = np.uint64((ix - first) * (ny + 1) + iy)
+                low = np.uint64((ix - first) * (wide + 1) + iy - first_y)
                 high = low + row_length
                 v = value[p] * scale
                 v1 = v * (x - ix)
@@ -157,24 +165,25 @@ def deposit_strips(begin, end, pos, value, scale, runs, order, start, origin, in
                 flat[low + ONE] += v01
                 flat[high] += v1 - v11
                 flat[high + ONE] += v11
-        held = max(0, min(rows, nx - first))
-        for r in range(held + 1):
-            sums[r, 0] += sums[r, ny]
-        for r in range(held):
-            for j in range(ny):
-                out[first + r, j] += sums[r, j]
-        for j in range(ny):
-            beyond[s, j] = sums[held, j]
+        own = max(0, min(rows, nx - first))
+        for r in range(own + 1):
+            sums[r, 0] += sums[r, wide]
+        for r in range(max(0, first_x - first), min(own, first_x + held - first)):
+            row = out[first + r - first_x]
+            for j in range(wide):
+                row[j] += sums[r, j]
+        for j in range(wide):
+            beyond[s, j] = sums[own, j]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def join_strips(shift, beyond, out):
+def join_strips(shift, part, beyond, out):
     """Add each strip's last row to the next strip, in a fixed order."""
-    nx, ny = out.shape
+    nx = part[0]
     for s in range(len(beyond)):
-        if s << shift < nx:
-            row = min((s + 1) << shift, nx) % nx
-            for j in range(ny):
+        row = min((s + 1) << shift, nx) % nx - part[2]
+        if s << shift < nx and 0 <= row < len(out):
+            for j in range(out.shape[1]):
                 out[row, j] += beyond[s, j]
 
 
@@ -185,9 +194,9 @@ def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def gather(begin, end, field, pos, origin, inverse, periodic, out):
-    """Field (nx, ny, c <= 2) at the particles into out (n, c) with the deposit's weights; 0 off the grid."""
-    nx, ny = field.shape[0], field.shape[1]
+def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
+    """Field (a `part`, c <= 2) at the particles into out (n, c) with the deposit's weights; 0 off the grid."""
+    nx, ny, first_x, first_y = part
     for p in range(begin, end):
         ix, jx, wx = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
         iy, jy, wy = _stencil_y(pos, p, origin, inverse, ny, periodic)
@@ -195,6 +204,7 @@ def gather(begin, end, field, pos, origin, inverse, periodic, out):
         for c in range(out.shape[1]):
             out[p, c] = 0.0
         if ix >= 0 and iy >= 0:
+            ix, jx, iy, jy = ix - first_x, jx - first_x, iy - first_y, jy - first_y
             out[p, 0] = _weighted(field, 0, ix, jx, iy, jy, w00, w01, w10, w11)
             if out.shape[1] == 2:
                 out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
@@ -225,13 +235,14 @@ def _find(pos, p, number, origin, inverse, nx, ny, periodic, xs, ys):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, largest, missing):
-    """acc -= field (nx, ny, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
+def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc, largest, missing):
+    """acc -= field (a `part`, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
     many particles are off the grid, (chunks,) each.
     """
-    nx, ny, plane = field.shape[0], field.shape[1], pos.shape[1] == 2
+    nx, ny, first_x, first_y = part
+    wide, plane = field.shape[1], pos.shape[1] == 2
     end_x, end_y = (float(nx), float(ny)) if periodic else (nx - 1.0, ny - 1.0 if plane else 1.0)
-    flat, pulls, wide = field.reshape(-1), acc.reshape(-1), np.uint64(pos.shape[1])
+    flat, pulls, dim = field.reshape(-1), acc.reshape(-1), np.uint64(pos.shape[1])
     at, batch = np.empty((2, BATCH), np.int32), np.empty((2, BATCH))
     (ixs, iys), (xs, ys) = at, batch
     for chunk in range(chunk_from, chunk_to):
@@ -250,10 +261,10 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, acc, large
                 if ix < 0:
                     lost += 1
                     continue
-                low = np.uint64(2 * (ix * ny + iy))  # unsigned: no index from the end
-                along_x = np.uint64(2 * ny if ix + 1 < nx else -2 * ny * ix)
+                low = np.uint64(2 * ((ix - first_x) * wide + iy - first_y))  # unsigned: no index from the end
+                along_x = np.uint64(2 * wide if ix + 1 < nx else -2 * wide * ix)
                 along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
-                q = wide * (p + j)
+                q = dim * (p + j)
                 x = _between(flat, low, along_x, along_y, xs[j], ys[j])
                 pulls[q] -= x
                 square = x * x
@@ -275,6 +286,20 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def extent(begin, end, pos, origin, inverse, shape, periodic):
+    """Least and largest first node about the particles along x and y, and how many particles are off the grid."""
+    x0, x1, y0, y1, off = shape[0], -1, shape[1], -1, 0
+    for p in range(begin, end):
+        ix = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
+        iy = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
+        if ix >= 0 and iy >= 0:
+            x0, x1, y0, y1 = min(x0, ix), max(x1, ix), min(y0, iy), max(y1, iy)
+        else:
+            off += 1
+    return x0, x1, y0, y1, off
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def _place(i, count, periodic):
     # Where the five nodes about node i begin, and which of them i is.
     first = i - 2
@@ -287,19 +312,19 @@ def _place(i, count, periodic):
 def gradient(begin, end, potential, cell, periodic, out):
     """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges.
 
-    And there too where the potential has two nodes more than `out` on every side.
+    And there too where the potential has two nodes more than `out` on either side of an axis.
     """
     nx, ny = potential.shape
-    border = (nx - out.shape[0]) // 2
+    border_x, border = (nx - out.shape[0]) // 2, (ny - out.shape[1]) // 2
     scale = 1.0 / (12.0 * cell)
     a, b = 8.0 * scale, scale
     for i in range(begin, end):
-        first, place = _place(i + border, nx, periodic)
+        first, place = _place(i + border_x, nx, periodic)
         w = _STENCILS[place]
         w0, w1, w2, w3, w4 = scale * w[0], scale * w[1], scale * w[2], scale * w[3], scale * w[4]
         r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]
         r3, r4 = potential[(first + 3) % nx], potential[(first + 4) % nx]
-        line, row = potential[i + border], out[i, 2 - border :]
+        line, row = potential[i + border_x], out[i, 2 - border :]
         for j in range(ny - 4):  # both components in one loop, of which no index is negative: it is vectorised
             row[j, 0] = w0 * r0[j + 2] + w1 * r1[j + 2] + w2 * r2[j + 2] + w3 * r3[j + 2] + w4 * r4[j + 2]
             row[j, 1] = a * (line[j + 3] - line[j + 1]) - b * (line[j + 4] - line[j])

@@ -69,9 +69,12 @@ def mark_blocks(own, home, about, near, rings, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def near_others(first, last, pos, origin, inverse, periodic, owner, rank, out):
-    """Mark in `out` (n,) the particles of whose nodes about them any has another `owner` (nx, ny) than `rank`."""
-    nx, ny, plane = owner.shape[0], owner.shape[1], pos.shape[1] == 2
+def near_others(first, last, pos, origin, inverse, periodic, tiles, owner, rank, out):
+    """Mark in `out` (n,) the particles of whose nodes about them any has another `owner` than `rank`: that of its tile
+    (along x, along y), which is that of `tiles`, (nx,) and (ny,).
+    """
+    (at_x, at_y), plane = tiles, pos.shape[1] == 2
+    nx, ny = len(at_x), len(at_y)
     for p in range(first, last):
         ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
         iy, jy = 0, 0
@@ -79,19 +82,22 @@ def near_others(first, last, pos, origin, inverse, periodic, owner, rank, out):
             iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
         out[p] = False
         if ix >= 0 and iy >= 0:
+            ix, jx, iy, jy = at_x[ix], at_x[jx], at_y[iy], at_y[jy]
             same = owner[ix, iy] == rank and owner[jx, iy] == rank
             out[p] = not (same and owner[ix, jy] == rank and owner[jx, jy] == rank)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def owners_about(some, pos, origin, inverse, periodic, owner, out):
+def owners_about(some, pos, origin, inverse, periodic, tiles, owner, out):
     """Mark in `out` (ranks, some) who owns a node about each of `some` particles, which are on the grid."""
-    nx, ny, plane = owner.shape[0], owner.shape[1], pos.shape[1] == 2
+    (at_x, at_y), plane = tiles, pos.shape[1] == 2
+    nx, ny = len(at_x), len(at_y)
     for k in range(len(some)):
         p = some[k]
         ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
         iy, jy = 0, 0
         if plane:
             iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
+        ix, jx, iy, jy = at_x[ix], at_x[jx], at_y[iy], at_y[jy]
         out[owner[ix, iy], k] = out[owner[jx, iy], k] = True
         out[owner[ix, jy], k] = out[owner[jx, jy], k] = True

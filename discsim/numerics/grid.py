@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+Node = tuple[int, int]
+ORIGIN: Node = (0, 0)
 BORDER = 2  # nodes beyond an open edge that a centred gradient at the last one wants
 
 
@@ -27,7 +29,8 @@ BORDER = 2  # nodes beyond an open edge that a centred gradient at the last one 
 class Grid:
     """Square cells of side `cell` from the corner `origin`; fields are (nx, ny) at their centres; 1D: ny = 1.
 
-    Positions are (n, dimensions). A particle is off an open grid where one of the nodes about it is missing.
+    Positions are (n, dimensions). A particle is off an open grid where one of the nodes about it is missing. Methods
+    with `first` take a field of part of the grid, from that node on, which has all nodes about the particles.
     """
 
     origin: tuple[float, float]
@@ -60,7 +63,7 @@ class Grid:
         """Coordinates of the cell centres along an axis."""
         return self.origin[axis] + (np.arange(self.shape[axis]) + 0.5) * self.cell
 
-    def deposit(self, pos: Array, mass: Array, out: Array | None = None) -> Array:
+    def deposit(self, pos: Array, mass: Array, out: Array | None = None, first: Node = ORIGIN) -> Array:
         """Surface density (nx, ny) of the particles on the grid, added to `out` if given; 1D: by length.
 
         The sum over the nodes, times the cell's area, is the mass of those particles, to rounding.
@@ -72,15 +75,15 @@ class Grid:
         share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key)
         runs, strips = kernels.runs_of(key)
         order, start = counting_sort(strips, kernels.STRIPS + 1)
-        beyond = np.zeros((kernels.STRIPS, self.shape[1]))
+        beyond, part = np.zeros((kernels.STRIPS, out.shape[1])), (*self.shape, *first)
         share(
             kernels.deposit_strips, kernels.STRIPS, pos, mass, inverse ** pos.shape[1], runs, order, start, self.origin,
-            inverse, self.periodic, shift, out, beyond, least=1,
+            inverse, self.periodic, part, shift, out, beyond, least=1,
         )  # fmt: skip
-        kernels.join_strips(shift, beyond, out)
+        kernels.join_strips(shift, part, beyond, out)
         return out
 
-    def gather(self, field: Array, pos: Array) -> Array:
+    def gather(self, field: Array, pos: Array, first: Node = ORIGIN) -> Array:
         """A field at the particles with the deposit's weights, 0 off the grid.
 
         Field (nx, ny) gives (n,); a vector field (nx, ny, 2) gives (n, dimensions).
@@ -88,20 +91,19 @@ class Grid:
         scalar = field.ndim == 2
         out = np.empty((len(pos), 1 if scalar else pos.shape[1]))
         source = field[:, :, None] if scalar else field
-        share(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, out)
+        part = (*self.shape, *first)
+        share(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, part, out)
         return out[:, 0] if scalar else out
 
-    def pull(self, gradient: Array, pos: Array, acc: Array) -> tuple[float, int]:
+    def pull(self, gradient: Array, pos: Array, acc: Array, first: Node = ORIGIN) -> tuple[float, int]:
         """Take `gradient` (nx, ny, 2) at the particles off `acc` (n, dimensions), but for those off the grid.
 
         Returns the largest length of what is taken off, and how many particles are off the grid.
         """
         chunks = -(-len(pos) // kernels.CHUNK)
         largest, missing = np.empty(chunks), np.empty(chunks, np.int64)
-        share(
-            kernels.pull, chunks, gradient, pos, self.origin, 1.0 / self.cell, self.periodic, acc, largest, missing,
-            least=1,
-        )  # fmt: skip
+        where = self.origin, 1.0 / self.cell, self.periodic, (*self.shape, *first)
+        share(kernels.pull, chunks, gradient, pos, *where, acc, largest, missing, least=1)
         return float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())
 
     def places(self, pos: Array) -> tuple[Array, int]:
@@ -117,22 +119,32 @@ class Grid:
         share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
         return np.flatnonzero(outside)
 
+    def extent(self, pos: Array) -> tuple[Array, int]:
+        """The least and the largest (2, 2) first node about the particles along each axis, and how many are off the
+        grid. Without any on it the least is the larger.
+        """
+        found = np.array(
+            share(kernels.extent, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic), np.int64
+        )
+        return np.stack([found[:, (0, 2)].min(axis=0), found[:, (1, 3)].max(axis=0)]), int(found[:, 4].sum())
+
     def gradient(self, field: Array, out: Array | None = None) -> Array:
         """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
 
         There too if `field` has a border of BORDER nodes more on every side: then no particle pulls itself. In `out`
-        if given.
+        if given, which may be of part of the grid.
 
         Raises ValueError for an open grid of fewer than five cells a side.
         """
         if not self.periodic and min(self.shape) < 5:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
         out = np.empty((*self.shape, 2)) if out is None else out
-        bordered = field.shape != self.shape
+        bordered = field.shape != out.shape[:2]
         share(kernels.gradient, len(out), field, self.cell, self.periodic or bordered, out, least=16)
         return out
 
-    def within(self, field: Array) -> Array:
-        """A field (nx, ny, ...) without its border of BORDER nodes, if it has one."""
-        border = (len(field) - self.shape[0]) // 2
-        return np.ascontiguousarray(field[border : len(field) - border, border : field.shape[1] - border])
+    @staticmethod
+    def within(field: Array, shape: tuple[int, int]) -> Array:
+        """The middle of `shape` of a field, which may have a border along an axis."""
+        x, y = (field.shape[axis] - shape[axis] >> 1 for axis in range(2))
+        return np.ascontiguousarray(field[x : x + shape[0], y : y + shape[1]])

@@ -39,6 +39,7 @@ from discsim.kernels.poisson import (
 from discsim.numerics.threads import share
 
 Array = np.ndarray
+ALL = slice(None)
 ROWS = 8  # that a plan transforms at once: more would leave the cache between its steps
 
 
@@ -98,13 +99,12 @@ class Poisson:
         if not periodic and 1 in shape:
             raise ValueError("self-gravity with open boundaries needs two dimensions; make the box periodic")
         self.shape, self.border = shape, border
-        padded = shape if periodic else (_padded(shape[0]), _padded(shape[1]))
-        transform = _periodic_transform if periodic else _open_transform
+        padded = padded_shape(shape, periodic)
+        transform = periodic_transform if periodic else _open_transform
         self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
         # Transformed along y; the last tile is filled up with zeros.
-        self._tiles = np.empty((-(-(padded[1] // 2 + 1) // TILE), shape[0] + 2 * border, TILE), complex)
-        self._padded = padded
-        self._workers = [_Worker(padded, border) for _ in range(threads)]
+        self._tiles = np.empty((tiles_of(padded), shape[0] + 2 * border, TILE), complex)
+        self._workers = Workers(padded, border, threads)
 
     def solve(self, surface_density: Array, out: Array | None = None) -> Array:
         """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes; with a border on each side.
@@ -113,18 +113,28 @@ class Poisson:
         """
         nx, ny = self.shape
         potential = np.empty((nx + 2 * self.border, ny + 2 * self.border)) if out is None else out
-        tiles = self._tiles
-        while len(self._workers) < numba.get_num_threads():  # here: FFTW makes one plan at a time
-            self._workers.append(_Worker(self._padded, self.border))
-        self._transform(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
+        tiles, each = self._tiles, self._workers.each
+        each(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
         tiles[:, nx:] = 0.0
-        self._transform(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
+        each(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
+        # Nodes before the first come last.
         rows = -(-len(potential) // ROWS)
-        self._transform(lambda worker, batch: worker.backward(tiles, batch * ROWS, potential), rows)
+        each(lambda worker, batch: worker.backward(tiles, batch * ROWS, potential, self.border), rows)
         return potential
 
-    def _transform(self, work: "Callable[[_Worker, int], None]", batches: int) -> None:
-        # A batch gives the same numbers whichever worker does it.
+
+class Workers:
+    """Plans for a `padded` shape (nx, ny), as many as there are threads."""
+
+    def __init__(self, padded: tuple[int, int], border: int, threads: int) -> None:
+        self._of = padded, border
+        self._workers = [Worker(*self._of) for _ in range(threads)]
+
+    def each(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
+        """Do `work(worker, batch)` for all batches: each gives the same numbers whichever worker does it."""
+        while len(self._workers) < numba.get_num_threads():  # here: FFTW makes one plan at a time
+            self._workers.append(Worker(*self._of))
+
         def part(first: int, last: int) -> None:
             worker = self._workers.pop()
             try:
@@ -136,7 +146,7 @@ class Poisson:
         share(part, batches, least=1)
 
 
-class _Worker:
+class Worker:
     """Plans and their buffers for one thread; `forward`, `convolve` and `backward` treat one batch."""
 
     def __init__(self, padded: tuple[int, int], border: int) -> None:
@@ -171,12 +181,13 @@ class _Worker:
         self.columns[:, end - border : end] = self.columns[:, self.length - border : self.length]
         store_columns(self.columns, tile, tiles)
 
-    def backward(self, tiles: Array, first: int, potential: Array) -> None:
+    def backward(self, tiles: Array, first: int, potential: Array, shift: int) -> None:
+        """Rows of tiles into those of the potential, `shift` further on."""
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
         border, (count, width) = self.border, potential.shape
         for i in range(min(ROWS, count - first)):
-            row, found = potential[(first + i + border) % count], self.rows_back[i]
+            row, found = potential[(first + i + shift) % count], self.rows_back[i]
             row[border:] = found[: width - border]
             row[:border] = found[len(found) - border :]
 
@@ -185,22 +196,33 @@ def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.F
     return pyfftw.FFTW(source, target, axes=(1,), direction=direction, flags=("FFTW_ESTIMATE", *flags), threads=1)
 
 
-def _padded(count: int) -> int:
-    # At least 2 count, so that no pair of nodes meets around the edge; even, so that the kernel has a middle.
-    return 2 * next_fast_len(count, real=True)
+def padded_shape(shape: tuple[int, int], periodic: bool) -> tuple[int, int]:
+    """Nodes (nx, ny) of the transforms for a grid of `shape`."""
+    # At least twice as many, so that no pair of nodes meets around the edge; even, so that the kernel has a middle.
+    return shape if periodic else (2 * next_fast_len(shape[0], real=True), 2 * next_fast_len(shape[1], real=True))
+
+
+def tiles_of(padded: tuple[int, int]) -> int:
+    """How many tiles of columns hold what is transformed along y."""
+    return -(-(padded[1] // 2 + 1) // TILE)
 
 
 def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
     """Transform (ky, kx) of the kernel times cell^2, even along both axes: a cosine transform."""
+    return dctn(open_kernel(padded, cell, kernel), type=1)
+
+
+def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = ALL) -> Array:
+    """The kernel (y, x) at half the padded nodes along each axis, times cell^2; of `some` along x."""
     x, y = (cell * np.arange(n // 2 + 1) for n in padded)
-    distance = np.hypot(x, y[:, None])
-    distance[0, 0] = kernel.lone * cell
-    return dctn(cell**2 * kernel.potential(distance), type=1)
+    distance = np.hypot(x[some], y[:, None])
+    distance[0, x[some] == 0.0] = kernel.lone * cell
+    return cell**2 * kernel.potential(distance)
 
 
-def _periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
-    """w_k at the grid's wavenumbers (ky, kx), and 0 at k = 0."""
+def periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = ALL) -> Array:
+    """w_k at the grid's wavenumbers (ky, kx), and 0 at k = 0; of `some` ky."""
     kx, ky = (2 * np.pi * np.fft.rfftfreq(n, cell) for n in padded)
-    k = np.hypot(kx, ky[:, None])
-    k[0, 0] = np.inf
+    k = np.hypot(kx, ky[some, None])
+    k[ky[some] == 0.0, 0] = np.inf
     return kernel.transform(k)

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from discsim.numerics.grid import Grid
-    from discsim.numerics.state import Particles, State
+    from discsim.numerics.state import State
 
 Array = np.ndarray
 
@@ -22,6 +21,7 @@ class Alone:
     """One process."""
 
     many = False
+    balance = 1.0  # how much the most loaded process has to do, over the mean
 
     def least(self, values: Any) -> Any:
         """The least of each of `values`, a number or an array."""
@@ -43,13 +43,6 @@ class Alone:
         `Particles.remove` does; the order (kept,) of those that stay. `place` (n,) becomes what it is then.
         """
         raise NotImplementedError("one process has no places")
-
-    def about_nodes(self, grid: Grid, particles: Particles) -> tuple[Array, Array]:
-        """Places and masses of the particles that give mass to the nodes of this process."""
-        return particles.pos, particles.mass
-
-    def join_nodes(self, grid: Grid, field: Array) -> None:
-        """Make `field` (nx, ny) that of all processes, each of which has summed that of its own nodes."""
 
     def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
         """Rows (m, columns) of the particles `some` of `place`, of all processes, in the order of all."""

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from discsim.numerics import world
-from discsim.parts import SCHEMES
+from discsim.parts import SCHEMES, Lazy
 from discsim.physics.grains import has_sizes
 from discsim.ranks.comm import Comm
+from discsim.ranks.costs import DividedCosts
 from discsim.ranks.drag import DividedDrag
 from discsim.ranks.sph import DividedSph
 from discsim.ranks.world import Ranks
@@ -16,6 +17,8 @@ from discsim.ranks.world import Ranks
 if TYPE_CHECKING:
     from discsim.run.simulation import Simulation
     from discsim.scene import Scene
+
+gravity = Lazy("discsim.ranks.gravity")
 
 # Tables whose effects look at no neighbours but through what is divided here.
 TABLES = frozenset(
@@ -63,5 +66,8 @@ def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
         effects["gas"].sph = DividedSph(sim.scene, comm)
         if sim.scene.drag is not None:
             effects["drag"].relax_by = DividedDrag(effects["drag"], comm)
+    if "self_gravity" in effects:
+        effects["self_gravity"].mesh = gravity.divided(effects["self_gravity"].mesh, ranks.division)
+    sim.costs = DividedCosts(sim.costs, comm.traffic)
     world.join(ranks)
     return ranks

@@ -1,4 +1,4 @@
-"""MPI as a run uses it: reductions that are exact, and rows of arrays to other ranks."""
+"""MPI as a run uses it: reductions that are exact, and rows of arrays to other ranks. All calls are of all ranks."""
 
 from __future__ import annotations
 
@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from discsim.ranks.traffic import Traffic
+
 Array = np.ndarray
+LONG = 2048  # bytes, above which MPI libraries reduce in parts
 
 
 class Comm:
-    """The ranks of a run; counts what it sends, in `bytes` and `messages`."""
+    """The ranks of a run; what they send is counted in `traffic`."""
 
     def __init__(self) -> None:
         self.mpi = MPI.COMM_WORLD.Dup()
         self.rank, self.size = self.mpi.rank, self.mpi.size
-        self.bytes = self.messages = 0
+        self.traffic = Traffic(self.mpi)
+        self._rounds = (self.size - 1).bit_length()  # of messages, in which all hear of all
 
     def reduced(self, values: Any, operation: MPI.Op) -> Any:
         """Of each of `values`, a number or an array of any shape, what the operation makes of those of all ranks."""
@@ -24,19 +28,52 @@ class Comm:
         if given.dtype == bool:
             given = given.astype(np.int64)
         out = np.empty_like(given)
-        self.mpi.Allreduce(given, out, operation)
-        self.messages += 1
-        self.bytes += given.nbytes
+        # What is long is summed in parts, which are then gathered (Thakur, Rabenseifner & Gropp 2005).
+        sent = given.nbytes * (self._rounds if given.nbytes <= LONG else min(self._rounds, 2))
+        with self.traffic.call(sent, self._rounds):
+            self.mpi.Allreduce(given, out, operation)
         return out if isinstance(values, np.ndarray) else out.item()
 
-    def gathered_bits(self, mask: Array) -> Array:
-        """Masks (size, n) of all ranks, of this one's mask (n,)."""
-        packed = np.packbits(mask)
-        out = np.empty((self.size, len(packed)), np.uint8)
-        self.mpi.Allgather(packed, out)
-        self.messages += 1
-        self.bytes += packed.nbytes
-        return np.unpackbits(out, axis=1, count=len(mask)).view(bool)
+    def gathered(self, array: Array) -> Array:
+        """Arrays (ranks, ...) of all ranks, of this one's of the same shape on all."""
+        out = np.empty((self.size, *array.shape), array.dtype)
+        with self.traffic.call((self.size - 1) * array.nbytes, self._rounds):
+            self.mpi.Allgather(np.ascontiguousarray(array), out)
+        return out
+
+    def listed(self, array: Array) -> list[Array]:
+        """Arrays (n,) of all ranks, each of its own length."""
+        counts = self.gathered(np.array(len(array)))
+        out = np.empty(int(counts.sum()), array.dtype)
+        of = MPI.Datatype.fromcode(array.dtype.char)
+        with self.traffic.call((self.size - 1) * array.nbytes, self._rounds):
+            self.mpi.Allgatherv([np.ascontiguousarray(array), of], [out, counts, of])
+        return np.split(out, np.cumsum(counts)[:-1])
+
+    def gathered_runs(self, mask: Array) -> list[Array]:
+        """Where runs of True begin and end (runs, 2) in the masks (n,) of all ranks: a few, where what is near is."""
+        edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+        return [run.reshape(-1, 2) for run in self.listed(edges)]
+
+    def deal(self, out: Array, given: Array, taken: Array) -> Array:
+        """Rows of `out`, numbers `given` (ranks,) of them to each rank in turn; those that come here, `taken`."""
+        wide = int(np.prod(out.shape[1:], dtype=np.int64))
+        item = MPI.BYTE.Create_contiguous(max(out.itemsize * wide, 1)).Commit()
+        found = np.empty((int(taken.sum()), *out.shape[1:]), out.dtype)
+        starts = [np.cumsum(numbers) - numbers for numbers in (given, taken)]
+        elsewhere = np.arange(self.size) != self.rank
+        size = int(given[elsewhere].sum()) * out.itemsize * wide
+        with self.traffic.call(size, int(np.count_nonzero(given[elsewhere]))):
+            self.mpi.Alltoallv([out, (given, starts[0]), item], [found, (taken, starts[1]), item])
+        item.Free()
+        return found
+
+    def swap(self, out: Array, parts: list[MPI.Datatype], found: Array, places: list[MPI.Datatype]) -> None:
+        """A part of `out` to each rank, to its place in what is `found` there."""
+        ones, zeros = [1] * self.size, [0] * self.size
+        sizes = [part.Get_size() for rank, part in enumerate(parts) if rank != self.rank]
+        with self.traffic.call(sum(sizes), int(np.count_nonzero(sizes))):
+            self.mpi.Alltoallw([out, (ones, zeros), parts], [found, (ones, zeros), places])
 
 
 class Route:
@@ -47,8 +84,8 @@ class Route:
         self.rows = np.concatenate(to)
         self.given = np.array([len(one) for one in to], np.int64)
         self.taken = np.empty_like(self.given)
-        comm.mpi.Alltoall(self.given, self.taken)
-        comm.messages += 1
+        with comm.traffic.call(8 * (comm.size - 1), comm.size - 1):
+            comm.mpi.Alltoall(self.given, self.taken)
 
     @property
     def count(self) -> int:
@@ -57,12 +94,4 @@ class Route:
 
     def send(self, array: Array) -> Array:
         """The rows of this rank's `array` (n, ...) to where they go; those that come here, by the rank they are of."""
-        out = np.ascontiguousarray(array[self.rows])
-        found = np.empty((self.count, *array.shape[1:]), array.dtype)
-        wide = array.itemsize * int(np.prod(array.shape[1:], dtype=np.int64))
-        counts = [(numbers * wide).tolist() for numbers in (self.given, self.taken)]
-        starts = [[0, *np.cumsum(numbers)[:-1].tolist()] for numbers in counts]
-        self.comm.mpi.Alltoallv([out, (counts[0], starts[0]), MPI.BYTE], [found, (counts[1], starts[1]), MPI.BYTE])
-        self.comm.messages += int(np.count_nonzero(self.given))
-        self.comm.bytes += out.nbytes
-        return found
+        return self.comm.deal(np.ascontiguousarray(array[self.rows]), self.given, self.taken)

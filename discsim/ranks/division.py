@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.ranks.comm import Comm, Route
+from discsim.ranks.exchange import taken
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
@@ -94,12 +95,12 @@ class Division:
         if not self.comm.reduced(bool(leaving.any()), MPI.MAX):
             return
         route = Route(self.comm, [np.flatnonzero(leaving & (owner == rank)) for rank in range(self.comm.size)])
-        stays = ~leaving
         assert particles.place is not None
-        place = np.concatenate([particles.place[stays], route.send(particles.place)])
-        order = np.argsort(place, kind="stable")
+        place = np.concatenate([particles.place, route.send(particles.place)])
+        here = np.concatenate([np.flatnonzero(~leaving), np.arange(particles.count, len(place))])
+        here = here[np.argsort(place[here], kind="stable")]
         for name, array in particles.arrays().items():
-            setattr(particles, name, np.concatenate([array[stays], route.send(array)])[order])
+            setattr(particles, name, taken(np.concatenate([array, route.send(array)]), here))
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:

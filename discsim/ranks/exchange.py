@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.kernels.move import take_rows
+from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles
 
 Array = np.ndarray
+
+
+def taken(array: Array, index: Array) -> Array:
+    """The rows `index` (m,) of an array (n, ...)."""
+    out = np.empty((len(index), *array.shape[1:]), array.dtype)
+    wide = math.prod(array.shape[1:])
+    rows, to = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, out))
+    share(take_rows, len(index), rows, index, to)
+    return out
 
 
 class Wide:
@@ -35,7 +47,7 @@ class Wide:
 
     def of(self, array: Array) -> Array:
         """An array (n, ...) of own particles, with the same of ghosts."""
-        return np.concatenate([array, self.route.send(array)])[self._order]
+        return taken(np.concatenate([array, self.route.send(array)]), self._order)
 
     def refresh(self, array: Array) -> None:
         """Take the ghosts' entries of an array of both, in place, from those whose own they are."""
@@ -44,7 +56,17 @@ class Wide:
 
 def in_cells(comm: Comm, particles: Particles, key: Array, needed: Array) -> Wide:
     """Own particles, whose cells are `key` (n,), with those of others in the cells that are `needed` (cells,) here."""
-    masks = comm.gathered_bits(needed)
-    nobody = np.empty(0, np.int64)
-    to = [nobody if rank == comm.rank else np.flatnonzero(masks[rank][key]) for rank in range(comm.size)]
-    return Wide(particles, Route(comm, to))
+    runs, wanted = comm.gathered_runs(needed), np.zeros(len(needed), bool)
+    runs[comm.rank] = runs[comm.rank][:0]
+    for first, last in np.concatenate(runs).tolist():
+        wanted[first:last] = True
+    some = np.flatnonzero(wanted[key])  # few of all
+    some = some[np.argsort(key[some], kind="stable")]
+    cells = key[some].astype(np.int64)
+    return Wide(particles, Route(comm, [_members(some, np.searchsorted(cells, cut)) for cut in runs]))
+
+
+def _members(some: Array, cuts: Array) -> Array:
+    """Of an array its parts between `cuts` (runs, 2)."""
+    parts = [some[first:last] for first, last in cuts.tolist() if last > first]
+    return np.concatenate(parts) if parts else some[:0]

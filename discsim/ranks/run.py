@@ -187,6 +187,7 @@ class DividedRun(Run):
             self._add_row()
             if state.step == 0:
                 self.records.add_companions(state, 0.0)
+        sim.costs.agree()
         self.led(lambda: sim.costs.write(self.directory / "costs.csv"))
         self.put_out = sim.time
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")

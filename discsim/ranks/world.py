@@ -8,15 +8,11 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.effects.base import to_sort
-from discsim.kernels.halo import near_others, owners_about
-from discsim.numerics.threads import share
-from discsim.ranks.comm import Comm, Route
-from discsim.ranks.division import Division
-from discsim.ranks.exchange import Wide
+from discsim.ranks.comm import Comm
+from discsim.ranks.division import COST, Division
 
 if TYPE_CHECKING:
-    from discsim.numerics.grid import Grid
-    from discsim.numerics.state import Particles, State
+    from discsim.numerics.state import State
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -29,7 +25,7 @@ class Ranks:
 
     def __init__(self, scene: Scene, comm: Comm) -> None:
         self.comm, self.division = comm, Division(scene, comm)
-        self._nodes: dict[Any, Array] = {}  # owners of the nodes of a grid, of the present division
+        self.balance = 1.0  # the cost of the most loaded rank over the mean
 
     def least(self, values: Any) -> Any:
         # What is no number would be lost on the way: no limit, as what asks for the least takes it.
@@ -46,18 +42,21 @@ class Ranks:
         """Bring particles to their owners: each rank has all of them, or a run of rows in the order of ranks."""
         self.division.cut(state.species, whole=alike)
         (self.division.keep_own if alike else self.division.deal)(state)
+        self._weigh(state)
 
     def settle(self, state: State) -> None:
-        if to_sort(state.step) and self.division.cut(state.species):
-            self._nodes = {}
+        if to_sort(state.step):
+            self.division.cut(state.species)
         for particles in state.species.values():
             self.division.migrate(particles)
+        if to_sort(state.step):
+            self._weigh(state)
 
     def close_up(self, place: Array, gone: Array) -> Array:
-        number = self.sum(int(np.count_nonzero(gone)))
+        removed = np.concatenate(self.comm.listed(place[gone]))
+        number = len(removed)
         end = slice(max(len(place) - number, 0), None)  # only the last ones of a rank can be among the last of all
-        found = self.comm.mpi.allgather((place[gone], place[end], gone[end]))
-        removed, last, gone_too = (np.concatenate(one) for one in zip(*found, strict=True))
+        last, gone_too = (np.concatenate(self.comm.listed(array[end])) for array in (place, gone))
         order = np.argsort(last)[len(last) - number :]
         movers = last[order][~gone_too[order]]
         holes = np.sort(removed)[: len(movers)]
@@ -66,30 +65,12 @@ class Ranks:
         stay = np.flatnonzero(~gone)
         return stay[np.argsort(place[stay])]
 
-    def about_nodes(self, grid: Grid, particles: Particles) -> tuple[Array, Array]:
-        pos, owner, rank = particles.pos, self._owner_of_nodes(grid), self.comm.rank
-        near, where = np.empty(len(pos), bool), (grid.origin, 1.0 / grid.cell, grid.periodic)
-        share(near_others, len(pos), pos, *where, owner, rank, near)
-        some = np.flatnonzero(near)
-        owners = np.zeros((self.comm.size, len(some)), bool)
-        owners_about(some, pos, *where, owner, owners)
-        owners[rank] = False
-        wide = Wide(particles, Route(self.comm, [some[row] for row in owners]))
-        return wide.of(pos), wide.of(particles.mass)
-
-    def join_nodes(self, grid: Grid, field: Array) -> None:
-        field[self._owner_of_nodes(grid) != self.comm.rank] = 0.0
-        field[:] = self.comm.reduced(field, MPI.SUM)  # one number each, and zeros
-
-    def _owner_of_nodes(self, grid: Grid) -> Array:
-        if grid not in self._nodes:
-            axes = [grid.nodes(axis) for axis in range(2 if grid.shape[1] > 1 else 1)]
-            places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-            tiles = self.division.tile_of(places.reshape(-1, len(axes)))
-            self._nodes[grid] = self.division.owner[tiles].reshape(grid.shape)
-        return self._nodes[grid]
+    def _weigh(self, state: State) -> None:
+        cost = sum(COST[name] * p.count for name, p in state.species.items())
+        self.balance = self.most(cost) * self.comm.size / max(self.sum(cost), 1.0)
 
     def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
         assert place is not None
-        found = self.comm.mpi.allgather((place[some], columns))
+        with self.comm.traffic.call((self.comm.size - 1) * columns.nbytes, self.comm.size - 1):
+            found = self.comm.mpi.allgather((place[some], columns))
         return np.concatenate([rows for _, rows in found])[np.argsort(np.concatenate([at for at, _ in found]))]

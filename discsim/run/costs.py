@@ -46,11 +46,17 @@ class Costs:
             self.calls[name] -= end.calls[name] - start.calls[name]
             self.seconds[name] -= end.seconds[name] - start.seconds[name]
 
+    def agree(self) -> None:
+        """Hear before `write` what other processes of the run have spent: here there are none."""
+
+    def rows(self) -> Iterator[list[str]]:
+        """The lines of the table, the first of which names its columns."""
+        shares = self.shares
+        yield ["effect", "calls", "cpu_seconds", "share"]
+        for name, seconds in self.seconds.items():
+            yield [name, str(self.calls[name]), f"{seconds:.4f}", f"{shares[name]:.4f}"]
+
     def write(self, path: Path) -> None:
         """The table as CSV; it appears at `path` whole."""
-        shares = self.shares
         with written(path) as temporary, temporary.open("w", newline="") as file:
-            rows = csv.writer(file)
-            rows.writerow(["effect", "calls", "cpu_seconds", "share"])
-            for name, seconds in self.seconds.items():
-                rows.writerow([name, self.calls[name], f"{seconds:.4f}", f"{shares[name]:.4f}"])
+            csv.writer(file).writerows(self.rows())

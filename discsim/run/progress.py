@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from discsim.numerics import world
 from discsim.run.screen import Screen
 from discsim.scene.units import clock
 
@@ -106,11 +107,13 @@ class Progress:
                 left = elapsed * max(until - state.time, 0.0) / (state.time - begun)
                 facts["speed"] = f"{(state.step - step) / elapsed:.3g} steps/s"
                 facts["left"] = f"{clock(left)} left"
+        if world.together.many:
+            facts["load"] = f"busiest rank {world.together.balance:.2f} of the mean"
         return facts
 
     def _frame(self, state: State, dt: float, set_by: str) -> None:
         facts = self._facts(state, dt, set_by)
-        pace = "  ".join(facts[name] for name in ("step", "speed", "left") if name in facts)
+        pace = "  ".join(facts[name] for name in ("step", "speed", "left", "load") if name in facts)
         bar = ProgressBar(total=self.scene.run.until, completed=state.time, width=60)
         frame = Table.grid()
         for row in (f"effects: {', '.join(self.scene.effects)}", facts["time"], bar, facts["dt"], pace):

@@ -1,0 +1,193 @@
+"""Who would send what to whom: a whole state cut for any number of ranks by the code that runs on ranks.
+
+Rows of an exchange are particles; `rows[receiver, sender]` is a sparse matrix (ranks, ranks).
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from discsim import Simulation
+from discsim.kernels import levels
+from discsim.kernels.blocks import LEVELS
+from discsim.kernels.halo import mark_blocks, mark_cells
+from discsim.kernels.poisson import TILE
+from discsim.numerics.grid import Grid
+from discsim.numerics.neighbours import grids_of, keys_in
+from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
+from discsim.numerics.sph import ROOM
+from discsim.numerics.threads import share
+from discsim.ranks.division import Division
+from discsim.ranks.gravity import Nodes, Window
+from discsim.ranks.slabs import Share
+from discsim.ranks.sph import HALO
+
+Array = np.ndarray
+EXCHANGES = ("sph gas", "drag gas", "drag dust", "grid gas", "grid dust")
+
+
+class Counts(NamedTuple):
+    """Of each rank: particles by species, rows by exchange, and of the grid nodes, bytes and messages."""
+
+    particles: dict[str, Array]
+    rows: dict[str, csr_array]
+    window: Array  # nodes (ranks,)
+    rows_of_grid: Array
+    bytes: dict[str, Array]  # that each sends, of the grid: by exchange
+    messages: dict[str, Array]
+
+    def received(self, name: str) -> Array:
+        """Ghosts (ranks,) that an exchange brings."""
+        return np.asarray(self.rows[name].sum(axis=1)).ravel()
+
+    def sent(self, name: str) -> Array:
+        return np.asarray(self.rows[name].sum(axis=0)).ravel()
+
+    def neighbours(self, name: str) -> Array:
+        """How many ranks each sends to."""
+        return np.bincount(self.rows[name].nonzero()[1], minlength=self.rows[name].shape[0])
+
+
+class Cells(NamedTuple):
+    """Cells or blocks of a state: that of each particle by exchange, and how to mark those that own ones need."""
+
+    keys: dict[str, Array]
+    count: int
+    mark: Any
+
+
+def cells_of_gas(sim: Simulation) -> Cells:
+    """Those of neighbours, before forces are made."""
+    sph, gas = sim.effects["gas"].sph, sim.gas
+    extent = (1.0 if sph.fixed else ROOM) * sph.support
+    grids, classes = grids_of(gas.pos, gas.h, extent, *sph.box_of(gas), sph.periodic)
+
+    def mark(mine: Array, out: Array) -> None:
+        share(mark_cells, len(mine), mine, grids.table, sph.dim == 1, sph.periodic, HALO, out)
+
+    return Cells({"sph gas": keys_in(grids, classes, gas.pos)}, grids.cells, mark)
+
+
+def blocks_of_drag(sim: Simulation) -> Cells:
+    """Those of drag, after forces are made."""
+    drag: Any = sim.effects["drag"]
+    blocks = drag.scheme.members(drag, sim.state)
+    lattices = levels.lattices(*blocks.lattice.shape, blocks.lattice.periodic, LEVELS + 1)
+    home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
+    members = ("gas", blocks.gas_order, blocks.gas_start, 1), (
+        "dust", blocks.dust_order, blocks.dust_start, drag.classes.number,
+    )  # fmt: skip
+    keys = {}
+    for name, order, start, populations in members:
+        keys[f"drag {name}"] = key = np.empty(len(order), np.int64)
+        key[order] = np.repeat(np.arange(len(start) - 1) // populations, np.diff(start))
+
+    def mark(mine: Array, out: Array) -> None:
+        mark_blocks(mine[mine < len(blocks.level)], home, about, near, drag.scheme.rings, out)
+
+    return Cells(keys, len(blocks.level) + 2, mark)
+
+
+def rows_of_cells(cells: Cells, owners: dict[str, Array], ranks: int) -> dict[str, csr_array]:
+    """Rows that each rank needs of others: those in the cells that it marks."""
+    held = {}
+    for name, key in cells.keys.items():
+        owner = owners[name.split()[1]]
+        held[name] = csr_array((np.ones(len(key)), (key, owner)), (cells.count, ranks))
+    all_held = sum(held.values()).tocsc()
+    marked = []
+    for rank in range(ranks):
+        mine = np.unique(all_held.indices[all_held.indptr[rank] : all_held.indptr[rank + 1]]).astype(np.int64)
+        needed = np.zeros(cells.count, bool)
+        needed[mine] = True
+        cells.mark(mine, needed)
+        marked.append(np.flatnonzero(needed))
+    start = np.cumsum([0, *map(len, marked)])
+    needs = csr_array((np.ones(start[-1]), np.concatenate(marked), start), (ranks, cells.count))
+    return {name: _of_others(needs @ each) for name, each in held.items()}
+
+
+def _of_others(rows: csr_array) -> csr_array:
+    rows = rows.tocsr()
+    rows.setdiag(0)
+    rows.eliminate_zeros()
+    return rows
+
+
+def nodes_about(grid: Grid, pos: Array) -> tuple[Array, Array]:
+    """The first node (n, 2) about each particle, and which of them are on the grid."""
+    s = (pos - np.array(grid.origin)) * (1.0 / grid.cell) - 0.5
+    on = np.all((s >= 0.0) & (s < np.array(grid.shape) - 1), axis=1)
+    return np.where(on[:, None], s, 0.0).astype(np.int32), on
+
+
+def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[csr_array, Array]:
+    """Rows that each rank needs to sum its nodes, and least and largest nodes (ranks, 4) about these and own ones."""
+    low, on = nodes_about(nodes.grid, pos)
+    extent = np.tile(np.array([1, 1, -1, -1]) * np.int64(1 << 40), (ranks, 1))
+    rows = csr_array((ranks, ranks))
+    tiles, whose = nodes.tiles, nodes.owner
+    needing = np.stack([whose[tiles[0][low[:, 0] + i], tiles[1][low[:, 1] + j]] for i in (0, 1) for j in (0, 1)])
+    met = owner[None]  # the ranks that a particle has been counted for
+    for ranked in (owner, *needing):
+        new = on if ranked is owner else on & ~np.any(met == ranked, axis=0)
+        if ranked is not owner:
+            rows = rows + csr_array((np.ones(new.sum()), (ranked[new], owner[new])), (ranks, ranks))
+            met = np.concatenate([met, ranked[None]])
+        for axis in (0, 1):
+            np.minimum.at(extent[:, axis], ranked[new], low[new, axis])
+            np.maximum.at(extent[:, axis + 2], ranked[new], low[new, axis])
+    return rows, extent
+
+
+def of_windows(windows: list[Window], grid: Grid, ranks: int) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Bytes and messages that each rank sends of density, potential and both transforms; its rows of the grid."""
+    border = 0 if grid.periodic else 2
+    count, padded = grid.shape[0] + 2 * border, padded_shape(grid.shape, grid.periodic)
+    rows, tiles = Share.of(count, ROWS, ranks), Share.of(tiles_of(padded), 1, ranks)
+    sent = {name: np.zeros(ranks) for name in ("density", "potential", "transforms")}
+    messages = {name: np.zeros(ranks) for name in sent}
+    edges, width = np.array(rows.edges), np.zeros(count + 1)
+    held, columns = np.diff(edges), np.diff(tiles.edges)
+    for rank, window in enumerate(windows):
+        own = window.own_rows(rows.span(rank))
+        sent["density"][rank] = 8 * window.shape[1] * (window.shape[0] - (own.stop - own.start))
+        for some, _ in window.rows(slice(0, count), count):
+            width[some.start] += window.ringed[1]
+            width[some.stop] -= window.ringed[1]
+            met = (held > 0) & (edges[1:] > some.start) & (edges[:-1] < some.stop)
+            met[rank] = False
+            messages["potential"] += met
+            messages["density"][rank] += met.sum()
+    of_row = np.cumsum(width[:-1])
+    for rank, window in enumerate(windows):
+        own = sum(some.stop - some.start for some, _ in window.rows(rows.span(rank), count))
+        sent["potential"][rank] = 8 * (of_row[rows.span(rank)].sum() - own * window.ringed[1])
+    sent["transforms"] = 16 * TILE * (held * (columns.sum() - columns) + columns * (held.sum() - held))
+    messages["transforms"] = 1.0 * (held > 0) * ((columns > 0).sum() - 1) + (columns > 0) * ((held > 0).sum() - 1)
+    return sent, messages, held
+
+
+def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int | None = None) -> Counts:
+    """What a state asks of `ranks`; `cells`: along a side of another grid over the same space."""
+    division = Division(sim.scene, SimpleNamespace(size=ranks, rank=0))
+    species = sim.state.species
+    division.cut(species, whole=True)
+    owners = {name: division.owner[division.tile_of(p.pos)] for name, p in species.items()}
+    rows = rows_of_cells(gas, owners, ranks) | rows_of_cells(drag, owners, ranks)
+    grid = sim.state.grid
+    if cells is not None:
+        grid = Grid(grid.origin, grid.cell * grid.shape[0] / cells, (cells, cells), grid.periodic)
+    nodes, extents = Nodes(grid, division), []
+    for name, p in species.items():
+        rows[f"grid {name}"], extent = rows_of_nodes(nodes, p.pos, owners[name], ranks)
+        extents.append(extent)
+    least, most = np.min(extents, axis=0)[:, :2], np.max(extents, axis=0)[:, 2:]
+    windows = [Window.about(*ends, grid) for ends in zip(least, most, strict=True)]
+    sent, messages, held = of_windows(windows, grid, ranks)
+    particles = {name: np.bincount(owner, minlength=ranks) for name, owner in owners.items()}
+    return Counts(particles, rows, np.array([np.prod(w.shape) for w in windows]), held, sent, messages)

@@ -1,0 +1,103 @@
+"""What a step takes on ranks, for mpiexec: `measure` prints a line of JSON from rank 0.
+
+    mpiexec -n 2 python analysis/rank_steps.py --gas 1e5 --dust 1e6 --cells 512 --scheme tsc
+
+Seconds are CPU seconds of a rank and step, without those of MPI calls, which are apart: where more processes than
+cores run, or others, only these say what a rank has to do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from passes import watched
+
+from discsim import Simulation
+from discsim.ranks.begin import divide
+from discsim.ranks.comm import Comm
+from discsim.ranks.traffic import Sum
+
+MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
+FEW = 400  # numbers: limbs of totals
+STEPS = 6  # none of which sorts
+PARTICLE_LOOPS = ("strip_of", "deposit_strips", "pull", "extent", "near_others")
+
+
+def scene(gas: int, dust: int, cells: int, scheme: str) -> dict[str, Any]:
+    """The main job's disc with other numbers, one thread a rank."""
+    tables = tomllib.loads(MAIN.read_text())
+    tables["gas"]["particles"], tables["dust"]["particles"] = gas, dust
+    tables["space"]["cells"], tables["drag"]["scheme"], tables["run"]["threads"] = cells, scheme, 1
+    return tables
+
+
+def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
+    """Figures of each rank: seconds by part of a step, communication by effect, memory."""
+    sim = Simulation(tables)
+    divide(sim, comm)
+    reduced, lengths = comm.reduced, [0]
+
+    def noted(values: Any, operation: Any) -> Any:
+        if np.size(values) > FEW:  # of cells or blocks
+            lengths[0] += np.asarray(values).nbytes
+        return reduced(values, operation)
+
+    comm.reduced = noted
+    left = [2]
+
+    def enough() -> bool:
+        left[0] -= 1
+        return left[0] == 0
+
+    sim.evolve(np.inf, enough)  # compiles, and sorts
+    lengths[0] = 0
+    start, spent = sim.costs.copy(), dict(comm.traffic.sums)
+    left[0] = STEPS
+    comm.mpi.Barrier()
+    cpu, wall = time.process_time(), time.perf_counter()
+    with watched() as passes:
+        sim.evolve(np.inf, enough)
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    comm.traffic.fold()
+    sums = {name: each - spent.get(name, Sum()) for name, each in comm.traffic.sums.items()}
+    found = {
+        name: sim.costs.seconds[name] - start.seconds[name] - sums.get(name, Sum()).cpu_seconds for name in sim.effects
+    }
+    found["step"] = cpu - sum(found.values()) - sum(each.cpu_seconds for each in sums.values())
+    particles = sum(passes[name] for name in PARTICLE_LOOPS)
+    gravity = found.pop("self_gravity")
+    transforms = passes["each"]
+    found |= {"transforms": transforms, "grid particles": particles, "windows": gravity - particles - transforms}
+    own = {
+        "gas": sim.gas.count,
+        "dust": sim.dust.count,
+        "seconds": {name: seconds / STEPS for name, seconds in found.items()},
+        "wall": wall / STEPS,
+        "communication": {name or "step": [each / STEPS for each in total] for name, total in sums.items()},
+        "reduced": lengths[0] / STEPS,
+        "bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+    }
+    return comm.mpi.allgather(own)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, usual in (("gas", 1e5), ("dust", 1e6), ("cells", 512)):
+        parser.add_argument(f"--{name}", type=float, default=usual)
+    parser.add_argument("--scheme", default="tsc")
+    given = parser.parse_args()
+    comm = Comm()
+    found = measure(scene(int(given.gas), int(given.dust), int(given.cells), given.scheme), comm)
+    if comm.rank == 0:
+        print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,308 @@
+"""What a disc would take on many MPI ranks: real states cut by the code that runs on ranks, and a model of the step.
+
+    python analysis/scaling.py -o OUT [--scheme tsc] [--size 1e6,1e7,2048] [--measure 1e5,1e6,512]
+
+A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), which gives for each rank its particles,
+those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
+
+    T = sum over the parts of a step of max over ranks (a units + s n + c) + calls latency log2 N + messages latency
+        + bytes / bandwidth                                                                                        (1)
+
+a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. s: of
+what each rank does for all n particles: cells and blocks are listed on each rank. c: of calls. They are fitted to short
+runs on 3 and 8 ranks of one thread (`rank_steps.py`), of two sizes, and compared with such runs on 2 and 4; what one
+rank takes is measured, as it moves no particles to others. Bytes: of rows that are sent; 2 b n that are summed over all
+ranks, of cells and blocks. Network: two examples, NETWORKS.
+
+A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
+lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too.
+
+OUT gets scaling.json and scaling.png. What was measured and counted is not made again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.optimize import nnls
+
+Array = np.ndarray
+RANKS = (1, *(2**k for k in range(1, 13)))
+FITTED, CHECKED = (3, 8), (2, 4)
+SOME = 7  # a step
+BIG = (100.0, 16384)  # times the particles, and cells along a side
+
+
+class Network(NamedTuple):
+    """Of a rank: seconds of a message, and bytes a second, one of several ranks of a node that share its link."""
+
+    name: str
+    latency: float
+    bandwidth: float
+
+
+NETWORKS = (
+    Network("HDR InfiniBand, 200 Gb/s for 32 ranks", 2e-6, 25e9 / 32),
+    Network("25 Gb/s Ethernet for 32 ranks", 20e-6, 3.1e9 / 32),
+)
+# Of each part of a step: the species and the exchange that bring its units.
+PARTS = {
+    "gas": (("gas",), "sph"), "drag": (("gas", "dust"), "drag"), "grid particles": (("gas", "dust"), "grid"),
+    "star": (("gas", "dust"), None), "dust": (("dust",), None), "step": (("gas", "dust"), None),
+    "transforms": ((), None), "windows": ((), None),
+}  # fmt: skip
+
+
+def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int | None = None) -> Array:
+    """Units (ranks,) of a part of a step, where there are `particles` times as many and the grid has a side."""
+    usual = counts["side"]
+    side = side or usual
+    if part == "transforms":
+        return np.array(counts["rows"]) * side / usual * side * np.log2(2 * side)
+    if part == "windows":
+        return np.array(counts["window"]) * (side / usual) ** 2
+    species, exchange = PARTS[part]
+    out = sum(particles * np.array(counts["particles"][name], float) for name in species)
+    if exchange:
+        out = out + np.sqrt(particles) * sum(np.array(counts["received"][f"{exchange} {name}"]) for name in species)
+    return out
+
+
+def fit(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, tuple[float, float, float]]:
+    """a, s and c of each part, none below 0, by what was measured and counted of the runs FITTED of some sizes."""
+    out = {}
+    for part in PARTS:
+        rows, seconds = [], []
+        for measured, counts in runs:
+            for n in FITTED:
+                own = [rank["seconds"][part] for rank in measured[n]]
+                alike = _all(counts[n]) if PARTS[part][0] else 0.0
+                one = np.column_stack([units(counts[n], part), np.full(n, alike), np.ones(n)])
+                rows.append(one / np.mean(own))
+                seconds.append(np.array(own) / np.mean(own))
+        matrix = np.concatenate(rows)
+        scale = np.abs(matrix).max(axis=0) + (matrix.max(axis=0) == 0.0)
+        found = nnls(matrix / scale, np.concatenate(seconds))[0] / scale
+        out[part] = float(found[0]), float(found[1]), float(found[2])
+    return out
+
+
+def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float, float]]:
+    """The same for one rank, by its run."""
+    return {part: (t / float(units(counts[1], part)[0]), 0.0, 0.0) for part, t in measured[1][0]["seconds"].items()}
+
+
+def _all(counts: dict[str, Any]) -> int:
+    return int(sum(np.sum(each) for each in counts["particles"].values()))
+
+
+def predict(
+    counts: dict[str, Any],
+    costs: dict[str, Any],
+    network: Network | None,
+    particles: float = 1.0,
+    side: int | None = None,
+) -> dict[str, float]:
+    """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
+    size, n = len(counts["rows"]), particles * _all(counts)
+    own = slowest = alike = 0.0
+    for part, (a, s, c) in costs["fit" if size > 1 else "alone"].items():
+        u = a * units(counts, part, particles, side)
+        slowest += u.max() + s * n + c
+        own += u.mean()
+        alike += s * n + c
+    fetched = sum(
+        costs["fit"][part][0] * np.sqrt(particles) * np.mean(counts["received"][f"{exchange} {name}"])
+        for part, (species, exchange) in PARTS.items() if exchange for name in species
+    )  # fmt: skip
+    out = {"own work": own - fetched, "fetched particles": fetched, "the same on each": alike}
+    out["uneven load"] = slowest - own - alike
+    if network is not None and size > 1:
+        wider = (side or counts["side"]) / counts["side"]
+        more, row, sends = np.sqrt(particles), costs["row"], costs["sends"]
+        sent = {name: more * row[name.split()[0]] * np.array(rows) for name, rows in counts["sent"].items()}
+        sent |= {name: wider**2 * np.array(each) for name, each in counts["bytes"].items()}
+        messages = sum(sends.get(name.split()[0], 1) * np.array(each) for name, each in counts["messages"].items())
+        out["bandwidth"] = sum(float(each.max()) for each in sent.values()) / network.bandwidth
+        out["sums over cells"] = 2.0 * costs["reduced"] * n / network.bandwidth
+        out["latency"] = network.latency * (float(messages.max()) + costs["calls"] * np.log2(size))
+    return out
+
+
+def counted(counts: Any, side: int) -> dict[str, Any]:
+    """`Counts` as numbers that JSON takes."""
+    names = list(counts.rows)
+    return {
+        "side": side,
+        "particles": {name: each.tolist() for name, each in counts.particles.items()},
+        "received": {name: counts.received(name).tolist() for name in names},
+        "sent": {name: counts.sent(name).tolist() for name in names},
+        "rows": counts.rows_of_grid.tolist(),
+        "window": counts.window.tolist(),
+        "bytes": {name: each.tolist() for name, each in counts.bytes.items()},
+        "messages": {name: counts.neighbours(name).tolist() for name in names}
+        | {name: each.tolist() for name, each in counts.messages.items()},
+    }
+
+
+def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -> dict[int, Any]:
+    """Counts of the disc at its start, for each number of ranks."""
+    from rank_counts import blocks_of_drag, cells_of_gas, counts_of
+    from rank_steps import scene
+
+    from discsim import Simulation
+
+    sim = Simulation(scene(gas, dust, side, scheme))
+    cells = cells_of_gas(sim)
+    sim.operators.forces()
+    sim.state.step = SOME  # at the start blocks begin where tiles do
+    blocks = blocks_of_drag(sim)
+    return {number: counted(counts_of(sim, number, cells, blocks), side) for number in ranks}
+
+
+def measure(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -> dict[int, Any]:
+    """Runs of `rank_steps.py`."""
+    beside = Path(sys.executable).with_name("mpiexec")
+    launcher = str(beside) if beside.exists() else shutil.which("mpiexec")
+    out = {}
+    for number in ranks:
+        command = [launcher, "-n", str(number), sys.executable, str(Path(__file__).with_name("rank_steps.py"))]
+        command += ["--gas", str(gas), "--dust", str(dust), "--cells", str(side), "--scheme", scheme]
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env=os.environ | {"NUMBA_NUM_THREADS": "1"}
+        )
+        if done.returncode != 0:
+            raise SystemExit(done.stderr)
+        out[number] = json.loads(done.stdout)
+    return out
+
+
+def costs_of(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, Any]:
+    """What `predict` takes, of short runs and the counts of the same states, the largest first."""
+    measured, counts = runs[0]
+    two, at_two = measured[2], counts[2]
+    effects = {"sph": "gas", "drag": "drag", "grid": "self_gravity"}
+    row, sends = {}, {}
+    for exchange, effect in effects.items():
+        rows = sum(np.sum(each) for name, each in at_two["sent"].items() if name.startswith(exchange))
+        total = sum(rank["communication"][effect][4] for rank in two)
+        if exchange == "grid":
+            total -= sum(np.sum(each) for each in at_two["bytes"].values())
+        if exchange == "drag":
+            total -= sum(rank["reduced"] for rank in two)
+        row[exchange] = total / rows  # with the little that other calls have
+        sends[exchange] = two[0]["communication"][effect][5] / (1 if exchange == "sph" else 2)
+    calls = sum(each[0] for each in two[0]["communication"].values())
+    both = {"fit": fit(runs), "alone": alone(measured, counts), "reduced": two[0]["reduced"] / _all(at_two)}
+    return {**both, "row": row, "sends": sends, "calls": calls}
+
+
+def check(measured: dict[int, Any], counts: dict[int, Any], costs: dict[str, Any]) -> dict[int, tuple[float, float]]:
+    """CPU seconds of a step on the slowest rank, predicted and measured, of the runs CHECKED."""
+    return {
+        n: (
+            sum(predict(counts[n], costs, None).values()),
+            max(sum(rank["seconds"].values()) for rank in measured[n]),
+        )
+        for n in CHECKED
+    }
+
+
+def kept(path: Path, make: Any) -> dict[int, Any]:
+    if not path.exists():
+        path.write_text(json.dumps(make()))
+    return {int(number): each for number, each in json.loads(path.read_text()).items()}
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    figure = Figure((13, 4.2), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    for k, (title, rows) in enumerate(found["strong"].items()):
+        total = {int(n): sum(each.values()) for n, each in rows.items()}
+        ranks = np.array([*total])
+        left.loglog(ranks, [*total.values()], "o-" if k % 2 == 0 else "s--", color=f"C{k // 2}", ms=4, label=title)
+        if k % 2 == 0:
+            left.loglog(ranks, total[1] / ranks, ":", color=f"C{k // 2}", lw=1)
+    left.set(xlabel="ranks", ylabel="seconds of a step", title="strong scaling (dotted: ideal)")
+    left.legend(fontsize=7)
+    title, rows = [*found["strong"].items()][2]
+    names = [*rows["2"]]
+    share = np.array([[rows[n].get(name, 0.0) for n in rows] for name in names])
+    middle.stackplot([int(n) for n in rows], share / share.sum(axis=0), labels=names)
+    middle.set(xscale="log", xlabel="ranks", ylabel="share of a step", title=title, ylim=(0, 1), xlim=(1, RANKS[-1]))
+    middle.legend(fontsize=7, loc="lower left")
+    for k, (title, rows) in enumerate(found["weak"].items()):
+        total = [sum(each.values()) for each in rows.values()]
+        ranks = [int(n) for n in rows]
+        right.semilogx(ranks, total, "o-" if k % 2 == 0 else "s--", color=f"C{k // 2}", ms=4, label=title)
+    right.set(xlabel="ranks", ylabel="seconds of a step", title="weak scaling", ylim=(0, None))
+    right.legend(fontsize=7)
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--scheme", default="tsc")
+    parser.add_argument("--size", default="1e6,1e7,2048", help="gas, dust and cells of the state that is cut")
+    parser.add_argument("--measure", default="1e5,1e6,512", help="the same of the runs on 1 to 8 ranks")
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    small, size = ([int(float(part)) for part in text.split(",")] for text in (given.measure, given.size))
+    out, scheme, few = given.out, given.scheme, tuple(sorted({1, *FITTED, *CHECKED}))
+    tiny = [small[0] // 10, small[1] // 10, small[2] // 4]
+    runs = [
+        (
+            kept(out / f"measured_{name}_{scheme}.json", lambda what=what: measure(*what, scheme, few)),
+            kept(out / f"counts_{name}_{scheme}.json", lambda what=what: count(*what, scheme, few)),
+        )
+        for name, what in (("small", small), ("tiny", tiny))
+    ]
+    at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS))
+    costs = costs_of(runs)
+    ns = {part: [1e9 * each for each in found] for part, found in costs["fit"].items()}
+    about = "ns of a unit, for each of all particles, and of a step"
+    found: dict[str, Any] = {about: ns, "bytes of a row": costs["row"]}
+    found["seconds of a step, predicted and measured"] = check(*runs[0], costs)
+    words = {1.0: "1e6 + 1e7, 2048$^2$", BIG[0]: "1e8 + 1e9, 16384$^2$"}
+    of_all = 1.1e7 / _all(at_size[1])  # where a smaller sample is cut
+    sides = {1.0: 2048, BIG[0]: BIG[1]}
+    found["strong"] = {
+        f"{words[more]}, {network.name}": {
+            n: predict(each, costs, network, more * of_all, sides[more]) for n, each in at_size.items()
+        }
+        for more in words for network in NETWORKS
+    }  # fmt: skip
+    found["weak"] = {}
+    for each_has in (1e6, 1e7):
+        for network in NETWORKS:
+            rows = {}
+            for n, each in at_size.items():
+                more = n * each_has / _all(each)
+                rows[n] = predict(each, costs, network, more, 2 ** round(np.log2(2048 * np.sqrt(n * each_has / 1.1e7))))
+            found["weak"][f"{each_has:.0e} particles a rank, {network.name}"] = rows
+    text = json.dumps(found, indent=1)
+    (out / f"scaling_{scheme}.json").write_text(text + "\n")
+    found = json.loads(text)
+    for title, rows in found["strong"].items():
+        one = sum(rows["1"].values())
+        print(title)
+        for n, each in rows.items():
+            total = sum(each.values())
+            most = max((name for name in each if name != "own work"), key=lambda name: each[name])
+            print(f"{n:>6} ranks  {total:9.4g} s  efficiency {one / total / int(n):.2f}  most beside own work: {most}")
+    print(json.dumps({name: found[name] for name in [*found][:3]}, indent=1))
+    draw(found, out / f"scaling_{scheme}.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""What the effects of a run on several ranks cost, and apart from that what their communication does.
+
+CPU seconds are those of this rank, where those of MPI calls are in lines of their own; the seconds in these calls, the
+waiting in them (`traffic.py`), bytes and messages are those of a rank, the mean of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from discsim.ranks.traffic import Sum, Traffic
+from discsim.run.costs import Costs
+
+BETWEEN = "step"  # what belongs to no effect
+
+
+class DividedCosts(Costs):
+    """`Costs` of a rank. `copy` and `agree` are called by all ranks together."""
+
+    def __init__(self, costs: Costs, traffic: Traffic) -> None:
+        super().__init__(costs.calls)
+        self.calls.update(costs.calls)
+        self.seconds.update(costs.seconds)
+        self.traffic = traffic
+        traffic.fold()
+        self._spent = dict(traffic.sums)  # when this was made
+        self._forgotten: dict[str, Sum] = {}
+        self._means: dict[str, Sum] = {}
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        self.traffic.doing = name
+        try:
+            with super().__call__(name):
+                yield
+        finally:
+            self.traffic.doing = ""
+
+    def copy(self) -> DividedCosts:
+        return DividedCosts(self, self.traffic)
+
+    def forget(self, start: Costs, end: Costs) -> None:
+        super().forget(start, end)
+        if isinstance(start, DividedCosts) and isinstance(end, DividedCosts):
+            for name, spent in end._spent.items():
+                self._forgotten[name] = spent - start._spent.get(name, Sum())
+
+    @property
+    def communication(self) -> dict[str, Sum]:
+        """That of this rank, by effect; that of none is `BETWEEN`."""
+        sums = {name: spent - self._forgotten.get(name, Sum()) for name, spent in self.traffic.sums.items()}
+        return {name or BETWEEN: sums[name] for name in (*self.seconds, "") if name in sums}
+
+    def agree(self) -> None:
+        self.traffic.fold()
+        self._means = self.traffic.mean(self.communication)
+
+    def rows(self) -> Iterator[list[str]]:
+        own, means = self.communication, self._means
+        cpu = {name: max(seconds - own.get(name, Sum()).cpu_seconds, 0.0) for name, seconds in self.seconds.items()}
+        total = (sum(cpu.values()) + sum(spent.cpu_seconds for spent in own.values())) or 1.0
+        yield ["effect", "calls", "cpu_seconds", "share", "seconds", "waiting", "bytes", "messages"]
+        for name, seconds in cpu.items():
+            yield [name, str(self.calls[name]), f"{seconds:.4f}", f"{seconds / total:.4f}", *[""] * 4]
+        for name, mean in means.items():
+            seconds = own[name].cpu_seconds
+            line = [f"{name} communication", f"{mean.calls:.0f}", f"{seconds:.4f}", f"{seconds / total:.4f}"]
+            yield [*line, f"{mean.seconds:.4f}", f"{mean.waiting:.4f}", f"{mean.bytes:.0f}", f"{mean.messages:.0f}"]

@@ -1,0 +1,79 @@
+"""What communication costs: MPI calls, their seconds, and how much of these a rank waited for others, by effect.
+
+All ranks make the same calls in the same order. Who comes to a call last waits for nobody, so that the least time of
+any rank in a call is taken for that of the exchange itself, and what another rank spent there beyond it for waiting. No
+barrier is needed: times are compared once in FOLD calls.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+FOLD = 1024
+
+
+class Sum(NamedTuple):
+    """Of some calls of a rank: how many, CPU seconds and seconds in them, of which it waited; what it sent."""
+
+    calls: float = 0.0
+    cpu_seconds: float = 0.0
+    seconds: float = 0.0
+    waiting: float = 0.0
+    bytes: float = 0.0
+    messages: float = 0.0
+
+    def __sub__(self, other: Sum) -> Sum:
+        return Sum(*(a - b for a, b in zip(self, other, strict=True)))
+
+
+class Traffic:
+    """Sums by what a rank is `doing`: the name of an effect, or "" between effects."""
+
+    def __init__(self, mpi: MPI.Comm) -> None:
+        self._mpi = mpi
+        self.doing = ""
+        self._sums: dict[str, list[float]] = {}
+        self._times: list[tuple[str, float]] = []  # of calls that have not been compared yet
+
+    @contextmanager
+    def call(self, size: int, messages: int) -> Iterator[None]:
+        """A call of all ranks, in which this one sends `size` bytes in `messages`."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        yield
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        self._add(self.doing, 1, cpu, wall, 0.0, size, messages)
+        self._times.append((self.doing, wall))
+        if len(self._times) == FOLD:
+            self.fold()
+
+    def _add(self, name: str, *more: float) -> None:
+        row = self._sums.setdefault(name, [0.0] * len(Sum._fields))
+        for k, number in enumerate(more):
+            row[k] += number
+
+    @property
+    def sums(self) -> dict[str, Sum]:
+        """Until now, by name."""
+        return {name: Sum(*row) for name, row in self._sums.items()}
+
+    def fold(self) -> None:
+        """Compare the times of the last calls; all ranks together."""
+        own = np.array([seconds for _, seconds in self._times])
+        least = np.empty_like(own)
+        self._mpi.Allreduce(own, least, MPI.MIN)
+        for (name, _), waited in zip(self._times, (own - least).tolist(), strict=True):
+            self._sums[name][Sum._fields.index("waiting")] += waited
+        self._times = []
+
+    def mean(self, sums: dict[str, Sum]) -> dict[str, Sum]:
+        """Sums of a rank, the mean of all ranks; all together."""
+        own = np.array([*sums.values()]).reshape(-1, len(Sum._fields))
+        out = np.empty_like(own)
+        self._mpi.Allreduce(own, out, MPI.SUM)
+        return {name: Sum(*row) for name, row in zip(sums, (out / self._mpi.size).tolist(), strict=True)}

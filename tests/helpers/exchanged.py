@@ -1,0 +1,89 @@
+"""For mpiexec: what ranks exchange in forces and a kick of a scene, beside the counts of `analysis/rank_counts.py`.
+
+mpiexec -n 2 python tests/helpers/exchanged.py
+"""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[2] / "analysis"))
+
+from rank_counts import blocks_of_drag, cells_of_gas, counts_of
+from runs import DISC
+
+from discsim import Simulation
+from discsim.ranks import comm as comms
+from discsim.ranks.begin import divide
+
+ORDER = {"gas": ["sph gas"], "self_gravity": ["grid gas", "grid dust"], "drag": ["drag gas", "drag dust"]}
+DT = 0.05
+
+
+def made(scene):
+    """A simulation whose forces have been made."""
+    sim = Simulation(scene)
+    sim.operators.forces()
+    return sim
+
+
+def counted(scene, ranks):
+    sim = made(scene)
+    gas = cells_of_gas(sim)
+    sim.operators.forces()
+    return counts_of(sim, ranks, gas, blocks_of_drag(sim))
+
+
+def exchanged(scene, comm):
+    """Rows that this rank sends by exchange, and bytes by effect of whole rows and of the grid."""
+    routes, dealt = {}, {}
+
+    class Route(comms.Route):
+        def __init__(self, comm, to):
+            super().__init__(comm, to)
+            routes.setdefault(comm.traffic.doing, []).append(int(self.given.sum()))
+
+    sim = made(scene)
+    divide(sim, comm)
+    for module in [m for m in list(sys.modules.values()) if getattr(m, "Route", None) is comms.Route]:
+        module.Route = Route
+    deal, swap = comm.deal, comm.swap
+
+    def noted(call, *given):
+        before = comm.traffic.sums.get(comm.traffic.doing, (0,) * 6)
+        out = call(*given)
+        spent = np.subtract(comm.traffic.sums[comm.traffic.doing], before)[4:]
+        dealt.setdefault(comm.traffic.doing, []).append(tuple(int(one) for one in spent))
+        return out
+
+    comm.deal, comm.swap = (lambda *given: noted(deal, *given)), (lambda *given: noted(swap, *given))
+    sim.operators.forces()
+    sim.operators.kick(DT)
+    rows = {name: n for effect, names in ORDER.items() for name, n in zip(names, routes[effect], strict=True)}
+    # Density to slabs, there and back, potential from slabs: the last four of the effect.
+    to_slabs, there, back, to_windows = dealt["self_gravity"][-4:]
+    grid = {"density": to_slabs, "transforms": tuple(np.add(there, back).tolist()), "potential": to_windows}
+    return rows, grid
+
+
+def main():
+    comm = comms.Comm()
+    scene = tomllib.loads(DISC)
+    counts = counted(scene, comm.size)
+    rows, grid = exchanged(scene, comm)
+    r, wrong = comm.rank, []
+    for name, number in rows.items():
+        wrong += [f"{name}: {counts.sent(name)[r]:.0f} for {number}"] if counts.sent(name)[r] != number else []
+    for name, found in grid.items():
+        expected = int(counts.bytes[name][r]), int(counts.messages[name][r])
+        wrong += [f"{name}: {expected} for {found}"] if expected != found else []
+    lines = comm.mpi.gather(f"{rows} {grid}; {', '.join(wrong) or 'as counted'}")
+    if comm.rank == 0:
+        print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
