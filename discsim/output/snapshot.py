@@ -194,7 +194,7 @@ class Snapshot:
         return tools.to_yt(self, species)
 
     def to_pynbody(self) -> Any:
-        """The snapshot as a SimSnap of pynbody, in the scene's own frame, with dust as `dm`, star and companions as `bh`.
+        """The snapshot as a SimSnap of pynbody, in the scene's own frame: dust as `dm`, star and companions as `bh`.
 
         `rho` is that of a layer one code length thick, and `plot.sph.image(s.gas, units="g cm^-2")` shows the surface
         density, of `s.dm` that of the dust. Raises ImportError without pynbody, ValueError in 1D.

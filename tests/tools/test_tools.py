@@ -116,6 +116,8 @@ def test_pynbody_is_given_a_snapshot(pynbody, disc):
         image = pynbody_picture(pynbody, family, "sigma", weight=True) / ratio
         disc.judge(f"{tool}, {family.families()[0]}, sigma", mass, image, share=share)
     np.testing.assert_allclose(sim.gas["x"].in_units("au"), disc.snap.gas.pos[:, 0], rtol=1e-5)
+    # The quintic kernel reaches 3 h, those of pynbody 2.
+    np.testing.assert_allclose(sim.gas["smooth"].in_units("au"), 1.5 * disc.snap.gas.h, rtol=1e-5)
     speed = disc.snap.quantity("gas.vel").to_value("km/s")[:, 1]
     np.testing.assert_allclose(sim.gas["vy"].in_units("km s**-1"), speed, rtol=1e-10)
     np.testing.assert_array_equal(sim.dm["stokes"], disc.snap.dust.stokes)
