@@ -129,6 +129,7 @@ class Snapshot:
     reference_density: float | None = None  # Sigma that laws of drag refer to, of a start that has one
     version: str = ""  # of discsim, that wrote it
     command: str = ""  # line that made it; "" where an earlier version did
+    support: float = 1.0  # radius of the support of the gas's kernel, in h
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -180,6 +181,37 @@ class Snapshot:
         from discsim.output.fields import values
 
         return values.quantity(self, name, window, pixels, edges)
+
+    def to_yt(self, species: str = "gas") -> Any:
+        """The snapshot as a dataset of yt, in the scene's own frame, with the particle types and fields of its file.
+
+        species: "gas" or "dust", the one whose projections are smooth, `("gas", ...)` to yt; it has one alone. Its
+        `density` is that of a layer one code length thick; `ProjectionPlot(ds, "z", ("gas", "density"))` shows the
+        surface density. Raises ImportError without yt, KeyError without the species, ValueError in 1D.
+        """
+        from discsim.output import tools
+
+        return tools.to_yt(self, species)
+
+    def to_pynbody(self) -> Any:
+        """The snapshot as a SimSnap of pynbody, in the scene's own frame: dust as `dm`, star and companions as `bh`.
+
+        `rho` is that of a layer one code length thick, and `plot.sph.image(s.gas, units="g cm^-2")` shows the surface
+        density, of `s.dm` that of the dust. Raises ImportError without pynbody, ValueError in 1D.
+        """
+        from discsim.output import tools
+
+        return tools.to_pynbody(self)
+
+    def to_sarracen(self, species: str = "gas") -> Any:
+        """Gas or dust as a SarracenDataFrame of two dimensions, in code units, with ids as its index.
+
+        `density` is the surface density, as `render("density")` shows it; `params` has the time, and the code units in
+        cgs. Raises ImportError without sarracen, KeyError without the species, ValueError in 1D.
+        """
+        from discsim.output import tools
+
+        return tools.to_sarracen(self, species)
 
 
 class Extent(NamedTuple):
@@ -298,6 +330,7 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
             reference_density=own.attrs.get("reference_density"),
             version=file.attrs["version"].decode(),
             command=file.attrs.get("command", b"").decode(errors="replace"),
+            support=float(own.attrs["support"]),
         )
 
 
