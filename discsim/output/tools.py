@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.numerics.frames import frame_of
+from discsim.numerics.dataframe import dataframe_of
 from discsim.output.fields.values import repeats
 from discsim.output.layout import GROUPS, PLAIN_UNITS
 
@@ -95,7 +95,7 @@ def to_sarracen(snap: Snapshot, species: str) -> Any:
     arrays |= _spread(snap, p)
     arrays["h"] = arrays["h"] / REACH
     units = {name: snap.units.cgs(of) for name, of in (("umass", "mass"), ("udist", "length"), ("utime", "time"))}
-    return sarracen.SarracenDataFrame(frame_of(arrays), params={"time": snap.time} | units)
+    return sarracen.SarracenDataFrame(dataframe_of(arrays), params={"time": snap.time} | units)
 
 
 def _tool(snap: Snapshot, name: str) -> Any:
