@@ -49,10 +49,10 @@ def carry(limbs):
 def add_some(number, values, spare, limbs):
     """Add the first `number`, at most SOME, of values (SOME,) to `limbs` (LIMBS,); spare: (2, SOME), overwritten.
 
-    Each is cut into three whole numbers of at most 2^CUT units, which are added as such: y + b - b, of a b so large that
-    its last bit is the unit, is y to whole units (Rump et al. 2008, SIAM J. Sci. Comput. 31, 189, algorithm 3.2), and
-    the bits of y + b less those of b are their number. No loop has a branch: they are vectorised. What is not 0 after
-    that, of numbers far smaller than the largest, is added one by one.
+    Each is cut into three whole numbers of at most 2^CUT units, which are added as such. y + b - b, of a b so large
+    that its last bit is the unit, is y to whole units (Rump et al. 2008, SIAM J. Sci. Comput. 31, 189, algorithm 3.2),
+    and the bits of y + b less those of b are their number. No loop has a branch: they are vectorised. What is not 0
+    after that, of numbers far smaller than the largest, is added one by one.
     """
     bits, left, sums = values.view(np.int64), spare[0], spare[1]
     rest, sum_bits = left.view(np.int64), sums.view(np.int64)
