@@ -20,7 +20,7 @@ from discsim.numerics.state import State
 from discsim.output.history import history_row
 from discsim.output.open_step import left_open
 from discsim.output.snapshot import write_snapshot
-from discsim.ranks.begin import divide, faults
+from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
 from discsim.ranks.world import Ranks
@@ -28,7 +28,7 @@ from discsim.run.forces import kick_owner
 from discsim.run.progress import Progress
 from discsim.run.records import Records
 from discsim.run.runner import Run, columns, ended, with_present_pressure
-from discsim.scene import Scene, SceneError
+from discsim.scene import Scene
 
 WAIT = 3.0  # seconds for all ranks to come to their ends
 FAILED = 1  # exit status of what nobody has foreseen
@@ -121,11 +121,6 @@ class DividedRun(Run):
         if raised is not None:
             raise raised
         return value
-
-    def go(self, resume: bool) -> int:
-        if wrong := list(faults(self.scene)):
-            raise SceneError(wrong)
-        return super().go(resume)
 
     def _enter(self, resume: bool) -> tuple[bool, bool, float]:
         entered = super()._enter

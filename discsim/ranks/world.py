@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from discsim.kernels.halo import near_others, owners_about
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route
 from discsim.ranks.division import Division
-from discsim.ranks.exchange import Wide
+from discsim.ranks.exchange import Wide, in_cells
+from discsim.ranks.sph import DividedSph
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
@@ -75,6 +77,15 @@ class Ranks:
             tiles = self.division.tile_of(places.reshape(-1, len(axes)))
             self._nodes[grid] = self.division.owner[tiles].reshape(grid.shape)
         return self._nodes[grid]
+
+    def everyone(self, particles: Particles) -> Wide:
+        return in_cells(self.comm, particles, np.zeros(particles.count, np.int64), np.ones(1, bool))
+
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Array]) -> Wide:
+        return in_cells(self.comm, particles, key, needed())
+
+    def sph(self, kind: Any, scene: Scene) -> DividedSph:
+        return DividedSph(scene, self.comm)
 
     def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
         assert place is not None
