@@ -201,7 +201,7 @@ def law_of(drag: Drag, dt: float) -> Law:
 def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
     """Gas, of velocities `gas_vel`, and dust as kernels take them."""
     gas, dust, own = state.gas, state.dust, state.own_acc
-    about = densities_of_sparse_dust(drag, state) if dust.size is None else drag.classes.relative
+    about = drag.agree(lambda: about_grains(drag, state))
     return (
         Species(
             gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, gas.sound_speed,
@@ -212,6 +212,11 @@ def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tupl
             blocks.dust_order, blocks.dust_start, drag.classes.number, 1,
         ),
     )  # fmt: skip
+
+
+def about_grains(drag: Drag, state: State) -> Array:
+    """What kernels take of each grain (n,) beside its mass; it may have no entries."""
+    return densities_of_sparse_dust(drag, state) if state.dust.size is None else drag.classes.relative
 
 
 def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:

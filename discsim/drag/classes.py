@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.formulas.laws import VALUE
+from discsim.numerics import world
 from discsim.physics.grains import has_sizes
 from discsim.physics.laws import SceneLaw
 
@@ -51,12 +52,15 @@ class Classes:
         self._sorted: Array | None = None
 
     def sort(self, dust: Dust) -> None:
-        """Make the classes of `dust` as it is now, of which there is some."""
+        """Make the classes of the dust as it is now, of which there is some, and sort that of this process."""
         if dust.size is None:
             self.of = dust.species
-        elif dust.size is not self._sorted:  # a new array wherever particles or their sizes have changed
+        # A new array wherever particles or their sizes have changed.
+        elif world.together.most(dust.size is not self._sorted):
             self._sorted = dust.size
-            self._divide(self.law.rows(dust.species, dust.size))
+            everyone = world.together.everyone(dust)  # whose order decides the last bits of means
+            self._divide(self.law.rows(everyone.of(dust.species), everyone.of(dust.size)))
+            self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
 
     def _divide(self, rows: Array) -> None:
         place = np.log(rows[:, VALUE])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.formulas.laws import CONSTANT
+from discsim.numerics import world
 from discsim.numerics.sph import Sph
 from discsim.numerics.totals import mean
 
@@ -33,6 +34,7 @@ class Cloud:
     density: Array
     gradh: Array
     sph: Sph
+    place: Array | None = None  # as `Particles` have it
 
     @property
     def count(self) -> int:
@@ -44,7 +46,7 @@ def cloud_of(state: State, members: Array, sph: Sph) -> Cloud:
     empty = np.empty(len(members))
     return Cloud(
         members, dust.pos[members], dust.mass[members], own[members] if len(own) > 0 else own,
-        empty, empty.copy(), empty.copy(), sph,
+        empty, empty.copy(), empty.copy(), sph, None if dust.place is None else dust.place[members],
     )  # fmt: skip
 
 
@@ -59,7 +61,7 @@ def settle_density(cloud: Cloud) -> None:
     """Solve for h, from the guess that it holds, and the density."""
     sph, guess = cloud.sph, cloud.h.copy()
     sph.density(cloud, np.empty((0, sph.dim)))
-    if not sph.fixed and (cloud.h < SMALLEST * guess).any():
+    if not sph.fixed and world.together.most(bool((cloud.h < SMALLEST * guess).any())):
         cloud.h = np.maximum(cloud.h, SMALLEST * guess)
         sph.fixed = True
         sph.density(cloud, np.empty((0, sph.dim)))
@@ -78,8 +80,8 @@ def densities_of_sparse_dust(drag: Drag, state: State) -> Array:
     out = np.zeros(dust.count if sparse else 0)
     for number in sparse:
         members = np.flatnonzero(dust.species == number)
-        if len(members) > 0:
-            sph = Sph(state.scene)
+        if world.together.sum(len(members)) > 0:
+            sph = world.together.sph(Sph, state.scene)
             sph.balsara = sph.fixed = False  # whose own spacing may be far above the gas's h
             cloud = cloud_of(state, members, sph)
             cloud.h[:] = guess_h(cloud, state.scene.dust[number].ratio * mean(gas.density))

@@ -6,12 +6,29 @@ of a single particle may be below zero, and in cold gas by more than there is.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+from discsim.numerics import world
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import Gas
 
 Array = np.ndarray
 
 MOST = 0.25  # of its energy is what a particle can lose in a kick: foreseen, as much again leaves it half
 SIDES = 1024  # squares along the longest side, at most
+
+
+def pay_losses(gas: Gas, width: float, heat: Array) -> None:
+    """`share_losses` among the gas of all processes, where any would lose too much."""
+    if not world.together.most(bool((heat + MOST * gas.u < 0.0).any())):
+        return
+    everyone = world.together.everyone(gas)
+    whole = everyone.of(heat)
+    share_losses(everyone.of(gas.pos), everyone.of(gas.mass), everyone.of(gas.u), width, whole)
+    heat[:] = whole[everyone.own]
 
 
 def share_losses(pos: Array, mass: Array, u: Array, width: float, heat: Array) -> None:

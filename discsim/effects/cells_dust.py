@@ -28,5 +28,5 @@ class Effect(base.Effect):
         state.dust.density = state.dust.mass / self.dx
 
     def limit(self, state: State) -> float:
-        fastest = float(np.abs(state.dust.vel).max())
+        fastest = float(np.abs(state.dust.vel).max(initial=0.0))
         return self.dx / fastest if fastest > 0.0 else np.inf

@@ -33,4 +33,5 @@ class Effect(base.Effect):
         gas.pressure, gas.sound_speed = pressure_and_sound_speed(self.scene, gas.pos, gas.density, gas.u)
 
     def limit(self, state: State) -> float:
-        return float(self.dx / (np.abs(state.gas.vel[:, 0]) + state.gas.sound_speed).max())
+        fastest = float((np.abs(state.gas.vel[:, 0]) + state.gas.sound_speed).max(initial=0.0))
+        return self.dx / fastest if fastest != 0.0 else np.inf

@@ -176,7 +176,7 @@ class Effect(base.Effect):
         self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
         self.alone = NOBODY  # numbers of the dust that has no gas to relax with, at the last kick
         self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
-        self.relax_by = self.scheme.relax
+        self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
         self.agree: Callable[[Callable[[], Any]], Any] = _found  # on what hangs on the particles of all processes
         self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
         self._kicked = (-1, 0.0)  # step and time of the last kick
@@ -218,9 +218,9 @@ class Effect(base.Effect):
         return total(mass[self.alone]) / total(mass)
 
     def limit(self, state: State) -> float:
-        if self.scheme.limit is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:
+        if self.limit_by is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:
             return np.inf
-        return self.scheme.limit(self, state)
+        return self.limit_by(self, state)
 
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way
@@ -245,7 +245,7 @@ class Effect(base.Effect):
             if len(heat) > 0:
                 # Beside the work that pressure and viscosity were said to do, so that the total stays what it is.
                 heat += dt * np.einsum("ij,ij->i", gas.pressure_acc, gas.pressure_vel - 0.5 * (before + gas.vel))
-                heat_of_drag.share_losses(gas.pos, gas.mass, gas.u, mean(gas.h), heat)
+                heat_of_drag.pay_losses(gas, mean(gas.h), heat)
                 gas.kick_rate += heat / dt
             kick_energy(state, dt)
         if gas.immobile is not None:

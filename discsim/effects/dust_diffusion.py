@@ -26,6 +26,7 @@ from pydantic import Field
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import copied, share
 from discsim.parts import SCHEMES, Lazy
@@ -42,10 +43,10 @@ kernels = Lazy("discsim.kernels.diffusion")
 philox = Lazy("discsim.kernels.philox")
 moves = Lazy("discsim.kernels.move")
 neighbours = Lazy("discsim.numerics.neighbours")
+meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
 WALKED, PAIR = 280.0, 18.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
-IN_A_CELL = 16.0  # grains that look for gas together
 REACH = 0.5  # of the length over which the gas changes: sqrt(2 D dt) of a step of the walk, at most
 MOST, MANY = 2000, 10  # steps of the walk in one of the run: at all, and without a warning
 WALK = 0xD1FF  # of the generator's key: no other random number of a run is of it
@@ -141,15 +142,15 @@ class Effect(base.Effect):
 
     def move(self, state: State, dt: float) -> None:
         dust = state.dust
-        if dust.count == 0 or (state.gas is not None and state.gas.count == 0):
+        if dust.everywhere == 0 or (state.gas is not None and state.gas.everywhere == 0):
             return
         norm, strength = np.empty((2, dust.count))
         drift, centre = np.empty_like(dust.pos), self._centre(state)
         times = self.drag.stopping_times if self.inert else norm
         row, stirring = self._turbulence(state)
         done, steps, count = 0, 1, state.step + state.earlier
+        gas = _Surroundings(self, state)
         while done < steps:
-            gas = _Surroundings(self, state)
             field = gas.about(dust.pos)
             steepest = max(
                 share(
@@ -158,7 +159,7 @@ class Effect(base.Effect):
                 )
             )  # fmt: skip
             if done == 0:
-                steps = _steps(2.0 * steepest * dt / REACH**2)
+                steps = _steps(2.0 * float(world.together.most(steepest)) * dt / REACH**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
             self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, count * MOST + done)
@@ -217,26 +218,27 @@ class _Surroundings:
 
     def __init__(self, effect: Effect, state: State) -> None:
         self.effect, self.state = effect, state
-        self.cells = effect.sph.cells_of(state.gas) if effect.sph is not None else None
+        self.gas = meeting.Surroundings(effect.sph, state.gas) if effect.sph is not None else None
 
     def about(self, pos: np.ndarray) -> np.ndarray:
         """Columns (n, 3 + 2 d) of the gas at places (n, d), as `kernels/diffusion.py` has them."""
-        effect, state = self.effect, self.state
-        field = np.zeros((len(pos), 3 + 2 * effect.dim))
+        effect, state, columns = self.effect, self.state, 3 + 2 * self.effect.dim
         if effect.sph is None:
+            field = np.zeros((len(pos), columns))
             if self.effect.scene.model.given is None:
                 field[:, kernels.DENSITY], field[:, kernels.LENGTH] = 1.0, math.inf
                 return field
             share(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.star_mass), field)
             return field
-        gas, grains = state.gas, self.cells_of(pos)
-        lists = neighbours.candidates(grains, self.cells, mutual=True, extent=0.0)
+        gas, met = state.gas, self.gas.meet(pos, state.dust.place)
         speed2 = gas.sound_speed**2 / eos_of(effect.scene).heat_ratio(effect.scene.gas.eos)
+        field = np.zeros((len(met.grain_pos), columns))
         share(
-            kernels.gas_driver(effect.sph.kernel, effect.dim), len(grains.filled), grains, self.cells, pos,
-            gas.h, gas.mass, speed2, field, least=neighbours.LEAST, each=lists,
+            kernels.gas_driver(effect.sph.kernel, effect.dim), len(met.grain_cells.filled), met.grain_cells, met.cells,
+            met.grain_pos, met.h, met.gas.of(gas.mass), met.gas.of(speed2), field,
+            least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
-        return field
+        return field[met.grains.own]
 
     def lose(
         self, given: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
@@ -249,20 +251,13 @@ class _Surroundings:
         there = self.about(middle)[:, kernels.DENSITY].copy()
         empty = there == 0.0
         middle[empty], there[empty] = start[empty], density[empty]
-        grains = self.cells_of(middle)
-        lists = neighbours.candidates(self.cells, grains, mutual=False)
+        met = self.gas.meet(middle, self.state.dust.place)
+        vel = met.gas.of(gas.vel)
         share(
-            kernels.recoil_driver(effect.sph.kernel), len(self.cells.filled), self.cells, grains, gas.pos, gas.h,
-            there, given, centre, gas.vel, least=neighbours.LEAST, each=lists,
+            kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
+            met.grains.of(there), met.grains.of(given), centre, vel, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
-
-    def cells_of(self, pos: np.ndarray) -> Any:
-        """Cells of places, for a search together."""
-        sph = self.effect.sph
-        low, width = (np.zeros(2), sph.size) if sph.periodic else neighbours.box_about(pos)
-        sides = width[width > 1e-300]
-        side = (IN_A_CELL * np.prod(sides) / len(pos)) ** (1.0 / max(1, len(sides)))
-        return neighbours.sort_into_cells(pos, np.full(len(pos), side), 1.0, low, width, sph.periodic)
+        gas.vel[:] = vel[met.gas.own]
 
 
 def _steps(wanted: float) -> int:

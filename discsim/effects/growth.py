@@ -25,6 +25,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from discsim.effects import base
 from discsim.effects.dust import Sizes
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics import world
 from discsim.numerics.state import Pace, State
 from discsim.numerics.threads import share
 from discsim.parts import LAWS, SCHEMES, Lazy
@@ -34,19 +35,19 @@ from discsim.scene.fields import Default, Length, Number, Table, Velocity, units
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
+    from discsim.numerics.meeting import Meeting
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.growth")
 neighbours = Lazy("discsim.numerics.neighbours")
+meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
 SHARE = 0.03  # of a size, by which it may be behind
 STEPS = 6  # about, in which grains grow once
 GROWN, PAIR = 900.0, 19.0  # CPU nanoseconds of a grain that grows, and of each gas particle about it and pass
 PASSES = 4
-Lists = tuple[Any, list[Any], Any, list[Any]]
-IN_A_CELL = 16.0  # grains that look for gas together
 
 
 def _usual(length: str) -> BeforeValidator:
@@ -180,77 +181,71 @@ class Effect(base.Effect):
 
     def event(self, state: State) -> None:
         since, rate = state.pace
-        if since * rate >= SHARE and state.gas.count > 0 and state.dust.count > 0:
+        if since * rate >= SHARE and state.gas.everywhere > 0 and state.dust.everywhere > 0:
             state.pace = Pace(rate=self._grow(state, since))
 
     def _grow(self, state: State, dt: float) -> float:
         """Let grains grow over dt. Returns the fastest rate, of growth or, where nothing grows, of orbits."""
         dust = state.dust
         centre = np.zeros(2) if state.centre is None else state.centre[0]
-        lists = self._lists(state)
-        field = self._about(state, lists, centre)
+        met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.place)
+        field = self._about(state, met, centre)
+        about = field[met.grains.own]
         wanted, star = np.empty(dust.count), self.scene.star
         r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
         # Grains at the centre of the star are left out by the kernel.
         omega = np.sqrt(state.central_mass / np.maximum(r * r + star.softening**2, 1e-200) ** 1.5)
-        alpha = growth.alpha(self.scene, r, field[:, kernels.SPEED2], omega)
+        alpha = growth.alpha(self.scene, r, about[:, kernels.SPEED2], omega)
         dust.size = dust.size.copy()  # a new array: who sorts grains by size looks for one
         rates = share(
-            kernels.grow, dust.count, dt, state.central_mass, star.softening, dust.pos, centre, field, alpha,
+            kernels.grow, dust.count, dt, state.central_mass, star.softening, dust.pos, centre, about, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
-        self._hand_over(state, lists, field, wanted)
+        self._hand_over(state, met, field, wanted)
         # What is about a grain may be another one after an orbit, however slowly it grows.
-        return max(*rates, float(omega.max()) * SHARE / (2.0 * math.pi))
+        fastest = max(*rates, float(omega.max(initial=0.0)) * SHARE / (2.0 * math.pi))
+        return float(world.together.most(fastest))
 
-    def _lists(self, state: State) -> Lists:
-        """Cells of gas and of dust, and of each the others about it."""
+    def _about(self, state: State, met: Meeting, centre: np.ndarray) -> np.ndarray:
+        """Columns (n, COLUMNS) of what is about the dust particles, own ones and others that are met."""
         gas, dust = state.gas, state.dust
-        cells = self.sph.cells_of(gas)
-        low, width = neighbours.box_about(dust.pos)
-        sides = width[width > 1e-300]
-        side = (IN_A_CELL * np.prod(sides) / dust.count) ** (1.0 / max(1, len(sides)))
-        grains = neighbours.sort_into_cells(dust.pos, np.full(dust.count, side), 1.0, low, width, False)
-        return (
-            cells, neighbours.candidates(cells, grains, mutual=False),
-            grains, neighbours.candidates(grains, cells, mutual=True, extent=0.0),
-        )  # fmt: skip
-
-    def _about(self, state: State, lists: Lists, centre: np.ndarray) -> np.ndarray:
-        """Columns (n, COLUMNS) of what is about the dust particles."""
-        gas, dust = state.gas, state.dust
-        cells, of_gas, grains, of_dust = lists
-        deposit, field = np.empty(gas.count), np.empty((dust.count, kernels.COLUMNS))
+        deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
         share(
-            kernels.deposit_driver(self.sph.kernel), len(cells.filled), cells, grains, gas.pos, gas.h, dust.mass,
-            deposit, least=neighbours.LEAST, each=of_gas,
+            kernels.deposit_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
+            met.grains.of(dust.mass), deposit, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
+        met.gas.refresh(deposit)
         share(
-            kernels.gather_driver(self.sph.kernel), len(grains.filled), grains, cells, dust.pos, centre,
-            self._carriers(state), gas.mass / gas.density, gas.pressure, deposit, field,
-            least=neighbours.LEAST, each=of_dust,
+            kernels.gather_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells,
+            met.grain_pos, centre, self._carriers(state, met), met.gas.of(gas.mass / gas.density),
+            met.gas.of(gas.pressure), deposit, field, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
+        met.grains.refresh(field)
         return field
 
-    def _carriers(self, state: State) -> Any:
+    def _carriers(self, state: State, met: Meeting) -> Any:
         gas = state.gas
-        return kernels.Carriers(gas.pos, gas.vel, gas.h, gas.mass - gas.small if self.laden else gas.mass, gas.small)
+        mass = gas.mass - gas.small if self.laden else gas.mass
+        return kernels.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
-    def _hand_over(self, state: State, lists: Lists, field: np.ndarray, wanted: np.ndarray) -> None:
+    def _hand_over(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
         """Let each dust particle gain the mass `wanted` (n,), as far as the gas about it has that as small dust."""
-        gas, dust = state.gas, state.dust
-        cells, of_gas, grains, of_dust = lists
-        taken, spread = np.empty((2, gas.count))
-        got = np.empty((gas.count, 3))
-        carriers = self._carriers(state)
+        gas, dust, own = state.gas, state.dust, met.gas.own
+        taken, spread = np.empty((2, len(met.pos)))
+        got = np.empty((len(met.pos), 3))
+        carriers = self._carriers(state, met)
+        wanted, mass, vel = (met.grains.of(array) for array in (wanted, dust.mass, dust.vel))
         share(
-            kernels.hand_driver(self.sph.kernel), len(cells.filled), cells, grains, carriers, dust.vel, field,
-            wanted, taken, spread, got, least=neighbours.LEAST, each=of_gas,
+            kernels.hand_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, carriers, vel,
+            field, wanted, taken, spread, got, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
+        met.gas.refresh(spread)
         share(
-            kernels.take_driver(self.sph.kernel), len(grains.filled), grains, cells, carriers, spread, field, wanted,
-            dust.pos, dust.mass, dust.vel, least=neighbours.LEAST, each=of_dust,
+            kernels.take_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells, carriers,
+            spread, field, wanted, met.grain_pos, mass, vel, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
+        dust.mass[:], dust.vel[:] = mass[met.grains.own], vel[met.grains.own]
+        taken, got = taken[own], got[own]
         lost = gas.small * taken
         gas.small += got[:, 0] - lost
         if not self.laden:

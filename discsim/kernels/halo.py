@@ -28,19 +28,46 @@ def mark_cells(first, last, filled, grids, flat, periodic, room, out):
         for level in range(len(grids)):
             begin, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NX + 1])
             reach = room * max(grids[mine, REACH], grids[level, REACH])
-            x0, x1 = _span(ix, grids[mine, SIDE_X], grids[level, SIDE_X], reach)
-            y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], grids[level, SIDE_X + 1], reach)
-            if not periodic:
-                x0, x1, y0, y1 = max(x0, 0), min(x1, nx - 1), max(y0, 0), min(y1, ny - 1)
-            for jx in range(x0, min(x1, x0 + nx - 1) + 1):
-                for jy in range(y0, min(y1, y0 + ny - 1) + 1):
-                    out[begin + jx % nx * ny + jy % ny] = True
+            x0, x1 = _span(ix, grids[mine, SIDE_X], 0.0, grids[level, SIDE_X], reach)
+            y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], 0.0, grids[level, SIDE_X + 1], reach)
+            _mark(x0, x1, y0, y1, begin, nx, ny, periodic, out)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _span(i, side, per, reach):
-    # Cells of side `per` along an axis within reach of the i-th of a `side`.
-    low, high = (i - EDGE) * side - reach, (i + 1 + EDGE) * side + reach
+def mark_others(first, last, filled, grids, away, others, by_filled, flat, periodic, out):
+    """Mark in `out` (cells,) the cells of another species' grids `others`, whose lower corner is `away` (2,) from that
+    of these, that may hold anybody within reach of the cells `filled`: their own or, unless it is `by_filled`, that of
+    the others; `flat` in one dimension.
+    """
+    for c in range(first, last):
+        cell, mine = filled[c], 0
+        for level in range(len(grids)):
+            if grids[level, FIRST] <= cell:
+                mine = level
+        place = cell - int(grids[mine, FIRST])
+        ix, iy = place // int(grids[mine, NX + 1]), place % int(grids[mine, NX + 1])
+        for level in range(len(others)):
+            begin, nx, ny = int(others[level, FIRST]), int(others[level, NX]), int(others[level, NX + 1])
+            reach = grids[mine, REACH] if by_filled else others[level, REACH]
+            x0, x1 = _span(ix, grids[mine, SIDE_X], away[0], others[level, SIDE_X], reach)
+            y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], away[1], others[level, SIDE_X + 1], reach)
+            _mark(x0, x1, y0, y1, begin, nx, ny, periodic, out)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _mark(x0, x1, y0, y1, begin, nx, ny, periodic, out):
+    # Cells x0 to x1 and y0 to y1 of a grid of nx by ny that begins at `begin`.
+    if not periodic:
+        x0, x1, y0, y1 = max(x0, 0), min(x1, nx - 1), max(y0, 0), min(y1, ny - 1)
+    for jx in range(x0, min(x1, x0 + nx - 1) + 1):
+        for jy in range(y0, min(y1, y0 + ny - 1) + 1):
+            out[begin + jx % nx * ny + jy % ny] = True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _span(i, side, away, per, reach):
+    # Cells of side `per` along an axis, the first of them `away`, within reach of the i-th of a `side`.
+    low, high = (i - EDGE) * side - away - reach, (i + 1 + EDGE) * side - away + reach
     return math.floor(low / per), math.floor(high / per)
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.kernels import ppm
+from discsim.numerics import world
 from discsim.parts import EOS
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Tube:
         self.adiabatic = EOS[eos.kind].holds_heat
         self.gamma = eos.gamma if self.adiabatic else 0.0
         self.isothermal_speed = 0.0 if self.adiabatic else eos.sound_speed
+        self.everyone: Any = world.Whole()
 
     def read(self, state: State) -> Array:
         """What is conserved in each cell (5, n)."""
@@ -54,12 +56,14 @@ class Tube:
         density, dust_density = gas.mass / self.dx, dust.mass / self.dx
         v, u = gas.vel[:, 0], dust.vel[:, 0]
         energy = density * (gas.u + 0.5 * v * v) if self.adiabatic else np.zeros_like(v)
-        return np.array([density, density * v, energy, dust_density, dust_density * u])
+        cells = np.array([density, density * v, energy, dust_density, dust_density * u])
+        self.everyone = world.together.everyone(gas)  # each process moves all cells: a line of them is little to do
+        return np.ascontiguousarray(self.everyone.of(cells.T).T)
 
     def write(self, state: State, cells: Array) -> None:
         """Put what is conserved back into the particles."""
         gas, dust = state.gas, state.dust
-        density, v, pressure, dust_density, u = self.primitive(cells)
+        density, v, pressure, dust_density, u = self.primitive(cells[:, self.everyone.own])
         gas.mass[:], gas.vel[:, 0] = density * self.dx, v
         dust.mass[:], dust.vel[:, 0] = dust_density * self.dx, u
         if self.adiabatic:

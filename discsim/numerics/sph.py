@@ -12,7 +12,7 @@ from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_colu
 from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE
 from discsim.numerics import world
-from discsim.numerics.neighbours import LEAST, box_about, candidates, sort_into_cells
+from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of
 from discsim.numerics.threads import share
 from discsim.numerics.totals import mean
 
@@ -68,12 +68,16 @@ class Sph:
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         if self.periodic:
             return np.zeros(2), self.size
-        return box_about(points.pos)
+        return box_about(points.pos, world.together)
+
+    def grids_of(self, points: Points) -> tuple[Grids, np.ndarray]:
+        """Grids of the points of all processes, with some room for h to grow, and the size class (n,) of each."""
+        extent = (1.0 if self.fixed else ROOM) * self.support
+        return grids_of(points.pos, points.h, extent, *self.box_of(points), self.periodic, world.together)
 
     def cells_of(self, points: Points) -> Cells:
-        """Cells of all points, with some room for h to grow."""
-        room = 1.0 if self.fixed else ROOM
-        return sort_into_cells(points.pos, points.h, room * self.support, *self.box_of(points), self.periodic)
+        """Cells of all points, which one process has."""
+        return cells_in(*self.grids_of(points), points.pos, points.h)
 
     def keys(self, gas: Gas) -> tuple[np.ndarray, int]:
         """The neighbour cell of each particle (n,), to sort by for memory locality, and how many cells there are."""

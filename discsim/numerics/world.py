@@ -7,14 +7,32 @@ sums of other numbers go through `numerics/totals.py`. Each process has to ask, 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from discsim.numerics.state import State
+    from discsim.numerics.state import Particles, State
 
 Array = np.ndarray
+
+
+class Whole:
+    """Particles of a species, own ones and those of other processes that are needed here: of one process its own.
+
+    own: where in arrays of both its own are.
+    """
+
+    own: Any = slice(None)
+
+    def of(self, array: Array) -> Array:
+        """An array (n, ...) of own particles, with the same of the others, in the order of all."""
+        return array
+
+    def refresh(self, array: Array) -> None:
+        """Take the others' entries of an array of both, in place, from where they are own."""
 
 
 class Alone:
@@ -44,6 +62,18 @@ class Alone:
         """
         raise NotImplementedError("one process has no places")
 
+    def everyone(self, particles: Particles) -> Any:
+        """All particles of a species, as `Whole`."""
+        return Whole()
+
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Array]) -> Any:
+        """As `Whole`, own particles, whose cells are `key` (n,), and all in the cells that are `needed()` (cells,)."""
+        return Whole()
+
+    def sph(self, kind: Any, scene: Any) -> Any:
+        """SPH sums over the particles of all processes; `kind` makes those of one."""
+        return kind(scene)
+
     def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
         """Rows (m, columns) of the particles `some` of `place`, of all processes, in the order of all."""
         return columns
@@ -56,3 +86,14 @@ def join(world: Any) -> None:
     """Let `world` answer from now on."""
     global together
     together = world
+
+
+@contextmanager
+def apart() -> Iterator[None]:
+    """Within it this process asks no others: of what it has the whole of, as the others have."""
+    joined = together
+    join(Alone())
+    try:
+        yield
+    finally:
+        join(joined)

@@ -1,8 +1,8 @@
-"""Drag in cells beside that of other ranks: one kick of the gas and dust in the blocks that own particles hang on.
+"""Drag beside that of other ranks: one kick of own gas and dust and all that these hang on, as on one rank.
 
-What decides where blocks are (numbers of particles in each leaf and their h, the mean h, the frame) is that of all
-ranks: a first look at own particles agrees on it and finds their blocks. Then the kick is made of own particles and
-those that others have in these blocks, and about their nodes, as on one rank.
+In cells that is what lies in own particles' blocks, and about their nodes. What decides where blocks are (numbers of
+particles in each leaf and their h, the mean h, the frame) is that of all ranks: a first look at own particles agrees on
+it and finds their blocks. Between pairs it is all particles, and each rank makes the whole kick.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.drag.cells import about_grains
 from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS
 from discsim.kernels.halo import mark_blocks
+from discsim.numerics import world
 from discsim.numerics.state import Dust, Gas, State
 from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import Wide, in_cells
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
 
 Array = np.ndarray
+HEAT = 2  # rings more: a node has heat of the particles of its cell, and of nodes about it that have no gas
 READ = ("pos", "vel", "acc", "mass", "ids", "immobile", "h", "density", "gradh", "sound_speed", "species")
 
 
@@ -46,48 +49,81 @@ class Agreement:
 
 
 class DividedDrag:
-    """The kick of a scheme of blocks, in place of `Scheme.relax`."""
+    """The kick of a scheme, in place of `Scheme.relax`, and the step that it allows, in place of `Scheme.limit`."""
 
     def __init__(self, drag: Drag, comm: Comm) -> None:
         self.comm, self.scheme = comm, drag.scheme
 
     def __call__(self, drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
+        if self.scheme.members is None:
+            wides = self._everyone(state)
+            with world.apart():
+                self._kick(drag, state, wides, dt, gas_vel, heat)
+            return
         agreement = drag.agree = Agreement()
-        blocks = self.scheme.members(drag, state)
-        keys = (
-            _blocks_of(blocks.gas_order, blocks.gas_start, 1),
-            _blocks_of(blocks.dust_order, blocks.dust_start, drag.classes.number),
-        )
-        needed = self._needed(drag, blocks, keys)
-        wides = {
-            name: in_cells(self.comm, p, key, needed)
-            for (name, p), key in zip(state.species.items(), keys, strict=True)
-        }
-        gas, dust = wides["gas"], wides["dust"]
-        own_acc = {
-            name: wides[name].of(acc) if self.comm.mpi.allreduce(len(acc)) > 0 else acc[:0]
-            for name, acc in state.own_acc.items()
-        }
-        both = replace(state, gas=_of(gas, state.gas), dust=_of(dust, state.dust), own_acc=own_acc)
-        vel = gas.of(gas_vel)
+        wides = self._hung_on(drag, state)
+        agreement.found.append(self._wide(wides["dust"], about_grains(drag, state)))
         agreement.repeat()
-        drag.classes.sort(both.dust)
-        self.scheme.relax(drag, both, dt, vel, heat)
-        drag.classes.sort(state.dust)
+        self._kick(drag, state, wides, dt, gas_vel, heat)
+
+    def limit(self, drag: Drag, state: State) -> float:
+        """Of a scheme of pairs: that of all particles."""
+        assert self.scheme.limit is not None
+        both = self._both(state, self._everyone(state))
+        with world.apart():
+            return self.scheme.limit(drag, both)
+
+    def _kick(self, drag: Drag, state: State, wides: dict[str, Wide], dt: float, gas_vel: Array, heat: Array) -> None:
+        gas, dust = wides["gas"], wides["dust"]
+        both, vel = self._both(state, wides), gas.of(gas_vel)
+        classes, warmed = drag.classes, np.zeros(gas.count if drag.drag.heating else 0)
+        own = classes.of
+        classes.of = dust.of(own)
+        self.scheme.relax(drag, both, dt, vel, warmed)
+        classes.of = own
         gas_vel[:], state.dust.vel[:] = vel[gas.own], both.dust.vel[dust.own]
+        if drag.drag.heating:
+            heat[:] = warmed[gas.own]
         alone = np.zeros(dust.count, bool)
         alone[drag.alone] = True
         drag.alone = np.flatnonzero(alone[dust.own])
         times = drag.found_times
         drag.stopping_times = lambda: (times() if callable(times) else times)[dust.own]
 
+    def _both(self, state: State, wides: dict[str, Wide]) -> State:
+        own_acc = {name: self._wide(wides[name], acc) for name, acc in state.own_acc.items()}
+        return replace(state, gas=_of(wides["gas"], state.gas), dust=_of(wides["dust"], state.dust), own_acc=own_acc)
+
+    def _wide(self, wide: Wide, array: Array) -> Array:
+        """An array of both, where any rank has entries of it."""
+        return wide.of(array) if self.comm.mpi.allreduce(len(array)) > 0 else array[:0]
+
+    def _everyone(self, state: State) -> dict[str, Wide]:
+        """All particles: what pairs exchange hangs on others' pairs, and these on others again."""
+        return {name: world.together.everyone(p) for name, p in state.species.items()}
+
+    def _hung_on(self, drag: Drag, state: State) -> dict[str, Wide]:
+        """The particles of the blocks that own ones hang on."""
+        blocks = self.scheme.members(drag, state)
+        keys = (
+            _blocks_of(blocks.gas_order, blocks.gas_start, 1),
+            _blocks_of(blocks.dust_order, blocks.dust_start, drag.classes.number),
+        )
+        needed = self._needed(drag, blocks, keys)
+        return {
+            name: in_cells(self.comm, p, key, needed)
+            for (name, p), key in zip(state.species.items(), keys, strict=True)
+        }
+
     def _needed(self, drag: Drag, blocks: Blocks, keys: tuple[Array, Array]) -> Array:
         """The blocks (blocks + 2,), with the last two of what is outside, that own particles hang on."""
-        count, grid = len(blocks.level), blocks.lattice
+        count, grid, rings = len(blocks.level), blocks.lattice, self.scheme.rings
         needed, own = np.zeros(count + 2, bool), np.unique(np.concatenate(keys))
+        if rings >= 0 and drag.drag.heating:
+            rings += HEAT
         lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
         home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
-        mark_blocks(own[own < count], home, about, near, self.scheme.rings, needed)
+        mark_blocks(own[own < count], home, about, near, rings, needed)
         return needed
 
 

@@ -25,7 +25,7 @@ from discsim.output.parts import tidy
 from discsim.output.snapshot import Extent, extent_of, write_snapshot
 from discsim.ranks import files
 from discsim.ranks.agreed import alike, led
-from discsim.ranks.begin import divide, faults
+from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
 from discsim.ranks.start import begun
@@ -36,7 +36,7 @@ from discsim.run.records import Records
 from discsim.run.runner import Run, ended
 from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import Simulation
-from discsim.scene import Scene, SceneError
+from discsim.scene import Scene
 
 STORED = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays that snapshots show
 OPEN = {"mass", "ids", *KICKED, "h_before"}  # and what they have of an open step
@@ -121,11 +121,6 @@ class DividedRun(Run):
 
     def led(self, do: Callable[[], Any]) -> Any:
         return led(self.comm, do)
-
-    def go(self, resume: bool) -> int:
-        if wrong := list(faults(self.scene)):
-            raise SceneError(wrong)
-        return super().go(resume)
 
     def _enter(self, resume: bool) -> tuple[bool, bool, float]:
         entered = super()._enter

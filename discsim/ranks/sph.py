@@ -18,8 +18,8 @@ from discsim.kernels.sph import force_columns, force_driver
 from discsim.kernels.sph_density import Found, Given, Wanted, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY
 from discsim.numerics import world
-from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
-from discsim.numerics.sph import NONE, ROOM, Points, Sph
+from discsim.numerics.neighbours import LEAST, candidates, cells_in, keys_in
+from discsim.numerics.sph import NONE, Sph
 from discsim.numerics.state import Gas
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm
@@ -40,15 +40,8 @@ class DividedSph(Sph):
         self.again = 0  # how often the halo was too narrow
 
     def keys(self, gas: Gas) -> tuple[Array, int]:
-        grids, classes = self._grids(gas)
+        grids, classes = self.grids_of(gas)
         return keys_in(grids, classes, gas.pos), grids.cells
-
-    def box_of(self, points: Points) -> tuple[Array, Array]:
-        return (np.zeros(2), self.size) if self.periodic else box_about(points.pos, world.together)
-
-    def _grids(self, gas: Points) -> tuple[Grids, Array]:
-        extent = (1.0 if self.fixed else ROOM) * self.support
-        return grids_of(gas.pos, gas.h, extent, *self.box_of(gas), self.periodic, world.together)
 
     def settle(self, gas: Any, vel: Array, h_least: float) -> None:
         begun, room = gas.h.copy(), HALO
@@ -58,7 +51,7 @@ class DividedSph(Sph):
 
     def _settle(self, gas: Gas, vel: Array, h_least: float, room: float) -> float:
         """`settle` with cells for supports `room` times the largest; the room that it needed."""
-        grids, classes = self._grids(gas)
+        grids, classes = self.grids_of(gas)
         key = keys_in(grids, classes, gas.pos)
         mine, needed = np.unique(key), np.zeros(grids.cells, bool)
         share(mark_cells, len(mine), mine, grids.table, self.dim == 1, self.periodic, room, needed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,9 +11,11 @@ from mpi4py import MPI
 from discsim.effects.base import to_sort
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
+from discsim.ranks.exchange import Wide, in_cells
+from discsim.ranks.sph import DividedSph
 
 if TYPE_CHECKING:
-    from discsim.numerics.state import State
+    from discsim.numerics.state import Particles, State
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -68,6 +71,15 @@ class Ranks:
     def _weigh(self, state: State) -> None:
         cost = sum(COST[name] * p.count for name, p in state.species.items())
         self.balance = self.most(cost) * self.comm.size / max(self.sum(cost), 1.0)
+
+    def everyone(self, particles: Particles) -> Wide:
+        return in_cells(self.comm, particles, np.zeros(particles.count, np.int64), np.ones(1, bool))
+
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Array]) -> Wide:
+        return in_cells(self.comm, particles, key, needed())
+
+    def sph(self, kind: Any, scene: Scene) -> DividedSph:
+        return DividedSph(scene, self.comm)
 
     def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
         assert place is not None

@@ -1,82 +1,108 @@
-"""For mpiexec: each scene on every rank alone, and then on all together; what differs, a line a scene.
+"""For mpiexec: each scene on one rank, and then on all together; what differs, a line a scene.
 
-mpiexec -n 4 python tests/helpers/ranked.py NAME ...
+mpiexec -n 4 python tests/helpers/ranked.py NAME ...     scenes of `ranked_scenes.py`; "all": every one
 """
 
 import sys
-import tomllib
+import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from runs import DISC
+from ranked_scenes import SCENES
 
 from discsim import Simulation, load_scene
-from discsim.numerics import world
+from discsim.numerics import threads, world
 from discsim.output.history import history_row
-from discsim.ranks.begin import divide, faults
+from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
 from discsim.run.runner import columns
+from discsim.scene import SceneError
 
-COMPANION = {"mass": 1e-3, "semi_major_axis": 1.2, "softening": 0.05, "accretion_radius": 0.1}
 MOST = 0.1  # of a step: where all is gone nothing limits it
-# Changes of DISC, and steps. Of 18 steps two sort, and cut space anew where that is due.
-SCENES = {
-    "long": ({}, 18),
-    "idic": ({"drag": {"scheme": "idic"}}, 4),
-    "linear": ({"drag": {"scheme": "idic-linear", "direction": "one-way"}}, 4),
-    "one-way": ({"drag": {"direction": "one-way"}}, 4),
-    "off the grid": ({"space": {"size": 4.2}}, 10),
-    "eaten": ({"star": {"accretion_radius": 1.9}}, 12),
-    "all gone": ({"star": {"accretion_radius": 2.8}}, 4),
-    "bodies": ({"companion": [COMPANION], "star": {"frame": "inertial", "grows": True}}, 4),
-}
+PIECES = 50  # particles that loops are cut at, so that few particles have several threads
 
 
-def scene_of(changes):
-    tables = tomllib.loads(DISC)
-    for name, change in changes.items():
-        tables[name] = {**tables[name], **change} if isinstance(change, dict) else change
-    return load_scene(tables)
-
-
-def stepped(scene, steps, comm):
-    """The row of history, arrays by name, and how many particles each rank has; `comm` None: of this rank alone."""
+def stepped(scene, steps, most, comm):
+    """The rows of history, arrays by name, and how many particles each rank has; `comm` None: of this rank alone."""
     world.join(world.Alone())
     sim = Simulation(scene)
     if comm is not None:
         divide(sim, comm)
+    rows = []
     for _ in range(steps):
-        dt = sim.step(most=MOST)
-    state = sim.state
-    row, extra = history_row(state, sim.effects, dt, sim.limited_by), columns(state, sim.effects.values())
+        dt = sim.step(most=most)
+        rows.append(history_row(sim.state, sim.effects, dt, sim.limited_by))
+    state, extra = sim.state, columns(sim.state, sim.effects.values())
     held = sum(p.count for p in state.species.values())
     if comm is not None:
         extra, state = gathered_columns(comm, state, extra), gathered(comm, state)
+    world.join(world.Alone())
     arrays = {f"{n}.{k}": array for n, p in state.species.items() for k, array in p.arrays().items()}
-    arrays |= {f"{n}.{k} of effects": array for n, p in extra.items() for k, array in p.items()}
+    arrays |= {f"{n}.{k} of effects": np.asarray(a) for n, p in extra.items() for k, a in plain(p).items()}
+    arrays |= {f"ledger.{k}": np.asarray(v) for k, v in asdict(state.ledger).items()}
     if state.bodies is not None:
         arrays |= {f"bodies.{k}": array for k, array in state.bodies.arrays().items()}
-    return row, arrays, held
+    return rows, arrays, held
+
+
+def plain(columns):
+    return {name: getattr(column, "values", column) for name, column in columns.items()}
+
+
+def differences(alone, together):
+    (rows, arrays, _), (other_rows, others, _) = alone, together
+    differ = [key for key in arrays if not np.array_equal(arrays[key], others.get(key), equal_nan=True)]
+    return differ + (["history"] if repr(rows) != repr(other_rows) else [])
+
+
+def wait_for(comm, act):
+    """What `act` returns on the first rank, while the others leave it the cores."""
+    found = act() if comm.rank == 0 else None
+    request = comm.mpi.Ibarrier()
+    while not request.Test():
+        time.sleep(0.01)
+    return found
+
+
+def tell(comm, name):
+    source, changes, steps, most = SCENES[name]
+    made = source()
+    scene = made if changes is None else load_scene(made, changes)
+    alone = wait_for(comm, lambda: stepped(scene, steps, most, None))
+    together = stepped(scene, steps, most, comm)
+    held = comm.mpi.allgather(together[2])
+    if comm.rank > 0:
+        return ""
+    return (
+        f"{name}: {', '.join(differences(alone, together)) or 'the same'}; particles {min(held)} to {max(held)} a rank"
+    )
 
 
 def main():
-    comm = Comm()
-    for name in sys.argv[1:]:
-        changes, steps = SCENES[name]
-        scene = scene_of(changes)
-        assert not list(faults(scene))
-        row, alone, _ = stepped(scene, steps, None)
-        together_row, together, held = stepped(scene, steps, comm)
-        held = comm.mpi.allgather(held)
+    pieces = threads.pieces
+    threads.pieces = lambda count, least, number: pieces(count, min(least, PIECES), number)
+    comm, names = Comm(), sys.argv[1:]
+    for name in SCENES if names == ["all"] else names:
+        told = tell(comm, name)
         if comm.rank == 0:
-            differ = [key for key in alone if not np.array_equal(alone[key], together.get(key), equal_nan=True)]
-            differ += ["history"] if row != together_row else []
-            print(f"{name}: {', '.join(differ) or 'the same'}; particles {min(held)} to {max(held)} a rank", flush=True)
+            print(told, flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SceneError as fault:
+        sys.exit(str(fault))
+    except BaseException:
+        import traceback
+
+        from mpi4py import MPI
+
+        traceback.print_exc()
+        sys.stderr.flush()
+        MPI.COMM_WORLD.Abort(1)

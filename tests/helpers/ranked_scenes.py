@@ -1,0 +1,216 @@
+"""Scenes that many ranks run with the bits of one: by name what makes it, changes, steps, and the longest one."""
+
+import copy
+import tempfile
+import tomllib
+from functools import partial
+from pathlib import Path
+
+import growing
+import numpy as np
+from drags import OF_PARTICLES, ON_GRID
+from runs import DISC, SHOCK, put_out
+
+from discsim import Simulation, load_scene
+from setups import SETUPS
+
+MOST = 0.1  # of a step: where all is gone nothing limits it
+COMPANION = {"mass": 1e-3, "semi_major_axis": 1.2, "softening": 0.05, "accretion_radius": 0.1}
+FEW = {"gas.particles": 1500, "dust.particles": 1500, "space.cells": 64}
+ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
+ADIABATIC = {"kind": "adiabatic", "gamma": 1.4}
+
+
+def changed(text, changes):
+    """Tables of a text, with keys of some changed; what is None is left out."""
+    tables = tomllib.loads(text)
+    for name, change in changes.items():
+        merges = isinstance(change, dict) and name in tables
+        tables[name] = without_nothing({**tables[name], **change}) if merges else change
+    return copy.deepcopy(without_nothing(tables))
+
+
+def without_nothing(table):
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def from_table(folder):
+    """A disc from a file of columns."""
+    path = folder / "disc.txt"
+    rows = [f"{r} {1e-3 * r**-1.5} {0.0025 / r} 0.02" for r in np.geomspace(1.0, 3.0, 40)]
+    path.write_text("\n".join(["# r Sigma T ratio", *rows]))
+    return {
+        "units": {"system": "code"},
+        "run": {"until": 0.1},
+        "space": {"size": 8.0, "cells": 32},
+        "initial": {"kind": "table", "file": str(path)},
+        "gas": {"particles": 1000, "eos": ADIABATIC},
+        "dust": {"particles": 700, "ratio": 0.5},
+        "star": {"mass": 1.0},
+        "drag": {"law": "stokes-number", "stokes": 0.1},
+    }
+
+
+def from_snapshot(folder):
+    """The disc with everything, from its third step on, refined."""
+    sim, path = Simulation(changed(DISC, {})), folder / "snapshot.h5"
+    for _ in range(3):
+        sim.step()
+    put_out(sim, path)
+    return changed(DISC, {"initial": None}) | {"initial": {"kind": "snapshot", "file": str(path), "refine": 2}}
+
+
+def of_files(make, steps=3):
+    def source():
+        with tempfile.TemporaryDirectory() as folder:
+            return load_scene(make(Path(folder)))
+
+    return source, None, steps, MOST
+
+
+def disc(steps=3, **changes):
+    """Of the disc with everything that most tests run."""
+    return partial(changed, DISC, changes), [], steps, MOST
+
+
+def setup(path, steps=3):
+    """One that is shipped, of few particles; in 1D it is small as it is."""
+    whole = load_scene(path)
+    flat = whole.space.dimensions == 1
+    few = [] if flat else [f"{key}={n}" for key, n in FEW.items() if getattr(whole, key.split(".")[0])]
+    return (lambda: path), few, steps, float("inf")
+
+
+def line(kind="wave", boundary="periodic", steps=3, gas=ISOTHERMAL, **tables):
+    """In one dimension."""
+    scene = {
+        "units": {"system": "code"},
+        "run": {"until": 1.0},
+        "space": {"dimensions": 1, "size": 1.0, "boundary": boundary},
+        "initial": {"kind": kind},
+        "gas": {"particles": 120, "eos": gas},
+        "dust": {"particles": 120, "ratio": 0.5},
+        "drag": {"law": "stopping-time", "t_stop": 0.05},
+    } | tables
+    return (lambda: copy.deepcopy(scene)), [], steps, float("inf")
+
+
+def plane(kind, boundary="periodic", steps=3, gas=ISOTHERMAL, initial=None, **tables):
+    """In two, without a star."""
+    scene = {
+        "units": {"system": "code"},
+        "run": {"until": 1.0},
+        "space": {"size": 1.0, "boundary": boundary, "cells": 32},
+        "initial": {"kind": kind, **(initial or {})},
+        "gas": {"particles": 900, "eos": gas},
+        "dust": {"particles": 700, "ratio": 0.5},
+        "drag": {"law": "stopping-time", "t_stop": 0.05},
+    } | tables
+    return (lambda: copy.deepcopy(scene)), [], steps, float("inf")
+
+
+SIZES = {"smallest": 1e-4, "largest": 1e-2, "bins": 40}
+GRAINS = {"particles": 1100, "ratio": 0.1, "grain_density": 1.0}
+VISCOUS = {"alpha_viscosity": {"alpha": 0.01}}
+HEATED = {"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.1}}}
+BOTH = ("two-way", "one-way")
+EVERYTHING = {
+    **HEATED, **VISCOUS,
+    "companion": [COMPANION],
+    "dust": {"particles": 1100, "ratio": 0.1, "grain_size": 1e-3, "grain_density": 1.0},
+    "external": {"gas": [0.01, 0.0], "dust": [0.0, 0.01]},
+    "drag": {"law": "epstein", "stokes": None},
+    "radiation_pressure": {"beta": 0.1},
+    "cooling": {"kind": "constant", "t_cool": 0.5, "aspect_ratio": 0.05},
+    "dust_diffusion": {},
+    "damping": {"inner": [0.6, 0.8]},
+    "growth": {"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6, "small_ratio": 0.05},
+}  # fmt: skip
+
+SCENES = {
+    # Of 18 steps two sort, and cut space anew where that is due.
+    "long": disc(18),
+    "idic": disc(4, drag={"scheme": "idic"}),
+    "linear": disc(4, drag={"scheme": "idic-linear", "direction": "one-way"}),
+    "one-way": disc(4, drag={"direction": "one-way"}),
+    "off the grid": disc(10, space={"size": 4.2}),
+    "eaten": disc(12, star={"accretion_radius": 1.9}),
+    "all gone": disc(4, star={"accretion_radius": 2.8}),
+    "bodies": disc(4, companion=[COMPANION], star={"frame": "inertial", "grows": True}),
+    "relaxed": disc(3, initial={"relax": 0.2}),
+    "thin disc": disc(3, self_gravity={"kernel": "thin-disc", "thickness": 0.1, "softening": None}),
+    "one-way thin disc": disc(
+        3, self_gravity={"kernel": "thin-disc", "thickness": 0.1, "softening": None}, drag={"direction": "one-way"}
+    ),
+    "euler": disc(3, run={"integrator": "euler"}),
+    "heat": disc(3, **HEATED),
+    "heat paid around": disc(6, gas={"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.003}}),
+    "heat idic": disc(3, **HEATED, drag={"scheme": "idic"}),
+    "constant": disc(3, drag={"law": "constant", "K": 0.5, "stokes": None}),
+    "constant sparse": disc(3, drag={"law": "constant", "K": 0.5, "stokes": None}, dust={"particles": 300}),
+    "sizes": disc(6, dust=GRAINS | {"grain_size": SIZES}, drag={"law": "epstein", "stokes": None}),
+    "sizes idic": disc(
+        3, dust=GRAINS | {"grain_size": SIZES}, drag={"law": "epstein", "stokes": None, "scheme": "idic"}
+    ),
+    "sizes nonlinear": disc(
+        3, dust=GRAINS | {"grain_size": SIZES}, drag={"law": "epstein", "stokes": None, "supersonic": True}
+    ),
+    "growth": (partial(growing.disc), [], 10, MOST),
+    "growth one-way": (partial(growing.disc, direction="one-way"), [], 10, MOST),
+    "growth of all": (
+        partial(growing.disc, growth={"small_ratio": 0.1}, star={"mass": 1.0, "accretion_radius": 0.9}),
+        [],
+        18,
+        MOST,
+    ),
+    "growth inertial": disc(
+        8,
+        **{
+            **EVERYTHING,
+            "star": {"frame": "inertial", "grows": True},
+            "dust_diffusion": None,
+            "self_gravity": None,
+        },
+    ),
+    "diffusion": disc(4, **VISCOUS, dust_diffusion={}),
+    "diffusion one-way": disc(4, dust_diffusion={"alpha": 0.01}, drag={"direction": "one-way"}),
+    "diffusion far": disc(4, dust_diffusion={"alpha": 0.5}),
+    "diffusion of sizes": disc(
+        4, dust=GRAINS | {"grain_size": SIZES}, drag={"law": "epstein", "stokes": None}, dust_diffusion={"alpha": 0.01}
+    ),
+    "diffusion without drag": disc(4, drag=None, dust_diffusion={"D": 1e-4}),
+    "diffusion in a layer": line(
+        "settling", "open", external={"vertical_frequency": 4.0}, dust_diffusion={"alpha": 0.01}
+    ),
+    "diffusion in a box": plane("box", dust_diffusion={"D": 1e-3}),
+    "diffusion eaten": disc(8, dust_diffusion={"alpha": 0.01}, star={"accretion_radius": 1.9}),
+    "everything": disc(6, **EVERYTHING),
+    "everything one-way": disc(6, **EVERYTHING | {"drag": {"law": "epstein", "stokes": None, "direction": "one-way"}}),
+    "table": of_files(from_table),
+    "snapshot": of_files(from_snapshot),
+    "box": plane("box", initial={"gas_velocity": 0.2, "dust_velocity": 1.0}),
+    "wave": plane("wave"),
+    "sheet": plane("sheet", self_gravity={"softening": 0.05}),
+    "flat sheet": line("sheet", self_gravity={"softening": 0.05}),
+    "blast": plane("blast", "open", gas=ADIABATIC, initial={"radius": 0.2}),
+    "vortex": plane("vortex", gas=ADIABATIC, initial={"velocity": [0.5, 0.0]}),
+    "settling": line("settling", "open", external={"vertical_frequency": 4.0}),
+    "flat box": line("box", initial={"kind": "box", "gas_velocity": 0.2, "dust_velocity": 1.0}),
+    "shock": (lambda: tomllib.loads(SHOCK), [], 3, MOST),
+    "steady": disc(3, initial={"kind": "steady", "surface_density": 0.01, "mass": None}, **VISCOUS),
+    "viscous-ring": disc(3, initial={"kind": "viscous-ring", "radius": 1.0, "inner": None, "outer": None}, **VISCOUS),
+}
+for scheme in OF_PARTICLES:
+    for way in BOTH:
+        SCENES[f"{scheme} {way}"] = disc(3, drag={"scheme": scheme, "direction": way})
+        SCENES[f"{scheme} {way} 1D"] = line(
+            initial={"kind": "wave", "amplitude": 0.1},
+            drag={"law": "stopping-time", "t_stop": 0.05, "scheme": scheme, "direction": way},
+        )
+    SCENES[f"{scheme} heat"] = disc(3, **HEATED, drag={"scheme": scheme})
+for scheme in ON_GRID:
+    SCENES[scheme] = line(drag={"law": "stopping-time", "t_stop": 0.05, "scheme": scheme}, gas=ISOTHERMAL, steps=18)
+    SCENES[f"{scheme} shock"] = line(
+        "shock", "open", drag={"law": "constant", "K": 5.0, "scheme": scheme}, gas=ADIABATIC, steps=4
+    )
+SCENES |= {f"setup {path.stem}": setup(path) for path in SETUPS}
