@@ -12,11 +12,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from installed import install
+from recipes import PAGES, files_of, write_package
 
 import discsim
 
-PAGES = Path(__file__).parents[1] / "docs" / "recipes"
 NAMES = sorted(path.stem for path in PAGES.glob("*.md") if path.stem != "index")
 
 FOLLOW = """
@@ -61,21 +60,6 @@ tests = importlib.import_module(f"test_{Path(scene).stem}")
 done = [function() for key, function in vars(tests).items() if key.startswith("test_")]
 print("done", len(done))
 """
-
-
-def files_of(page):
-    """File name -> text, of the blocks of code that begin with their name."""
-    blocks = re.findall(r"^```(?:python|toml)\n# (\S+)\n(.*?)^```$", page, re.S | re.M)
-    return dict(blocks)
-
-
-def write_package(path, files):
-    """Write files, and what an installation would leave of the entry points; the name of the part."""
-    points = tomllib.loads(files["pyproject.toml"])["project"]["entry-points"]
-    install(path, {}, points)
-    for name, text in files.items():
-        (path / name).write_text(text)
-    return next(iter(next(iter(points.values()))))
 
 
 @pytest.mark.parametrize("recipe", NAMES)

@@ -140,7 +140,8 @@ def sort_into_blocks(
 def _sums_of_h(key: Array, h: Array, count: int) -> Array:
     """The sum of h (n,) for each `key` (n,) in [0, count)."""
     unit = 2.0 ** (math.frexp(world.together.most(float(h.max(initial=0.0))))[1] - H_BITS)
-    return unit * world.together.sum(np.bincount(key, np.rint(h / unit), count))
+    held = np.bincount(key, np.rint(h / unit), count).astype(float, copy=False)  # of no gas whole numbers
+    return unit * world.together.sum(held)
 
 
 def _widened(leaves: Lattice, dim: int) -> Lattice:

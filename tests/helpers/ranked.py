@@ -1,6 +1,6 @@
 """For mpiexec: each scene on one rank, and then on all together; what differs, a line a scene.
 
-mpiexec -n 4 python tests/helpers/ranked.py NAME ...     scenes of `ranked_scenes.py`; "all": every one
+mpiexec -n 4 python tests/helpers/ranked.py NAME ...     scenes of `ranked_scenes.py`, or "few" of them, or "all"
 """
 
 import sys
@@ -12,7 +12,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from ranked_scenes import SCENES
+from ranked_scenes import FEW_SCENES, SCENES
 
 from discsim import Simulation, load_scene
 from discsim.numerics import threads, world
@@ -45,6 +45,8 @@ def stepped(scene, steps, most, comm):
     arrays = {f"{n}.{k}": array for n, p in state.species.items() for k, array in p.arrays().items()}
     arrays |= {f"{n}.{k} of effects": np.asarray(a) for n, p in extra.items() for k, a in plain(p).items()}
     arrays |= {f"ledger.{k}": np.asarray(v) for k, v in asdict(state.ledger).items()}
+    if state.pace is not None:
+        arrays["pace"] = np.array(state.pace)
     if state.bodies is not None:
         arrays |= {f"bodies.{k}": array for k, array in state.bodies.arrays().items()}
     return rows, arrays, held
@@ -87,7 +89,7 @@ def main():
     pieces = threads.pieces
     threads.pieces = lambda count, least, number: pieces(count, min(least, PIECES), number)
     comm, names = Comm(), sys.argv[1:]
-    for name in SCENES if names == ["all"] else names:
+    for name in {"all": SCENES, "few": FEW_SCENES}.get(names[0], names):
         told = tell(comm, name)
         if comm.rank == 0:
             print(told, flush=True)

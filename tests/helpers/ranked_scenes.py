@@ -60,6 +60,33 @@ def from_snapshot(folder):
     return changed(DISC, {"initial": None}) | {"initial": {"kind": "snapshot", "file": str(path), "refine": 2}}
 
 
+def from_clumps(widths, places, folder, **tables):
+    """Gas and dust that have fallen together at some places."""
+    random, path, given = np.random.default_rng(5), folder / "snapshot.h5", {}
+    for name, mass in (("gas", 0.05), ("dust", 0.005)):
+        spread = np.repeat(widths, 150)[:, None] * random.standard_normal((150 * len(places), 2))
+        pos = np.repeat(places, 150, axis=0) + spread
+        turned = np.stack([-pos[:, 1], pos[:, 0]], axis=1)
+        vel = turned / np.linalg.norm(pos, axis=1)[:, None] ** 1.5
+        given[name] = {"pos": pos, "vel": vel, "mass": np.full(len(pos), mass / len(pos))}
+    whole = changed(DISC, {"initial": None})
+    sim = Simulation(whole, given)
+    put_out(sim, path)
+    return whole | {"initial": {"kind": "snapshot", "file": str(path)}} | tables
+
+
+def from_patch(folder):
+    """Few grains, all in one place, that grow in the gas of a disc: others' gas is about them too."""
+    random, path, source = np.random.default_rng(6), folder / "snapshot.h5", growing.disc(gas=700, dust=60)
+    gas = Simulation(source).gas
+    pos = [0.02, 0.9] + 0.15 * random.random((60, 2))
+    vel = np.stack([-pos[:, 1], pos[:, 0]], axis=1) / np.linalg.norm(pos, axis=1)[:, None] ** 1.5
+    given = {"dust": {"pos": pos, "vel": vel, "mass": np.full(60, 1e-6)}}
+    given["gas"] = {name: getattr(gas, name) for name in ("pos", "vel", "mass", "small")}
+    put_out(Simulation(source, given), path)
+    return source | {"initial": {"kind": "snapshot", "file": str(path)}}
+
+
 def of_files(make, steps=3):
     def source():
         with tempfile.TemporaryDirectory() as folder:
@@ -114,6 +141,7 @@ GRAINS = {"particles": 1100, "ratio": 0.1, "grain_density": 1.0}
 VISCOUS = {"alpha_viscosity": {"alpha": 0.01}}
 HEATED = {"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.1}}}
 BOTH = ("two-way", "one-way")
+CLUMPS = [[1.2, 0.3], [1.25, 0.35], [-0.7, 0.9]]
 EVERYTHING = {
     **HEATED, **VISCOUS,
     "companion": [COMPANION],
@@ -163,6 +191,7 @@ SCENES = {
         18,
         MOST,
     ),
+    "growth of many": (partial(growing.disc, gas=200, dust=6000), [], 2, MOST),
     "growth inertial": disc(
         8,
         **{
@@ -188,6 +217,10 @@ SCENES = {
     "everything one-way": disc(6, **EVERYTHING | {"drag": {"law": "epstein", "stokes": None, "direction": "one-way"}}),
     "table": of_files(from_table),
     "snapshot": of_files(from_snapshot),
+    "growth in a patch": of_files(from_patch),
+    "clumps": of_files(partial(from_clumps, [0.02, 0.02, 0.1], CLUMPS), 18),
+    "diffusion in clumps": of_files(partial(from_clumps, [0.02, 0.02, 0.1], CLUMPS, dust_diffusion={"D": 1e-3})),
+    "one tile": of_files(partial(from_clumps, [1e-3], [[1.3, 0.2]])),
     "box": plane("box", initial={"gas_velocity": 0.2, "dust_velocity": 1.0}),
     "wave": plane("wave"),
     "sheet": plane("sheet", self_gravity={"softening": 0.05}),
@@ -200,6 +233,13 @@ SCENES = {
     "steady": disc(3, initial={"kind": "steady", "surface_density": 0.01, "mass": None}, **VISCOUS),
     "viscous-ring": disc(3, initial={"kind": "viscous-ring", "radius": 1.0, "inner": None, "outer": None}, **VISCOUS),
 }
+# Of those above, and below, one for each thing that ranks ask or fetch of each other.
+FEW_SCENES = (
+    "long", "idic", "linear", "one-way", "off the grid", "eaten", "all gone", "bodies", "heat paid around",
+    "constant sparse", "sizes", "growth of all", "growth of many", "growth in a patch", "diffusion in clumps",
+    "diffusion eaten", "diffusion in a box", "everything", "clumps", "one tile", "mk heat", "esph two-way 1D",
+    "emsi-ppm shock", "setup dead_zone_oneway",
+)  # fmt: skip
 for scheme in OF_PARTICLES:
     for way in BOTH:
         SCENES[f"{scheme} {way}"] = disc(3, drag={"scheme": scheme, "direction": way})

@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 
 import pytest
-from rank_lines import MARKS, lines_of
+from launched import MARKS, lines_of
 from runs import DISC
 
 pytestmark = MARKS

@@ -6,25 +6,19 @@ import signal
 import subprocess
 import sys
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import h5py
 import pytest
+from launched import LONGEST, MARKS, MPIEXEC
 from runs import DISC, assert_same_arrays, assert_same_content, assert_same_run
 
 from discsim import load_scene, read_snapshot
 from discsim.output.checkpoint import read_checkpoint
 from discsim.run.runner import run_scene
 
-BESIDE = Path(sys.executable).with_name("mpiexec")
-MPIEXEC = str(BESIDE) if BESIDE.exists() else shutil.which("mpiexec")
-pytestmark = [
-    pytest.mark.ranks,
-    pytest.mark.skipif(find_spec("mpi4py") is None or not MPIEXEC, reason="needs mpi4py: pip install 'discsim[mpi]'"),
-]
+pytestmark = MARKS
 FAILING = Path(__file__).parents[1] / "helpers" / "failing.py"
-LONGEST = 600  # seconds, after which a run hangs
 SOON = 10.0  # seconds in which all ranks end once one has failed
 # What is known of the start and of all particles: damping, and the pull of the disc.
 KNOWN = DISC + "[damping]\ninner = [0.5, 0.7]\nouter = [1.8, 2.0]\n"

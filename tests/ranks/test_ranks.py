@@ -1,34 +1,23 @@
 """Runs on several MPI ranks, more than there are cores too: the same bits as on one."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import DISC
+from launched import ENVIRONMENT, LONGEST, MARKS, command_of, differing
+from recipes import PAGES, files_of, write_package
+from runs import DISC, assert_same_run
 
+import discsim
 from discsim import load_scene, read_snapshot
 from discsim.run.runner import run_scene
 
-BESIDE = Path(sys.executable).with_name("mpiexec")
-MPIEXEC = str(BESIDE) if BESIDE.exists() else shutil.which("mpiexec")
-pytestmark = [
-    pytest.mark.ranks,
-    pytest.mark.skipif(find_spec("mpi4py") is None or not MPIEXEC, reason="needs mpi4py: pip install 'discsim[mpi]'"),
-]
-LONGEST = 600  # seconds, after which a run hangs
+pytestmark = MARKS
 UNTIL = ["run.until=0.5"]  # five steps, of which the first sorts; the star takes gas and dust in each
-
-
-ENVIRONMENT = os.environ | {"NUMBA_NUM_THREADS": "1"}
-RANKED = Path(__file__).parents[1] / "helpers" / "ranked.py"
-NAMES = ("long", "idic", "linear", "one-way", "off the grid", "eaten", "all gone", "bodies")
 
 
 def on_ranks(number, scene, folder, *more, settings=UNTIL):
@@ -36,13 +25,6 @@ def on_ranks(number, scene, folder, *more, settings=UNTIL):
     command = command_of(number, scene, folder, settings)
     done = subprocess.run([*command, *more], capture_output=True, text=True, env=ENVIRONMENT, timeout=LONGEST)
     return done.returncode, done.stderr
-
-
-def command_of(number, scene, folder, settings):
-    command = [MPIEXEC, "-n", str(number), sys.executable, "-m", "discsim", "run", str(scene), "-o", str(folder)]
-    for setting in settings:
-        command += ["--set", setting]
-    return command
 
 
 @pytest.fixture(scope="module")
@@ -88,17 +70,9 @@ def test_another_number_of_ranks_goes_on(scene, one, tmp_path):
     assert_same(one, tmp_path / "run")
 
 
-@pytest.mark.parametrize(
-    ("setting", "told"),
-    [
-        ("dust_diffusion.D=1e-5", "dust_diffusion: runs on one MPI rank only; expected no table [dust_diffusion], or"),
-        ("drag.scheme=mk", 'drag.scheme: "mk" runs on one MPI rank only; expected "idic", "idic-linear", "tsc", or no'),
-        ("star.mas=1", "star.mas: unknown key"),
-    ],
-)
-def test_what_cannot_run_is_refused_once(scene, tmp_path, setting, told):
-    status, said = on_ranks(2, scene, tmp_path / "run", settings=[setting])
-    assert status == 2 and told in said and said.count("\n") == 1
+def test_what_cannot_run_is_refused_once(scene, tmp_path):
+    status, said = on_ranks(2, scene, tmp_path / "run", settings=["star.mas=1"])
+    assert status == 2 and "star.mas: unknown key" in said and said.count("\n") == 1
     assert not (tmp_path / "run").exists()
 
 
@@ -114,14 +88,24 @@ def test_a_directory_that_holds_a_run_is_refused_once(scene, one):
     assert status == 2 and said.count("\n") == 1 and "holds a run already" in said
 
 
-@pytest.mark.parametrize("number", [2, 4])
+@pytest.mark.parametrize("number", [2, 3])
 def test_many_scenes_have_the_bits_of_one(number):
-    """Other schemes and directions of drag, companions, particles off the grid, few gas that is left, and none."""
-    command = [MPIEXEC, "-n", str(number), sys.executable, str(RANKED), *NAMES]
-    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=2 * LONGEST)
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    assert [line.partition(";")[0] for line in lines] == [f"{name}: the same" for name in NAMES]
+    """One for each thing that ranks ask or fetch of each other; test_matrix.py has all that there is."""
+    assert differing(number, ["few"]) == []
+
+
+@pytest.mark.parametrize("recipe", ["effect", "drag_scheme"])
+def test_what_others_bring_knows_nothing_of_ranks(tmp_path, recipe):
+    """The effect and the scheme of the recipes, as packages beside discsim."""
+    files = files_of((PAGES / f"{recipe}.md").read_text(encoding="utf-8"))
+    write_package(tmp_path, files)
+    (scene,) = (tmp_path / name for name in files if name.endswith(".toml") and name != "pyproject.toml")
+    home = os.path.dirname(os.path.dirname(discsim.__file__))
+    environment = ENVIRONMENT | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{home}"}
+    one, three = tmp_path / "one", tmp_path / "three"
+    for command in ([sys.executable, "-m", "discsim", "run", str(scene), "-o", str(one)], command_of(3, scene, three)):
+        subprocess.run(command, check=True, capture_output=True, env=environment, timeout=LONGEST)
+    assert_same_run(one, three)
 
 
 def test_a_signal_ends_all_ranks_with_a_checkpoint(scene, tmp_path):

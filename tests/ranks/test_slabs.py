@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from rank_lines import MARKS, lines_of
+from launched import MARKS, lines_of
 
 pytestmark = MARKS
 SLABS = Path(__file__).parents[1] / "helpers" / "slabs.py"
