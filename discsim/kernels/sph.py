@@ -160,8 +160,6 @@ def force_sums(
     conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
     sheared = 2.0 * dim / MEAN_Q2[kernel] * inv_rho_i / unit
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
-    pack_distances(x, y, n, pack)
-    pack_gradients(kernel, dim, inv_h, n, pack)
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         inv_r, own, other = pack[INV_R * STRIDE + k], pack[OWN * STRIDE + k], pack[OTHER * STRIDE + k]
@@ -234,6 +232,8 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
                 )
                 for k in range(start[cell], start[cell + 1]):
                     i, x, y = order[k], (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
+                    pack_distances(x, y, n, pack)
+                    pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, pack)
                     ax, ay, r, d, passed = force_sums(
                         kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, k, columns,
                         strengths, n, pack,
