@@ -53,6 +53,10 @@ class Alone:
         """The sum of each, of whole numbers."""
         return values
 
+    def alike(self, do: Callable[[], Any]) -> Any:
+        """What `do` returns, which asks no other process; raises what it raises on any of them."""
+        return do()
+
     def settle(self, state: State) -> None:
         """Bring particles to the processes that they belong to, once they have moved."""
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from mpi4py import MPI
+
 from discsim.ranks.comm import Comm
 
 
@@ -22,9 +24,8 @@ def alike(comm: Comm, do: Callable[[], Any]) -> Any:
     It must not wait for other ranks.
     """
     value, fault = _tried(do)
-    for raised in comm.mpi.allgather(fault):
-        if raised is not None:
-            raise raised
+    if comm.reduced(fault is not None, MPI.MAX):
+        raise next(raised for raised in comm.mpi.allgather(fault) if raised is not None)
     return value
 
 

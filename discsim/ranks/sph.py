@@ -111,9 +111,8 @@ class DividedSph(Sph):
     def forces(self, gas: Gas, vel: Array, u: Array | None, pressure: Array) -> tuple[Array, float]:
         terms = self.pairs, u is not None, self.conductivity is not None
         wide, cells, found, dim = self.wide, self.cells, self.found, self.dim
-        for array in (found.rho, found.gradh, *self.shear):
-            if len(array) > 0:
-                wide.refresh(array)
+        for array in (found.rho, found.gradh, *(self.shear if self.balsara else ())):
+            wide.refresh(array)  # on ranks without particles too: all call
         optional = [array for array in (u, gas.nu) if array is not None]
         columns = wide.of(np.column_stack([vel, gas.mass, pressure, gas.sound_speed, *optional]))
         moving = np.ascontiguousarray(columns[:, :dim])

@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.effects.base import to_sort
+from discsim.ranks.agreed import alike
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
 from discsim.ranks.exchange import Wide, in_cells
@@ -40,6 +41,9 @@ class Ranks:
 
     def sum(self, values: Any) -> Any:
         return self.comm.reduced(values, MPI.SUM)
+
+    def alike(self, do: Callable[[], Any]) -> Any:
+        return alike(self.comm, do)
 
     def divide(self, state: State, alike: bool = True) -> None:
         """Bring particles to their owners: each rank has all of them, or a run of rows in the order of ranks."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from discsim.effects.base import Effect
 from discsim.numerics import world
 from discsim.numerics.state import State
@@ -25,7 +28,7 @@ class Operators:
     def kick(self, dt: float) -> None:
         """Velocities and energies over dt, by the effect that owns the kick, or by each species' own."""
         if guards.coupled(self.state):
-            guards.check_inputs(self.state, self.effects)
+            self._check(guards.check_inputs)
         owner = forces.kick_owner(self.effects)
         try:
             for name in [owner] if owner is not None else self.effects:
@@ -35,7 +38,7 @@ class Operators:
             raise PhysicsError(str(fault)) from fault
         if self.state.bodies is not None:
             self.state.bodies.kick(dt)
-        guards.check_kicked(self.state, self.effects)
+        self._check(guards.check_kicked)
 
     def close(self) -> None:
         """Make the closing kick that the velocities await."""
@@ -67,4 +70,8 @@ class Operators:
         world.together.settle(self.state)
         forces.accelerate(self.state, self.effects, self.costs)
         limits, self.limits = forces.limits_of(self.state, self.effects)
-        guards.check_forces(self.state, self.effects, limits)
+        self._check(guards.check_forces, limits)
+
+    def _check(self, guard: Callable[..., None], *more: Any) -> None:
+        """Have all processes stop where one of them has found something."""
+        world.together.alike(lambda: guard(self.state, self.effects, *more))
