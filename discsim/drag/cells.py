@@ -22,7 +22,7 @@ from discsim.numerics.totals import mean
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
+    from discsim.numerics.state import Particles, State
 
 Array = np.ndarray
 NONE = np.empty(0)
@@ -38,15 +38,34 @@ SHIFT_STEP = np.array([0.70493075, 0.64794019])
 
 class Lattice(NamedTuple):
     """Leaves that blocks are made of: whole grid cells in two dimensions. They cover the grid from `origin` on over
-    `extent` leaves, and a `margin` of as many on every side of it; beyond that nobody is coupled.
+    `extent` leaves, and a `margin` of as many on every side of it; beyond that nobody is coupled. Of the `whole` of
+    them there are here those of a `shape` from the `first` on: all, unless other processes have some.
     """
 
     origin: Array
     extent: Array
     margin: int
     side: float
-    shape: tuple[int, int]
+    whole: tuple[int, int]
     periodic: bool
+    first: tuple[int, int]
+    shape: tuple[int, int]
+
+    @property
+    def joined(self) -> Array:
+        """Whether it joins itself along each axis (2,)."""
+        return self.periodic & (np.array(self.shape) == self.whole)
+
+
+class Merged(NamedTuple):
+    """Blocks of leaves: the `number` of that which each leaf is in, with one entry more, and of each block its first
+    leaf (ix, iy) in this part of the lattice, level and whether want of particles `enlarged` it.
+    """
+
+    number: Array
+    first_leaf: Array
+    level: Array
+    enlarged: Array
 
 
 class Blocks(NamedTuple):
@@ -59,7 +78,7 @@ class Blocks(NamedTuple):
     gas_start: Array
     dust_order: Array
     dust_start: Array
-    first_leaf: Array  # (blocks, 2)
+    first_leaf: Array  # (blocks, 2), as of `Merged`
     level: Array  # (blocks,)
     enlarged: Array  # (blocks,)
     lattice: Lattice  # with the origin of this step
@@ -74,7 +93,7 @@ class Blocks(NamedTuple):
 
     @property
     def corners(self) -> Array:
-        return self.lattice.origin + self.first_leaf * self.lattice.side
+        return self.lattice.origin + (self.first_leaf + np.array(self.lattice.first)) * self.lattice.side
 
 
 def lattice(drag: Drag, state: State) -> Lattice:
@@ -86,7 +105,8 @@ def lattice(drag: Drag, state: State) -> Lattice:
     if not grid.periodic:
         # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
         numbers = [(-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in numbers]
-    return Lattice(np.array(grid.origin), extent, 0, side, (numbers[0], numbers[1] if dim == 2 else 1), grid.periodic)
+    whole = numbers[0], numbers[1] if dim == 2 else 1
+    return Lattice(np.array(grid.origin), extent, 0, side, whole, grid.periodic, (0, 0), whole)
 
 
 def wanted_leaf(drag: Drag, state: State) -> float:
@@ -113,17 +133,16 @@ def sort_into_blocks(
     The lattice moves with every step where it is `shifted`; `mirrored`, to where y -> -y takes the other's cells.
     """
     gas, dust = state.gas, state.dust
-    shift, gas_key, dust_key, n_gas, n_dust = _leaf_of_each(drag, state, leaves, shifted, mirrored)
-    if not leaves.periodic and n_gas[-1] + n_dust[-1] > 0:
-        # Somebody is off the grid: cells go on, on every side alike.
-        leaves = _widened(leaves, drag.dim)
-        shift, gas_key, dust_key, n_gas, n_dust = _leaf_of_each(drag, state, leaves, shifted, mirrored)
-    nx, ny = leaves.shape
-    h_sum = drag.agree(lambda: _sums_of_h(gas_key, gas.h, nx * ny + 1))
+    shift, part, keys, (n_gas, n_dust, outside) = _placed(drag, state, leaves, shifted, mirrored)
+    if not leaves.periodic and outside > 0:
+        leaves = _widened(leaves, drag.dim)  # somebody is off the grid: cells go on, on every side alike
+        shift, part, keys, (n_gas, n_dust, _) = _placed(drag, state, leaves, shifted, mirrored)
+    gas_key, dust_key = keys
     # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
     length = leaves.side if drag.drag.cell_length else 0.0
-    number, first_leaf, level, enlarged = merge(
-        n_gas, n_dust, h_sum, leaves.shape, leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
+    wanted = leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
+    number, first_leaf, level, enlarged = drag.agree(
+        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, gas_key, gas.h), part.shape, *wanted)
     )
     # What lies outside the lattice meets nobody: a block of its own for each species.
     count, population = len(level), drag.classes.number
@@ -133,52 +152,70 @@ def sort_into_blocks(
     share(kernels.block_keys, dust.count, dust_key, number, drag.classes.of, population)
     gas_order, gas_start = counting_sort(gas_key, count + 2)
     dust_order, dust_start = counting_sort(dust_key, (count + 2) * population)
-    moved = leaves._replace(origin=leaves.origin - shift * leaves.side)
+    moved = part._replace(origin=leaves.origin - shift * leaves.side)
     return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
 
 
-def _sums_of_h(key: Array, h: Array, count: int) -> Array:
-    """The sum of h (n,) for each `key` (n,) in [0, count)."""
+def _placed(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Any, ...]:
+    """By how many leaves a lattice has moved, the part of it that this process has, the leaves of its gas and dust, and
+    what `_numbers` has of them.
+    """
+    both = state.gas, state.dust
+    shift = _shift(drag, state, leaves, shifted, mirrored)
+    part = drag.agree(lambda: drag.agree.part_of(leaves, shift, both))
+    keys = [_leaf_of_each(particles, part, shift) for particles in both]
+    return shift, part, keys, drag.agree(lambda: _numbers(part, *keys))
+
+
+def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
+    """Own gas and dust in each leaf, and how many particles of all processes lie outside the lattice."""
+    count = math.prod(part.shape) + 1
+    gas, dust = (counts(key, count) for key in keys)
+    return gas, dust, int(world.together.sum(int(gas[-1]) + int(dust[-1])))
+
+
+def _in_leaves(
+    drag: Drag, part: Lattice, n_gas: Array, n_dust: Array, key: Array, h: Array
+) -> tuple[Array, Array, Array]:
+    """Gas and dust in each leaf (leaves,) and the sum of the gas's h, of all processes."""
     unit = 2.0 ** (math.frexp(world.together.most(float(h.max(initial=0.0))))[1] - H_BITS)
-    held = np.bincount(key, np.rint(h / unit), count).astype(float, copy=False)  # of no gas whole numbers
-    return unit * world.together.sum(held)
+    held = np.bincount(key, np.rint(h / unit), len(n_gas)).astype(float, copy=False)  # of no gas whole numbers
+    n_gas, n_dust, held = drag.agree.summed(part, n_gas, n_dust, held)
+    return n_gas, n_dust, unit * held
 
 
 def _widened(leaves: Lattice, dim: int) -> Lattice:
     """With room for a margin of the largest block on both sides."""
-    nx, ny = leaves.shape
+    nx, ny = leaves.whole
     more = 2 * 2**LEVELS
-    return leaves._replace(margin=2**LEVELS, shape=(nx + more, ny + more if dim == 2 else 1))
+    whole = nx + more, ny + more if dim == 2 else 1
+    return leaves._replace(margin=2**LEVELS, whole=whole, shape=whole)
 
 
-def _leaf_of_each(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Array, ...]:
-    """By how many leaves the lattice has moved, the leaf of each particle of gas and of dust, and the numbers in each
-    leaf; in the last those outside the lattice.
-    """
-    nx, ny = leaves.shape
+def _shift(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> Array:
+    """By how many leaves (2,) the lattice has moved."""
     shift = np.zeros(2)
     if shifted:
         shift[: drag.dim] = (((state.step + state.earlier) * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
     shift[: drag.dim] += leaves.margin
     if mirrored:
-        shift[1] = ny + 2.0 * leaves.origin[1] / leaves.side - shift[1]
-    low, high = shift - leaves.margin, shift + leaves.extent + leaves.margin
-    keys = []
-    for particles in (state.gas, state.dust):
-        keys.append(np.empty(particles.count, np.uint32))
-        share(
-            kernels.leaf_keys, particles.count, particles.pos, leaves.origin, shift, low, high, 1.0 / leaves.side,
-            nx, ny, leaves.periodic, keys[-1],
-        )  # fmt: skip
-    held = drag.agree(lambda: [world.together.sum(counts(key, nx * ny + 1)) for key in keys])
-    return shift, *keys, *held
+        shift[1] = leaves.whole[1] + 2.0 * leaves.origin[1] / leaves.side - shift[1]
+    return shift
 
 
-def merge(
-    gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted: Any
-) -> tuple[Array, Array, Array, Array]:
-    """Block of each leaf, with one entry more, and of each block its first leaf (ix, iy), level and whether want of
-    particles enlarged it.
+def _leaf_of_each(particles: Particles, part: Lattice, shift: Array) -> Array:
+    """The leaf of each particle (n,), the last of those outside the lattice."""
+    low, high = shift - part.margin, shift + part.extent + part.margin
+    key = np.empty(particles.count, np.uint32)
+    share(
+        kernels.leaf_keys, particles.count, particles.pos, part.origin, shift, low, high, 1.0 / part.side,
+        part.whole, part.first, part.shape, part.periodic, key,
+    )  # fmt: skip
+    return key
+
+
+def merge(gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted: Any) -> Merged:
+    """The blocks of leaves.
 
     `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h; `wanted`: `kernels.Wanted`.
     """
@@ -192,7 +229,7 @@ def merge(
     number = np.full(begin[1] + 1, -1, np.int32)
     first_leaf, level, flag = np.empty((count, 2), np.int32), np.empty(count, np.int64), np.empty(count, bool)
     share(kernels.number_blocks, len(held), start, tree, number, first_leaf, level, flag, least=1)
-    return number, first_leaf, level, flag
+    return Merged(number, first_leaf, level, flag)
 
 
 def law_of(drag: Drag, dt: float) -> Law:

@@ -38,19 +38,20 @@ FEW = 6  # grains of a class in a cell, above which sums of the cell are cheaper
 LEAST = 64  # blocks or nodes in a piece of a loop
 
 
-def blocks_of(drag: Drag, state: State) -> tuple[Blocks, Frame, bool]:
-    """The blocks whose particles have nodes, the frame, and whether cells have few grains of each class."""
+def blocks_of(drag: Drag, state: State) -> tuple[Blocks, Frame]:
+    """The blocks whose particles have nodes, and the frame."""
     about_star = frame(drag, state)
     blocks = sort_into_blocks(
         drag, state, lattice(drag, state), (1, 0), drag.scheme.cells.share * (drag.drag.cell or 0.0),
         NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip
-    return blocks, about_star, drag.classes.number > 1 and drag.agree(lambda: _are_few(drag, blocks))
+    return blocks, about_star
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    blocks, about_star, few = blocks_of(drag, state)
+    blocks, about_star = blocks_of(drag, state)
+    few = drag.classes.number > 1 and _are_few(drag, blocks, state.dust.count)
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     rows = [_kept(drag, f"rows of {name}", p.count, FIELDS) for name, p in state.species.items()]
@@ -89,16 +90,21 @@ def _outside(kind: Species, cells: Cells) -> Array:
     return kind.order[kind.start[len(cells.home) * kind.number] :]
 
 
-def _are_few(drag: Drag, blocks: Blocks) -> bool:
+def _are_few(drag: Drag, blocks: Blocks, grains: int) -> bool:
     """Whether cells have too few grains of a class, of all processes, for sums of the cell to be worth while."""
-    held = world.together.sum(np.diff(blocks.dust_start[: len(blocks.level) * drag.classes.number + 1]))
-    return bool(held.sum() < FEW * np.count_nonzero(held))
+    own = np.zeros(grains, bool)
+    own[drag.agree.own_grains] = True
+    start = blocks.dust_start[: len(blocks.level) * drag.classes.number + 1]
+    filled = np.flatnonzero(np.diff(start))
+    cells = np.count_nonzero(own[blocks.dust_order[start[filled]]])  # those whose first grain this process has
+    held = np.count_nonzero(own[blocks.dust_order[: start[-1]]])
+    return bool(world.together.sum(held) < FEW * world.together.sum(cells))
 
 
 def _places(drag: Drag, blocks: Blocks, by_grain: bool) -> tuple[Cells, Nodes]:
     """Cells and nodes, with room for what they will hold."""
     grid, flat, species = blocks.lattice, drag.dim == 1, drag.classes.number + 1
-    lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
+    lattices = levels.lattices(*grid.shape, grid.joined, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
     slot = _slots(blocks, species)
     slots, count = slot.max(initial=-1) + 1, len(home)
@@ -107,7 +113,7 @@ def _places(drag: Drag, blocks: Blocks, by_grain: bool) -> tuple[Cells, Nodes]:
     total = _kept(drag, "all dust of cells", count if by_grain else 0, 3, FIELDS)
     share_of = _kept(drag, "shares of grains", len(blocks.dust_order) if by_grain else 0)
     centre = np.empty((len(near), 2))
-    share(levels.node_centres, len(near), place, grid.origin, grid.side, centre)
+    share(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
         Cells(blocks.corners, blocks.sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),

@@ -16,6 +16,7 @@ from pydantic import Field, StrictBool
 from discsim.drag import cautions
 from discsim.drag.base import Scheme
 from discsim.drag.classes import Classes, classes_of
+from discsim.drag.known import Known
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
@@ -177,7 +178,7 @@ class Effect(base.Effect):
         self.alone = NOBODY  # numbers of the dust that has no gas to relax with, at the last kick
         self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
         self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
-        self.agree: Callable[[Callable[[], Any]], Any] = _found  # on what hangs on the particles of all processes
+        self.agree = Known()
         self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
         self._kicked = (-1, 0.0)  # step and time of the last kick
 
@@ -282,7 +283,3 @@ class Effect(base.Effect):
         self.uncoupled = self._share_alone(dust)
         if resting is not None:
             dust.vel[dust.immobile] = resting
-
-
-def _found(find: Callable[[], Any]) -> Any:
-    return find()

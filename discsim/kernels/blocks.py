@@ -30,19 +30,25 @@ IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def leaf_keys(first, last, pos, origin, shift, low, high, inverse, nx, ny, periodic, out):
-    """Write the leaf of each particle; nx ny where it is not from `low` to `high` of an open lattice. These and `shift`
-    (2,) in leaves.
+def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin, shape, periodic, out):
+    """Write the leaf of each particle in the part of the `whole` lattice of a `shape` that begins at the leaf `begin`;
+    the number of its leaves where it is not from `low` to `high` of an open lattice. These and `shift` (2,) in leaves.
     """
     ox, oy, dx, dy = origin[0], origin[1], shift[0], shift[1]
     low_x, low_y, high_x, high_y = low[0], low[1], high[0], high[1]
-    outside, rows = np.uint32(nx * ny), np.int32(ny)
+    (nx, ny), (begin_x, begin_y) = whole, begin
+    outside, rows, from_x, from_y = (
+        np.uint32(shape[0] * shape[1]),
+        np.int32(shape[1]),
+        np.int32(begin_x),
+        np.int32(begin_y),
+    )
     if pos.shape[1] == 2 and not periodic:
         flat = pos.reshape(-1)  # steps of two and unsigned numbers: vectorised
         for i in range(np.uint64(first), np.uint64(last)):
             sx, sy = (flat[TWO * i] - ox) * inverse + dx, (flat[TWO * i + ONE] - oy) * inverse + dy
             inside = (sx >= low_x) & (sx < high_x) & (sy >= low_y) & (sy < high_y)
-            out[i] = np.uint32(np.int32(sx) * rows + np.int32(sy)) if inside else outside
+            out[i] = np.uint32((np.int32(sx) - from_x) * rows + np.int32(sy) - from_y) if inside else outside
         return
     for i in range(first, last):
         sx = (pos[i, 0] - ox) * inverse + dx
@@ -54,7 +60,7 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, nx, ny, perio
             inside = 0.0 <= sx < nx and 0.0 <= sy < ny
         else:
             inside = low_x <= sx < high_x and low_y <= sy < high_y
-        out[i] = np.uint32(int(sx) * ny + int(sy)) if inside else outside
+        out[i] = np.uint32((int(sx) - begin_x) * shape[1] + int(sy) - begin_y) if inside else outside
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -8,60 +8,59 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.grid import stencil
-from discsim.kernels.neighbours import FIRST, NX, REACH, SIDE_X
+from discsim.kernels.neighbours import ALL_X, FIRST, FROM_X, NX, REACH, SIDE_X
 
+THEIRS, OWN, EITHER = range(3)
 EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def mark_cells(first, last, filled, grids, flat, periodic, room, out):
-    """Mark in `out` (cells,) the cells that may hold anybody within reach of the cells `filled`, or whose reach meets
-    them, where supports are at most `room` times the largest in the grid of each; `flat` in one dimension.
+def mark_cells(first, last, filled, grids, away, others, reach_of, room, flat, periodic, out):
+    """Mark in `out` (cells,) the cells of the grids `others`, whose lower corner is `away` (2,) from that of `grids`,
+    that may hold anybody within reach of the cells `filled` of these; `flat` in one dimension.
+
+    reach_of: whose reach counts: THEIRS, of the others; OWN, of those in `filled`; EITHER. Supports are at most `room`
+    times the largest in the grid of each.
     """
     for c in range(first, last):
         cell, mine = filled[c], 0
         for level in range(len(grids)):
             if grids[level, FIRST] <= cell:
                 mine = level
-        place = cell - int(grids[mine, FIRST])
-        ix, iy = place // int(grids[mine, NX + 1]), place % int(grids[mine, NX + 1])
-        for level in range(len(grids)):
-            begin, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NX + 1])
-            reach = room * max(grids[mine, REACH], grids[level, REACH])
-            x0, x1 = _span(ix, grids[mine, SIDE_X], 0.0, grids[level, SIDE_X], reach)
-            y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], 0.0, grids[level, SIDE_X + 1], reach)
-            _mark(x0, x1, y0, y1, begin, nx, ny, periodic, out)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def mark_others(first, last, filled, grids, away, others, by_filled, flat, periodic, out):
-    """Mark in `out` (cells,) the cells of another species' grids `others`, whose lower corner is `away` (2,) from that
-    of these, that may hold anybody within reach of the cells `filled`: their own or, unless it is `by_filled`, that of
-    the others; `flat` in one dimension.
-    """
-    for c in range(first, last):
-        cell, mine = filled[c], 0
-        for level in range(len(grids)):
-            if grids[level, FIRST] <= cell:
-                mine = level
-        place = cell - int(grids[mine, FIRST])
-        ix, iy = place // int(grids[mine, NX + 1]), place % int(grids[mine, NX + 1])
+        place, rows = cell - int(grids[mine, FIRST]), int(grids[mine, NX + 1])
+        ix, iy = place // rows + int(grids[mine, FROM_X]), place % rows + int(grids[mine, FROM_X + 1])
         for level in range(len(others)):
-            begin, nx, ny = int(others[level, FIRST]), int(others[level, NX]), int(others[level, NX + 1])
-            reach = grids[mine, REACH] if by_filled else others[level, REACH]
+            reach = 0.0
+            if reach_of != THEIRS:
+                reach = room * grids[mine, REACH]
+            if reach_of != OWN:
+                reach = max(reach, room * others[level, REACH])
             x0, x1 = _span(ix, grids[mine, SIDE_X], away[0], others[level, SIDE_X], reach)
             y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], away[1], others[level, SIDE_X + 1], reach)
-            _mark(x0, x1, y0, y1, begin, nx, ny, periodic, out)
+            _mark(x0, x1, y0, y1, others[level], periodic, out)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _mark(x0, x1, y0, y1, begin, nx, ny, periodic, out):
-    # Cells x0 to x1 and y0 to y1 of a grid of nx by ny that begins at `begin`.
-    if not periodic:
-        x0, x1, y0, y1 = max(x0, 0), min(x1, nx - 1), max(y0, 0), min(y1, ny - 1)
-    for jx in range(x0, min(x1, x0 + nx - 1) + 1):
-        for jy in range(y0, min(y1, y0 + ny - 1) + 1):
-            out[begin + jx % nx * ny + jy % ny] = True
+def _mark(x0, x1, y0, y1, grid, periodic, out):
+    # Cells x0 to x1 and y0 to y1 of the whole of a grid, those that its part has.
+    begin, nx, ny, all_x, all_y = (
+        int(grid[FIRST]),
+        int(grid[NX]),
+        int(grid[NX + 1]),
+        int(grid[ALL_X]),
+        int(grid[ALL_X + 1]),
+    )
+    from_x, from_y = int(grid[FROM_X]), int(grid[FROM_X + 1])
+    if periodic:
+        x1, y1 = min(x1, x0 + all_x - 1), min(y1, y0 + all_y - 1)
+    else:
+        x0, x1, y0, y1 = max(x0, from_x), min(x1, from_x + nx - 1), max(y0, from_y), min(y1, from_y + ny - 1)
+    for jx in range(x0, x1 + 1):
+        kx = jx % all_x - from_x
+        for jy in range(y0, y1 + 1):
+            ky = jy % all_y - from_y
+            if 0 <= kx < nx and 0 <= ky < ny:
+                out[begin + kx * ny + ky] = True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -73,14 +72,12 @@ def _span(i, side, away, per, reach):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def mark_blocks(own, home, about, near, rings, out):
-    """Mark in `out` (blocks,) those that the nodes about the blocks `own` hang on, `rings` of nodes beyond these; with
-    none below 0, their own alone. `home`, `about` and `near` as `kernels/levels.py` has them.
+    """Mark in `out` (blocks,) those that the nodes about the blocks `own` hang on, `rings` of nodes beyond these.
+    `home`, `about` and `near` as `kernels/levels.py` has them.
     """
     marked = np.zeros(len(about), np.bool_)
     for block in own:
-        out[block] = True
-        if rings >= 0:
-            marked[home[block]] = True
+        marked[home[block]] = True
     for _ in range(rings + 1):
         before = marked.copy()
         for node in range(len(about)):

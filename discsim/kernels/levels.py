@@ -23,12 +23,12 @@ class Levels(NamedTuple):
     first: np.ndarray
 
 
-def lattices(nx: int, ny: int, periodic: bool, levels: int) -> Levels:
-    """The levels of a lattice of nx by ny leaves."""
+def lattices(nx: int, ny: int, joined: np.ndarray, levels: int) -> Levels:
+    """The levels of a lattice of nx by ny leaves, which is `joined` to itself along each axis (2,) or not."""
     sides = 2 ** np.arange(levels)
     width, height = -(-nx // sides), -(-ny // sides)
     # A level whose cells do not fill the period is open where it joins itself.
-    wrap = np.column_stack([width * sides == nx, height * sides == ny]) & periodic
+    wrap = np.column_stack([width * sides == nx, height * sides == ny]) & joined
     return Levels(width, height, wrap, np.append(0, np.cumsum((width + 2) * (height + 2))))
 
 
@@ -106,8 +106,9 @@ def list_nodes(level, leaf, levels, flat):
 
 
 @lean
-def node_centres(first, last, place, origin, leaf, out):
-    """Places (n, 2) of nodes, from their level and place on its lattice (n, 3)."""
+def node_centres(first, last, place, origin, leaf, begin, out):
+    """Places (n, 2) of nodes, from their level and place on its lattice (n, 3), which begins at the leaf `begin`."""
     for n in range(first, last):
         side = leaf * 2.0 ** place[n, 0]
-        out[n, 0], out[n, 1] = origin[0] + (place[n, 1] - 0.5) * side, origin[1] + (place[n, 2] - 0.5) * side
+        ix, iy = place[n, 1] + (begin[0] >> place[n, 0]), place[n, 2] + (begin[1] >> place[n, 0])
+        out[n, 0], out[n, 1] = origin[0] + (ix - 0.5) * side, origin[1] + (iy - 0.5) * side

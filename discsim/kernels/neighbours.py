@@ -14,8 +14,9 @@ from numba import njit
 
 from discsim.kernels.inner import inner, making
 
-# Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held.
-FIRST, NX, NY, SIDE_X, SIDE_Y, REACH = range(6)
+# Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held. A grid
+# may be a part of one, near some of the particles: its first column and row in the whole, and how many that has.
+FIRST, NX, NY, SIDE_X, SIDE_Y, REACH, FROM_X, FROM_Y, ALL_X, ALL_Y = range(10)
 MAX_CLASSES = 24
 BLOCK = 256  # particles of a run that are looked at together
 USUAL = 128  # candidates of a cell
@@ -90,10 +91,11 @@ def cell_keys(first, last, pos, classes, grids, low, out):
     dim = pos.shape[1]
     for i in range(first, last):
         g = classes[i]
-        ix = min(max(int((pos[i, 0] - low[0]) / grids[g, SIDE_X]), 0), int(grids[g, NX]) - 1)
-        iy = 0
+        ix = int((pos[i, 0] - low[0]) / grids[g, SIDE_X]) - int(grids[g, FROM_X])
+        ix, iy = min(max(ix, 0), int(grids[g, NX]) - 1), 0
         if dim == 2:
-            iy = min(max(int((pos[i, 1] - low[1]) / grids[g, SIDE_Y]), 0), int(grids[g, NY]) - 1)
+            iy = int((pos[i, 1] - low[1]) / grids[g, SIDE_Y]) - int(grids[g, FROM_Y])
+            iy = min(max(iy, 0), int(grids[g, NY]) - 1)
         out[i] = int(grids[g, FIRST]) + ix * int(grids[g, NY]) + iy
 
 
@@ -140,6 +142,8 @@ def find_runs(box, reach, mutual, cells, runs, turns):
     count, held = 0, 0
     for level in range(len(grids)):
         first, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NY])
+        from_x, from_y = int(grids[level, FROM_X]), int(grids[level, FROM_Y])
+        all_x, all_y = int(grids[level, ALL_X]), int(grids[level, ALL_Y])
         per_x, per_y = 1.0 / grids[level, SIDE_X], 1.0 / grids[level, SIDE_Y]
         r = max(reach, grids[level, REACH]) if mutual else reach
         fx, fy = (box[0] - low[0]) * per_x, (box[1] - low[1]) * per_y
@@ -149,13 +153,14 @@ def find_runs(box, reach, mutual, cells, runs, turns):
         if width[1] > 0.0:
             iy0, iy1 = math.floor(fy - ry), math.floor(fy + ry)
         if cells.periodic:
-            tx0, tx1, ty0, ty1 = ix0 // nx, ix1 // nx, iy0 // ny, iy1 // ny
+            tx0, tx1, ty0, ty1 = ix0 // all_x, ix1 // all_x, iy0 // all_y, iy1 // all_y
         for tx in range(tx0, tx1 + 1):
             for ty in range(ty0, ty1 + 1):
-                y0, y1 = max(iy0 - ty * ny, 0), min(iy1 - ty * ny, ny - 1)
+                sx, sy = tx * all_x + from_x, ty * all_y + from_y
+                y0, y1 = max(iy0 - sy, 0), min(iy1 - sy, ny - 1)
                 if y0 > y1:
                     continue
-                for ix in range(max(ix0 - tx * nx, 0), min(ix1 - tx * nx, nx - 1) + 1):
+                for ix in range(max(ix0 - sx, 0), min(ix1 - sx, nx - 1) + 1):
                     column = first + ix * ny
                     to = min(count, len(runs) - 1)
                     runs[to, 0], runs[to, 1] = start[column + y0], start[column + y1 + 1]

@@ -15,7 +15,16 @@ import numpy as np
 
 from discsim.kernels.neighbours import REACH, Cells
 from discsim.numerics import world
-from discsim.numerics.neighbours import Grids, box_about, candidates, cells_in, grids_of, keys_in
+from discsim.numerics.neighbours import (
+    Grids,
+    box_about,
+    candidates,
+    cells_in,
+    corners,
+    corners_of_cells,
+    grids_of,
+    keys_in,
+)
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
 
@@ -25,6 +34,7 @@ if TYPE_CHECKING:
 
 halo = Lazy("discsim.kernels.halo")
 Array = np.ndarray
+NONE = np.empty(0)
 IN_A_CELL = 16.0  # grains that look for gas together
 
 
@@ -46,7 +56,6 @@ class Surroundings:
     def __init__(self, sph: Sph, gas: Gas) -> None:
         self.sph, self.gas = sph, gas
         self.grids, self.classes = sph.grids_of(gas)
-        self.key = keys_in(self.grids, self.classes, gas.pos)
 
     @cached_property
     def cells(self) -> Cells:
@@ -67,11 +76,15 @@ class Meeting:
 
     def __init__(self, gas: Surroundings, grains: Grains) -> None:
         grids, classes = _grids_of(gas.sph, grains)
-        key = keys_in(grids, classes, grains.pos)
-        flat = gas.sph.dim == 1
-        of_gas, of_grains = (gas.grids, gas.key), (grids, key)
-        self.gas = world.together.in_cells(gas.gas, gas.key, lambda: _needed(*of_gas, *of_grains, False, flat))
-        self.grains = world.together.in_cells(grains, key, lambda: _needed(*of_grains, *of_gas, True, flat))
+        gas_grids, flat, gas_key, key = gas.grids, gas.sph.dim == 1, NONE, NONE
+        if world.together.many:
+            about = _about((gas_grids, gas.classes, gas.gas.pos), (grids, classes, grains.pos))
+            widest = np.full(len(grids.table), gas_grids.table[:, REACH].max())
+            grids, gas_grids = grids.near(*about, widest), gas_grids.near(*about, gas_grids.table[:, REACH])
+            gas_key, key = keys_in(gas_grids, gas.classes, gas.gas.pos), keys_in(grids, classes, grains.pos)
+        of_gas, of_grains = (gas_grids, gas_key), (grids, key)
+        self.gas = world.together.in_cells(gas.gas, gas_key, lambda: _needed(*of_gas, *of_grains, halo.THEIRS, flat))
+        self.grains = world.together.in_cells(grains, key, lambda: _needed(*of_grains, *of_gas, halo.OWN, flat))
         self.pos, self.h = self.gas.of(gas.gas.pos), self.gas.of(gas.gas.h)
         self.grain_pos = self.grains.of(grains.pos)
         side = np.full(len(self.grain_pos), grids.table[0, REACH])
@@ -79,8 +92,8 @@ class Meeting:
         if not world.together.many:
             self.cells = gas.cells
             return
-        cells = cells_in(gas.grids, self.gas.of(gas.classes), self.pos, self.h)
-        self.cells = cells._replace(filled=_filled(gas.key))
+        cells = cells_in(gas_grids, self.gas.of(gas.classes), self.pos, self.h)
+        self.cells = cells._replace(filled=_filled(gas_key))
         self.grain_cells = self.grain_cells._replace(filled=_filled(key))
 
     @cached_property
@@ -102,18 +115,25 @@ def _grids_of(sph: Sph, grains: Grains) -> tuple[Grids, Array]:
     return grids_of(grains.pos, np.full(grains.count, side), 1.0, low, width, sph.periodic, world.together)
 
 
+def _about(*some: tuple[Grids, Array, Array]) -> tuple[Array, Array]:
+    """Least and largest coordinates (2,) of the cells of all particles."""
+    found = [corners_of_cells(*each) for each in some if len(each[2]) > 0] or [corners(some[0][2])]
+    return np.min([low for low, _ in found], axis=0), np.max([high for _, high in found], axis=0)
+
+
 def _filled(key: Array) -> Array:
-    return np.unique(key).astype(np.int64)  # as those of one process are: kernels are compiled for one kind
+    return np.flatnonzero(np.bincount(key))
 
 
-def _needed(grids: Grids, key: Array, others: Grids, other_key: Array, by_others: bool, flat: bool) -> Array:
-    """The cells (cells,) of `grids` that own particles are in, or that those of `other_key` (n,) may reach, or be in
-    reach of: `by_others` it is their own reach that counts.
+def _needed(grids: Grids, key: Array, others: Grids, other_key: Array, reach_of: int, flat: bool) -> world.Needed:
+    """The cells of `grids` that own particles are in, or that those of `other_key` (n,) may reach, or be in reach of:
+    `reach_of` says whose reach it is.
     """
     needed, about = np.zeros(grids.cells, bool), _filled(other_key)
     share(
-        halo.mark_others, len(about), about, others.table, grids.low - others.low, grids.table, by_others,
-        flat, grids.periodic, needed,
+        halo.mark_cells, len(about), about, others.table, grids.low - others.low, grids.table, reach_of, 1.0, flat,
+        grids.periodic, needed,
     )  # fmt: skip
     needed[key] = True
-    return needed
+    numbers = grids.numbers()
+    return world.Needed(needed, numbers, numbers + 1)

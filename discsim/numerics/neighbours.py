@@ -8,7 +8,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.kernels import neighbours as kernels
-from discsim.kernels.neighbours import CELL_OVER_REACH, FIRST, LANES, MAX_CLASSES, NX, REACH, SIDE_X, Cells
+from discsim.kernels.neighbours import (
+    ALL_X,
+    CELL_OVER_REACH,
+    FIRST,
+    FROM_X,
+    LANES,
+    MAX_CLASSES,
+    NX,
+    REACH,
+    SIDE_X,
+    Cells,
+)
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
 from discsim.numerics.world import Alone
@@ -32,15 +43,59 @@ class Grids(NamedTuple):
     width: Array
     periodic: bool
 
+    def near(self, low: Array, high: Array, reach: Array) -> Grids:
+        """The part of each grid that holds what is within `reach` (grids,) of the box from `low` to `high` (2,).
+
+        Where that is beyond an edge of a periodic box it goes from edge to edge.
+        """
+        table = self.table.copy()
+        for row, length in zip(table, reach, strict=True):
+            for axis in range(2):
+                count, away = int(row[ALL_X + axis]), self.low[axis] + length * np.array([1.0, -1.0])
+                ends = (np.array([low[axis], high[axis]]) - away) / row[SIDE_X + axis]
+                first, last = (math.floor(ends[0]) - 1, math.floor(ends[1]) + 1) if ends[0] <= ends[1] else (0, 0)
+                if self.periodic and (first < 0 or last >= count):
+                    first, last = 0, count - 1
+                row[FROM_X + axis] = first = min(max(first, 0), count - 1)
+                row[NX + axis] = min(max(last, first), count - 1) - first + 1
+        held = table[:, NX] * table[:, NX + 1]
+        table[:, FIRST] = np.cumsum(held) - held
+        return self._replace(table=table, cells=int(held.sum()))
+
+    def numbers(self) -> Array:
+        """What number each cell (cells,) has where there are the whole grids."""
+        found, first = [], 0
+        for row in self.table[:, NX:].astype(np.int64):
+            nx, ny, from_x, from_y, all_x, all_y = row[
+                np.array([NX, NX + 1, FROM_X, FROM_X + 1, ALL_X, ALL_X + 1]) - NX
+            ]
+            found.append(first + ((from_x + np.arange(nx))[:, None] * all_y + from_y + np.arange(ny)).ravel())
+            first += all_x * all_y
+        return np.concatenate(found)
+
 
 def box_about(pos: Array, together: Any = ALONE) -> tuple[Array, Array]:
     """Lower corner and widths (2,) of the box about positions (n, d), in one dimension flat."""
-    low, width = np.zeros(2), np.zeros(2)
-    least, most = _extremes(pos)
-    least, most = together.least(least), together.most(most)
-    low[: len(least)], width[: len(least)] = least, most - least
+    least, most = corners(pos)
+    low, width = together.least(least), together.most(most)
+    width -= low
     width[0] = max(width[0], 1e-300)
     return low, width
+
+
+def corners(pos: Array) -> tuple[Array, Array]:
+    """Least and largest coordinates (2,) of positions (n, d), in one dimension flat."""
+    low, high = np.zeros(2), np.zeros(2)
+    low[: pos.shape[1]], high[: pos.shape[1]] = _extremes(pos)
+    return low, high
+
+
+def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, Array]:
+    """Coordinates (2,) between which the cells of particles are."""
+    low, high = corners(pos)
+    held = np.flatnonzero(np.bincount(classes))
+    side = grids.table[held, SIDE_X : SIDE_X + 2].max(axis=0, initial=0.0)
+    return low - side, high + side
 
 
 def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool) -> Cells:
@@ -91,7 +146,7 @@ def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -
 
 
 def _extremes(values: Array) -> tuple[Array, Array]:
-    # Least and largest of each column.
+    # Least and largest of each column of values (n, columns), of those that are numbers.
     found = np.array(share(kernels.extremes, len(values), values))
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
 
@@ -99,7 +154,7 @@ def _extremes(values: Array) -> tuple[Array, Array]:
 def _lay_grids(members: Array, reach: Array, low: Array, width: Array, periodic: bool) -> tuple[Array, int]:
     """The table of grids over the box [low, low + width], with at most some cells a particle, and how many cells."""
     count = int(np.flatnonzero(members)[-1]) + 1
-    grids = np.zeros((count, 6))
+    grids = np.zeros((count, 10))
     grids[:, REACH] = reach[:count]
     sides = width.tolist()  # Python's numbers overflow in silence
     first = 0
@@ -115,7 +170,7 @@ def _lay_grids(members: Array, reach: Array, low: Array, width: Array, periodic:
         for axis in range(2):
             along = sides[axis] / side
             n = math.floor(along) if along >= 1.0 else 1  # also of places that are no numbers: a kick will say so
-            grids[k, NX + axis] = n
+            grids[k, NX + axis] = grids[k, ALL_X + axis] = n
             grids[k, SIDE_X + axis] = max(sides[axis] / n, 1e-300) if periodic or n > 1 else max(sides[axis], side)
         first += int(grids[k, NX] * grids[k, NX + 1])
     return grids, first

@@ -71,8 +71,10 @@ class Particles:
         """Sort every array by `key` (n,) in [0, count), and by ids where keys are equal."""
         from discsim.numerics.sorting import by_ids
 
-        if self.place is not None:
+        if self.place is not None:  # keys of all space, of which own ones are few
             self.place[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
+            self.take(np.argsort(self.place))
+            return
         self.take(by_ids(key, count, self.ids))
 
     def remove(self, gone: Array) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,16 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
 
 Array = np.ndarray
+
+
+class Needed(NamedTuple):
+    """Which cells (cells,) of a process's own part are needed there, and what numbers each has among all: from `begin`
+    up to `end` (cells,), both rising.
+    """
+
+    mask: Array
+    begin: Array
+    end: Array
 
 
 class Whole:
@@ -70,8 +80,8 @@ class Alone:
         """All particles of a species, as `Whole`."""
         return Whole()
 
-    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Array]) -> Any:
-        """As `Whole`, own particles, whose cells are `key` (n,), and all in the cells that are `needed()` (cells,)."""
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Any:
+        """As `Whole`, own particles, whose cells are `key` (n,), and all in the cells that are `needed()`."""
         return Whole()
 
     def sph(self, kind: Any, scene: Any) -> Any:

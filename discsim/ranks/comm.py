@@ -50,11 +50,6 @@ class Comm:
             self.mpi.Allgatherv([np.ascontiguousarray(array), of], [out, counts, of])
         return np.split(out, np.cumsum(counts)[:-1])
 
-    def gathered_runs(self, mask: Array) -> list[Array]:
-        """Where runs of True begin and end (runs, 2) in the masks (n,) of all ranks: a few, where what is near is."""
-        edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-        return [run.reshape(-1, 2) for run in self.listed(edges)]
-
     def deal(self, out: Array, given: Array, taken: Array) -> Array:
         """Rows of `out`, numbers `given` (ranks,) of them to each rank in turn; those that come here, `taken`."""
         wide = int(np.prod(out.shape[1:], dtype=np.int64))

@@ -7,23 +7,26 @@ it and finds their blocks. Between pairs it is all particles, and each rank make
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.cells import about_grains
+from discsim.drag.cells import Merged, about_grains
+from discsim.drag.known import Known
 from discsim.kernels import levels
-from discsim.kernels.blocks import LEVELS
+from discsim.kernels.blocks import LEVELS, MOST
 from discsim.kernels.halo import mark_blocks
 from discsim.numerics import world
 from discsim.numerics.state import Dust, Gas, State
+from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import Wide, in_cells
+from discsim.ranks.leaves import Leaves
 
 if TYPE_CHECKING:
-    from discsim.drag.cells import Blocks
+    from discsim.drag.cells import Blocks, Lattice
     from discsim.effects.drag import Effect as Drag
 
 Array = np.ndarray
@@ -31,11 +34,11 @@ HEAT = 2  # rings more: a node has heat of the particles of its cell, and of nod
 READ = ("pos", "vel", "acc", "mass", "ids", "immobile", "h", "density", "gradh", "sound_speed", "species")
 
 
-class Agreement:
+class Agreement(Known):
     """What has been found together, once more in the same order."""
 
-    def __init__(self) -> None:
-        self.found: list[Any] = []
+    def __init__(self, leaves: Leaves) -> None:
+        self.leaves, self.found = leaves, list[Any]()
         self.told: Iterator[Any] | None = None
 
     def __call__(self, find: Callable[[], Any]) -> Any:
@@ -44,15 +47,27 @@ class Agreement:
         self.found.append(find())
         return self.found[-1]
 
-    def repeat(self) -> None:
-        self.told = iter(self.found)
+    def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
+        return self.leaves.part_of(lattice, shift, species)
+
+    def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
+        return self.leaves.summed(lattice, *held)
+
+    def repeat(self, needed: Array) -> None:
+        """Tell what has been found, but of blocks only those `needed` (blocks,)."""
+        self.told = iter([_some(each, needed) if isinstance(each, Merged) else each for each in self.found])
+
+
+def _some(blocks: Merged, needed: Array) -> Merged:
+    number = np.append(np.where(needed, np.cumsum(needed) - 1, -1), [-1] * 3).astype(np.int32)  # -1: of no block
+    return Merged(number[blocks.number], *(each[needed] for each in blocks[1:]))
 
 
 class DividedDrag:
     """The kick of a scheme, in place of `Scheme.relax`, and the step that it allows, in place of `Scheme.limit`."""
 
     def __init__(self, drag: Drag, comm: Comm) -> None:
-        self.comm, self.scheme = comm, drag.scheme
+        self.comm, self.scheme, self.leaves = comm, drag.scheme, Leaves(comm)
 
     def __call__(self, drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
         if self.scheme.members is None:
@@ -60,10 +75,7 @@ class DividedDrag:
             with world.apart():
                 self._kick(drag, state, wides, dt, gas_vel, heat)
             return
-        agreement = drag.agree = Agreement()
         wides = self._hung_on(drag, state)
-        agreement.found.append(self._wide(wides["dust"], about_grains(drag, state)))
-        agreement.repeat()
         self._kick(drag, state, wides, dt, gas_vel, heat)
 
     def limit(self, drag: Drag, state: State) -> float:
@@ -104,27 +116,66 @@ class DividedDrag:
 
     def _hung_on(self, drag: Drag, state: State) -> dict[str, Wide]:
         """The particles of the blocks that own ones hang on."""
-        blocks = self.scheme.members(drag, state)
+        rings = self.scheme.rings + (HEAT if drag.drag.heating and self.scheme.rings >= 0 else 0)
+        while True:
+            agreement = drag.agree = Agreement(self.leaves)
+            blocks = self.scheme.members(drag, state)
+            own, numbers = _own(blocks, drag.classes.number), _numbers(blocks)
+            # Nodes are of one level: a block hangs on others of its own side, `rings` and two away.
+            widest = int(blocks.level[own].max(initial=0))
+            before, away = self.leaves.reach, rings + 2 << widest if rings >= 0 else 0
+            self.leaves.reach = world.together.most(-(-away // MOST))
+            if self.leaves.reach <= before:
+                break
+        needed = self._needed(blocks, np.flatnonzero(own), rings, drag.dim == 1)
         keys = (
             _blocks_of(blocks.gas_order, blocks.gas_start, 1),
             _blocks_of(blocks.dust_order, blocks.dust_start, drag.classes.number),
         )
-        needed = self._needed(drag, blocks, keys)
-        return {
-            name: in_cells(self.comm, p, key, needed)
+        mask = np.append(needed, [False, False])
+        wides = {
+            name: in_cells(self.comm, p, key, Needed(mask, *numbers))
             for (name, p), key in zip(state.species.items(), keys, strict=True)
         }
+        agreement.own_grains = wides["dust"].own
+        agreement.found.append(self._wide(wides["dust"], about_grains(drag, state)))
+        agreement.repeat(needed)
+        return wides
 
-    def _needed(self, drag: Drag, blocks: Blocks, keys: tuple[Array, Array]) -> Array:
-        """The blocks (blocks + 2,), with the last two of what is outside, that own particles hang on."""
-        count, grid, rings = len(blocks.level), blocks.lattice, self.scheme.rings
-        needed, own = np.zeros(count + 2, bool), np.unique(np.concatenate(keys))
-        if rings >= 0 and drag.drag.heating:
-            rings += HEAT
-        lattices = levels.lattices(*grid.shape, grid.periodic, LEVELS + 1)
-        home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
-        mark_blocks(own[own < count], home, about, near, rings, needed)
+    def _needed(self, blocks: Blocks, own: Array, rings: int, flat: bool) -> Array:
+        """The blocks (blocks,) that own particles hang on."""
+        needed, grid = np.zeros(len(blocks.level), bool), blocks.lattice
+        needed[own] = True
+        if rings < 0:
+            return needed
+        lattices = levels.lattices(*grid.shape, grid.joined, LEVELS + 1)
+        home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
+        mark_blocks(own, home, about, near, rings, needed)
         return needed
+
+
+def _own(blocks: Blocks, populations: int) -> Array:
+    """The blocks (blocks,) with own particles."""
+    count = len(blocks.level)
+    held = np.diff(blocks.gas_start[: count + 1]) + np.diff(blocks.dust_start[: count * populations + 1 : populations])
+    return held > 0
+
+
+# Places of the leaves of a largest block along a Z-curve: of a row's number, twice those of a column's.
+ALONG_Z = np.sum([(np.arange(MOST) >> k & 1) << 2 * k for k in range(LEVELS)], axis=0)
+
+
+def _numbers(blocks: Blocks) -> tuple[Array, Array]:
+    """The numbers that blocks have in the whole lattice, from begin up to end, by largest blocks and along Z-curves in
+    these: leaves. Those of what is outside come last.
+    """
+    grid = blocks.lattice
+    x, y = (blocks.first_leaf + np.array(grid.first)).astype(np.int64).T
+    rows = -(-grid.whole[1] // MOST)
+    largest = x // MOST * rows + y // MOST
+    begin = largest * MOST**2 + 2 * ALONG_Z[x % MOST] + ALONG_Z[y % MOST]
+    outside = 2**62 + np.arange(3)
+    return np.append(begin, outside[:2]), np.append(begin + 4**blocks.level, outside[1:])
 
 
 def _blocks_of(order: Array, start: Array, populations: int) -> Array:

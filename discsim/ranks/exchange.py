@@ -9,6 +9,7 @@ import numpy as np
 
 from discsim.kernels.move import take_rows
 from discsim.numerics.threads import share
+from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
 if TYPE_CHECKING:
@@ -54,16 +55,36 @@ class Wide:
         array[self.ghosts] = self.route.send(array[self.own])
 
 
-def in_cells(comm: Comm, particles: Particles, key: Array, needed: Array) -> Wide:
-    """Own particles, whose cells are `key` (n,), with those of others in the cells that are `needed` (cells,) here."""
-    runs, wanted = comm.gathered_runs(needed), np.zeros(len(needed), bool)
+def in_cells(comm: Comm, particles: Particles, key: Array, needed: Needed) -> Wide:
+    """Own particles, whose cells are `key` (n,), with those of others in the cells that are needed here."""
+    return Wide(particles, route_to(comm, key, needed))
+
+
+def route_to(comm: Comm, key: Array, needed: Needed) -> Route:
+    """What brings rows, whose cells are `key` (n,), to the ranks that need these cells."""
+    runs = comm.listed(_runs(needed).ravel())
     runs[comm.rank] = runs[comm.rank][:0]
-    for first, last in np.concatenate(runs).tolist():
-        wanted[first:last] = True
+    of_rank = np.repeat(np.arange(comm.size), [len(each) // 2 for each in runs])
+    first, last = np.concatenate(runs).reshape(-1, 2).T
+    # Own cells that have numbers in each run.
+    first, last = np.searchsorted(needed.end, first, "right"), np.searchsorted(needed.begin, last, "left")
+    met = first < last
+    of_rank, first, last = of_rank[met], first[met], last[met]
+    count = len(needed.mask)
+    wanted = np.cumsum(np.bincount(first, minlength=count + 1) - np.bincount(last, minlength=count + 1))[:-1] > 0
     some = np.flatnonzero(wanted[key])  # few of all
     some = some[np.argsort(key[some], kind="stable")]
     cells = key[some].astype(np.int64)
-    return Wide(particles, Route(comm, [_members(some, np.searchsorted(cells, cut)) for cut in runs]))
+    cuts = np.column_stack([np.searchsorted(cells, first), np.searchsorted(cells, last)])
+    return Route(comm, [_members(some, cuts[of_rank == rank]) for rank in range(comm.size)])
+
+
+def _runs(needed: Needed) -> Array:
+    """Where runs of the numbers of what is needed begin and end (runs, 2)."""
+    some = np.flatnonzero(needed.mask)
+    begin, end = needed.begin[some], needed.end[some]
+    breaks = np.flatnonzero(begin[1:] != end[:-1])
+    return np.column_stack([begin[np.append(0, breaks + 1)], end[np.append(breaks, -1)]]) if len(some) else begin[:0]
 
 
 def _members(some: Array, cuts: Array) -> Array:

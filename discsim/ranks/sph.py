@@ -1,9 +1,10 @@
 """SPH sums of own gas beside that of other ranks: those of `numerics/sph.py`, of the cells that hold own particles.
 
-Cells of neighbours are those of all the gas: the same box, size classes and sides on every rank. A rank fetches the
-particles of all cells within reach of its own (`kernels/halo.py`), as whole cells, so that lists of candidates are
-those of one rank. After each pass over density others' h, and after the last one all that forces read of them, is
-fetched from where it was found. Where an h outgrows what the cells were fetched for, all is done anew with more.
+Cells of neighbours are those of all the gas: the same box, size classes and sides on every rank, which has the part of
+them about its own. It fetches the particles of all cells within reach of its own (`kernels/halo.py`), as whole cells,
+so that lists of candidates are those of one rank. After each pass over density others' h, and after the last one all
+that forces read of them, is fetched from where it was found. Where an h outgrows what the cells were fetched for, all
+is done anew with more.
 """
 
 from __future__ import annotations
@@ -12,16 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from discsim.kernels.halo import mark_cells
+from discsim.kernels.halo import EITHER, mark_cells
 from discsim.kernels.neighbours import FIRST, REACH, widen
 from discsim.kernels.sph import force_columns, force_driver
 from discsim.kernels.sph_density import Found, Given, Wanted, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY
 from discsim.numerics import world
-from discsim.numerics.neighbours import LEAST, candidates, cells_in, keys_in
+from discsim.numerics.neighbours import LEAST, candidates, cells_in, corners_of_cells, keys_in
 from discsim.numerics.sph import NONE, Sph
 from discsim.numerics.state import Gas
 from discsim.numerics.threads import share
+from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import in_cells
 from discsim.scene import Scene
@@ -52,10 +54,15 @@ class DividedSph(Sph):
     def _settle(self, gas: Gas, vel: Array, h_least: float, room: float) -> float:
         """`settle` with cells for supports `room` times the largest; the room that it needed."""
         grids, classes = self.grids_of(gas)
+        held = np.flatnonzero(np.bincount(classes))
+        widest = grids.table[held, REACH].max(initial=0.0)
+        grids = grids.near(*corners_of_cells(grids, classes, gas.pos), room * np.maximum(grids.table[:, REACH], widest))
         key = keys_in(grids, classes, gas.pos)
-        mine, needed = np.unique(key), np.zeros(grids.cells, bool)
-        share(mark_cells, len(mine), mine, grids.table, self.dim == 1, self.periodic, room, needed)
-        wide = self.wide = in_cells(self.comm, gas, key, needed)
+        mine, needed = np.flatnonzero(np.bincount(key)), np.zeros(grids.cells, bool)
+        same = mine, grids.table, np.zeros(2), grids.table
+        share(mark_cells, len(mine), *same, EITHER, room, self.dim == 1, self.periodic, needed)
+        numbers = grids.numbers()
+        wide = self.wide = in_cells(self.comm, gas, key, Needed(needed, numbers, numbers + 1))
         pos, h, mass = (wide.of(array) for array in (gas.pos, gas.h, gas.mass))
         self.pos = pos
         moving = wide.of(vel) if self.balsara else pos

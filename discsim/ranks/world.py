@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.effects.base import to_sort
+from discsim.numerics.world import Needed
 from discsim.ranks.agreed import alike
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
@@ -77,9 +78,10 @@ class Ranks:
         self.balance = self.most(cost) * self.comm.size / max(self.sum(cost), 1.0)
 
     def everyone(self, particles: Particles) -> Wide:
-        return in_cells(self.comm, particles, np.zeros(particles.count, np.int64), np.ones(1, bool))
+        one = Needed(np.ones(1, bool), np.zeros(1, np.int64), np.ones(1, np.int64))
+        return in_cells(self.comm, particles, np.zeros(particles.count, np.int64), one)
 
-    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Array]) -> Wide:
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Wide:
         return in_cells(self.comm, particles, key, needed())
 
     def sph(self, kind: Any, scene: Scene) -> DividedSph:

@@ -1,0 +1,33 @@
+"""What a kick knows of the particles of all processes. One process has them all; for ranks see `ranks/drag.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from discsim.drag.cells import Lattice
+
+Array = np.ndarray
+
+
+class Known:
+    """own_grains: where the process's own ones are in the dust that a kick is given."""
+
+    own_grains: Any = slice(None)
+
+    def __call__(self, find: Callable[[], Any]) -> Any:
+        """What `find` finds, by asking all processes."""
+        return find()
+
+    def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
+        """The part of a lattice that the process has; `shift` (2,) of it in leaves."""
+        return lattice
+
+    def summed(self, lattice: Lattice, *held: Array) -> Sequence[Array]:
+        """What all processes have in the leaves of a part, of what own particles make there (leaves + 1,), in whole
+        numbers.
+        """
+        return held

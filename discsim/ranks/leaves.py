@@ -1,0 +1,87 @@
+"""The part of drag's lattice near a rank's own particles (`drag/cells.py`), and what all ranks have in its leaves.
+
+Blocks are merged within largest ones, squares of leaves: with the particles of all ranks in a largest block, its blocks
+are those of one rank. A rank has the largest blocks that hold any of its own particles, and as many about these as the
+blocks that its own hang on may be away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from discsim.drag.cells import Lattice
+from discsim.kernels.blocks import MOST
+from discsim.numerics.neighbours import corners
+from discsim.numerics.state import Particles
+from discsim.numerics.world import Needed
+from discsim.ranks.comm import Comm
+from discsim.ranks.exchange import route_to
+
+Array = np.ndarray
+
+
+class Leaves:
+    """Parts of lattices. reach: how many largest blocks about its own a rank has."""
+
+    def __init__(self, comm: Comm) -> None:
+        self.comm, self.reach = comm, 0
+
+    def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Particles]) -> Lattice:
+        """As `drag/known.py` has it."""
+        held = [corners(p.pos) for p in species if p.count > 0]
+        low, high = (
+            (np.array(ends) for ends in zip(*held, strict=True)) if held else (np.zeros((1, 2)), np.zeros((1, 2)))
+        )
+        ends = np.stack([low.min(axis=0), high.max(axis=0)]) - lattice.origin
+        ends = np.floor(ends / lattice.side + shift) + np.array([[-1.0], [1.0]])  # but for rounding
+        spans = [self._span(lattice, axis, *ends[:, axis].tolist()) for axis in range(2)]
+        (first_x, along_x), (first_y, along_y) = spans
+        return lattice._replace(first=(first_x, first_y), shape=(along_x, along_y))
+
+    def _span(self, lattice: Lattice, axis: int, low: float, high: float) -> tuple[int, int]:
+        """First leaf and number of leaves of the largest blocks about own ones, which are from `low` to `high`."""
+        count, reach = lattice.whole[axis], self._reach(lattice)[axis]
+        last, turns = (count - 1) // MOST, low // count if lattice.periodic else 0.0
+        begin, end = (int((leaf - turns * count) // MOST) for leaf in (low, high))
+        begin, end = begin - reach, end + reach
+        if lattice.periodic and (begin < 0 or end > last or high - turns * count >= count):
+            begin, end = 0, last
+        begin, end = (min(max(each, 0), last) for each in (begin, end))
+        return begin * MOST, min((end + 1) * MOST, count) - begin * MOST
+
+    def _reach(self, lattice: Lattice) -> list[int]:
+        """Along each axis; one more where the last largest block of a period is no whole one."""
+        return [self.reach + (lattice.periodic and self.reach > 0 and n % MOST > 0) for n in lattice.whole]
+
+    def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
+        """As `drag/known.py` has it, in each largest block within reach of one with own particles."""
+        across = [-(-n // MOST) for n in lattice.shape]
+        tall = [np.zeros((across[0] * MOST, across[1] * MOST)) for _ in held]
+        for table, array in zip(tall, held, strict=True):
+            table[: lattice.shape[0], : lattice.shape[1]] = array[: lattice.shape[0] * lattice.shape[1]].reshape(
+                lattice.shape
+            )
+        blocks = np.stack(tall, axis=-1).reshape(across[0], MOST, across[1], MOST, len(held))
+        own = blocks.any(axis=(1, 3, 4))
+        mask = own
+        for axis, reach in enumerate(self._reach(lattice)):
+            mode = "wrap" if lattice.joined[axis] else "constant"
+            mask = maximum_filter1d(mask, 2 * min(reach, across[axis]) + 1, axis=axis, mode=mode)
+        along, first = -(-lattice.whole[1] // MOST), np.array(lattice.first) // MOST
+        begin = ((first[0] + np.arange(across[0]))[:, None] * along + first[1] + np.arange(across[1])).ravel()
+        some = np.flatnonzero(own)
+        route = route_to(self.comm, some, Needed(mask.ravel(), begin, begin + 1))
+        numbers, rows = route.send(begin[some]), route.send(blocks[np.nonzero(own)[0], :, np.nonzero(own)[1]])
+        ends = np.cumsum(route.taken)
+        for last, count in zip(ends, route.taken, strict=True):
+            part = slice(last - count, last)  # of one rank, which has each block once
+            x, y = np.divmod(numbers[part], along)
+            blocks[x - first[0], :, y - first[1]] += rows[part]
+        summed = blocks.reshape(across[0] * MOST, across[1] * MOST, len(held))
+        return [
+            np.append(summed[: lattice.shape[0], : lattice.shape[1], k], 0.0).astype(array.dtype)
+            for k, array in enumerate(held)
+        ]
