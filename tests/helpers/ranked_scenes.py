@@ -122,15 +122,15 @@ def line(kind="wave", boundary="periodic", steps=3, gas=ISOTHERMAL, **tables):
     return (lambda: copy.deepcopy(scene)), [], steps, float("inf")
 
 
-def plane(kind, boundary="periodic", steps=3, gas=ISOTHERMAL, initial=None, **tables):
+def plane(kind, boundary="periodic", steps=3, gas=ISOTHERMAL, initial=None, particles=900, **tables):
     """In two, without a star."""
     scene = {
         "units": {"system": "code"},
         "run": {"until": 1.0},
         "space": {"size": 1.0, "boundary": boundary, "cells": 32},
         "initial": {"kind": kind, **(initial or {})},
-        "gas": {"particles": 900, "eos": gas},
-        "dust": {"particles": 700, "ratio": 0.5},
+        "gas": {"particles": particles, "eos": gas},
+        "dust": {"particles": particles * 7 // 9, "ratio": 0.5},
         "drag": {"law": "stopping-time", "t_stop": 0.05},
     } | tables
     return (lambda: copy.deepcopy(scene)), [], steps, float("inf")
@@ -141,6 +141,7 @@ GRAINS = {"particles": 1100, "ratio": 0.1, "grain_density": 1.0}
 VISCOUS = {"alpha_viscosity": {"alpha": 0.01}}
 HEATED = {"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.1}}}
 BOTH = ("two-way", "one-way")
+FINE = {"gas": {"particles": 20_000}, "dust": {"particles": 20_000}, "space": {"cells": 512}}
 CLUMPS = [[1.2, 0.3], [1.25, 0.35], [-0.7, 0.9]]
 EVERYTHING = {
     **HEATED, **VISCOUS,
@@ -158,6 +159,18 @@ EVERYTHING = {
 SCENES = {
     # Of 18 steps two sort, and cut space anew where that is due.
     "long": disc(18),
+    # Many cells and leaves, of which each rank has a part.
+    "fine": disc(18, **FINE),
+    "fine idic": disc(3, **FINE, drag={"scheme": "idic"}),
+    "fine sizes": disc(
+        2, **FINE | {"dust": GRAINS | {"particles": 20_000, "grain_size": SIZES}}, drag={"law": "epstein", "stokes": None}
+    ),
+    "fine off the grid": disc(3, **FINE | {"space": {"size": 4.2, "cells": 512}}),
+    "fine diffusion": disc(2, **FINE, **VISCOUS, dust_diffusion={}),
+    "fine box": plane(
+        "box", initial={"gas_velocity": 0.2, "dust_velocity": 1.0}, particles=22_500, dust_diffusion={"D": 1e-3},
+        space={"size": [1.0, 0.9], "boundary": "periodic", "cells": 300},
+    ),
     "idic": disc(4, drag={"scheme": "idic"}),
     "linear": disc(4, drag={"scheme": "idic-linear", "direction": "one-way"}),
     "one-way": disc(4, drag={"direction": "one-way"}),
