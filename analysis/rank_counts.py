@@ -14,13 +14,12 @@ from scipy.sparse import csr_array
 from discsim import Simulation
 from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS
-from discsim.kernels.halo import mark_blocks, mark_cells
+from discsim.kernels.halo import EITHER, mark_blocks, mark_cells
 from discsim.kernels.poisson import TILE
 from discsim.numerics.grid import Grid
 from discsim.numerics.neighbours import grids_of, keys_in
 from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
 from discsim.numerics.sph import ROOM
-from discsim.numerics.threads import share
 from discsim.ranks.division import Division
 from discsim.ranks.gravity import Nodes, Window
 from discsim.ranks.slabs import Share
@@ -67,7 +66,7 @@ def cells_of_gas(sim: Simulation) -> Cells:
     grids, classes = grids_of(gas.pos, gas.h, extent, *sph.box_of(gas), sph.periodic)
 
     def mark(mine: Array, out: Array) -> None:
-        share(mark_cells, len(mine), mine, grids.table, sph.dim == 1, sph.periodic, HALO, out)
+        out |= mark_cells(mine, grids.table, np.zeros(2), grids.table, EITHER, HALO, sph.dim == 1, sph.periodic)
 
     return Cells({"sph gas": keys_in(grids, classes, gas.pos)}, grids.cells, mark)
 
@@ -75,21 +74,16 @@ def cells_of_gas(sim: Simulation) -> Cells:
 def blocks_of_drag(sim: Simulation) -> Cells:
     """Those of drag, after forces are made."""
     drag: Any = sim.effects["drag"]
-    blocks = drag.scheme.members(drag, sim.state)
-    lattices = levels.lattices(*blocks.lattice.shape, blocks.lattice.periodic, LEVELS + 1)
+    lattice, blocks, *leaves = drag.scheme.members(drag, sim.state)
+    lattices = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1)
     home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
-    members = ("gas", blocks.gas_order, blocks.gas_start, 1), (
-        "dust", blocks.dust_order, blocks.dust_start, drag.classes.number,
-    )  # fmt: skip
-    keys = {}
-    for name, order, start, populations in members:
-        keys[f"drag {name}"] = key = np.empty(len(order), np.int64)
-        key[order] = np.repeat(np.arange(len(start) - 1) // populations, np.diff(start))
+    blocks.number[-1] = len(blocks.level)
+    keys = {f"drag {name}": blocks.number[leaf] for name, leaf in zip(sim.state.species, leaves, strict=True)}
 
     def mark(mine: Array, out: Array) -> None:
         mark_blocks(mine[mine < len(blocks.level)], home, about, near, drag.scheme.rings, out)
 
-    return Cells(keys, len(blocks.level) + 2, mark)
+    return Cells(keys, len(blocks.level) + 1, mark)
 
 
 def rows_of_cells(cells: Cells, owners: dict[str, Array], ranks: int) -> dict[str, csr_array]:

@@ -68,6 +68,17 @@ class Merged(NamedTuple):
     enlarged: Array
 
 
+class Layout(NamedTuple):
+    """Where blocks are, on a lattice with the origin of this step, and the leaf of each particle, the last of those
+    outside.
+    """
+
+    lattice: Lattice
+    merged: Merged
+    gas_leaf: Array
+    dust_leaf: Array
+
+
 class Blocks(NamedTuple):
     """Members of each block: order[start[block] : start[block + 1]] of the gas, and of the dust by population.
 
@@ -118,7 +129,7 @@ def wanted_leaf(drag: Drag, state: State) -> float:
     return drag.scheme.cells.leaf(state.scene, lambda: float(np.exp(mean(np.log(h)))), least)
 
 
-def sort_into_blocks(
+def lay_blocks(
     drag: Drag,
     state: State,
     leaves: Lattice,
@@ -127,33 +138,35 @@ def sort_into_blocks(
     dust_wanted: int,
     shifted: bool,
     mirrored: bool = False,
-) -> Blocks:
-    """Sort gas and dust into blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them.
+) -> Layout:
+    """Make blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them.
 
     The lattice moves with every step where it is `shifted`; `mirrored`, to where y -> -y takes the other's cells.
     """
-    gas, dust = state.gas, state.dust
     shift, part, keys, (n_gas, n_dust, outside) = _placed(drag, state, leaves, shifted, mirrored)
     if not leaves.periodic and outside > 0:
         leaves = _widened(leaves, drag.dim)  # somebody is off the grid: cells go on, on every side alike
         shift, part, keys, (n_gas, n_dust, _) = _placed(drag, state, leaves, shifted, mirrored)
-    gas_key, dust_key = keys
     # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
     length = leaves.side if drag.drag.cell_length else 0.0
     wanted = leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
-    number, first_leaf, level, enlarged = drag.agree(
-        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, gas_key, gas.h), part.shape, *wanted)
+    merged = drag.agree(
+        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, keys[0], state.gas.h), part.shape, *wanted)
     )
+    return Layout(part._replace(origin=leaves.origin - shift * leaves.side), merged, *keys)
+
+
+def sort_into_blocks(drag: Drag, state: State, layout: Layout) -> Blocks:
+    """Sort gas and dust into blocks; the leaves of particles are overwritten."""
+    lattice, (number, first_leaf, level, enlarged), gas_key, dust_key = layout
     # What lies outside the lattice meets nobody: a block of its own for each species.
     count, population = len(level), drag.classes.number
     number[-1] = count
-    share(kernels.block_keys, gas.count, gas_key, number, NOBODY, 1)
+    share(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1)
     number[-1] = count + 1
-    share(kernels.block_keys, dust.count, dust_key, number, drag.classes.of, population)
-    gas_order, gas_start = counting_sort(gas_key, count + 2)
-    dust_order, dust_start = counting_sort(dust_key, (count + 2) * population)
-    moved = part._replace(origin=leaves.origin - shift * leaves.side)
-    return Blocks(gas_order, gas_start, dust_order, dust_start, first_leaf, level, enlarged, moved)
+    share(kernels.block_keys, len(dust_key), dust_key, number, drag.classes.of, population)
+    gas, dust = counting_sort(gas_key, count + 2), counting_sort(dust_key, (count + 2) * population)
+    return Blocks(*gas, *dust, first_leaf, level, enlarged, lattice)
 
 
 def _placed(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Any, ...]:
@@ -257,19 +270,20 @@ def about_grains(drag: Drag, state: State) -> Array:
     return densities_of_sparse_dust(drag, state) if state.dust.size is None else drag.classes.relative
 
 
-def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:
+def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
     """The blocks of `relax_in_blocks`, and the frame."""
     about_star = frame(drag, state)
-    blocks = sort_into_blocks(
+    layout = lay_blocks(
         drag, state, lattice(drag, state), drag.scheme.cells.least(state.scene), drag.drag.cell or 0.0,
         INSIDE if drag.two_way else IGNORE, linear, linear and clockwise(about_star),
     )  # fmt: skip
-    return blocks, about_star
+    return layout, about_star
 
 
 def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
     """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
-    blocks, about_star = blocks_of(drag, state, linear)
+    layout, about_star = layout_of(drag, state, linear)
+    blocks = sort_into_blocks(drag, state, layout)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
     times = np.empty((len(corners), drag.classes.number))

@@ -28,7 +28,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
 
 def members(drag: Drag, state: State) -> Any:
-    return cells.blocks_of(drag, state, linear=False)[0]
+    return cells.layout_of(drag, state, linear=False)[0]
 
 
 def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:

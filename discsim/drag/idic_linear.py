@@ -26,7 +26,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
 
 def members(drag: Drag, state: State) -> Any:
-    return cells.blocks_of(drag, state, linear=True)[0]
+    return cells.layout_of(drag, state, linear=True)[0]
 
 
 SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0, members=members)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.cells import Blocks, lattice, law_of, sort_into_blocks, species_in
+from discsim.drag.cells import Blocks, Layout, lattice, law_of, lay_blocks, sort_into_blocks, species_in
 from discsim.drag.frame import clockwise, frame
 from discsim.kernels import (
     levels,
@@ -38,19 +38,20 @@ FEW = 6  # grains of a class in a cell, above which sums of the cell are cheaper
 LEAST = 64  # blocks or nodes in a piece of a loop
 
 
-def blocks_of(drag: Drag, state: State) -> tuple[Blocks, Frame]:
+def layout_of(drag: Drag, state: State) -> tuple[Layout, Frame]:
     """The blocks whose particles have nodes, and the frame."""
     about_star = frame(drag, state)
-    blocks = sort_into_blocks(
+    layout = lay_blocks(
         drag, state, lattice(drag, state), (1, 0), drag.scheme.cells.share * (drag.drag.cell or 0.0),
         NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip
-    return blocks, about_star
+    return layout, about_star
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    blocks, about_star = blocks_of(drag, state)
+    layout, about_star = layout_of(drag, state)
+    blocks = sort_into_blocks(drag, state, layout)
     few = drag.classes.number > 1 and _are_few(drag, blocks, state.dust.count)
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)

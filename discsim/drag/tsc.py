@@ -32,7 +32,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
 
 def members(drag: Drag, state: State) -> Any:
-    return nodes.blocks_of(drag, state)[0]
+    return nodes.layout_of(drag, state)[0]
 
 
 def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:

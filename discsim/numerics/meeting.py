@@ -25,7 +25,6 @@ from discsim.numerics.neighbours import (
     grids_of,
     keys_in,
 )
-from discsim.numerics.threads import share
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -129,11 +128,8 @@ def _needed(grids: Grids, key: Array, others: Grids, other_key: Array, reach_of:
     """The cells of `grids` that own particles are in, or that those of `other_key` (n,) may reach, or be in reach of:
     `reach_of` says whose reach it is.
     """
-    needed, about = np.zeros(grids.cells, bool), _filled(other_key)
-    share(
-        halo.mark_cells, len(about), about, others.table, grids.low - others.low, grids.table, reach_of, 1.0, flat,
-        grids.periodic, needed,
-    )  # fmt: skip
+    away, periodic = grids.low - others.low, grids.periodic
+    needed = halo.mark_cells(_filled(other_key), others.table, away, grids.table, reach_of, 1.0, flat, periodic)
     needed[key] = True
     numbers = grids.numbers()
     return world.Needed(needed, numbers, numbers + 1)

@@ -83,14 +83,23 @@ class Particles:
         Where other processes have some of the particles all call it, with what goes of theirs.
         """
         if self.place is not None:
-            self.take(world.together.close_up(self.place, gone))
-            return
-        left = self.count - int(np.count_nonzero(gone))
-        holes = np.flatnonzero(gone[:left])
-        tail = left + np.flatnonzero(~gone[left:])
+            world.together.close_up(self.place, gone)
+        self.replace(np.flatnonzero(gone))
+
+    def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
+        """Put particles that `come`, arrays (m, ...) by name, in the places `leaving` (k,), and then the last ones."""
+        come = {name: array[:0] for name, array in self.arrays().items()} if come is None else come
+        more = min(len(come["ids"]), len(leaving))
+        filled, gone = leaving[:more], leaving[more:]
+        left = self.count - len(gone)
+        stays = np.ones(len(gone), bool)
+        stays[gone[gone >= left] - left] = False
+        holes, tail = gone[gone < left], left + np.flatnonzero(stays)
         for name, array in self.arrays().items():
+            array[filled] = come[name][:more]
             array[holes] = array[tail]
-            setattr(self, name, array[:left])
+            kept = array[:left]
+            setattr(self, name, np.concatenate([kept, come[name][more:]]) if len(come[name]) > more else kept)
 
     def copy(self) -> Self:
         return type(self)(**{name: array.copy() for name, array in self.arrays().items()})

@@ -70,9 +70,9 @@ class Alone:
     def settle(self, state: State) -> None:
         """Bring particles to the processes that they belong to, once they have moved."""
 
-    def close_up(self, place: Array, gone: Array) -> Array:
-        """Without the particles of the mask `gone` (n,), let the last ones of all processes take their places, as
-        `Particles.remove` does; the order (kept,) of those that stay. `place` (n,) becomes what it is then.
+    def close_up(self, place: Array, gone: Array) -> None:
+        """Before those of the mask `gone` (n,) are removed, give their places to the last ones of all processes, as
+        `Particles.remove` does: `place` (n,) becomes what it is then.
         """
         raise NotImplementedError("one process has no places")
 

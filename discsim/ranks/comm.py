@@ -89,4 +89,8 @@ class Route:
 
     def send(self, array: Array) -> Array:
         """The rows of this rank's `array` (n, ...) to where they go; those that come here, by the rank they are of."""
-        return self.comm.deal(np.ascontiguousarray(array[self.rows]), self.given, self.taken)
+        return self.pass_on(array[self.rows])
+
+    def pass_on(self, rows: Array) -> Array:
+        """The same, of the rows that go."""
+        return self.comm.deal(np.ascontiguousarray(rows), self.given, self.taken)

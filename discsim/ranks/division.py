@@ -6,13 +6,16 @@ mean. A particle off the grid belongs to the nearest tile.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
+from scipy.ndimage import minimum_filter
 
+from discsim.kernels.halo import tiles_of
+from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route
-from discsim.ranks.exchange import taken
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
@@ -41,10 +44,21 @@ class Division:
         else:
             self.curve = np.arange(self.along)
 
+    @property
+    def tiles(self) -> tuple[Array, float, int]:
+        """As kernels take them."""
+        return self.low, self.per_tile, self.along
+
+    def inside(self, margin: float) -> Array:
+        """Own tiles (tiles,) with no other's within a `margin`."""
+        own = (self.owner == self.comm.rank).reshape(self.along, -1)
+        return minimum_filter(own, 2 * math.ceil(margin * self.per_tile) + 1, mode="constant", cval=False).ravel()
+
     def tile_of(self, pos: Array) -> Array:
         """The tile (n,) of each place (n, d)."""
-        index = np.clip((pos - self.low) * self.per_tile, 0, self.along - 1).astype(np.int64)
-        return index[:, 0] if pos.shape[1] == 1 else index[:, 0] * self.along + index[:, 1]
+        out = np.empty(len(pos), np.int64)
+        share(tiles_of, len(pos), pos, self.tiles, out)
+        return out
 
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
         """Divide the tiles anew where that is due; whether it was. `whole`: each rank has all the particles."""
@@ -95,12 +109,8 @@ class Division:
         if not self.comm.reduced(bool(leaving.any()), MPI.MAX):
             return
         route = Route(self.comm, [np.flatnonzero(leaving & (owner == rank)) for rank in range(self.comm.size)])
-        assert particles.place is not None
-        place = np.concatenate([particles.place, route.send(particles.place)])
-        here = np.concatenate([np.flatnonzero(~leaving), np.arange(particles.count, len(place))])
-        here = here[np.argsort(place[here], kind="stable")]
-        for name, array in particles.arrays().items():
-            setattr(particles, name, taken(np.concatenate([array, route.send(array)]), here))
+        arrays = particles.arrays()
+        particles.replace(np.flatnonzero(leaving), {name: route.send(array) for name, array in arrays.items()})
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:

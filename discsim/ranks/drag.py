@@ -7,7 +7,7 @@ it and finds their blocks. Between pairs it is all particles, and each rank make
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,22 +16,24 @@ import numpy as np
 from discsim.drag.cells import Merged, about_grains
 from discsim.drag.known import Known
 from discsim.kernels import levels
-from discsim.kernels.blocks import LEVELS, MOST
+from discsim.kernels.blocks import LEVELS, MOST, block_keys
 from discsim.kernels.halo import mark_blocks
 from discsim.numerics import world
 from discsim.numerics.state import Dust, Gas, State
+from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import Wide, in_cells
 from discsim.ranks.leaves import Leaves
 
 if TYPE_CHECKING:
-    from discsim.drag.cells import Blocks, Lattice
+    from discsim.drag.cells import Lattice
     from discsim.effects.drag import Effect as Drag
 
 Array = np.ndarray
 HEAT = 2  # rings more: a node has heat of the particles of its cell, and of nodes about it that have no gas
-READ = ("pos", "vel", "acc", "mass", "ids", "immobile", "h", "density", "gradh", "sound_speed", "species")
+READ = ("pos", "vel", "acc", "mass", "h", "density", "sound_speed")  # of particles in cells
+REQUIRED = ("ids", "species", "gradh", "pressure")  # that particles cannot be made without
 
 
 class Agreement(Known):
@@ -59,7 +61,7 @@ class Agreement(Known):
 
 
 def _some(blocks: Merged, needed: Array) -> Merged:
-    number = np.append(np.where(needed, np.cumsum(needed) - 1, -1), [-1] * 3).astype(np.int32)  # -1: of no block
+    number = np.append(np.where(needed, np.cumsum(needed) - 1, -1), [-1] * 2).astype(np.int32)  # -1: of no block
     return Merged(number[blocks.number], *(each[needed] for each in blocks[1:]))
 
 
@@ -90,12 +92,14 @@ class DividedDrag:
         both, vel = self._both(state, wides), gas.of(gas_vel)
         classes, warmed = drag.classes, np.zeros(gas.count if drag.drag.heating else 0)
         own = classes.of
-        classes.of = dust.of(own)
+        if classes.several or self.scheme.members is None:
+            classes.of = dust.of(own)
         self.scheme.relax(drag, both, dt, vel, warmed)
         classes.of = own
-        gas_vel[:], state.dust.vel[:] = vel[gas.own], both.dust.vel[dust.own]
+        gas.put_back(vel, gas_vel)
+        dust.put_back(both.dust.vel, state.dust.vel)
         if drag.drag.heating:
-            heat[:] = warmed[gas.own]
+            gas.put_back(warmed, heat)
         alone = np.zeros(dust.count, bool)
         alone[drag.alone] = True
         drag.alone = np.flatnonzero(alone[dust.own])
@@ -104,7 +108,9 @@ class DividedDrag:
 
     def _both(self, state: State, wides: dict[str, Wide]) -> State:
         own_acc = {name: self._wide(wides[name], acc) for name, acc in state.own_acc.items()}
-        return replace(state, gas=_of(wides["gas"], state.gas), dust=_of(wides["dust"], state.dust), own_acc=own_acc)
+        read = READ if self.scheme.members is not None else None
+        gas, dust = _of(wides["gas"], state.gas, read), _of(wides["dust"], state.dust, read)
+        return replace(state, gas=gas, dust=dust, own_acc=own_acc)
 
     def _wide(self, wide: Wide, array: Array) -> Array:
         """An array of both, where any rank has entries of it."""
@@ -119,22 +125,23 @@ class DividedDrag:
         rings = self.scheme.rings + (HEAT if drag.drag.heating and self.scheme.rings >= 0 else 0)
         while True:
             agreement = drag.agree = Agreement(self.leaves)
-            blocks = self.scheme.members(drag, state)
-            own, numbers = _own(blocks, drag.classes.number), _numbers(blocks)
+            lattice, blocks, *leaves = self.scheme.members(drag, state)
+            blocks.number[-1] = len(blocks.level)
+            keys = [_blocks_of(blocks.number, leaf) for leaf in leaves]
+            own = np.zeros(len(blocks.level) + 1, bool)  # the last one of what is outside
+            for key in keys:
+                own[key] = True
+            own = own[:-1]
             # Nodes are of one level: a block hangs on others of its own side, `rings` and two away.
             widest = int(blocks.level[own].max(initial=0))
             before, away = self.leaves.reach, rings + 2 << widest if rings >= 0 else 0
             self.leaves.reach = world.together.most(-(-away // MOST))
             if self.leaves.reach <= before:
                 break
-        needed = self._needed(blocks, np.flatnonzero(own), rings, drag.dim == 1)
-        keys = (
-            _blocks_of(blocks.gas_order, blocks.gas_start, 1),
-            _blocks_of(blocks.dust_order, blocks.dust_start, drag.classes.number),
-        )
-        mask = np.append(needed, [False, False])
+        needed = _needed(blocks, lattice, np.flatnonzero(own), rings, drag.dim == 1)
+        wanted = Needed(np.append(needed, False), *_numbers(blocks, lattice))
         wides = {
-            name: in_cells(self.comm, p, key, Needed(mask, *numbers))
+            name: in_cells(self.comm, p, key, wanted)
             for (name, p), key in zip(state.species.items(), keys, strict=True)
         }
         agreement.own_grains = wides["dust"].own
@@ -142,58 +149,45 @@ class DividedDrag:
         agreement.repeat(needed)
         return wides
 
-    def _needed(self, blocks: Blocks, own: Array, rings: int, flat: bool) -> Array:
-        """The blocks (blocks,) that own particles hang on."""
-        needed, grid = np.zeros(len(blocks.level), bool), blocks.lattice
-        needed[own] = True
-        if rings < 0:
-            return needed
-        lattices = levels.lattices(*grid.shape, grid.joined, LEVELS + 1)
-        home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
-        mark_blocks(own, home, about, near, rings, needed)
+
+def _blocks_of(number: Array, leaf: Array) -> Array:
+    """The block of each particle (n,) from its leaf, the last of those outside."""
+    key = leaf.copy()
+    share(block_keys, len(key), key, number, leaf[:0], 1)
+    return key
+
+
+def _needed(blocks: Merged, lattice: Lattice, own: Array, rings: int, flat: bool) -> Array:
+    """The blocks (blocks,) that particles of `own` ones hang on."""
+    needed = np.zeros(len(blocks.level), bool)
+    needed[own] = True
+    if rings < 0:
         return needed
-
-
-def _own(blocks: Blocks, populations: int) -> Array:
-    """The blocks (blocks,) with own particles."""
-    count = len(blocks.level)
-    held = np.diff(blocks.gas_start[: count + 1]) + np.diff(blocks.dust_start[: count * populations + 1 : populations])
-    return held > 0
+    lattices = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1)
+    home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
+    mark_blocks(own, home, about, near, rings, needed)
+    return needed
 
 
 # Places of the leaves of a largest block along a Z-curve: of a row's number, twice those of a column's.
 ALONG_Z = np.sum([(np.arange(MOST) >> k & 1) << 2 * k for k in range(LEVELS)], axis=0)
 
 
-def _numbers(blocks: Blocks) -> tuple[Array, Array]:
+def _numbers(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
     """The numbers that blocks have in the whole lattice, from begin up to end, by largest blocks and along Z-curves in
-    these: leaves. Those of what is outside come last.
+    these: leaves. What is outside comes last.
     """
-    grid = blocks.lattice
-    x, y = (blocks.first_leaf + np.array(grid.first)).astype(np.int64).T
-    rows = -(-grid.whole[1] // MOST)
+    x, y = (blocks.first_leaf + np.array(lattice.first)).astype(np.int64).T
+    rows = -(-lattice.whole[1] // MOST)
     largest = x // MOST * rows + y // MOST
     begin = largest * MOST**2 + 2 * ALONG_Z[x % MOST] + ALONG_Z[y % MOST]
-    outside = 2**62 + np.arange(3)
-    return np.append(begin, outside[:2]), np.append(begin + 4**blocks.level, outside[1:])
+    return np.append(begin, 2**62), np.append(begin + 4**blocks.level, 2**62 + 1)
 
 
-def _blocks_of(order: Array, start: Array, populations: int) -> Array:
-    """The block of each particle (n,)."""
-    key = np.empty(len(order), np.int64)
-    key[order] = np.repeat(np.arange(len(start) - 1) // populations, np.diff(start))
-    return key
-
-
-def _of(wide: Wide, particles: Gas | Dust) -> Any:
-    """The particles that a kick reads; arrays that it does not have no entries."""
-    arrays = {}
-    for name, array in particles.arrays().items():
-        if name in READ:
-            arrays[name] = wide.of(array)
-        elif name in REQUIRED:
-            arrays[name] = array[:0]
-    return type(particles)(**arrays)
-
-
-REQUIRED = ("pressure",)  # that gas cannot be made without
+def _of(wide: Wide, particles: Gas | Dust, read: Collection[str] | None) -> Any:
+    """The particles with the arrays that are `read`, None: all; others that there have to be have no entries."""
+    arrays = {name: array for name, array in particles.arrays().items() if name != "place"}
+    if read is None:
+        return type(particles)(**{name: wide.of(array) for name, array in arrays.items()})
+    some = {name: wide.of(array) if name in read else array[:0] for name, array in arrays.items()}
+    return type(particles)(**{name: array for name, array in some.items() if name in (*read, *REQUIRED)})

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.kernels.move import take_rows
+from discsim.kernels.move import put_back, take_of_both
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
@@ -18,15 +19,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-def taken(array: Array, index: Array) -> Array:
-    """The rows `index` (m,) of an array (n, ...)."""
-    out = np.empty((len(index), *array.shape[1:]), array.dtype)
-    wide = math.prod(array.shape[1:])
-    rows, to = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, out))
-    share(take_rows, len(index), rows, index, to)
-    return out
-
-
 class Wide:
     """Own particles of a species and `ghosts`, those that a route brings: arrays of both in the order of all.
 
@@ -35,12 +27,23 @@ class Wide:
 
     def __init__(self, particles: Particles, route: Route) -> None:
         assert particles.place is not None
-        self.route = route
-        place = np.concatenate([particles.place, route.send(particles.place)])
-        self._order = np.argsort(place, kind="stable")
+        self.route, self._held = route, particles.count
+        # Nearly in order, which a stable sort makes use of.
+        self._order = np.argsort(np.concatenate([particles.place, route.send(particles.place)]), kind="stable")
+
+    @cached_property
+    def _at(self) -> Array:
         at = np.empty_like(self._order)
         at[self._order] = np.arange(len(at))
-        self.own, self.ghosts = at[: particles.count], at[particles.count :]
+        return at
+
+    @property
+    def own(self) -> Array:
+        return self._at[: self._held]
+
+    @property
+    def ghosts(self) -> Array:
+        return self._at[self._held :]
 
     @property
     def count(self) -> int:
@@ -48,11 +51,25 @@ class Wide:
 
     def of(self, array: Array) -> Array:
         """An array (n, ...) of own particles, with the same of ghosts."""
-        return taken(np.concatenate([array, self.route.send(array)]), self._order)
+        others = self.route.send(array)
+        out = np.empty((self.count, *array.shape[1:]), array.dtype)
+        source, others, to = (_rows(each) for each in (array, others, out))
+        share(take_of_both, self.count, source, others, self._order, to)
+        return out
+
+    def put_back(self, array: Array, out: Array) -> None:
+        """Own particles' entries of an array of both, into one of these (n, ...)."""
+        source, to = _rows(array), _rows(out)
+        share(put_back, self.count, source, self._order, to)
 
     def refresh(self, array: Array) -> None:
         """Take the ghosts' entries of an array of both, in place, from those whose own they are."""
-        array[self.ghosts] = self.route.send(array[self.own])
+        array[self.ghosts] = self.route.pass_on(array[self._at[self.route.rows]])
+
+
+def _rows(array: Array) -> Array:
+    """The same as whole numbers (n, d), for which kernels are compiled, whatever they are."""
+    return array.reshape(len(array), math.prod(array.shape[1:])).view(f"i{array.itemsize}")
 
 
 def in_cells(comm: Comm, particles: Particles, key: Array, needed: Needed) -> Wide:

@@ -55,7 +55,8 @@ class Nodes:
         """Places and masses of the particles about own nodes, and of own particles."""
         grid, pos, owner, rank = self.grid, particles.pos, self.owner, self.comm.rank
         near, where = np.empty(len(pos), bool), (grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles)
-        share(near_others, len(pos), pos, *where, owner, rank, near)
+        inside = self.division.inside(grid.cell)
+        share(near_others, len(pos), pos, *where, owner, rank, self.division.tiles, inside, near)
         some = np.flatnonzero(near)
         owners = np.zeros((self.comm.size, len(some)), bool)
         owners_about(some, pos, *where, owner, owners)
@@ -121,13 +122,13 @@ class DividedMesh(Mesh):
         self._kept: dict[str, Array] = {}
 
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
-        given = [self.nodes.about(species[name]) for name in sources]
-        windows, off = self._windows([p.pos for p in species.values()], [pos for pos, _ in given])
+        given = {name: self.nodes.about(species[name]) for name in sources}
+        windows, off = self._windows(given[name][0] if name in given else p.pos for name, p in species.items())
         here = windows[self.comm.rank]
         self.first, self.density = here.first, self._room("density", here.shape)
         self.density[:] = 0.0
         if self.density.size > 0:
-            for pos, mass in given:
+            for pos, mass in given.values():
                 self.grid.deposit(pos, mass, self.density, here.first)
             self.nodes.leave_own(self.density, here.first)
         self._to_slabs(windows)
@@ -150,10 +151,10 @@ class DividedMesh(Mesh):
             self._kept[name] = np.empty(size)
         return self._kept[name][:size].reshape(shape)
 
-    def _windows(self, own: list[Array], given: list[Array]) -> tuple[list[Window], bool]:
-        """The window of each rank, and whether any particle of any of them is off the grid."""
-        found = [self.grid.extent(pos) for pos in [*own, *given]]
-        off = sum(number for _, number in found[: len(own)])
+    def _windows(self, places: Iterable[Array]) -> tuple[list[Window], bool]:
+        """The window of each rank, and whether any particle of any of them is off the grid: none that is fetched is."""
+        found = [self.grid.extent(pos) for pos in places]
+        off = sum(number for _, number in found)
         least = np.min([extent[0] for extent, _ in found], axis=0)
         most = np.max([extent[1] for extent, _ in found], axis=0)
         all_ranks = self.comm.gathered(np.array([*least, *most, off]))

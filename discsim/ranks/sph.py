@@ -39,6 +39,7 @@ class DividedSph(Sph):
     def __init__(self, scene: Scene, comm: Comm):
         super().__init__(scene)
         self.comm = comm
+        self.room = HALO
         self.again = 0  # how often the halo was too narrow
 
     def keys(self, gas: Gas) -> tuple[Array, int]:
@@ -46,10 +47,11 @@ class DividedSph(Sph):
         return keys_in(grids, classes, gas.pos), grids.cells
 
     def settle(self, gas: Any, vel: Array, h_least: float) -> None:
-        begun, room = gas.h.copy(), HALO
-        while (needed := self._settle(gas, vel, h_least, room)) > room:
-            gas.h[:], room = begun, MORE * needed
+        begun = gas.h.copy()
+        while (needed := self._settle(gas, vel, h_least, self.room)) > self.room:
+            gas.h[:], self.room = begun, MORE * needed
             self.again += 1
+        self.room = max(HALO, MORE * needed)
 
     def _settle(self, gas: Gas, vel: Array, h_least: float, room: float) -> float:
         """`settle` with cells for supports `room` times the largest; the room that it needed."""
@@ -58,9 +60,8 @@ class DividedSph(Sph):
         widest = grids.table[held, REACH].max(initial=0.0)
         grids = grids.near(*corners_of_cells(grids, classes, gas.pos), room * np.maximum(grids.table[:, REACH], widest))
         key = keys_in(grids, classes, gas.pos)
-        mine, needed = np.flatnonzero(np.bincount(key)), np.zeros(grids.cells, bool)
-        same = mine, grids.table, np.zeros(2), grids.table
-        share(mark_cells, len(mine), *same, EITHER, room, self.dim == 1, self.periodic, needed)
+        mine, table = np.flatnonzero(np.bincount(key)), grids.table
+        needed = mark_cells(mine, table, np.zeros(2), table, EITHER, room, self.dim == 1, self.periodic)
         numbers = grids.numbers()
         wide = self.wide = in_cells(self.comm, gas, key, Needed(needed, numbers, numbers + 1))
         pos, h, mass = (wide.of(array) for array in (gas.pos, gas.h, gas.mass))

@@ -60,18 +60,16 @@ class Ranks:
         if to_sort(state.step):
             self._weigh(state)
 
-    def close_up(self, place: Array, gone: Array) -> Array:
+    def close_up(self, place: Array, gone: Array) -> None:
         removed = np.concatenate(self.comm.listed(place[gone]))
-        number = len(removed)
-        end = slice(max(len(place) - number, 0), None)  # only the last ones of a rank can be among the last of all
+        number = min(len(removed), len(place))
+        end = np.argpartition(place, len(place) - number)[len(place) - number :] if number > 0 else np.arange(0)
         last, gone_too = (np.concatenate(self.comm.listed(array[end])) for array in (place, gone))
-        order = np.argsort(last)[len(last) - number :]
+        order = np.argsort(last)[max(len(last) - len(removed), 0) :]
         movers = last[order][~gone_too[order]]
         holes = np.sort(removed)[: len(movers)]
-        mine = np.flatnonzero(np.isin(place, movers))
+        mine = end[np.isin(place[end], movers)]
         place[mine] = holes[np.searchsorted(movers, place[mine])]
-        stay = np.flatnonzero(~gone)
-        return stay[np.argsort(place[stay])]
 
     def _weigh(self, state: State) -> None:
         cost = sum(COST[name] * p.count for name, p in state.species.items())

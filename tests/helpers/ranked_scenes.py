@@ -163,12 +163,17 @@ SCENES = {
     "fine": disc(18, **FINE),
     "fine idic": disc(3, **FINE, drag={"scheme": "idic"}),
     "fine sizes": disc(
-        2, **FINE | {"dust": GRAINS | {"particles": 20_000, "grain_size": SIZES}}, drag={"law": "epstein", "stokes": None}
+        2,
+        **FINE | {"dust": GRAINS | {"particles": 20_000, "grain_size": SIZES}},
+        drag={"law": "epstein", "stokes": None},
     ),
     "fine off the grid": disc(3, **FINE | {"space": {"size": 4.2, "cells": 512}}),
     "fine diffusion": disc(2, **FINE, **VISCOUS, dust_diffusion={}),
     "fine box": plane(
-        "box", initial={"gas_velocity": 0.2, "dust_velocity": 1.0}, particles=22_500, dust_diffusion={"D": 1e-3},
+        "box",
+        initial={"gas_velocity": 0.2, "dust_velocity": 1.0},
+        particles=22_500,
+        dust_diffusion={"D": 1e-3},
         space={"size": [1.0, 0.9], "boundary": "periodic", "cells": 300},
     ),
     "idic": disc(4, drag={"scheme": "idic"}),
