@@ -58,30 +58,29 @@ class Leaves:
 
     def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
         """As `drag/known.py` has it, in each largest block within reach of one with own particles."""
-        across = [-(-n // MOST) for n in lattice.shape]
-        tall = [np.zeros((across[0] * MOST, across[1] * MOST)) for _ in held]
-        for table, array in zip(tall, held, strict=True):
-            table[: lattice.shape[0], : lattice.shape[1]] = array[: lattice.shape[0] * lattice.shape[1]].reshape(
-                lattice.shape
-            )
-        blocks = np.stack(tall, axis=-1).reshape(across[0], MOST, across[1], MOST, len(held))
-        own = blocks.any(axis=(1, 3, 4))
-        mask = own
+        tables = [array[:-1].reshape(lattice.shape) for array in held]
+        x, y = (np.arange(0, n, MOST) for n in lattice.shape)
+        gas, dust = (np.logical_or.reduceat(np.logical_or.reduceat(each > 0, x), y, axis=1) for each in tables[:2])
+        own = mask = gas | dust
         for axis, reach in enumerate(self._reach(lattice)):
             mode = "wrap" if lattice.joined[axis] else "constant"
-            mask = maximum_filter1d(mask, 2 * min(reach, across[axis]) + 1, axis=axis, mode=mode)
+            mask = maximum_filter1d(mask, 2 * min(reach, own.shape[axis]) + 1, axis=axis, mode=mode)
         along, first = -(-lattice.whole[1] // MOST), np.array(lattice.first) // MOST
-        begin = ((first[0] + np.arange(across[0]))[:, None] * along + first[1] + np.arange(across[1])).ravel()
+        begin = ((first[0] + np.arange(len(x)))[:, None] * along + first[1] + np.arange(len(y))).ravel()
         some = np.flatnonzero(own)
         route = route_to(self.comm, some, Needed(mask.ravel(), begin, begin + 1))
-        numbers, rows = route.send(begin[some]), route.send(blocks[np.nonzero(own)[0], :, np.nonzero(own)[1]])
-        ends = np.cumsum(route.taken)
-        for last, count in zip(ends, route.taken, strict=True):
-            part = slice(last - count, last)  # of one rank, which has each block once
-            x, y = np.divmod(numbers[part], along)
-            blocks[x - first[0], :, y - first[1]] += rows[part]
-        summed = blocks.reshape(across[0] * MOST, across[1] * MOST, len(held))
-        return [
-            np.append(summed[: lattice.shape[0], : lattice.shape[1], k], 0.0).astype(array.dtype)
-            for k, array in enumerate(held)
-        ]
+        rows = np.zeros((len(route.rows), len(held), MOST, MOST))
+        for row, block in zip(rows, some[route.rows].tolist(), strict=True):
+            for out, table in zip(row, tables, strict=True):
+                part = _block(table, *divmod(block, len(y)))
+                out[: part.shape[0], : part.shape[1]] = part
+        for number, row in zip(route.send(begin[some]).tolist(), route.pass_on(rows), strict=True):
+            for found, table in zip(row, tables, strict=True):
+                part = _block(table, number // along - first[0], number % along - first[1])
+                part += found[: part.shape[0], : part.shape[1]].astype(part.dtype)
+        return [*held]
+
+
+def _block(table: Array, x: int, y: int) -> Array:
+    """The largest block at (x, y), as far as the table of leaves goes."""
+    return table[x * MOST : (x + 1) * MOST, y * MOST : (y + 1) * MOST]

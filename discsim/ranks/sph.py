@@ -91,7 +91,7 @@ class DividedSph(Sph):
             )
             wide.refresh(h)
             beyond = self.support * h[cells.order] > cells.radius[: len(cells.order)]
-            out = np.unique(cells.key[cells.order[beyond]])
+            out = np.flatnonzero(np.bincount(cells.key[cells.order[beyond]]))
             if not world.together.most(len(out)):
                 break
             widen(out, 1.2 * self.support, h, cells)
@@ -100,7 +100,7 @@ class DividedSph(Sph):
                 return most
             for listed in candidates(cells._replace(filled=out), cells, mutual=True):
                 self.met[cells.key[cells.order[listed.slots[: listed.begin[-1]]]]] = True
-            left = np.intersect1d(out, mine)
+            left = np.intersect1d(out, mine, assume_unique=True)
             lists = self.parts(candidates(cells._replace(filled=left), cells, mutual=True))
         gas.h[:], gas.density[:], gas.gradh[:] = h[wide.own], found.rho[wide.own], found.gradh[wide.own]
         return most
@@ -140,7 +140,7 @@ class DividedSph(Sph):
         divergence, conduction = np.zeros(wide.count), np.zeros(wide.count if self.conductivity else 0)
         strengths = beta, self.conductivity.alpha if self.conductivity else 0.0
         driver = force_driver(self.kernel, dim, *terms, len(nu) > 0, heaviest > lightest)
-        met = np.intersect1d(np.flatnonzero(self.met), self.mine)
+        met = self.mine[self.met[self.mine]]
         for filled, again in ((self.mine, False), (met, True)):
             some = cells._replace(filled=filled)
             lists = self.parts(candidates(some, some, mutual=True)) if again else self.lists
