@@ -20,7 +20,10 @@ from discsim.numerics.grid import Grid
 from discsim.numerics.neighbours import grids_of, keys_in
 from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
 from discsim.numerics.sph import ROOM
+from discsim.numerics.world import Needed
 from discsim.ranks.division import Division
+from discsim.ranks.drag import numbers_of
+from discsim.ranks.exchange import runs_of
 from discsim.ranks.gravity import Nodes, Window
 from discsim.ranks.slabs import Share
 from discsim.ranks.sph import HALO
@@ -34,6 +37,7 @@ class Counts(NamedTuple):
 
     particles: dict[str, Array]
     rows: dict[str, csr_array]
+    runs: dict[str, Array]  # of the numbers of cells that each says it needs (ranks,), by exchange
     window: Array  # nodes (ranks,)
     rows_of_grid: Array
     bytes: dict[str, Array]  # that each sends, of the grid: by exchange
@@ -55,8 +59,12 @@ class Cells(NamedTuple):
     """Cells or blocks of a state: that of each particle by exchange, and how to mark those that own ones need."""
 
     keys: dict[str, Array]
-    count: int
+    numbers: tuple[Array, Array]  # from begin up to end, as `numerics/world.py` has them
     mark: Any
+
+    @property
+    def count(self) -> int:
+        return len(self.numbers[0])
 
 
 def cells_of_gas(sim: Simulation) -> Cells:
@@ -68,7 +76,8 @@ def cells_of_gas(sim: Simulation) -> Cells:
     def mark(mine: Array, out: Array) -> None:
         out |= mark_cells(mine, grids.table, np.zeros(2), grids.table, EITHER, HALO, sph.dim == 1, sph.periodic)
 
-    return Cells({"sph gas": keys_in(grids, classes, gas.pos)}, grids.cells, mark)
+    numbers = np.arange(grids.cells)
+    return Cells({"sph gas": keys_in(grids, classes, gas.pos)}, (numbers, numbers + 1), mark)
 
 
 def blocks_of_drag(sim: Simulation) -> Cells:
@@ -83,26 +92,28 @@ def blocks_of_drag(sim: Simulation) -> Cells:
     def mark(mine: Array, out: Array) -> None:
         mark_blocks(mine[mine < len(blocks.level)], home, about, near, drag.scheme.rings, out)
 
-    return Cells(keys, len(blocks.level) + 1, mark)
+    return Cells(keys, numbers_of(blocks, lattice), mark)
 
 
-def rows_of_cells(cells: Cells, owners: dict[str, Array], ranks: int) -> dict[str, csr_array]:
-    """Rows that each rank needs of others: those in the cells that it marks."""
+def rows_of_cells(cells: Cells, owners: dict[str, Array], ranks: int) -> tuple[dict[str, csr_array], dict[str, Array]]:
+    """Rows that each rank needs of others: those in the cells that it marks; and runs of these."""
     held = {}
     for name, key in cells.keys.items():
         owner = owners[name.split()[1]]
         held[name] = csr_array((np.ones(len(key)), (key, owner)), (cells.count, ranks))
     all_held = sum(held.values()).tocsc()
-    marked = []
+    marked, runs = [], []
     for rank in range(ranks):
         mine = np.unique(all_held.indices[all_held.indptr[rank] : all_held.indptr[rank + 1]]).astype(np.int64)
         needed = np.zeros(cells.count, bool)
         needed[mine] = True
         cells.mark(mine, needed)
         marked.append(np.flatnonzero(needed))
+        runs.append(len(runs_of(Needed(needed, *cells.numbers))))
     start = np.cumsum([0, *map(len, marked)])
     needs = csr_array((np.ones(start[-1]), np.concatenate(marked), start), (ranks, cells.count))
-    return {name: _of_others(needs @ each) for name, each in held.items()}
+    rows = {name: _of_others(needs @ each) for name, each in held.items()}
+    return rows, dict.fromkeys(held, np.array(runs))
 
 
 def _of_others(rows: csr_array) -> csr_array:
@@ -172,7 +183,8 @@ def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int |
     species = sim.state.species
     division.cut(species, whole=True)
     owners = {name: division.owner[division.tile_of(p.pos)] for name, p in species.items()}
-    rows = rows_of_cells(gas, owners, ranks) | rows_of_cells(drag, owners, ranks)
+    found = [rows_of_cells(each, owners, ranks) for each in (gas, drag)]
+    rows, runs = found[0][0] | found[1][0], found[0][1] | found[1][1]
     grid = sim.state.grid
     if cells is not None:
         grid = Grid(grid.origin, grid.cell * grid.shape[0] / cells, (cells, cells), grid.periodic)
@@ -184,4 +196,4 @@ def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int |
     windows = [Window.about(*ends, grid) for ends in zip(least, most, strict=True)]
     sent, messages, held = of_windows(windows, grid, ranks)
     particles = {name: np.bincount(owner, minlength=ranks) for name, owner in owners.items()}
-    return Counts(particles, rows, np.array([np.prod(w.shape) for w in windows]), held, sent, messages)
+    return Counts(particles, rows, runs, np.array([np.prod(w.shape) for w in windows]), held, sent, messages)

@@ -25,7 +25,6 @@ from discsim.ranks.comm import Comm
 from discsim.ranks.traffic import Sum
 
 MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
-FEW = 400  # numbers: limbs of totals
 STEPS = 6  # none of which sorts
 PARTICLE_LOOPS = ("strip_of", "deposit_strips", "pull", "extent", "near_others")
 
@@ -42,14 +41,6 @@ def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
     """Figures of each rank: seconds by part of a step, communication by effect, memory."""
     sim = Simulation(tables)
     divide(sim, comm)
-    reduced, lengths = comm.reduced, [0]
-
-    def noted(values: Any, operation: Any) -> Any:
-        if np.size(values) > FEW:  # of cells or blocks
-            lengths[0] += np.asarray(values).nbytes
-        return reduced(values, operation)
-
-    comm.reduced = noted
     left = [2]
 
     def enough() -> bool:
@@ -57,7 +48,6 @@ def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
         return left[0] == 0
 
     sim.evolve(np.inf, enough)  # compiles, and sorts
-    lengths[0] = 0
     start, spent = sim.costs.copy(), dict(comm.traffic.sums)
     left[0] = STEPS
     comm.mpi.Barrier()
@@ -81,7 +71,6 @@ def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
         "seconds": {name: seconds / STEPS for name, seconds in found.items()},
         "wall": wall / STEPS,
         "communication": {name or "step": [each / STEPS for each in total] for name, total in sums.items()},
-        "reduced": lengths[0] / STEPS,
         "bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
     }
     return comm.mpi.allgather(own)

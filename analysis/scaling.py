@@ -5,14 +5,13 @@
 A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), which gives for each rank its particles,
 those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
 
-    T = sum over the parts of a step of max over ranks (a units + s n + c) + calls latency log2 N + messages latency
-        + bytes / bandwidth                                                                                        (1)
+    T = sum over the parts of a step of max over ranks (a units + c) + calls latency log2 N + messages latency
+        + bytes / bandwidth + runs s                                                                           (1)
 
-a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. s: of
-what each rank does for all n particles: cells and blocks are listed on each rank. c: of calls. They are fitted to short
-runs on 3 and 8 ranks of one thread (`rank_steps.py`), of two sizes, and compared with such runs on 2 and 4; what one
-rank takes is measured, as it moves no particles to others. Bytes: of rows that are sent; 2 b n that are summed over all
-ranks, of cells and blocks. Network: two examples, NETWORKS.
+a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. c: of
+calls. They are fitted to short runs on 3 and 8 ranks of one thread (`rank_steps.py`), of two sizes, and compared with
+such runs on 2 and 4; what one rank takes is measured. Bytes: of rows that are sent, and of the runs of cells that all
+ranks say they need, in which each looks for its own, s seconds a run. Network: two examples, NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
 lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too.
@@ -39,6 +38,8 @@ Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
 FITTED, CHECKED = (3, 8), (2, 4)
 SOME = 7  # a step
+RUN = 16  # bytes of one
+SEARCH = 1e-7  # CPU seconds of a run
 BIG = (100.0, 16384)  # times the particles, and cells along a side
 
 
@@ -77,28 +78,26 @@ def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int |
     return out
 
 
-def fit(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, tuple[float, float, float]]:
-    """a, s and c of each part, none below 0, by what was measured and counted of the runs FITTED of some sizes."""
+def fit(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, tuple[float, float]]:
+    """a and c of each part, none below 0, by what was measured and counted of the runs FITTED of some sizes."""
     out = {}
     for part in PARTS:
         rows, seconds = [], []
         for measured, counts in runs:
             for n in FITTED:
                 own = [rank["seconds"][part] for rank in measured[n]]
-                alike = _all(counts[n]) if PARTS[part][0] else 0.0
-                one = np.column_stack([units(counts[n], part), np.full(n, alike), np.ones(n)])
-                rows.append(one / np.mean(own))
+                rows.append(np.column_stack([units(counts[n], part), np.ones(n)]) / np.mean(own))
                 seconds.append(np.array(own) / np.mean(own))
         matrix = np.concatenate(rows)
-        scale = np.abs(matrix).max(axis=0) + (matrix.max(axis=0) == 0.0)
+        scale = np.abs(matrix).max(axis=0)
         found = nnls(matrix / scale, np.concatenate(seconds))[0] / scale
-        out[part] = float(found[0]), float(found[1]), float(found[2])
+        out[part] = float(found[0]), float(found[1])
     return out
 
 
-def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float, float]]:
+def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float]]:
     """The same for one rank, by its run."""
-    return {part: (t / float(units(counts[1], part)[0]), 0.0, 0.0) for part, t in measured[1][0]["seconds"].items()}
+    return {part: (t / float(units(counts[1], part)[0]), 0.0) for part, t in measured[1][0]["seconds"].items()}
 
 
 def _all(counts: dict[str, Any]) -> int:
@@ -113,27 +112,28 @@ def predict(
     side: int | None = None,
 ) -> dict[str, float]:
     """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
-    size, n = len(counts["rows"]), particles * _all(counts)
-    own = slowest = alike = 0.0
-    for part, (a, s, c) in costs["fit" if size > 1 else "alone"].items():
+    size, more = len(counts["rows"]), np.sqrt(particles)
+    own = slowest = calls = 0.0
+    for part, (a, c) in costs["fit" if size > 1 else "alone"].items():
         u = a * units(counts, part, particles, side)
-        slowest += u.max() + s * n + c
+        slowest += u.max() + c
         own += u.mean()
-        alike += s * n + c
+        calls += c
     fetched = sum(
-        costs["fit"][part][0] * np.sqrt(particles) * np.mean(counts["received"][f"{exchange} {name}"])
+        costs["fit"][part][0] * more * np.mean(counts["received"][f"{exchange} {name}"])
         for part, (species, exchange) in PARTS.items() if exchange for name in species
     )  # fmt: skip
-    out = {"own work": own - fetched, "fetched particles": fetched, "the same on each": alike}
-    out["uneven load"] = slowest - own - alike
+    runs = more * sum(np.sum(each) for each in counts["runs"].values()) if size > 1 else 0.0
+    out = {"own work": own - fetched, "fetched particles": fetched, "calls": calls, "lists of cells": SEARCH * runs}
+    out["uneven load"] = slowest - own - calls
     if network is not None and size > 1:
         wider = (side or counts["side"]) / counts["side"]
-        more, row, sends = np.sqrt(particles), costs["row"], costs["sends"]
+        row, sends = costs["row"], costs["sends"]
         sent = {name: more * row[name.split()[0]] * np.array(rows) for name, rows in counts["sent"].items()}
         sent |= {name: wider**2 * np.array(each) for name, each in counts["bytes"].items()}
         messages = sum(sends.get(name.split()[0], 1) * np.array(each) for name, each in counts["messages"].items())
         out["bandwidth"] = sum(float(each.max()) for each in sent.values()) / network.bandwidth
-        out["sums over cells"] = 2.0 * costs["reduced"] * n / network.bandwidth
+        out["lists of cells"] += RUN * runs / network.bandwidth
         out["latency"] = network.latency * (float(messages.max()) + costs["calls"] * np.log2(size))
     return out
 
@@ -144,6 +144,7 @@ def counted(counts: Any, side: int) -> dict[str, Any]:
     return {
         "side": side,
         "particles": {name: each.tolist() for name, each in counts.particles.items()},
+        "runs": {name: each.tolist() for name, each in counts.runs.items()},
         "received": {name: counts.received(name).tolist() for name in names},
         "sent": {name: counts.sent(name).tolist() for name in names},
         "rows": counts.rows_of_grid.tolist(),
@@ -197,13 +198,11 @@ def costs_of(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, Any
         total = sum(rank["communication"][effect][4] for rank in two)
         if exchange == "grid":
             total -= sum(np.sum(each) for each in at_two["bytes"].values())
-        if exchange == "drag":
-            total -= sum(rank["reduced"] for rank in two)
+        total -= RUN * sum(np.sum(each) for name, each in at_two["runs"].items() if name.startswith(exchange))
         row[exchange] = total / rows  # with the little that other calls have
         sends[exchange] = two[0]["communication"][effect][5] / (1 if exchange == "sph" else 2)
     calls = sum(each[0] for each in two[0]["communication"].values())
-    both = {"fit": fit(runs), "alone": alone(measured, counts), "reduced": two[0]["reduced"] / _all(at_two)}
-    return {**both, "row": row, "sends": sends, "calls": calls}
+    return {"fit": fit(runs), "alone": alone(measured, counts), "row": row, "sends": sends, "calls": calls}
 
 
 def check(measured: dict[int, Any], counts: dict[int, Any], costs: dict[str, Any]) -> dict[int, tuple[float, float]]:
@@ -271,7 +270,7 @@ def main() -> None:
     at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS))
     costs = costs_of(runs)
     ns = {part: [1e9 * each for each in found] for part, found in costs["fit"].items()}
-    about = "ns of a unit, for each of all particles, and of a step"
+    about = "ns of a unit, and of a step"
     found: dict[str, Any] = {about: ns, "bytes of a row": costs["row"]}
     found["seconds of a step, predicted and measured"] = check(*runs[0], costs)
     words = {1.0: "1e6 + 1e7, 2048$^2$", BIG[0]: "1e8 + 1e9, 16384$^2$"}
@@ -300,9 +299,7 @@ def main() -> None:
         for n, each in rows.items():
             total = sum(each.values())
             most = max((name for name in each if name != "own work"), key=lambda name: each[name])
-            local = total - each["the same on each"] - each.get("sums over cells", 0.0)
-            shown = f"efficiency {one / total / int(n):.2f}  without what is of all cells {local:9.4g} s"
-            print(f"{n:>6} ranks  {total:9.4g} s  {shown}  most beside own work: {most}")
+            print(f"{n:>6} ranks  {total:9.4g} s  efficiency {one / total / int(n):.2f}  most beside own work: {most}")
     print(json.dumps({name: found[name] for name in [*found][:3]}, indent=1))
     draw(found, out / f"scaling_{scheme}.png")
 

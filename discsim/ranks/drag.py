@@ -139,7 +139,7 @@ class DividedDrag:
             if self.leaves.reach <= before:
                 break
         needed = _needed(blocks, lattice, np.flatnonzero(own), rings, drag.dim == 1)
-        wanted = Needed(np.append(needed, False), *_numbers(blocks, lattice))
+        wanted = Needed(np.append(needed, False), *numbers_of(blocks, lattice))
         wides = {
             name: in_cells(self.comm, p, key, wanted)
             for (name, p), key in zip(state.species.items(), keys, strict=True)
@@ -173,7 +173,7 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, rings: int, flat: bool
 ALONG_Z = np.sum([(np.arange(MOST) >> k & 1) << 2 * k for k in range(LEVELS)], axis=0)
 
 
-def _numbers(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
+def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
     """The numbers that blocks have in the whole lattice, from begin up to end, by largest blocks and along Z-curves in
     these: leaves. What is outside comes last.
     """

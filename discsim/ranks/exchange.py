@@ -79,7 +79,7 @@ def in_cells(comm: Comm, particles: Particles, key: Array, needed: Needed) -> Wi
 
 def route_to(comm: Comm, key: Array, needed: Needed) -> Route:
     """What brings rows, whose cells are `key` (n,), to the ranks that need these cells."""
-    runs = comm.listed(_runs(needed).ravel())
+    runs = comm.listed(runs_of(needed).ravel())
     runs[comm.rank] = runs[comm.rank][:0]
     of_rank = np.repeat(np.arange(comm.size), [len(each) // 2 for each in runs])
     first, last = np.concatenate(runs).reshape(-1, 2).T
@@ -96,7 +96,7 @@ def route_to(comm: Comm, key: Array, needed: Needed) -> Route:
     return Route(comm, [_members(some, cuts[of_rank == rank]) for rank in range(comm.size)])
 
 
-def _runs(needed: Needed) -> Array:
+def runs_of(needed: Needed) -> Array:
     """Where runs of the numbers of what is needed begin and end (runs, 2)."""
     some = np.flatnonzero(needed.mask)
     begin, end = needed.begin[some], needed.end[some]
