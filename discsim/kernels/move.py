@@ -17,30 +17,6 @@ def take_rows(begin, end, source, index, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def take_of_both(begin, end, source, others, index, out):
-    """out[i] = row index[i] of arrays (n, d) and (m, d), one after the other."""
-    count = len(source)
-    for i in range(begin, end):
-        k = index[i]
-        if k < count:
-            for j in range(out.shape[1]):
-                out[i, j] = source[k, j]
-        else:
-            for j in range(out.shape[1]):
-                out[i, j] = others[k - count, j]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def put_back(begin, end, source, index, out):
-    """out[index[i]] = source[i] for arrays (n, d) and (m, d), where that is below m."""
-    for i in range(begin, end):
-        k = index[i]
-        if k < len(out):
-            for j in range(out.shape[1]):
-                out[k, j] = source[i, j]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def add_scaled(begin, end, y, x, dt):
     """y += dt x for arrays (n, d)."""
     out, source, dim = y.reshape(-1), x.reshape(-1), y.shape[1]  # one loop: vectorised

@@ -87,11 +87,11 @@ class Meeting:
         self.pos, self.h = self.gas.of(gas.gas.pos), self.gas.of(gas.gas.h)
         self.grain_pos = self.grains.of(grains.pos)
         side = np.full(len(self.grain_pos), grids.table[0, REACH])
-        self.grain_cells = cells_in(grids, self.grains.of(classes), self.grain_pos, side)
+        self.grain_cells = cells_in(grids, self.grains.of(classes), self.grain_pos, side, self.grains.place)
         if not world.together.many:
             self.cells = gas.cells
             return
-        cells = cells_in(gas_grids, self.gas.of(gas.classes), self.pos, self.h)
+        cells = cells_in(gas_grids, self.gas.of(gas.classes), self.pos, self.h, self.gas.place)
         self.cells = cells._replace(filled=_filled(gas_key))
         self.grain_cells = self.grain_cells._replace(filled=_filled(key))
 

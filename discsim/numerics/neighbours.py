@@ -127,10 +127,10 @@ def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
     return key
 
 
-def cells_in(grids: Grids, classes: Array, pos: Array, h: Array) -> Cells:
-    """Cells of particles on grids that are laid."""
+def cells_in(grids: Grids, classes: Array, pos: Array, h: Array, place: Array | None = None) -> Cells:
+    """Cells of particles on grids that are laid; those in one cell in the order of arrays or of their `place` (n,)."""
     key = keys_in(grids, classes, pos)
-    order, start = counting_sort(key, grids.cells)
+    order, start = counting_sort(key, grids.cells, place)
     x, y, radius = np.zeros((3, len(pos) + LANES))  # as much as loops over whole vectors look at
     bounds = np.empty((grids.cells, 5))
     share(kernels.lay_out, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)

@@ -12,21 +12,23 @@ from discsim.numerics.threads import share
 Array = np.ndarray
 
 
-def counting_sort(key: Array, count: int) -> tuple[Array, Array]:
-    """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,); n is below 2^32."""
-    place, parts = _count(key, count)
-    np.cumsum(place, out=place)
-    start = place[::parts].astype(np.int64)
+def counting_sort(key: Array, count: int, place: Array | None = None) -> tuple[Array, Array]:
+    """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,); n is below 2^32.
+    Those of one key are in the order of `place` (n,) where that is given.
+    """
+    ends, parts = _count(key, count)
+    np.cumsum(ends, out=ends)
+    start = ends[::parts].astype(np.int64)
     order = np.empty(len(key), np.uint32)
-    share(kernels.put_in_order, parts, key, parts, place, order, least=1)
+    share(kernels.put_in_order, parts, key, parts, ends, order, least=1)
+    if place is not None:
+        share(kernels.sort_members, count, start, place, order)
     return order, start
 
 
 def by_ids(key: Array, count: int, ids: Array) -> Array:
     """Order (n,) by `key` (n,) in [0, count), those of one key by `ids` (n,): whatever order they had before."""
-    order, start = counting_sort(key, count)
-    share(kernels.sort_members, count, start, ids, order)
-    return order
+    return counting_sort(key, count, ids)[0]
 
 
 def counts(key: Array, count: int) -> Array:

@@ -32,13 +32,14 @@ class Needed(NamedTuple):
 class Whole:
     """Particles of a species, own ones and those of other processes that are needed here: of one process its own.
 
-    own: where in arrays of both its own are.
+    own: where in arrays of both its own are. place (n,): the order in which sums go through them; None: that of arrays.
     """
 
     own: Any = slice(None)
+    place: Array | None = None
 
     def of(self, array: Array) -> Array:
-        """An array (n, ...) of own particles, with the same of the others, in the order of all."""
+        """An array (n, ...) of own particles, with the same of the others."""
         return array
 
     def refresh(self, array: Array) -> None:
@@ -77,7 +78,7 @@ class Alone:
         raise NotImplementedError("one process has no places")
 
     def everyone(self, particles: Particles) -> Any:
-        """All particles of a species, as `Whole`."""
+        """All particles of a species, as `Whole`, with arrays in the order of all."""
         return Whole()
 
     def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Any:

@@ -23,7 +23,7 @@ from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import Wide, in_cells
+from discsim.ranks.exchange import in_cells
 from discsim.ranks.leaves import Leaves
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class DividedDrag:
         with world.apart():
             return self.scheme.limit(drag, both)
 
-    def _kick(self, drag: Drag, state: State, wides: dict[str, Wide], dt: float, gas_vel: Array, heat: Array) -> None:
+    def _kick(self, drag: Drag, state: State, wides: dict[str, Any], dt: float, gas_vel: Array, heat: Array) -> None:
         gas, dust = wides["gas"], wides["dust"]
         both, vel = self._both(state, wides), gas.of(gas_vel)
         classes, warmed = drag.classes, np.zeros(gas.count if drag.drag.heating else 0)
@@ -96,31 +96,30 @@ class DividedDrag:
             classes.of = dust.of(own)
         self.scheme.relax(drag, both, dt, vel, warmed)
         classes.of = own
-        gas.put_back(vel, gas_vel)
-        dust.put_back(both.dust.vel, state.dust.vel)
+        gas_vel[:], state.dust.vel[:] = vel[gas.own], both.dust.vel[dust.own]
         if drag.drag.heating:
-            gas.put_back(warmed, heat)
+            heat[:] = warmed[gas.own]
         alone = np.zeros(dust.count, bool)
         alone[drag.alone] = True
         drag.alone = np.flatnonzero(alone[dust.own])
         times = drag.found_times
         drag.stopping_times = lambda: (times() if callable(times) else times)[dust.own]
 
-    def _both(self, state: State, wides: dict[str, Wide]) -> State:
+    def _both(self, state: State, wides: dict[str, Any]) -> State:
         own_acc = {name: self._wide(wides[name], acc) for name, acc in state.own_acc.items()}
         read = READ if self.scheme.members is not None else None
         gas, dust = _of(wides["gas"], state.gas, read), _of(wides["dust"], state.dust, read)
         return replace(state, gas=gas, dust=dust, own_acc=own_acc)
 
-    def _wide(self, wide: Wide, array: Array) -> Array:
+    def _wide(self, wide: Any, array: Array) -> Array:
         """An array of both, where any rank has entries of it."""
         return wide.of(array) if self.comm.mpi.allreduce(len(array)) > 0 else array[:0]
 
-    def _everyone(self, state: State) -> dict[str, Wide]:
+    def _everyone(self, state: State) -> dict[str, Any]:
         """All particles: what pairs exchange hangs on others' pairs, and these on others again."""
         return {name: world.together.everyone(p) for name, p in state.species.items()}
 
-    def _hung_on(self, drag: Drag, state: State) -> dict[str, Wide]:
+    def _hung_on(self, drag: Drag, state: State) -> dict[str, Any]:
         """The particles of the blocks that own ones hang on."""
         rings = self.scheme.rings + (HEAT if drag.drag.heating and self.scheme.rings >= 0 else 0)
         while True:
@@ -184,10 +183,12 @@ def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
     return np.append(begin, 2**62), np.append(begin + 4**blocks.level, 2**62 + 1)
 
 
-def _of(wide: Wide, particles: Gas | Dust, read: Collection[str] | None) -> Any:
+def _of(wide: Any, particles: Gas | Dust, read: Collection[str] | None) -> Any:
     """The particles with the arrays that are `read`, None: all; others that there have to be have no entries."""
     arrays = {name: array for name, array in particles.arrays().items() if name != "place"}
     if read is None:
         return type(particles)(**{name: wide.of(array) for name, array in arrays.items()})
     some = {name: wide.of(array) if name in read else array[:0] for name, array in arrays.items()}
-    return type(particles)(**{name: array for name, array in some.items() if name in (*read, *REQUIRED)})
+    return type(particles)(
+        place=wide.place, **{name: array for name, array in some.items() if name in (*read, *REQUIRED)}
+    )

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.kernels.move import put_back, take_of_both
-from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
@@ -20,30 +17,44 @@ Array = np.ndarray
 
 
 class Wide:
-    """Own particles of a species and `ghosts`, those that a route brings: arrays of both in the order of all.
-
-    own, ghosts: where in them each is.
+    """Own particles of a species and then ghosts, those that a route brings; place (n,): where each is in the order of
+    all, in which sums have to go through them. own: where own ones are.
     """
 
     def __init__(self, particles: Particles, route: Route) -> None:
-        assert particles.place is not None
         self.route, self._held = route, particles.count
+        self.place = self.of(particles.place)
+
+    @property
+    def own(self) -> slice:
+        return slice(0, self._held)
+
+    @property
+    def count(self) -> int:
+        return len(self.place)
+
+    def of(self, array: Array) -> Array:
+        """An array (n, ...) of own particles, with the same of ghosts."""
+        return np.concatenate([array, self.route.send(array)])
+
+    def refresh(self, array: Array) -> None:
+        """Take the ghosts' entries of an array of both, in place, from those whose own they are."""
+        array[self._held :] = self.route.send(array)
+
+
+class Ordered:
+    """The same with arrays in the order of all. own (n,): where in them own particles are."""
+
+    def __init__(self, particles: Particles, route: Route) -> None:
+        self._wide = Wide(particles, route)
         # Nearly in order, which a stable sort makes use of.
-        self._order = np.argsort(np.concatenate([particles.place, route.send(particles.place)]), kind="stable")
+        self._order = np.argsort(self._wide.place, kind="stable")
 
     @cached_property
-    def _at(self) -> Array:
+    def own(self) -> Array:
         at = np.empty_like(self._order)
         at[self._order] = np.arange(len(at))
-        return at
-
-    @property
-    def own(self) -> Array:
-        return self._at[: self._held]
-
-    @property
-    def ghosts(self) -> Array:
-        return self._at[self._held :]
+        return at[self._wide.own]
 
     @property
     def count(self) -> int:
@@ -51,25 +62,7 @@ class Wide:
 
     def of(self, array: Array) -> Array:
         """An array (n, ...) of own particles, with the same of ghosts."""
-        others = self.route.send(array)
-        out = np.empty((self.count, *array.shape[1:]), array.dtype)
-        source, others, to = (_rows(each) for each in (array, others, out))
-        share(take_of_both, self.count, source, others, self._order, to)
-        return out
-
-    def put_back(self, array: Array, out: Array) -> None:
-        """Own particles' entries of an array of both, into one of these (n, ...)."""
-        source, to = _rows(array), _rows(out)
-        share(put_back, self.count, source, self._order, to)
-
-    def refresh(self, array: Array) -> None:
-        """Take the ghosts' entries of an array of both, in place, from those whose own they are."""
-        array[self.ghosts] = self.route.pass_on(array[self._at[self.route.rows]])
-
-
-def _rows(array: Array) -> Array:
-    """The same as whole numbers (n, d), for which kernels are compiled, whatever they are."""
-    return array.reshape(len(array), math.prod(array.shape[1:])).view(f"i{array.itemsize}")
+        return np.take(self._wide.of(array), self._order, axis=0)
 
 
 def in_cells(comm: Comm, particles: Particles, key: Array, needed: Needed) -> Wide:

@@ -23,7 +23,7 @@ from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Route
 from discsim.ranks.division import Division
-from discsim.ranks.exchange import Wide
+from discsim.ranks.exchange import Ordered
 from discsim.ranks.slabs import Slabs
 
 Array = np.ndarray
@@ -61,7 +61,7 @@ class Nodes:
         owners = np.zeros((self.comm.size, len(some)), bool)
         owners_about(some, pos, *where, owner, owners)
         owners[rank] = False
-        wide = Wide(particles, Route(self.comm, [some[row] for row in owners]))
+        wide = Ordered(particles, Route(self.comm, [some[row] for row in owners]))
         return wide.of(pos), wide.of(particles.mass)
 
 

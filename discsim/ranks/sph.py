@@ -67,7 +67,7 @@ class DividedSph(Sph):
         pos, h, mass = (wide.of(array) for array in (gas.pos, gas.h, gas.mass))
         self.pos = pos
         moving = wide.of(vel) if self.balsara else pos
-        cells = self.cells = cells_in(grids, wide.of(classes), pos, h)
+        cells = self.cells = cells_in(grids, wide.of(classes), pos, h, wide.place)
         self.mine = mine
         self.lists = lists = self.parts(candidates(cells._replace(filled=mine), cells, mutual=True))
         self.met = np.zeros(len(cells.bounds), np.bool_)
