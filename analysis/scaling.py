@@ -1,6 +1,6 @@
 """What a disc would take on many MPI ranks: real states cut by the code that runs on ranks, and a model of the step.
 
-    python analysis/scaling.py -o OUT [--scheme tsc] [--size 1e6,1e7,2048] [--measure 1e5,1e6,512]
+    python analysis/scaling.py -o OUT [--scheme tsc] [--size 1e6,1e7,2048] [--measure 1e6,1e7,2048]
 
 A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), which gives for each rank its particles,
 those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
@@ -254,7 +254,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--scheme", default="tsc")
     parser.add_argument("--size", default="1e6,1e7,2048", help="gas, dust and cells of the state that is cut")
-    parser.add_argument("--measure", default="1e5,1e6,512", help="the same of the runs on 1 to 8 ranks")
+    parser.add_argument("--measure", default="1e6,1e7,2048", help="the same of the runs on 1 to 8 ranks")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     small, size = ([int(float(part)) for part in text.split(",")] for text in (given.measure, given.size))

@@ -30,13 +30,19 @@ def put_in_order(part_from, part_to, key, parts, place, order):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def sort_members(first, last, start, ids, order):
-    """Put the members of each key, order[start[key]:start[key + 1]], in the order of their `ids` (n,).
+    """Put the members of each key, order[start[key]:start[key + 1]], in the order of their `ids` (n,), where they are
+    not: most are.
 
-    Insertion, which finds most in order, among members that are `gap` apart, 1 at last (Shell 1959; gaps of Sedgewick
-    1986). numba's own sorts take seconds to compile.
+    Insertion among members that are `gap` apart, 1 at last (Shell 1959; gaps of Sedgewick 1986). numba's own sorts take
+    seconds to compile.
     """
     for key in range(first, last):
         begin, end = start[key], start[key + 1]
+        behind = False
+        for k in range(begin + 1, end):
+            behind |= ids[order[k - 1]] > ids[order[k]]
+        if not behind:
+            continue
         for gap in GAPS:
             for k in range(begin + gap, end):
                 member, at = order[k], k

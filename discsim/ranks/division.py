@@ -14,6 +14,7 @@ from mpi4py import MPI
 from scipy.ndimage import minimum_filter
 
 from discsim.kernels.halo import tiles_of
+from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-COST = {"gas": 3.0, "dust": 1.0}  # of a particle in a step
+COST = {"gas": 5.0, "dust": 1.0}  # of a particle in a step
+NODE = 0.1  # of a node of the grid, in windows about own particles
 TOLERANCE = 0.1
 TILES = 8  # along a side for each doubling of the ranks, at least
 
@@ -31,7 +33,7 @@ class Division:
     """Tiles of a scene's space and their owners (tiles,), the same on every rank."""
 
     def __init__(self, scene: Scene, comm: Comm) -> None:
-        self.comm, dim = comm, scene.space.dimensions
+        self.comm, self.scene, dim = comm, scene, scene.space.dimensions
         size = np.array(scene.space.size)
         bits = int(np.ceil(np.log2(TILES * comm.size ** (1.0 / dim))))
         self.along = 1 << bits
@@ -67,6 +69,8 @@ class Division:
             cost += COST[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
         if not whole:
             cost = self.comm.reduced(cost, MPI.SUM)  # whole numbers
+        cost += round(NODE * self._nodes(int(cost.sum())))
+        if not whole:
             loads = np.bincount(self.owner, cost, self.comm.size)
             if loads.max() <= (1.0 + TOLERANCE) * loads.mean():
                 return False
@@ -78,6 +82,11 @@ class Division:
         changed = not np.array_equal(owner, self.owner)
         self.owner = owner
         return changed
+
+    def _nodes(self, particles: int) -> float:
+        """Nodes of the grid in a tile."""
+        cell, counts = grid_cells(self.scene, particles)
+        return float((1.0 / self.per_tile / cell) ** len(counts))
 
     def keep_own(self, state: State) -> None:
         """Of particles that each rank has all of, keep own ones."""

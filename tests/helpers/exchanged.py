@@ -62,7 +62,9 @@ def exchanged(scene, comm):
     comm.deal, comm.swap = (lambda *given: noted(deal, *given)), (lambda *given: noted(swap, *given))
     sim.operators.forces()
     sim.operators.kick(DT)
-    rows = {name: n for effect, names in ORDER.items() for name, n in zip(names, routes[effect][-len(names) :], strict=True)}
+    rows = {
+        name: n for effect, names in ORDER.items() for name, n in zip(names, routes[effect][-len(names) :], strict=True)
+    }
     # Density to slabs, there and back, potential from slabs: the last four of the effect.
     to_slabs, there, back, to_windows = dealt["self_gravity"][-4:]
     grid = {"density": to_slabs, "transforms": tuple(np.add(there, back).tolist()), "potential": to_windows}

@@ -14,7 +14,7 @@ from discsim.ranks.division import Division, hilbert
 
 def divided(number, dim=2, along=1.0):
     """The division of a box [-.5, .5] among a number of ranks."""
-    space = SimpleNamespace(dimensions=dim, size=(along,) * dim)
+    space = SimpleNamespace(dimensions=dim, size=(along,) * dim, cells=64, boundary="open")
     return Division(SimpleNamespace(space=space, centred=True), SimpleNamespace(size=number, rank=0))
 
 
