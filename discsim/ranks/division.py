@@ -52,8 +52,15 @@ class Division:
         return self.low, self.per_tile, self.along
 
     def inside(self, margin: float) -> Array:
-        """Own tiles (tiles,) with no other's within a `margin`."""
+        """Own tiles (tiles,) with no other's, and no edge of a periodic box, within a `margin`."""
         own = (self.owner == self.comm.rank).reshape(self.along, -1)
+        if self.scene.space.boundary == "periodic":
+            size = np.array(self.scene.space.size)
+            begin = -0.5 * size if self.scene.centred else np.zeros(len(size))
+            ends = (np.array([begin + margin, begin + size - margin]) - self.low) * self.per_tile
+            for axis, (first, last) in enumerate(np.floor(ends).astype(np.int64).T.tolist()):
+                edges = np.r_[: first + 1, last : self.along]
+                own[(slice(None),) * axis + (edges,)] = False
         return minimum_filter(own, 2 * math.ceil(margin * self.per_tile) + 1, mode="constant", cval=False).ravel()
 
     def tile_of(self, pos: Array) -> Array:

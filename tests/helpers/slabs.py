@@ -78,7 +78,9 @@ def differences(comm, shape, periodic, kernel, lie):
     sides = CELL * np.array(shape)
     corner = tuple(-0.5 * sides) if dim == 2 else (-0.5 * sides[0], 0.0)
     grid = Grid(corner, CELL, shape, periodic)
-    space = SimpleNamespace(dimensions=dim, size=tuple(sides[:dim]), cells=max(shape), boundary="open")
+    space = SimpleNamespace(
+        dimensions=dim, size=tuple(sides[:dim]), cells=max(shape), boundary="periodic" if periodic else "open"
+    )
     division = Division(SimpleNamespace(space=space, centred=True), comm)
     alone = Mesh(grid, kernel)
     mesh = divided(alone, division)
