@@ -188,7 +188,7 @@ def _of(wide: Any, particles: Gas | Dust, read: Collection[str] | None) -> Any:
     arrays = {name: array for name, array in particles.arrays().items() if name != "place"}
     if read is None:
         return type(particles)(**{name: wide.of(array) for name, array in arrays.items()})
-    some = {name: wide.of(array) if name in read else array[:0] for name, array in arrays.items()}
-    return type(particles)(
-        place=wide.place, **{name: array for name, array in some.items() if name in (*read, *REQUIRED)}
-    )
+    names = [name for name in arrays if name in read]
+    some = dict(zip(names, wide.of_all([arrays[name] for name in names]), strict=True))
+    some |= {name: array[:0] for name, array in arrays.items() if name in REQUIRED}
+    return type(particles)(place=wide.place, **some)

@@ -64,7 +64,7 @@ class DividedSph(Sph):
         needed = mark_cells(mine, table, np.zeros(2), table, EITHER, room, self.dim == 1, self.periodic)
         numbers = grids.numbers()
         wide = self.wide = in_cells(self.comm, gas, key, Needed(needed, numbers, numbers + 1))
-        pos, h, mass = (wide.of(array) for array in (gas.pos, gas.h, gas.mass))
+        pos, h, mass = wide.of_all([gas.pos, gas.h, gas.mass])
         self.pos = pos
         moving = wide.of(vel) if self.balsara else pos
         cells = self.cells = cells_in(grids, wide.of(classes), pos, h, wide.place)
@@ -122,13 +122,14 @@ class DividedSph(Sph):
         for array in (found.rho, found.gradh, *(self.shear if self.balsara else ())):
             wide.refresh(array)  # on ranks without particles too: all call
         optional = [array for array in (u, gas.nu) if array is not None]
-        columns = wide.of(np.column_stack([vel, gas.mass, pressure, gas.sound_speed, *optional]))
-        moving = np.ascontiguousarray(columns[:, :dim])
-        mass, press, sound, *rest = (np.ascontiguousarray(column) for column in columns[:, dim:].T)
+        moving, mass, press, sound, *rest = wide.of_all([vel, gas.mass, pressure, gas.sound_speed, *optional])
         energy, nu = rest[0] if u is not None else NONE, rest[-1] if gas.nu is not None else NONE
         heaviest, lightest = self._masses(gas)
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
-        table = np.empty((wide.count, FLUIDITY + 1 if self.conductivity is not None or len(nu) > 0 else ENERGY))
+        more = self.conductivity is not None or len(nu) > 0
+        if len(self.columns) < wide.count:  # kept: new memory costs as much as what is written to it
+            self.columns = np.empty((wide.count + wide.count // 16, FLUIDITY + 1 if more else ENERGY))
+        table = self.columns[: wide.count]
         given = Given(self.pos, moving, mass)
         share(
             force_columns, wide.count, given, found, press, sound, energy, nu, *terms, alpha, cells.order, table,
