@@ -43,7 +43,8 @@ def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
     """Figures of each rank: seconds by part of a step, communication by effect, memory."""
     given = load_scene(tables)
     sim = Simulation(given, begun=begun(comm, given, False))
-    divide(sim, comm, alike=False)
+    if comm.size > 1:
+        divide(sim, comm, alike=False)
     fetching, about = [0.0], Nodes.about
 
     def timed(nodes: Nodes, particles: Any) -> Any:

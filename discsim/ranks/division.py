@@ -26,7 +26,7 @@ Array = np.ndarray
 COST = {"gas": 5.0, "dust": 1.0}  # of a particle in a step
 NODE = 0.1  # of a node of the grid, in windows about own particles
 TOLERANCE = 0.1
-TILES = 8  # along a side for each doubling of the ranks, at least
+TILES = 16  # along a side for each doubling of the ranks, at least
 
 
 class Division:
