@@ -301,7 +301,7 @@ def test_viscosity_of_all_pairs_makes_no_pressure():
     for pairs in ("approaching", "all"):
         viscosity = {"alpha": 1.0, "beta": 0.0, "pairs": pairs}
         vel = np.stack([0.01 * wave, 0 * wave], axis=1)
-        sim = simulation(pos, 2, "periodic", vel=vel, viscosity=viscosity)
+        sim = simulation(pos, 2, "periodic", "wendland-c4", vel=vel, viscosity=viscosity)
         acc = sim.effects["gas"].viscous_acceleration(sim.state)
         push[pairs] = acc[np.argsort(sim.gas.ids)]
     along = {pairs: (acc[:, 0] * wave).mean() for pairs, acc in push.items()}
