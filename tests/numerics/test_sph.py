@@ -1,10 +1,12 @@
 """The SPH sums against direct sums over all particles and images, and what they conserve."""
 
+import importlib
 import itertools
 import math
 
 import numpy as np
 import pytest
+from numba.core.registry import CPUDispatcher
 from scipy.integrate import quad
 
 from discsim import Simulation
@@ -260,6 +262,15 @@ def test_viscosity_of_a_pair(alpha, beta):
 def lattice(n):
     x = (np.arange(n) + 0.5) / n
     return np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def test_what_sums_inline_is_never_compiled_alone():
+    """No cache has it: each process would compile it anew, and start one beside it that compiles ahead."""
+    simulation(lattice(4), 2, "periodic", viscosity={})
+    modules = [importlib.import_module(f"discsim.kernels.{name}") for name in ("smoothing", "sph", "sph_density")]
+    found = [entry for module in modules for entry in vars(module).values() if isinstance(entry, CPUDispatcher)]
+    inlined = [entry for entry in found if entry.targetoptions.get("inline") == "always"]
+    assert len(inlined) > 9 and not [entry for entry in inlined if entry.signatures]
 
 
 def test_balsara_switches_off_in_shear_alone():
