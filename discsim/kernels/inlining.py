@@ -17,11 +17,11 @@ from numba.core.untyped_passes import InlineInlinables
 @contextmanager
 def shared_scopes() -> Iterator[None]:
     """Copies of parts of a function have its scope; numba compiles one function at a time."""
-    ir.Scope.__deepcopy__ = lambda scope, memo: scope
+    ir.Scope.__deepcopy__ = lambda scope, memo: scope  # type: ignore[attr-defined]
     try:
         yield
     finally:
-        del ir.Scope.__deepcopy__
+        del ir.Scope.__deepcopy__  # type: ignore[attr-defined]
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
