@@ -1,17 +1,22 @@
 """One thread for every test: parallel regions of a few particles only wait. Read when numba is first imported.
 
 What runs learn of this machine's speed stays among the tests. Examples of property tests are the same every time.
-Ctrl-C interrupts tests as well that a shell has started in the background, where it would be ignored.
+Garbage is looked for as rarely as a command does it. Ctrl-C interrupts tests as well that a shell has started in the
+background, where it would be ignored.
 """
 
+import gc
 import os
 import signal
 import tempfile
 
 from hypothesis import settings
 
+from discsim import RARELY
+
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="discsim-tests-")
+gc.set_threshold(*RARELY)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same-every-time", derandomize=True, deadline=None)
 settings.load_profile("same-every-time")

@@ -6,10 +6,14 @@ in containers, where neither the sources nor the user's home can be written) it 
 Within its place, kernels are kept in a directory named after a hash of all that they are made from. numba itself only
 looks at the file of a function, and would go on with old machine code where a function that it calls has changed in
 another.
+
+A kernel has one index of its variants, of which it is told in no way that another process is about to write it too: of
+two that compile at once one is lost, or is found under the name of the other. Here they wait for each other.
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import shutil
@@ -17,15 +21,16 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
 import llvmlite
 import numba
 import numpy
-from numba.core.caching import CompileResultCacheImpl, InTreeCacheLocator
+from numba.core import caching
+from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile, InTreeCacheLocator
 
 config: Any = numba.config
 LOCATORS: list[Any] = list(CompileResultCacheImpl._locator_classes)  # of numba, by what comes first
@@ -80,6 +85,23 @@ class Locator(InTreeCacheLocator):
         return self.found[config.CACHE_DIR]
 
 
+class CacheFile(IndexDataCacheFile):
+    """Variants of a kernel, to which one process at a time adds."""
+
+    def save(self, key, data):
+        with alone(self._cache_path):
+            super().save(key, data)
+
+
+@contextmanager
+def alone(directory: str) -> Iterator[None]:
+    """What no other process does in a directory meanwhile, where its file system has locks."""
+    with open(os.path.join(directory, "lock"), "w") as file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
 def follow(sources: Path, target: str) -> None:
     """Let kernels in the files of a directory, and of the formulas beside it, be kept by what they are.
 
@@ -94,6 +116,7 @@ def follow(sources: Path, target: str) -> None:
     Locator.sources = tuple(os.path.abspath(directory) for directory in directories)
     Locator.name = f"kernels-{made.hexdigest()[:20]}"
     CompileResultCacheImpl._locator_classes = [Locator, *LOCATORS]
+    caching.IndexDataCacheFile = CacheFile  # type: ignore[misc]
 
 
 def sweep(path: Path) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 
 from numba import njit
 
+from discsim.kernels.inlining import Compiler
+
 # Called by compiled code alone: what lets Python call them would take a third of their compilation.
 WITHIN: Any = {
     "cache": True, "error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
@@ -23,6 +25,7 @@ lean = njit(nogil=True, cache=True, error_model="numpy", no_cfunc_wrapper=True, 
 # seen to. With Python's error_model a division may raise, and no loop with one is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 lean_sums = njit(  # type: ignore[call-overload]
-    nogil=True, cache=True, error_model="numpy", fastmath=FAST, no_cfunc_wrapper=True, _nrt=False
-)
+    nogil=True, cache=True, error_model="numpy", fastmath=FAST, no_cfunc_wrapper=True, _nrt=False,
+    pipeline_class=Compiler,
+)  # fmt: skip
 making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)  # type: ignore[call-overload]

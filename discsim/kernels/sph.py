@@ -209,7 +209,7 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
     conduction where there is any. Takes the cells whose `met` is `now` alone.
     """
     rubbing = viscous != NO_VISCOSITY
-    moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel] * factors(kernel)[1]
+    moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
 
     @lean_sums
     def forces(first, last, part, columns, acc, rate, div, conduction, strengths, cells, met, now):

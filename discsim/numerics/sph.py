@@ -133,7 +133,8 @@ class Sph:
         terms = self.pairs, u is not None, self.conductivity is not None
         nu = NONE if gas.nu is None else gas.nu
         given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
-        uneven = float(gas.mass.max()) > float(gas.mass.min())
+        bounded = self.pairs != NO_VISCOSITY or self.conductivity is not None or len(nu) > 0
+        uneven = bounded and float(gas.mass.max()) > float(gas.mass.min())
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
         if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it

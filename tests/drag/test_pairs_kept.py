@@ -150,12 +150,12 @@ for dimensions in (1, 2):
             {"law": "constant", "K": 30.0, "scheme": scheme}, 600, [{"particles": 1, "ratio": 0.5}] * 2,
             dimensions=dimensions, run={"threads": 1},
         )
-        for number in (1, 2, 3):
+        for number in (1, 3):
             tables["run"]["threads"] = number
             copies = {name: {key: value.copy() for key, value in arrays.items()} for name, arrays in given.items()}
             copies["gas"].pop("u")
             sim = Simulation(tables, particles=copies)
-            for _ in range(10):
+            for _ in range(5):
                 sim.step()
             bits = b"".join(array.tobytes() for p in (sim.gas, sim.dust) for array in p.arrays().values())
             print(scheme, dimensions, hashlib.sha256(bits).hexdigest())
@@ -163,14 +163,14 @@ for dimensions in (1, 2):
 
 
 def test_threads_do_not_change_a_bit():
-    """Loops of particles and of pairs in pieces of 101 and more, ten steps of every scheme."""
+    """Loops of particles and of pairs in pieces of 101 and more, five steps of every scheme."""
     done = subprocess.run(
         [sys.executable, "-c", SAME], capture_output=True, text=True, check=True,
         cwd=Path(__file__).parents[1] / "helpers",
         env={**os.environ, "NUMBA_NUM_THREADS": "3"},
     )  # fmt: skip
     found = done.stdout.splitlines()
-    assert len(found) == 3 * 2 * len(OF_PARTICLES) and len(set(found)) == 2 * len(OF_PARTICLES), done.stdout
+    assert len(found) == 2 * 2 * len(OF_PARTICLES) and len(set(found)) == 2 * len(OF_PARTICLES), done.stdout
 
 
 PIECES = """

@@ -17,6 +17,8 @@ TSC = DUST | {"drag": {"law": "stokes-number", "stokes": 0.1}}
 PLANET = {"mass": 0.02, "semi_major_axis": 1.5, "softening": "0.2"}
 INERTIAL = {"mass": 1.0, "accretion_radius": 1.01, "grows": True, "frame": "inertial"}
 
+GAS = {"particles": 600, "kernel": "wendland-c4", "viscosity": {}}
+
 
 def scene(eos=LOCALLY, **tables):
     return {
@@ -24,7 +26,7 @@ def scene(eos=LOCALLY, **tables):
         "run": {"until": 10.0},
         "space": {"size": 8.0, "cells": 32},
         "initial": {"kind": "disc", "mass": 0.05, "inner": 1.0, "outer": 2.0},
-        "gas": {"particles": 600, "eos": eos, "viscosity": {}},
+        "gas": GAS | {"eos": eos},
         "star": {"mass": 1.0},
         **tables,
     }
@@ -32,7 +34,7 @@ def scene(eos=LOCALLY, **tables):
 
 CASES = {
     "viscosity": scene(),
-    "viscosity, u": scene(ADIABATIC, gas={"particles": 600, "eos": ADIABATIC, "viscosity": {}, "conductivity": {}}),
+    "viscosity, u": scene(gas=GAS | {"eos": ADIABATIC, "viscosity": {"pairs": "all"}, "conductivity": {}}),
     "tsc": scene(**TSC),
     "tsc, heat": scene(ADIABATIC, **TSC),
     "tsc, one-way": scene(dust=DUST["dust"], drag=TSC["drag"] | {"direction": "one-way"}),

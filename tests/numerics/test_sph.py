@@ -1,10 +1,12 @@
 """The SPH sums against direct sums over all particles and images, and what they conserve."""
 
+import importlib
 import itertools
 import math
 
 import numpy as np
 import pytest
+from numba.core.registry import CPUDispatcher
 from scipy.integrate import quad
 
 from discsim import Simulation
@@ -262,6 +264,15 @@ def lattice(n):
     return np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
+def test_what_sums_inline_is_never_compiled_alone():
+    """No cache has it: each process would compile it anew, and start one beside it that compiles ahead."""
+    simulation(lattice(4), 2, "periodic", viscosity={})
+    modules = [importlib.import_module(f"discsim.kernels.{name}") for name in ("smoothing", "sph", "sph_density")]
+    found = [entry for module in modules for entry in vars(module).values() if isinstance(entry, CPUDispatcher)]
+    inlined = [entry for entry in found if entry.targetoptions.get("inline") == "always"]
+    assert len(inlined) > 9 and not [entry for entry in inlined if entry.signatures]
+
+
 def test_balsara_switches_off_in_shear_alone():
     """A shear across the box loses its viscosity; a compression keeps it."""
     pos = lattice(24)
@@ -301,7 +312,7 @@ def test_viscosity_of_all_pairs_makes_no_pressure():
     for pairs in ("approaching", "all"):
         viscosity = {"alpha": 1.0, "beta": 0.0, "pairs": pairs}
         vel = np.stack([0.01 * wave, 0 * wave], axis=1)
-        sim = simulation(pos, 2, "periodic", vel=vel, viscosity=viscosity)
+        sim = simulation(pos, 2, "periodic", "wendland-c4", vel=vel, viscosity=viscosity)
         acc = sim.effects["gas"].viscous_acceleration(sim.state)
         push[pairs] = acc[np.argsort(sim.gas.ids)]
     along = {pairs: (acc[:, 0] * wave).mean() for pairs, acc in push.items()}
@@ -313,12 +324,13 @@ def test_viscosity_of_all_pairs_makes_no_pressure():
 
 
 def test_conduction_evens_energy_out():
-    """Heat flows from hot to cold, and none is made."""
+    """Heat flows from hot to cold, and none is made; gas at rest has no viscosity."""
     pos = lattice(16)
     u = 1.0 + 0.5 * np.sin(2 * np.pi * pos[:, 0])
     rate = simulation(
-        pos, 2, "periodic", u=u, eos={"kind": "adiabatic", "gamma": 1.4}, conductivity={"alpha": 1.0}
-    ).gas.heating_rate
+        pos, 2, "periodic", "wendland-c4", u=u, eos={"kind": "adiabatic", "gamma": 1.4}, conductivity={"alpha": 1.0},
+        viscosity={"pairs": "all"},
+    ).gas.heating_rate  # fmt: skip
     assert np.corrcoef(rate, u)[0, 1] < -0.7
     assert abs(rate.sum()) < 1e-12 * np.abs(rate).sum()
 
@@ -351,7 +363,7 @@ def test_conduction_of_a_pair():
     h, distance, u = 0.1, 0.08, np.array([1.0, 3.0])
     sim = simulation(
         np.array([[0.5], [0.5 + distance]]), 1, "periodic", u=u, eos={"kind": "adiabatic", "gamma": 1.4},
-        smoothing_length=h, conductivity={"alpha": 0.7},
+        smoothing_length=h, conductivity={"alpha": 0.7}, viscosity={},
     )  # fmt: skip
     value, slope = w("cubic", 1, np.array([0.0, distance / h]))
     rho = 0.5 * 2 / (3 * h) * value.sum()
@@ -366,7 +378,7 @@ def test_the_longest_step_of_conduction_swaps_a_pair():
     u = np.array([1.0, 3.0])
     sim = simulation(
         np.array([[0.45], [0.55]]), 1, "periodic", u=u, eos={"kind": "adiabatic", "gamma": 1.4}, smoothing_length=0.1,
-        conductivity={"alpha": 50.0},
+        conductivity={"alpha": 50.0}, viscosity={},
     )  # fmt: skip
     # No sum but that over the pair: to rounding.
     np.testing.assert_allclose(u + sim.effects["gas"].limit(sim.state) * sim.gas.heating_rate, u[::-1], rtol=1e-12)

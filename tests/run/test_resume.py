@@ -179,7 +179,7 @@ def test_lost_rows_are_told(stopped, lost, capsys):
 @pytest.mark.parametrize("damage", ["cut", "gone"])
 def test_a_run_goes_on_from_the_checkpoint_before_the_last(tmp_path, monkeypatch, damage, capsys):
     """And keeps that one until there is another."""
-    scene, out = scene_of(tmp_path, SHOCK, ALWAYS), tmp_path / "out"
+    scene, out = scene_of(tmp_path, SHOCK, "run.until=0.02", ALWAYS), tmp_path / "out"
     assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
     with monkeypatch.context() as patch:
         at_step(patch, 5, lambda sim: os._exit(9))

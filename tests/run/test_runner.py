@@ -317,7 +317,7 @@ def test_any_number_of_threads_gives_the_same_bits(tmp_path, name, counts):
     path.write_text(scene_of(tmp_path, SCENES[name], *counts).text)
     found = [
         bits_of([f"{path}@{number}" for number in threads], NUMBA_NUM_THREADS=pool)
-        for pool, threads in (("1", "1"), ("2", "12"), ("3", "3"))
+        for pool, threads in (("1", "1"), ("3", "23"))
     ]
     assert len({bits for each in found for bits in each.values()}) == 1, found
 
