@@ -13,7 +13,6 @@ two that compile at once one is lost, or is found under the name of the other. H
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import shutil
@@ -31,6 +30,11 @@ import numba
 import numpy
 from numba.core import caching
 from numba.core.caching import CompileResultCacheImpl, IndexDataCacheFile, InTreeCacheLocator
+
+try:
+    import fcntl
+except ImportError:  # no POSIX: no locks
+    fcntl = None
 
 config: Any = numba.config
 LOCATORS: list[Any] = list(CompileResultCacheImpl._locator_classes)  # of numba, by what comes first
@@ -97,8 +101,9 @@ class CacheFile(IndexDataCacheFile):
 def alone(directory: str) -> Iterator[None]:
     """What no other process does in a directory meanwhile, where its file system has locks."""
     with open(os.path.join(directory, "lock"), "w") as file:
-        with suppress(OSError):
-            fcntl.flock(file, fcntl.LOCK_EX)
+        if fcntl is not None:
+            with suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 

@@ -121,6 +121,12 @@ class Sph:
             for part, _ in lists:
                 self.met[cells.key[cells.order[part.slots[: part.begin[-1]]]]] = True
 
+    def driver(self, u: np.ndarray | None, nu: np.ndarray, uneven: bool) -> Any:
+        """The sums of forces for what a scene has; only some terms ask whether masses are `uneven`."""
+        conductive, shearing = self.conductivity is not None, len(nu) > 0
+        bounded = self.pairs != NO_VISCOSITY or conductive or shearing
+        return force_driver(self.kernel, self.dim, self.pairs, u is not None, conductive, shearing, bounded and uneven)
+
     def parts(self, lists: list[Any]) -> list[Any]:
         """Lists with what the sums of each work in: kernels that make arrays would count references in their loops."""
         most = int(np.diff(self.cells.start).max())
@@ -133,8 +139,7 @@ class Sph:
         terms = self.pairs, u is not None, self.conductivity is not None
         nu = NONE if gas.nu is None else gas.nu
         given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
-        bounded = self.pairs != NO_VISCOSITY or self.conductivity is not None or len(nu) > 0
-        uneven = bounded and float(gas.mass.max()) > float(gas.mass.min())
+        driver = self.driver(u, nu, float(gas.mass.max()) > float(gas.mass.min()))
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
         if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
@@ -150,7 +155,7 @@ class Sph:
         for cells, again in ((self.cells, False), (met, True)):
             lists = self.parts(candidates(cells, cells, mutual=True)) if again else self.lists
             share(
-                force_driver(self.kernel, self.dim, *terms, len(nu) > 0, uneven), len(cells.filled),
+                driver, len(cells.filled),
                 self.columns, gas.acc, NONE if u is None else gas.heating_rate, divergence, conduction, strengths,
                 cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 
 from discsim.kernels.halo import EITHER, mark_cells
 from discsim.kernels.neighbours import FIRST, REACH, widen
-from discsim.kernels.sph import force_columns, force_driver
+from discsim.kernels.sph import force_columns
 from discsim.kernels.sph_density import Found, Given, Wanted, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY
 from discsim.numerics import world
@@ -140,7 +140,7 @@ class DividedSph(Sph):
             rate[wide.own] = gas.heating_rate
         divergence, conduction = np.zeros(wide.count), np.zeros(wide.count if self.conductivity else 0)
         strengths = beta, self.conductivity.alpha if self.conductivity else 0.0
-        driver = force_driver(self.kernel, dim, *terms, len(nu) > 0, heaviest > lightest)
+        driver = self.driver(u, nu, heaviest > lightest)
         met = self.mine[self.met[self.mine]]
         for filled, again in ((self.mine, False), (met, True)):
             some = cells._replace(filled=filled)
