@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from discsim.numerics.neighbours import candidates, sort_into_cells
+from discsim.kernels.halo import EITHER, OWN, THEIRS, mark_cells
+from discsim.kernels.neighbours import REACH
+from discsim.numerics.neighbours import candidates, corners_of_cells, grids_of, keys_in, sort_into_cells
 
 
 @pytest.mark.parametrize("h", [0.02, 0.2])  # 0.2: a thousand candidates a cell, so that lists have to grow
@@ -21,3 +23,50 @@ def test_candidates_hold_every_neighbour_of_every_image(h):
                 t = np.array(turn) - 1
                 near = np.flatnonzero(np.hypot(*(pos + t - pos[i]).T) < h)
                 assert {(k, *t.tolist()) for k in near.tolist()} <= have
+
+
+def grids_about(periodic):
+    """Grids of particles whose h differ, in a box of 2 by 1, with their classes and places."""
+    rng = np.random.default_rng(4)
+    pos = rng.random((600, 2)) * [2.0, 1.0]
+    h = 0.01 * 2.0 ** rng.uniform(0.0, 4.0, 600)
+    return *grids_of(pos, h, 1.0, np.zeros(2), np.array([2.0, 1.0]), periodic), pos
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize(
+    "box", [[0.5, 0.4, 0.9, 0.6], [0.0, 0.0, 0.1, 0.1], [1.9, 0.2, 2.0, 1.0], [np.inf, np.inf, -np.inf, -np.inf]]
+)
+def test_a_part_of_grids_numbers_its_cells_as_the_whole_does(periodic, box):
+    """Those of all within reach of a box."""
+    grids, classes, pos = grids_about(periodic)
+    low, high = np.array(box[:2]), np.array(box[2:])
+    part = grids.near(low, high, np.full(len(grids.table), 0.05))
+    assert part.cells <= grids.cells
+    offset = np.maximum(np.maximum(low - pos, pos - high), 0.0)
+    near = np.flatnonzero(np.all(offset <= 0.05, axis=1))
+    key = keys_in(part, classes[near], pos[near])
+    np.testing.assert_array_equal(part.numbers()[key], keys_in(grids, classes[near], pos[near]))
+    np.testing.assert_array_equal(grids.numbers(), np.arange(grids.cells))
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("reach_of", [THEIRS, OWN, EITHER])
+def test_cells_that_may_be_met_are_marked(periodic, reach_of):
+    """All that hold anybody whom a particle of some cells may meet, in whole grids and in a part; and not all."""
+    grids, classes, pos = grids_about(periodic)
+    some = np.flatnonzero(np.all(np.abs(pos - [1.0, 0.5]) < 0.1, axis=1))
+    reach = grids.table[:, REACH]
+    part = grids.near(*corners_of_cells(grids, classes[some], pos[some]), np.full(len(reach), 1.2 * reach.max()))
+    for each in (grids, part):
+        filled = np.unique(keys_in(each, classes[some], pos[some])).astype(np.int64)
+        marked = mark_cells(filled, each.table, np.zeros(2), each.table, reach_of, 1.2, False, periodic)
+        assert not marked.all()
+        found = each.numbers()[marked]
+        keys = keys_in(grids, classes, pos)
+        for i in some:
+            away = np.abs(pos - pos[i])
+            away = np.hypot(*(np.minimum(away, [2.0, 1.0] - away) if periodic else away).T)
+            own, theirs = 1.2 * reach[classes[i]], 1.2 * reach[classes]
+            met = away <= {THEIRS: theirs, OWN: own, EITHER: np.maximum(own, theirs)}[reach_of]
+            assert set(keys[met].tolist()) <= set(found.tolist())

@@ -416,3 +416,17 @@ def test_the_last_take_the_places_of_those_that_go(gone, left):
     gas.remove(np.isin(np.arange(6), gone))
     for name, array in gas.arrays().items():
         np.testing.assert_array_equal(array, before.arrays()[name][left])
+
+
+@pytest.mark.parametrize("leaving", [[], [1], [0, 5], [2, 3, 4, 5]])
+@pytest.mark.parametrize("number", [0, 1, 2, 5])
+def test_those_that_come_take_the_places_of_those_that_leave(leaving, number):
+    """Then the last ones do; or, where more come than leave, the others are the last."""
+    gas, other = (simulation(uneven(6, 2)[0], 2, "open").gas for _ in range(2))
+    before, other.ids = gas.ids.copy(), np.arange(100, 106)
+    gas.replace(np.array(leaving, int), {name: array[:number] for name, array in other.arrays().items()})
+    stay = set(range(6)) - set(leaving)
+    assert set(gas.ids.tolist()) == {*before[sorted(stay)].tolist(), *range(100, 100 + number)}
+    assert gas.count == len(stay) + number
+    for name, array in gas.arrays().items():
+        assert len(array) == gas.count, name

@@ -54,3 +54,19 @@ def test_all_particles_in_one_tile_leave_ranks_empty():
     division.cut(species(np.full((50, 2), 0.25)), whole=True)
     held = np.bincount(division.owner[division.tile_of(np.full((50, 2), 0.25))], minlength=3)
     assert sorted(held) == [0, 0, 50]
+
+
+@pytest.mark.parametrize("boundary", ["open", "periodic"])
+def test_inside_are_own_tiles_with_only_own_ones_about_them(boundary):
+    division = divided(3)
+    division.scene.space.boundary = boundary
+    division.cut(species(np.random.default_rng(2).uniform(-0.5, 0.5, (20_000, 2))), whole=True)
+    along, margin = division.along, 1.5 / division.per_tile
+    own = division.owner.reshape(along, along) == 0
+    expected = np.logical_and.reduce([np.roll(own, (i, j), (0, 1)) for i in range(-2, 3) for j in range(-2, 3)])
+    beyond = 2 + 2 * (boundary == "periodic")  # nothing is known beyond the edge; of a box that goes on, of its edge
+    inside = division.inside(margin).reshape(along, along)
+    core = (slice(beyond, -beyond),) * 2
+    np.testing.assert_array_equal(inside[core], expected[core])
+    inside[core] = False
+    assert not inside.any() and expected[core].any()
