@@ -1,6 +1,7 @@
 """The gap that a planet opens in the disc of a scene, on a polar grid: another method beside the runs of the scene.
 
-    python analysis/gap_grid.py SCENE [--set key=value ...] [--rings N] [--orbits N] [--last N] [--deep D] [--accretes]
+    python analysis/gap_grid.py SCENE [--set key=value ...] [--rings N] [--orbits N] [--last N] [--deep D]
+                                 [--accretes] [--table FILE]
 
 The scene's disc, locally isothermal gas with [alpha_viscosity], is solved as by ZEUS (Stone & Norman 1992, ApJS 80,
 753) and FARGO (Masset 2000, A&AS 141, 165): radial velocities on the inner sides of cells and azimuthal ones on their
@@ -16,7 +17,8 @@ scene says. With --deep there is a gap already, D deep, of the shape of Kanagawa
 a hundred orbits. Prints every --last orbits what `gap.py` does of a run: depth and inside, of the mean of these orbits
 without the angles within two Hill radii, and the torque on the gas beyond the orbit and within it, without that of half
 a Hill radius about the planet, over q^2 (H/r)^-3 Sigma_min; what was taken, over 3 pi nu Sigma_0. Sigma_0 is that of
-the scene. Cost: rings^3; with 64 a second of CPU time an orbit.
+the scene. Cost: rings^3; with 64 two seconds of CPU time an orbit. --table writes the last mean for a run of particles
+that starts with it (`kind = "table"`), with the resolution sqrt(Sigma_0) / Sigma: light gas in the gap.
 """
 
 from __future__ import annotations
@@ -245,6 +247,13 @@ class Means:
         self.torque += dt * (turned * grid.mass * far).sum(axis=1) * grid.area
         self.time += dt
 
+    def write(self, path: Path) -> None:
+        """A table that discs can start from, in the scene's code units."""
+        density, start = self.density / self.time, self.grid.start[:, 0]
+        rows = zip(self.grid.r, density, np.sqrt(start) / density, strict=True)
+        body = "".join(f"{r:.9g} {sigma:.9g} {resolution:.9g}\n" for r, sigma, resolution in rows)
+        path.write_text(f"# r  Sigma  resolution\n{body}")
+
     def __str__(self) -> str:
         grid, near = self.grid, self.near
         a, start = grid.planet.semi_major_axis, grid.start[:, 0]
@@ -270,12 +279,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--last", type=float, default=10.0, metavar="N", help="orbits of a mean (default 10)")
     parser.add_argument("--deep", type=float, default=1.0, metavar="D", help="depth of a gap to begin with")
     parser.add_argument("--accretes", action="store_true", help="by the planet's accretion_radius and accretion_rate")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="for a start of the last mean (scenes in code units)")
     given = parser.parse_args(arguments)
     try:
         scene = load_scene(scene_file(Path(given.scene)), given.set)
         for name in ("gas", "star", "companion", "alpha_viscosity", "damping"):
             if scene.table(name) is None:
                 raise Fault(f"{given.scene}: no [{name}]; expected a viscous disc with a planet and calm edges")
+        if given.table is not None and scene.units.system != "code":
+            raise Fault(f"{given.scene}: --table has no units; expected a scene in code units")
         if None in (scene.table("damping").inner, scene.table("damping").outer):
             raise Fault(f"{given.scene}: [damping] has one zone; expected inner and outer")
     except (Fault, SceneError, ShippedError, OSError) as error:
@@ -290,6 +302,8 @@ def main(arguments: list[str] | None = None) -> int:
             grid.step(dt)
             means.add(dt)
         print(f"to orbit {(k + 1) * given.last:g}: {means}", flush=True)
+    if given.table is not None:
+        means.write(given.table)
     return 0
 
 

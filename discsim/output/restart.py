@@ -289,8 +289,8 @@ def _rings(scene: Scene) -> Places:
     middle, density = 0.5 * (edges[1:] + edges[:-1])[filled], (number * mean)[filled] / area[filled]
     if np.ptp(arrays["mass"]) == 0.0:
         return Places([], density, middle)
-    held = np.histogram(r, edges, weights=arrays["mass"][order])[0][filled]
-    return Places([], held / area[filled], middle, relative_mass=held / (number[filled] * mean))
+    mass = np.histogram(r, edges, weights=arrays["mass"][order])[0][filled]
+    return Places([], mass / area[filled], middle, relative_mass=mass / (number[filled] * mean))
 
 
 def places(scene: Scene) -> Places:

@@ -272,7 +272,7 @@ def _smoothing(scene: Scene, places: Places) -> Array | None:
         return None
     if scene.gas.smoothing_length is not None:
         return np.full_like(places.density, scene.gas.smoothing_length)
-    mass = gas_mass(scene) / particle_count(scene, scene.gas)
+    mass: float | Array = gas_mass(scene) / particle_count(scene, scene.gas)
     if places.relative_mass is not None:
         mass = mass * places.relative_mass
     return scene.gas.eta * (mass / places.density) ** (1 / scene.space.dimensions)
