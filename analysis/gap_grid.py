@@ -91,6 +91,8 @@ class Grid:
 
     def _gap(self, deep: float) -> Array:
         """Share (rings, 1) of the start's Sigma that a gap leaves: `deep`, and beyond that it rises evenly to 1."""
+        if deep == 1.0:
+            return np.ones((len(self.r), 1))
         a = self.planet.semi_major_axis
         height = companions.scale_height(self.scene, a) / a
         wide = (companions.gap_number(self.scene, self.planet) * height**2) ** 0.25 * a  # (q^2 (H/r)^-3 / alpha)^1/4
@@ -279,13 +281,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--last", type=float, default=10.0, metavar="N", help="orbits of a mean (default 10)")
     parser.add_argument("--deep", type=float, default=1.0, metavar="D", help="depth of a gap to begin with")
     parser.add_argument("--accretes", action="store_true", help="by the planet's accretion_radius and accretion_rate")
-    parser.add_argument("--table", type=Path, metavar="FILE", help="for a start of the last mean (scenes in code units)")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="for a start of the last mean, in code units")
     given = parser.parse_args(arguments)
     try:
         scene = load_scene(scene_file(Path(given.scene)), given.set)
         for name in ("gas", "star", "companion", "alpha_viscosity", "damping"):
             if scene.table(name) is None:
                 raise Fault(f"{given.scene}: no [{name}]; expected a viscous disc with a planet and calm edges")
+        if not 0.0 < given.deep <= 1.0:
+            raise Fault(f"--deep {given.deep:g} is out of range; expected more than 0, and 1 at most")
         if given.table is not None and scene.units.system != "code":
             raise Fault(f"{given.scene}: --table has no units; expected a scene in code units")
         if None in (scene.table("damping").inner, scene.table("damping").outer):

@@ -175,12 +175,15 @@ def test_a_grid_moves_mass_and_momenta_without_loss(tmp_path):
 
 def test_a_planet_on_a_grid_pulls_as_a_run_says(tmp_path, capsys):
     """Torque of light planets on the outer and inner disc is about .4 q^2 (H/r)^-3 of linear theory, and of the signs
-    of wakes; what it takes is gone.
+    of wakes; what it takes is gone. A run can start from what is found.
     """
     assert script("gap_grid").main([str(tmp_path / "none.toml")]) == 2
     grid_of(tmp_path)
-    path, more = str(tmp_path / "scene.toml"), ["--rings", "32", "--orbits", "6", "--last", "3", "--accretes"]
+    path, found = str(tmp_path / "scene.toml"), str(tmp_path / "gap.txt")
+    more = ["--rings", "32", "--orbits", "6", "--last", "3", "--accretes", "--table", found]
     assert script("gap_grid").main([path, "--set", "companion.mass=1e-4", *more]) == 0
     words = capsys.readouterr().out.splitlines()[-1].split()
     outer, inner, taken = float(words[-4]), float(words[-3]), float(words[-1])
     assert 0.2 < outer < 0.6 and -0.6 < inner < -0.15 and taken > 0.1
+    table = load_scene(path, [f"initial={{kind='table', file='{found}'}}"]).initial.file
+    assert table.uneven and float(table.value("Sigma", np.array([1.0]))[0]) == pytest.approx(float(words[4]), rel=0.05)
