@@ -170,7 +170,8 @@ def _near(scene: Scene, at: Local, companion: Any) -> _Near:
     height = float(formulas.scale_height(scene, r)) if known else None
     h = None
     if gas is not None and at.particle_mass is not None and (density := _density(scene, r)) > 0.0:
-        h = float(resolution(scene, np.array(gas.smoothing_length or gas.eta * math.sqrt(at.particle_mass / density))))
+        mass = at.particle_mass * _relative_mass(scene, r)
+        h = float(resolution(scene, np.array(gas.smoothing_length or gas.eta * math.sqrt(mass / density))))
     return _Near(scene.units, softening(scene, companion, r), height, h)
 
 
@@ -180,6 +181,12 @@ def _density(scene: Scene, r: float) -> float:
     if places.radius is None:
         return 0.0
     return float(np.interp(r, places.radius, places.density, left=0.0, right=0.0))
+
+
+def _relative_mass(scene: Scene, r: float) -> float:
+    """Of the start's gas particles at a radius, over their mean."""
+    places = start_of(scene).all_over(scene)[0]
+    return 1.0 if places.relative_mass is None else float(np.interp(r, places.radius, places.relative_mass))
 
 
 def _named(k: int, what: str) -> str:

@@ -90,6 +90,8 @@ def _one_density(draft: Draft) -> Iterator[Problem]:
     for key in ("surface_density", "surface_density_index"):
         if given.file is not None and draft.gives("background", key):
             yield ("background", key), "background.file is there too; expected one of the two"
+    if given.file is not None and given.file.has("resolution"):
+        yield ("background", "file"), "has a column resolution, but a given disc has no particles; expected none"
     takes = [name for name in EOS if EOS[name].takes_temperature and not EOS[name].holds_heat]
     if given.file is not None and given.file.has("T") and given.eos.kind not in takes:
         words = " or ".join(f'"{name}"' for name in takes)

@@ -146,7 +146,7 @@ def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
     worst = int(np.argmin(np.where(heavy, mass, np.inf)))
     where = at.where(worst)
     reach = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
-    held = mass[worst] / (reach * at.particle_mass)
+    held = mass[worst] / (reach * at.particle_mass * at.relative_mass[worst])
     if held < CLUMP:
         yield (
             f"a mass that collapses {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "

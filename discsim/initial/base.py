@@ -27,13 +27,14 @@ class Places:
     """The gas of a start at some places, arrays (n,) in code units.
 
     names: for sentences, like "midplane"; "everywhere" for the only one. radius: from the origin, of a start that has
-    one. pressure: of a start that brings its own.
+    one. pressure: of a start that brings its own. relative_mass: of a gas particle there, over their mean; None: 1.
     """
 
     names: list[str]
     density: Array
     radius: Array | None = None
     pressure: Array | None = None
+    relative_mass: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,6 @@
-"""Particles of a disc that is known as functions of the radius (`physics/profile.py`), of equal mass, on rings."""
+"""Particles of a disc that is known as functions of the radius (`physics/profile.py`), on rings; of equal mass,
+but gas where a disc has a resolution of its own: that of a ring is then what the disc has there.
+"""
 
 from __future__ import annotations
 
@@ -54,9 +56,15 @@ def _species(
 ) -> dict[str, Array]:
     r, mass = _mass_within(disc, population)
     ratio, placement = (1.0, "even") if population is None else (population.ratio, population.placement)
+    weight = np.full(count, ratio * mass[-1] / count)
     if placement == "random":
         radius = np.interp(stream.random(count) * mass[-1], mass, r)
         angle = 2.0 * np.pi * stream.random(count)
+    elif population is None and disc.resolution is not None:
+        number = profile.integral(r, disc.surface_density(r) * disc.resolution(r))
+        number *= count / number[-1]
+        radius, angle = rings(r, number, stream)
+        weight = shares(radius, np.interp(np.arange(count + 1), number, mass))
     else:
         radius, angle = rings(r, mass / mass[-1] * count, stream)
     if getattr(scene.initial, "perturbation", 0.0) > 0.0:
@@ -65,7 +73,7 @@ def _species(
     return {
         "pos": pos,
         "vel": np.zeros_like(pos),
-        "mass": np.full(count, ratio * mass[-1] / count),
+        "mass": weight,
         "density": disc.surface_density(radius),
     }
 
@@ -88,6 +96,15 @@ def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, 
     place = np.arange(count) - np.repeat(edges[:-1], held)
     angle = 2.0 * np.pi * (place + np.repeat(phase, held)) / np.repeat(held, held)
     return np.repeat(radius, held), angle
+
+
+def shares(radius: Array, mass: Array) -> Array:
+    """Masses (n,) of particles at radii (n,) that rise from ring to ring, alike in a ring; `mass` (n + 1,): of the disc
+    within the first k of them.
+    """
+    first = np.flatnonzero(np.diff(radius, prepend=-1.0) > 0.0)
+    ends = np.append(first, len(radius))
+    return np.repeat(np.diff(mass[ends]) / np.diff(ends), np.diff(ends))
 
 
 def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:

@@ -1,12 +1,15 @@
-"""A disc whose Sigma(r), and perhaps T(r) and dust-to-gas ratio, are columns of a file (`physics/columns.py`).
+"""A disc whose Sigma(r), and perhaps T(r), dust-to-gas ratio and resolution, are columns of a file
+(`physics/columns.py`).
 
-Particles of equal mass on rings (`rings.py`) from the first radius of the file to the last, turning in balance
-(`balance.py`) with the pull of the pressure -(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r of its smooth columns.
+Particles on rings (`rings.py`), of gas as many per mass as the resolution says, from the first radius of the file to
+the last, turning in balance (`balance.py`) with the pull of the pressure
+-(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r of its smooth columns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,6 +19,7 @@ from discsim.initial import balance, rings
 from discsim.initial.base import Places, Start
 from discsim.initial.disc import has_dust_within, has_edges_in_space, needs_a_centre
 from discsim.initial.disc import warnings as room
+from discsim.initial.own import MASSES
 from discsim.parts import EOS
 from discsim.physics import profile
 from discsim.physics.columns import ColumnsFile
@@ -36,7 +40,8 @@ class FromTable(balance.Settled):
     kind: Literal["table"] = "table"
     file: ColumnsFile = Field(
         description="columns r, Sigma, and if wanted T, in place of the temperature of gas.eos, and ratio, of all "
-        "populations together, of which dust.ratio then says the proportions; units in the header: "
+        "populations together, of which dust.ratio then says the proportions, and resolution, gas particles per mass "
+        "up to a factor; units in the header: "
         '"# r [au]  Sigma [g/cm2]  T [K]  ratio"'
     )
     reference_radius: Length = Field(1.0, gt=0, description="of orbits, and of laws that refer to a surface density")
@@ -92,6 +97,7 @@ def radial(scene: Scene) -> profile.Radial:
         pressure_acceleration,
         mass_within=lambda r: profile.integral(r, surface_density(r)),
         dust_share=dust_share if file.has("ratio") else None,
+        resolution=partial(file.value, "resolution") if file.uneven else None,
     )
 
 
@@ -104,14 +110,26 @@ def places(scene: Scene) -> Places:
     """The edges, and the middle."""
     file: Any = scene.initial.file
     radius = np.array([file.inner, 0.5 * (file.inner + file.outer), file.outer])
-    return Places([scene.units.show(r, "length") for r in radius], file.value("Sigma", radius), radius)
+    names = [scene.units.show(r, "length") for r in radius]
+    return Places(names, file.value("Sigma", radius), radius, relative_mass=relative_mass(scene, radius))
 
 
 def spread(scene: Scene) -> tuple[Places, Array]:
     file: Any = scene.initial.file
     r = np.linspace(file.inner, file.outer, profile.SAMPLES)
     density = file.value("Sigma", r)
-    return Places([], density, r), r * density
+    return Places([], density, r, relative_mass=relative_mass(scene, r)), r * density
+
+
+def relative_mass(scene: Scene, r: Array) -> Array | None:
+    """Mass of a gas particle at radii (n,) over the mean of all; None where they are the same."""
+    disc = radial(scene)
+    if disc.resolution is None:
+        return None
+    at = np.linspace(disc.inner, disc.outer, profile.SAMPLES)
+    density = disc.surface_density(at)
+    number = profile.integral(at, density * disc.resolution(at))[-1]
+    return number / profile.integral(at, density)[-1] / disc.resolution(r)
 
 
 def warnings(scene: Scene) -> Iterator[str]:
@@ -140,6 +158,15 @@ def has_a_use_for_t(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "file"), f"{wrong}; expected gas.eos.kind = {words}, or no column T"
 
 
+def has_masses_to_sum(draft: Draft) -> Iterator[Problem]:
+    file = draft.initial.file
+    if draft.gas and file.has("resolution"):
+        times = file.values["resolution"].max() / file.values["resolution"].min()
+        if times > MASSES:
+            wrong = f"its resolution is {times:.3g} times as high somewhere as elsewhere"
+            yield ("initial", "file"), f"{wrong}; expected {MASSES:g} times at most, as SPH sums masses"
+
+
 def has_a_ratio_of_dust(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         inner = max(dust.inner or 0.0, draft.initial.inner)
@@ -164,6 +191,7 @@ START = Start(
         has_dust_within,
         has_a_use_for_t,
         has_a_ratio_of_dust,
+        has_masses_to_sum,
         balance.relaxes_gas,
     ),
     kernel="quintic",

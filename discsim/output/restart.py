@@ -273,34 +273,45 @@ def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
 # Previews
 
 
-def _rings(scene: Scene) -> tuple[Array, Array]:
-    """Middles of rings of as many particles each, and Sigma of the first species there."""
+def _rings(scene: Scene) -> Places:
+    """Middles of rings of as many particles each, with Sigma and masses of the first species there."""
     snap = _snapshot(scene.initial.file)
     held = snap.gas if scene.gas is not None and snap.gas is not None else snap.dust
     assert held is not None
     arrays = _in_code(scene, "gas" if held is snap.gas and scene.gas is not None else "dust", held)
-    r = np.sort(np.sqrt((arrays["pos"] ** 2).sum(axis=1)))
+    r = np.sqrt((arrays["pos"] ** 2).sum(axis=1))
+    order = np.argsort(r, kind="stable")
+    r = r[order]
     edges = np.unique(np.quantile(r, np.linspace(0.0, 1.0, SHELLS + 1)))
-    number = np.histogram(r, edges)[0]
+    number, mean = np.histogram(r, edges)[0], arrays["mass"].mean()
     area = np.pi * np.diff(edges**2)
-    filled = area > 0.0
-    return 0.5 * (edges[1:] + edges[:-1])[filled], (number * arrays["mass"].mean())[filled] / area[filled]
+    filled = (area > 0.0) & (number > 0)
+    middle, density = 0.5 * (edges[1:] + edges[:-1])[filled], (number * mean)[filled] / area[filled]
+    if np.ptp(arrays["mass"]) == 0.0:
+        return Places([], density, middle)
+    mass = np.histogram(r, edges, weights=arrays["mass"][order])[0][filled]
+    return Places([], mass / area[filled], middle, relative_mass=mass / (number[filled] * mean))
 
 
 def places(scene: Scene) -> Places:
     """Where a tenth, a half and nine tenths of the first species are within."""
-    r, density = _rings(scene)
+    rings = _rings(scene)
+    r, relative = rings.radius, rings.relative_mass
+    assert r is not None
     chosen = [len(r) // 10, len(r) // 2, -1 - len(r) // 10]
-    return Places([scene.units.show(x, "length") for x in r[chosen]], density[chosen], r[chosen])
+    names = [scene.units.show(x, "length") for x in r[chosen]]
+    own = None if relative is None else relative[chosen]
+    return Places(names, rings.density[chosen], r[chosen], relative_mass=own)
 
 
 def spread(scene: Scene) -> tuple[Places, Array]:
-    r, density = _rings(scene)
-    return Places([], density, r), np.ones_like(r)
+    rings = _rings(scene)
+    return rings, np.ones_like(rings.density) if rings.relative_mass is None else rings.relative_mass
 
 
 def edges(scene: Scene) -> tuple[float, float]:
-    r = _rings(scene)[0]
+    r = _rings(scene).radius
+    assert r is not None
     return float(r[0]), float(r[-1])
 
 

@@ -1,11 +1,13 @@
-"""A disc as a table: r, Sigma, and perhaps T and the dust-to-gas ratio, in a text file with units in its header.
+"""A disc as a table: r, Sigma, and perhaps T, the dust-to-gas ratio and the resolution, in a text file with units in
+its header.
 
     # r [au]   Sigma [g/cm2]   T [K]   ratio
     10         200             60      0.01
     ...
 
 Sigma and T are interpolated as ln Sigma and ln T of ln r by monotone cubics (Fritsch & Carlson 1980), whose slopes are
-those that pressure is made of; beyond the ends they go on as powers of r. The ratio is interpolated linearly in ln r.
+those that pressure is made of; beyond the ends they go on as powers of r. The resolution, particles per mass up to a
+factor, is such a cubic too. The ratio is interpolated linearly in ln r.
 In a scene in code units the header has no units, and T is c_s^2 = P / Sigma.
 """
 
@@ -26,9 +28,12 @@ from discsim.scene.units import UnitError, Units, clipped
 Array = np.ndarray
 NAMES = {
     "r": "r", "radius": "r", "sigma": "Sigma", "surface_density": "Sigma", "t": "T", "temperature": "T",
-    "ratio": "ratio", "dust_ratio": "ratio",
+    "ratio": "ratio", "dust_ratio": "ratio", "resolution": "resolution",
 }  # fmt: skip
 UNITS = {"r": "au", "Sigma": "g/cm2", "T": "K"}  # like which those of the columns are
+EACH = ", ".join(dict.fromkeys(NAMES.values()))
+SMOOTH = ("Sigma", "T", "resolution")  # as cubics
+PLAIN = {"ratio": "a ratio", "resolution": "a resolution"}  # which have no unit
 COLUMN = re.compile(r"([A-Za-z_]\w*)(?:\s*[\[(]([^\])]*)[\])])?[\s,]*")
 
 
@@ -55,8 +60,13 @@ class Columns(InputFile):
     def has(self, name: str) -> bool:
         return name in self.values
 
+    @property
+    def uneven(self) -> bool:
+        """Whether particles differ in mass: there is a resolution, and it is not the same everywhere."""
+        return self.has("resolution") and np.ptp(self.values["resolution"]) > 0.0
+
     def value(self, name: str, r: Array) -> Array:
-        """Column "Sigma" or "T" at the radii `r` (n,) > 0."""
+        """Column "Sigma", "T" or "resolution" at the radii `r` (n,) > 0."""
         x, within = self._places(r)
         curve, slope = self._curves[name]
         return np.exp(curve(within) + slope(within) * (x - within))
@@ -85,11 +95,11 @@ class Columns(InputFile):
 
     @cached_property
     def _curves(self) -> dict[str, Any]:
-        """The cubics through ln Sigma and ln T, and their slopes."""
+        """The cubics through ln Sigma, ln T and ln resolution, and their slopes."""
         from scipy.interpolate import PchipInterpolator  # slow to import
 
         log = np.log(self.values["r"])
-        curves = {n: PchipInterpolator(log, np.log(self.values[n])) for n in ("Sigma", "T") if n in self.values}
+        curves = {n: PchipInterpolator(log, np.log(self.values[n])) for n in SMOOTH if n in self.values}
         return {name: (curve, curve.derivative()) for name, curve in curves.items()}
 
 
@@ -139,7 +149,7 @@ def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list
         name = NAMES.get(word.lower())
         if name is None or name in names:
             wrong = "unknown" if name is None else "there twice"
-            raise _Wrong(f':{number}: column "{clipped(word)}" is {wrong}; expected each of r, Sigma, T, ratio once')
+            raise _Wrong(f':{number}: column "{clipped(word)}" is {wrong}; expected each of {EACH} once')
         try:
             factors.append(_factor(name, unit.strip(), units))
         except UnitError as error:
@@ -153,11 +163,9 @@ def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list
 
 def _factor(name: str, unit: str, units: Units) -> float:
     """The code unit's worth of a column's unit."""
-    if units.system == "code" or name == "ratio":
+    if units.system == "code" or name in PLAIN:
         if unit not in ("", "1"):
-            raise UnitError(
-                f'"{clipped(unit)}" is a unit, but {"a ratio" if name == "ratio" else "the scene"} has none'
-            )
+            raise UnitError(f'"{clipped(unit)}" is a unit, but {PLAIN.get(name, "the scene")} has none')
         return 1.0
     if not unit:
         raise UnitError(f"has no unit; expected one, like {name} [{UNITS[name]}]")

@@ -34,8 +34,8 @@ class Local:
 
     resolution: `h` as other kernels mean it. step: the longest one. by_mass: makes h/H all over the gas (n,), rising,
     and the share of the gas with less than each (n,). in_drag_cells: the mean numbers of gas and dust particles in a
-    drag cell there at the start, None where drag has no cells. For the whole scene: particle_mass of the gas, and
-    `cell`, the side of the grid's cells.
+    drag cell there at the start, None where drag has no cells. relative_mass: of a gas particle there, over their
+    mean. For the whole scene: particle_mass of the gas, the mean, and `cell`, the side of the grid's cells.
     """
 
     places: list[str]
@@ -49,6 +49,7 @@ class Local:
     step: Array | None
     by_mass: Callable[[], tuple[Array, Array]]
     in_drag_cells: Callable[[], tuple[Array, Array] | None]
+    relative_mass: Array
     particle_mass: float | None
     cell: float | None
 

@@ -31,7 +31,8 @@ class Radial:
 
     surface_density: of the gas. pressure_acceleration: -(1/Sigma) dP/dr. mass_within: of the gas between the first of
     rising radii and each. dust_share: what multiplies the ratio of each population (None: 1). inflow: radial velocity
-    that its viscosity gives it (None: what follows from Sigma).
+    that its viscosity gives it (None: what follows from Sigma). resolution: gas particles per mass, up to a factor
+    (None: 1).
     """
 
     inner: float
@@ -41,6 +42,7 @@ class Radial:
     mass_within: Callable[[Array], Array]
     dust_share: Callable[[Array], Array] | None = None
     inflow: Callable[[Array], Array] | None = None
+    resolution: Callable[[Array], Array] | None = None
 
 
 def radial(scene: Scene) -> Radial:

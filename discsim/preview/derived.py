@@ -46,17 +46,18 @@ def _local(scene: Scene, places: Places) -> Local:
     sound = _sound_speed(scene, places)
     ratio = eos_of(scene).heat_ratio(scene.gas.eos) if scene.gas else 1.0
     thermal = None if sound is None else sound / math.sqrt(ratio)
-    h = _smoothing(scene, density)
+    h = _smoothing(scene, places)
     fine = None if h is None else resolution(scene, h)
     step = None if h is None or sound is None else longest_step(scene, h, sound)
     nu = None if h is None else viscosity.at_places(scene, radius, thermal, h)
     if nu is not None and step is not None:
         step = np.minimum(step, viscosity.longest_step(scene, nu, h))
     particle_mass = gas_mass(scene) / particle_count(scene, scene.gas) if scene.gas else None
+    relative = np.ones_like(density) if places.relative_mass is None else places.relative_mass
     found = grid(scene)
     at = Local(
         places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_by_mass, scene),
-        lambda: _in_drag_cells(scene, at), particle_mass, found[0] if found else None,
+        lambda: _in_drag_cells(scene, at), relative, particle_mass, found[0] if found else None,
     )  # fmt: skip
     return at
 
@@ -125,7 +126,8 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
         mass = gas_mass(scene)
         yield "mass of the gas", scene.units.show(mass, name)
         if not scene.model.cells:
-            yield "mass of a gas particle", scene.units.show(mass / particle_count(scene, scene.gas), name)
+            mean = mass / particle_count(scene, scene.gas)
+            yield "mass of a gas particle", _range(scene, mean, name)
     for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
         which = f" {i}" if len(scene.dust or ()) > 1 else ""
         yield f"mass of the dust{which}", scene.units.show(mass, name)
@@ -230,7 +232,7 @@ def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array
     """Mean numbers of gas and dust particles in drag cells of these sides at the places of `at`."""
     assert scene.gas is not None
     mass = at.density * side**scene.space.dimensions
-    gas = mass * particle_count(scene, scene.gas) / gas_mass(scene)
+    gas = mass * particle_count(scene, scene.gas) / (gas_mass(scene) * at.relative_mass)
     dust = np.zeros_like(gas)
     for population, total in zip(scene.dust or (), dust_masses(scene), strict=True):
         if total > 0:
@@ -248,7 +250,7 @@ def _present(population: Any, at: Local) -> Array | float:
 def _range_of_h(scene: Scene) -> tuple[float, float]:
     """The geometric mean of the smoothing lengths of all gas particles, and the least of them."""
     places, weight = start_of(scene).all_over(scene)
-    h = _smoothing(scene, places.density)
+    h = _smoothing(scene, places)
     assert h is not None
     return float(np.exp(np.average(np.log(h), weights=weight))), float(h.min())
 
@@ -265,13 +267,22 @@ def _sound_speed(scene: Scene, places: Places) -> Array | None:
     return np.sqrt(eos_of(scene).heat_ratio(scene.gas.eos) * places.pressure / density)
 
 
-def _smoothing(scene: Scene, density: Array) -> Array | None:
+def _smoothing(scene: Scene, places: Places) -> Array | None:
     if scene.gas is None or scene.model.cells:
         return None
     if scene.gas.smoothing_length is not None:
-        return np.full_like(density, scene.gas.smoothing_length)
-    mass = gas_mass(scene) / particle_count(scene, scene.gas)
-    return scene.gas.eta * (mass / density) ** (1 / scene.space.dimensions)
+        return np.full_like(places.density, scene.gas.smoothing_length)
+    mass: float | Array = gas_mass(scene) / particle_count(scene, scene.gas)
+    if places.relative_mass is not None:
+        mass = mass * places.relative_mass
+    return scene.gas.eta * (mass / places.density) ** (1 / scene.space.dimensions)
+
+
+def _range(scene: Scene, mean: float, name: str) -> str:
+    """The mass of a gas particle; where they differ the least and the largest."""
+    relative = start_of(scene).all_over(scene)[0].relative_mass
+    ends = [mean] if relative is None else [mean * relative.min(), mean * relative.max()]
+    return " to ".join(scene.units.show(mass, name) for mass in ends)
 
 
 def _list(units: Units, values: Array, name: str) -> str:

@@ -75,3 +75,12 @@ def test_bad_keys_end_in_one_message(keys, wrong):
     given["background"] = {k: v for k, v in given["background"].items() if v is not None}
     (message,) = problems(given)
     assert wrong in message
+
+
+def test_a_given_disc_has_no_particles_to_be_resolved_by(tmp_path):
+    path = tmp_path / "disc.txt"
+    path.write_text("r Sigma resolution\n0.1 1 1\n100 1 2\n")
+    given = scene(background={"file": str(path)})
+    given["background"] = {k: v for k, v in given["background"].items() if not k.startswith("surface_density")}
+    (message,) = problems(given)
+    assert "background.file: has a column resolution, but a given disc has no particles; expected none" in message

@@ -5,8 +5,10 @@ import pytest
 from runs import assert_resumes
 from scenes import problems
 
-from discsim import Simulation
+from discsim import Simulation, load_scene
+from discsim.output.snapshot import write_snapshot
 from discsim.physics import profile
+from discsim.preview.derived import derived, local
 from discsim.scene import SceneError
 
 R = np.geomspace(1.0, 3.0, 60)
@@ -72,7 +74,15 @@ def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
         ("r Sigma\n1 1\n2 0\n", ":3: Sigma = 0 is out of range"),
         ("r Sigma\n1 1\n", "1 rows; expected two"),
         ("r T\n1 1\n2 1\n", ":1: no column Sigma"),
-        ("r Sigma mass\n1 1 1\n2 1 1\n", ':1: column "mass" is unknown'),
+        (
+            "r Sigma mass\n1 1 1\n2 1 1\n",
+            ':1: column "mass" is unknown; expected each of r, Sigma, T, ratio, resolution',
+        ),
+        ("r Sigma resolution\n1 1 1\n2 1 0\n", ":3: resolution = 0 is out of range; expected a positive number"),
+        (
+            "r Sigma resolution [1/g]\n1 1 1\n2 1 1\n",
+            ':1: column resolution: "1/g" is a unit, but a resolution has none',
+        ),
         ("r [au] Sigma\n1 1\n2 1\n", ':1: column r: "au" is a unit'),
     ],
 )
@@ -114,3 +124,84 @@ def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
     other = Simulation(given | {"initial": {"kind": "table", "file": str(moved / "profile.txt")}})
     with pytest.raises(SceneError, match=r"the scene differs from the one there in initial\.file"):
         other.restore(tmp_path / "half.h5")
+
+
+def uneven(tmp_path, column, **tables):
+    """A disc with a gap a tenth deep at r = 2, and a column of the resolution."""
+    sigma = 1e-4 / R * (1.0 - 0.9 * np.exp(-(((R - 2.0) / 0.25) ** 2)))
+    rows = "\n".join(f"{r:.17g} {s:.17g} {c:.17g}" for r, s, c in zip(R, sigma, column(R, sigma), strict=True))
+    path = table(tmp_path, f"r Sigma resolution\n{rows}\n")
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.05}
+    given = scene(path, gas={"particles": 12_000, "eos": eos, "viscosity": {}}, **tables)
+    del given["dust"]
+    return given
+
+
+def test_a_resolution_makes_light_particles_of_the_same_disc(tmp_path):
+    """Where it is 1 / Sigma particles are as far apart everywhere, and h is the same in the gap as beside it."""
+    even = Simulation(uneven(tmp_path, lambda r, sigma: np.ones_like(r)))
+    light = Simulation(uneven(tmp_path, lambda r, sigma: 7.0 / sigma))
+    for sim in (even, light):
+        sim.operators.forces()
+    assert light.gas.mass.sum() == pytest.approx(even.gas.mass.sum(), rel=1e-13)
+    disc = profile.radial(light.scene)
+    r = np.hypot(*light.gas.pos.T)
+    area = light.gas.mass / disc.surface_density(r)
+    inside = (r > 1.1) & (r < 2.9)
+    np.testing.assert_allclose(area[inside], np.pi * 8.0 / 12_000, rtol=0.05)  # a ring's mean, and its middle
+    ring, of = np.unique(r.round(9), return_inverse=True)
+    held = np.bincount(of, light.gas.mass)
+    within = profile.integral(fine := np.linspace(1.0, 3.0, 20_001), disc.surface_density(fine))
+    middle = np.interp(ring, fine, within)  # a ring is where it halves its particles, not its mass: .02 of it
+    np.testing.assert_allclose(np.cumsum(held) - 0.5 * held, middle, atol=0.1 * held.max())
+    wide = {name: [np.median(sim.gas.h[abs(np.hypot(*sim.gas.pos.T) - at) < 0.1]) for at in (1.4, 2.0)]
+            for name, sim in (("even", even), ("light", light))}  # fmt: skip
+    assert wide["light"][1] == pytest.approx(wide["light"][0], rel=0.1) and wide["even"][1] > 2.0 * wide["even"][0]
+    # SPH's Sigma is the table's, but for what a kernel of h = .08 takes from a gap of .25: h^2 / 2 Sigma''.
+    np.testing.assert_allclose(light.gas.density[inside], disc.surface_density(r[inside]), rtol=0.2)
+
+
+def test_the_same_resolution_everywhere_changes_no_bit(tmp_path):
+    given = uneven(tmp_path, lambda r, sigma: np.full_like(r, 3.0))
+    text = (tmp_path / "disc.txt").read_text().splitlines()
+    (tmp_path / "disc.txt").write_text("\n".join(line.rpartition(" ")[0] for line in text))
+    plain = Simulation(given)
+    same = Simulation(uneven(tmp_path, lambda r, sigma: np.full_like(r, 3.0)))
+    for key in ("pos", "vel", "mass", "density"):
+        np.testing.assert_array_equal(getattr(same.gas, key), getattr(plain.gas, key))
+
+
+def test_unequal_particles_turn_in_balance_settle_and_go_on(tmp_path):
+    def given(relax):
+        found = uneven(tmp_path, lambda r, sigma: 1.0 / sigma)
+        found["initial"]["relax"] = relax
+        return found
+
+    sim = Simulation(given(0.0))
+    disc, r = profile.radial(sim.scene), np.hypot(*sim.gas.pos.T)
+    turning = (sim.gas.pos[:, 0] * sim.gas.vel[:, 1] - sim.gas.pos[:, 1] * sim.gas.vel[:, 0]) / r
+    np.testing.assert_allclose(turning**2, 1.0 / r - disc.pressure_acceleration(r) * r, rtol=1e-9)
+    settled = Simulation(given(1.0)).relaxed
+    assert settled.after < 0.3 * settled.before  # .24, and edges fall at once
+    assert_resumes(given(0.0), tmp_path / "half.h5", 0.02, 0.04)
+
+
+def test_masses_beyond_what_sph_sums_are_refused(tmp_path):
+    (message,) = problems(uneven(tmp_path, lambda r, sigma: np.where(r < 2.0, 1.0, 1e13)))
+    assert "its resolution is 1e+13 times as high somewhere as elsewhere; expected 1e+12 times at most" in message
+
+
+def test_previews_know_the_masses_of_a_resolution(tmp_path):
+    given = uneven(tmp_path, lambda r, sigma: 1.0 / sigma)
+    sim = Simulation(given)
+    np.testing.assert_allclose(local(sim.scene).h, sim.scene.gas.eta * (np.pi * 8.0 / 12_000) ** 0.5, rtol=1e-6)
+    rows = dict(derived(sim.scene))
+    least, most = (float(text) for text in rows["mass of a gas particle"].split(" to "))
+    # Of rings, which are .05 wide in a gap of .25.
+    assert least == pytest.approx(sim.gas.mass.min(), rel=0.1) and most == pytest.approx(sim.gas.mass.max(), rel=0.1)
+    sim.operators.forces()
+    path = tmp_path / "start.h5"
+    write_snapshot(path, sim.scene, 0.0, sim.gas, None)
+    given["initial"] = {"kind": "snapshot", "file": str(path)}
+    middle = local(load_scene(given)).h[1]  # with half of the particles within, in the gap
+    assert middle == pytest.approx(sim.scene.gas.eta * (np.pi * 8.0 / 12_000) ** 0.5, rel=0.02)  # one ring in 40
