@@ -5,7 +5,7 @@ from importlib import import_module as script
 import numpy as np
 import pytest
 
-A, S, C = 100e-9, 2e-9, 3e-3  # of each part but those of the grid, which has no s
+A, C = 100e-9, 3e-3  # of each part
 
 
 @pytest.fixture
@@ -25,6 +25,7 @@ def counts(ranks, particles, side=64):
         "particles": {"gas": share, "dust": 10 * share},
         "received": dict.fromkeys(names, rows),
         "sent": dict.fromkeys(names, rows),
+        "runs": {name: np.full(ranks, 7) for name in ("sph gas", "drag gas", "drag dust")},
         "rows": np.full(ranks, side / ranks),
         "window": np.full(ranks, side**2 / ranks),
         "bytes": of_grid,
@@ -34,11 +35,7 @@ def counts(ranks, particles, side=64):
 
 def measured(scaling, given):
     """Ranks whose times are those of the model."""
-    total = sum(each.sum() for each in given["particles"].values())
-    seconds = {
-        part: A * scaling.units(given, part) + (S * total if species else 0.0) + C
-        for part, (species, _) in scaling.PARTS.items()
-    }
+    seconds = {part: A * scaling.units(given, part) + C for part in scaling.PARTS}
     return [{"seconds": {part: float(each[r]) for part, each in seconds.items()}} for r in range(len(given["rows"]))]
 
 
@@ -54,23 +51,23 @@ def runs(scaling):
 
 def test_the_fit_finds_what_the_times_were_made_of(scaling, runs):
     for part, found in scaling.fit(runs).items():
-        expected = A, S if scaling.PARTS[part][0] else 0.0, C
-        assert found == pytest.approx(expected, rel=1e-6), part  # rounding
+        assert found == pytest.approx((A, C), rel=1e-6), part  # rounding
 
 
 def test_a_step_is_the_slowest_rank_of_each_part_and_what_it_sends(scaling, runs):
-    costs = {"fit": scaling.fit(runs), "row": {"sph": 100.0, "drag": 200.0, "grid": 30.0}, "reduced": 4.0}
+    costs = {"fit": scaling.fit(runs), "row": {"sph": 100.0, "drag": 200.0, "grid": 30.0}}
     costs |= {"sends": {"sph": 10, "drag": 20, "grid": 5}, "calls": 50}
     run, given = runs[0]
     network = scaling.Network("", 1e-6, 1e9)
     found = scaling.predict(given[4], costs, network)
     slowest = sum(max(rank["seconds"][part] for rank in run[4]) for part in scaling.PARTS)
-    names = ["own work", "fetched particles", "the same on each", "uneven load"]
+    names = ["own work", "fetched particles", "calls", "uneven load"]
     assert sum(found[name] for name in names) == pytest.approx(slowest, rel=1e-6)
     rows = np.sqrt(1e5)
     assert found["bandwidth"] == pytest.approx((2 * (100 + 200 + 30) + 3 * 8) * rows / 1e9)
     assert found["latency"] == pytest.approx(1e-6 * (2 * (10 + 20 + 5) + 3 + 50 * 2))
-    assert found["sums over cells"] == pytest.approx(2 * 4 * 1.1e6 * (1 + 0.1 / 4) / 1e9)
+    runs_of_all = 4 * 3 * 7
+    assert found["lists of cells"] == pytest.approx(runs_of_all * (16 / 1e9 + scaling.SEARCH))
 
 
 def test_more_particles_fetch_along_the_same_borders(scaling):

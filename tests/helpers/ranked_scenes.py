@@ -254,9 +254,9 @@ SCENES = {
 # Of those above, and below, one for each thing that ranks ask or fetch of each other.
 FEW_SCENES = (
     "long", "fine", "fine box", "idic", "linear", "one-way", "off the grid", "eaten", "all gone", "bodies",
-    "heat paid around", "constant sparse", "sizes", "growth of all", "growth of many", "growth in a patch", "diffusion in clumps",
-    "diffusion eaten", "diffusion in a box", "everything", "clumps", "one tile", "mk heat", "esph two-way 1D",
-    "emsi-ppm shock", "setup dead_zone_oneway",
+    "heat paid around", "constant sparse", "sizes", "growth of all", "growth of many", "growth in a patch",
+    "diffusion in clumps", "diffusion eaten", "diffusion in a box", "everything", "clumps", "one tile", "mk heat",
+    "esph two-way 1D", "emsi-ppm shock", "setup dead_zone_oneway",
 )  # fmt: skip
 for scheme in OF_PARTICLES:
     for way in BOTH:
