@@ -53,7 +53,8 @@ class Grids(NamedTuple):
             for axis in range(2):
                 count, away = int(row[ALL_X + axis]), self.low[axis] + length * np.array([1.0, -1.0])
                 ends = (np.array([low[axis], high[axis]]) - away) / row[SIDE_X + axis]
-                first, last = (math.floor(ends[0]) - 1, math.floor(ends[1]) + 1) if ends[0] <= ends[1] else (0, 0)
+                some = np.isfinite(ends).all() and ends[0] <= ends[1]  # a kick will say what is no number
+                first, last = (math.floor(ends[0]) - 1, math.floor(ends[1]) + 1) if some else (0, 0)
                 if self.periodic and (first < 0 or last >= count):
                     first, last = 0, count - 1
                 row[FROM_X + axis] = first = min(max(first, 0), count - 1)

@@ -31,12 +31,10 @@ class Leaves:
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Particles]) -> Lattice:
         """As `drag/known.py` has it."""
-        held = [corners(p.pos) for p in species if p.count > 0]
-        low, high = (
-            (np.array(ends) for ends in zip(*held, strict=True)) if held else (np.zeros((1, 2)), np.zeros((1, 2)))
-        )
-        ends = np.stack([low.min(axis=0), high.max(axis=0)]) - lattice.origin
-        ends = np.floor(ends / lattice.side + shift) + np.array([[-1.0], [1.0]])  # but for rounding
+        held = [corners(p.pos) for p in species if p.count > 0] or [(np.zeros(2), np.zeros(2))]
+        low, high = np.min([low for low, _ in held], axis=0), np.max([high for _, high in held], axis=0)
+        ends = np.floor((np.stack([low, high]) - lattice.origin) / lattice.side + shift)
+        ends = np.where(np.isfinite(ends), ends, 0.0) + np.array([[-1.0], [1.0]])  # but for rounding
         spans = [self._span(lattice, axis, *ends[:, axis].tolist()) for axis in range(2)]
         (first_x, along_x), (first_y, along_y) = spans
         return lattice._replace(first=(first_x, first_y), shape=(along_x, along_y))
