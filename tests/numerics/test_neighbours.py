@@ -43,8 +43,9 @@ def test_a_part_of_grids_numbers_its_cells_as_the_whole_does(periodic, box):
     low, high = np.array(box[:2]), np.array(box[2:])
     part = grids.near(low, high, np.full(len(grids.table), 0.05))
     assert part.cells <= grids.cells
-    offset = np.maximum(np.maximum(low - pos, pos - high), 0.0)
-    near = np.flatnonzero(np.all(offset <= 0.05, axis=1))
+    turns = [np.array(turn) - 1 for turn in np.ndindex(3, 3)] if periodic else [np.zeros(2)]
+    images = np.array([pos + turn * [2.0, 1.0] for turn in turns])
+    near = np.flatnonzero(np.any(np.all((images >= low - 0.05) & (images <= high + 0.05), axis=2), axis=0))
     key = keys_in(part, classes[near], pos[near])
     np.testing.assert_array_equal(part.numbers()[key], keys_in(grids, classes[near], pos[near]))
     np.testing.assert_array_equal(grids.numbers(), np.arange(grids.cells))
