@@ -1,4 +1,4 @@
-"""Every scheme, start, effect and setup on ranks and threads: the bits of one rank. Hours in all."""
+"""Every scheme, start, effect and setup on ranks and threads: the bits of one rank. A quarter of an hour."""
 
 import pytest
 from launched import differing, needs_mpi
