@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discsim.kernels.halo import EITHER, OWN, THEIRS, mark_cells
-from discsim.kernels.neighbours import REACH
+from discsim.kernels.neighbours import FIRST, NX, REACH, SIDE_X
 from discsim.numerics.neighbours import candidates, corners_of_cells, grids_of, keys_in, sort_into_cells
 
 
@@ -71,3 +71,22 @@ def test_cells_that_may_be_met_are_marked(periodic, reach_of):
             own, theirs = 1.2 * reach[classes[i]], 1.2 * reach[classes]
             met = away <= {THEIRS: theirs, OWN: own, EITHER: np.maximum(own, theirs)}[reach_of]
             assert set(keys[met].tolist()) <= set(found.tolist())
+
+
+@pytest.mark.parametrize("reach_of", [THEIRS, OWN, EITHER])
+def test_all_that_is_marked_is_within_reach(reach_of):
+    """Cells are marked by where they lie, but for rounding; of an open box."""
+    grids, classes, pos = grids_about(False)
+    level = np.searchsorted(grids.table[:, FIRST], np.arange(grids.cells), side="right") - 1
+    place = np.arange(grids.cells) - grids.table[level, FIRST]
+    side = grids.table[level, SIDE_X : SIDE_X + 2]
+    low = np.column_stack([place // grids.table[level, NX + 1], place % grids.table[level, NX + 1]]) * side
+    filled = np.unique(keys_in(grids, classes, pos))[::40].astype(np.int64)
+    marked = mark_cells(filled, grids.table, np.zeros(2), grids.table, reach_of, 1.2, False, False)
+    own, theirs = 1.2 * grids.table[level[filled], REACH], 1.2 * grids.table[level, REACH][:, None]
+    reach = {THEIRS: theirs + 0.0 * own, OWN: own + 0.0 * theirs, EITHER: np.maximum(own, theirs)}[reach_of]
+    apart = np.maximum(low[:, None] - (low + side)[filled], low[filled] - (low + side)[:, None]).max(axis=2) - reach
+    edge = 1e-5 * side.max()
+    assert marked[(apart < -edge).any(axis=1)].all()
+    assert not marked[(apart > edge).all(axis=1)].any()
+    assert 0 < marked.sum() < grids.cells
