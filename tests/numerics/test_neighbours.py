@@ -90,3 +90,9 @@ def test_all_that_is_marked_is_within_reach(reach_of):
     assert marked[(apart < -edge).any(axis=1)].all()
     assert not marked[(apart > edge).all(axis=1)].any()
     assert 0 < marked.sum() < grids.cells
+
+
+def test_places_that_are_no_numbers_leave_a_cell_of_each_grid():
+    grids, _, _ = grids_about(False)
+    part = grids.near(np.array([-np.inf, np.nan]), np.array([np.inf, np.nan]), np.zeros(len(grids.table)))
+    assert part.cells == len(grids.table)
