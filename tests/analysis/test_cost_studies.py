@@ -36,19 +36,18 @@ def test_a_blow_up_is_seen(monkeypatch):
 
 
 @pytest.fixture
-def throughput(monkeypatch):
-    """The script without what takes seconds of its own."""
-    module = script("throughput")
+def step_cost(monkeypatch):
+    """Steps measured without what takes seconds of its own."""
+    module = script("step_cost")
     monkeypatch.setattr(module, "triad", lambda: 1e-9)
     monkeypatch.setattr(module, "fft_pair", lambda cells: 1e-3)
     return module
 
 
 @pytest.mark.parametrize("name", ["gas", "gravity", "dust one-way", "dust two-way", "mix"])
-def test_throughput_measures_what_it_names(name, throughput):
-    module = throughput
-    tables = module.case(name, 1500 if "dust" in name else 500, 1)
-    found = module.measure(tables)
+def test_throughput_measures_what_it_names(name, step_cost):
+    tables = step_cost.case(name, 1500 if "dust" in name else 500, 1)
+    found = step_cost.measure(tables)
     assert set(found["effects"]) == {"gas", "star"} | (
         {"self_gravity"} if name != "gas" else set()
     ) | ({"dust", "drag"} if found["dust"] else set())  # fmt: skip
@@ -59,28 +58,29 @@ def test_throughput_measures_what_it_names(name, throughput):
     # Near the sharp edges kernels are wider than the 25 neighbours inside.
     assert found["neighbours"] == pytest.approx(25, rel=0.1)
     assert 0.0 < sum(found["effects"].values()) <= found["cpu"]
-    assert "dust" not in module.without_dust(tables)
+    assert "dust" not in step_cost.without_dust(tables)
     if found["dust"]:
         assert tables["drag"]["scheme"] == USUAL_SCHEME
 
 
-def test_throughput_of_the_main_job_is_told_by_pass(throughput):
-    tables = throughput.case("main", 0, 1)
+def test_throughput_of_the_main_job_is_told_by_pass(step_cost):
+    tables = step_cost.case("main", 0, 1)
     assert tables["drag"]["scheme"] == USUAL_SCHEME
-    assert throughput.case("main", 0, 1, "idic")["drag"]["scheme"] == "idic"
+    assert step_cost.case("main", 0, 1, "idic")["drag"]["scheme"] == "idic"
     tables["gas"]["particles"], tables["dust"]["particles"] = 3000, 6000
-    found = throughput.measure(tables)
+    found = step_cost.measure(tables)
     passes = found["passes"]
     assert {"forces", "pull", "attract", "fill"} <= set(passes) and min(passes.values()) >= 0.0
     # Each loop once: all of them are most of a step, and no more than it.
     assert 0.5 * found["cpu"] < sum(passes.values()) <= found["cpu"]
     text = io.StringIO()
-    throughput.show_cases([{"case": "main", "cpu_of_dust": 0.0, **found}], Console(file=text, width=200))
+    script("throughput").show_cases([{"case": "main", "cpu_of_dust": 0.0, **found}], Console(file=text, width=200))
     assert "forces" in text.getvalue() and "outside of loops" in text.getvalue()
     assert threads.share.__name__ == "share"  # watched no more
 
 
-def test_throughput_sets_eight_sizes_beside_one(throughput, monkeypatch):
+def test_throughput_sets_eight_sizes_beside_one(monkeypatch):
+    throughput = script("throughput")
     monkeypatch.setattr(throughput, "STEPS", 1)
     rows = throughput.show_sizes(600, ["tsc"], Console(file=io.StringIO()))
     assert [(row["per_gas"], row["sizes"]) for row in rows] == [(2, 1), (2, 8), (10, 1), (10, 8)]

@@ -1,0 +1,164 @@
+"""The step of a disc, measured: CPU time, where it goes, and memory, beside what the same process takes for a triad and
+for an FFT. `apart` measures in a process of its own, as memory is that of the process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from passes import watched
+
+from discsim.parts import USUAL_SCHEME
+
+STEPS = 16  # between two sorts of the particles: one is among them
+ETA = 1.41  # 25 neighbours
+MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
+
+
+def scene(gas: int, dust: int, tables: dict[str, Any], threads: int = 1) -> dict[str, Any]:
+    """The disc in code units with `gas` and `dust` particles and more `tables`, those of [dust] completed."""
+    cells = 2 ** round(np.log2(np.sqrt(2.7 * gas)))
+    out = {
+        "units": {"system": "code"},
+        "run": {"until": 1e3, "threads": threads},
+        "space": {"size": 25.0, "cells": cells},
+        "initial": {"kind": "disc", "mass": 0.02, "inner": 1.0, "outer": 10.0},
+        "gas": {
+            "particles": gas,
+            "kernel": "cubic",
+            "eta": ETA,
+            "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05},
+            "viscosity": {"switch": "balsara"},
+        },
+        "star": {"mass": 1.0, "accretion_radius": 1.0},
+    }
+    return out | tables | ({"dust": {"particles": dust} | tables["dust"]} if "dust" in tables else {})
+
+
+def case(name: str, size: int, threads: int, scheme: str | None = None) -> dict[str, Any]:
+    """The scene of a line, of `size` particles of the kind that it measures."""
+    if name == "main":
+        out = tomllib.loads(MAIN.read_text())
+        out["run"] |= {"threads": threads}
+        out["drag"] |= {"scheme": scheme or out["drag"]["scheme"]}
+        return out
+    drag = {"law": "stokes-number", "stokes": 0.1, "scheme": scheme or USUAL_SCHEME}
+    gravity = {"softening": 0.1, "sources": ["gas"]}
+    dust = {"ratio": 0.01}
+    if name == "gas":
+        return scene(size, 0, {}, threads)
+    if name == "gravity":
+        return scene(size, 0, {"self_gravity": gravity}, threads)
+    if name == "mix":
+        gravity = {"softening": 0.1}
+        return scene(size, 10 * size, {"self_gravity": gravity, "dust": dust, "drag": drag}, threads)
+    drag["direction"] = name.split()[1]
+    return scene(size // 10, size, {"self_gravity": gravity, "dust": dust, "drag": drag}, threads)
+
+
+def without_dust(tables: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in tables.items() if key not in ("dust", "drag")}
+
+
+def measure(tables: dict[str, Any]) -> dict[str, Any]:
+    """Figures of one scene."""
+    from discsim import Simulation
+    from discsim.kernels.smoothing import KERNELS, SUPPORT
+
+    before = resident()
+    sim = Simulation(tables)
+    left = [2]
+
+    def enough() -> bool:
+        left[0] -= 1
+        return left[0] == 0
+
+    sim.evolve(np.inf, enough)  # compiles
+    start, left[0] = sim.costs.copy(), STEPS
+    cpu, wall = time.process_time(), time.perf_counter()
+    with watched() as passes:
+        sim.evolve(np.inf, enough)
+    cpu, wall = (time.process_time() - cpu) / STEPS, (time.perf_counter() - wall) / STEPS
+    gas, dust = sim.gas, sim.dust
+    reach = SUPPORT[KERNELS[sim.scene.gas.kernel]] * gas.h
+    count = gas.count + (dust.count if dust else 0)
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return {
+        "gas": gas.count,
+        "dust": dust.count if dust else 0,
+        "cells": sim.state.grid.shape[0] ** 2 if sim.state.grid else 0,
+        "threads": tables["run"]["threads"],
+        "cpu": cpu,
+        "wall": wall,
+        "neighbours": float(np.median(np.pi * reach**2 * gas.density / gas.mass)),
+        "effects": {name: (sim.costs.seconds[name] - start.seconds[name]) / STEPS for name in sim.effects},
+        "passes": {name: seconds / STEPS for name, seconds in sorted(passes.items(), key=lambda item: -item[1])},
+        "bytes": (most - before) / count,
+        "triad": triad(),
+        "fft": fft_pair(sim.state.grid.shape[0]) if "self_gravity" in tables else None,
+    }
+
+
+def resident() -> int:
+    """Bytes that this process holds now."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def triad(count: int = 20_000_000) -> float:
+    """CPU seconds of an element of a[i] = b[i] + s c[i], far out of the caches; the best of five."""
+    a, b, c = np.zeros(count), np.ones(count), np.ones(count)
+    from numba import njit
+
+    @njit(error_model="numpy")
+    def add(a, b, c, s):
+        for i in range(len(a)):
+            a[i] = b[i] + s * c[i]
+
+    return best(lambda: add(a, b, c, 3.0)) / count
+
+
+def fft_pair(cells: int) -> float:
+    """CPU seconds of a real transform and its inverse of the grid padded to twice its sides; the best of five."""
+    import pyfftw
+
+    field = pyfftw.zeros_aligned((2 * cells, 2 * cells))
+    modes = pyfftw.zeros_aligned((2 * cells, cells + 1), complex)
+    there = pyfftw.FFTW(field, modes, axes=(0, 1), flags=("FFTW_MEASURE",))
+    back = pyfftw.FFTW(modes, field, axes=(0, 1), direction="FFTW_BACKWARD", flags=("FFTW_MEASURE",))
+
+    def pair() -> None:
+        there.execute()
+        back.execute()
+
+    return best(pair)
+
+
+def best(work: Any) -> float:
+    taken = []
+    for _ in range(6):  # the first compiles, or touches its memory
+        start = time.process_time()
+        work()
+        taken.append(time.process_time() - start)
+    return min(taken[1:])
+
+
+def apart(tables: dict[str, Any]) -> dict[str, Any]:
+    """`measure` in a process of its own."""
+    command = [sys.executable, __file__, json.dumps(tables)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SystemExit(done.stderr.strip().rsplit("\n", 1)[-1])
+    return json.loads(done.stdout)
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(json.loads(sys.argv[1]))))
