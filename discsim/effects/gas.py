@@ -68,6 +68,9 @@ class Keys(Table):
     ] = Field(gt=0, le=MOST_ETA, description="h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
     eos: AnyEos = Field(description="equation of state")
+    precision: Literal["double", "single"] = Field(
+        "double", description="of the terms of sums over neighbours; the sums, and all else, are double"
+    )
     viscosity: Viscosity | None = None
     conductivity: Conductivity | None = None
 

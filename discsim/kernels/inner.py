@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import njit
 
-from discsim.kernels.inlining import Compiler
+from discsim.kernels.inlining import Compiler, SingleCompiler
 
 # Called by compiled code alone: what lets Python call them would take a third of their compilation.
 WITHIN: Any = {
@@ -24,8 +24,9 @@ lean = njit(nogil=True, cache=True, error_model="numpy", no_cfunc_wrapper=True, 
 # Sums over neighbours: their terms may be taken in any order. No 'nnan'/'ninf': a run that goes wrong must still be
 # seen to. With Python's error_model a division may raise, and no loop with one is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-lean_sums = njit(  # type: ignore[call-overload]
-    nogil=True, cache=True, error_model="numpy", fastmath=FAST, no_cfunc_wrapper=True, _nrt=False,
-    pipeline_class=Compiler,
-)  # fmt: skip
+SUMS: Any = {
+    "nogil": True, "cache": True, "error_model": "numpy", "fastmath": FAST, "no_cfunc_wrapper": True, "_nrt": False,
+}  # fmt: skip
+lean_sums = njit(**SUMS, pipeline_class=Compiler)
+lean_sums_in_single = njit(**SUMS, pipeline_class=SingleCompiler)
 making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)  # type: ignore[call-overload]

@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import lean_sums
+from discsim.kernels.inner import lean_sums, lean_sums_in_single
 from discsim.kernels.neighbours import place, whole
 from discsim.kernels.smoothing import MEAN_Q2, NORM, factors, terms
 from discsim.kernels.sph_packs import (
@@ -60,33 +60,37 @@ NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def force_columns(
-    first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, order, columns
+    first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, scale, order, columns
 ):  # fmt: skip
-    """Write to `columns` (n, 8 or 11) what the sums of a scene read of each particle, in the `order` of the cells; nu
-    (n,), or none.
+    """Write to `columns` (n, 8 or 11) what the sums of a scene read of each particle, in units of `scale` and in the
+    `order` of the cells; nu (n,), or none.
     """
     vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
+    per_mass, per_speed, density = 1.0 / scale.mass, 1.0 / scale.speed, scale.mass / scale.length**dim
+    per_pressure = per_speed * per_speed / density
     for k in range(first, last):
         i = order[k]
-        inv_h, inv_rho = 1.0 / h[i], 1.0 / rho[i]
-        columns[k, MASS], columns[k, INV_H], columns[k, INV_RHO] = mass[i], inv_h, inv_rho
-        columns[k, PRESS] = pressure[i] * inv_rho * inv_rho / gradh[i]
+        inv_h, inv_rho, press = 1.0 / h[i], density / rho[i], pressure[i] * per_pressure
+        columns[k, MASS], columns[k, INV_H], columns[k, INV_RHO] = mass[i] * per_mass, scale.length * inv_h, inv_rho
+        columns[k, PRESS] = press * inv_rho * inv_rho / gradh[i]
         if viscous != NO_VISCOSITY or energetic or len(nu) > 0:
-            columns[k, VX], columns[k, VY] = vel[i, 0], vel[i, 1] if dim == 2 else 0.0
+            columns[k, VX], columns[k, VY] = vel[i, 0] * per_speed, vel[i, 1] * per_speed if dim == 2 else 0.0
         if viscous != NO_VISCOSITY:
-            columns[k, SOUND], columns[k, SWITCH] = alpha * sound[i], 1.0
+            columns[k, SOUND], columns[k, SWITCH] = alpha * sound[i] * per_speed, 1.0
             if len(div) > 0:
                 columns[k, SWITCH] = div[i] / (div[i] + curl[i] + 1e-4 * sound[i] * inv_h)
         if conductive:
-            columns[k, ENERGY], columns[k, P] = u[i], pressure[i]
+            columns[k, ENERGY], columns[k, P] = u[i] * per_speed * per_speed, press
         if len(nu) > 0:
-            columns[k, FLUIDITY] = inv_rho / nu[i]
+            columns[k, FLUIDITY] = inv_rho * (scale.speed * scale.length / nu[i])
 
 
 @njit(inline="always")
-def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, unit, columns, pack):
-    """Pack what the sums of a scene read of the candidates `slots`, h in units of `unit`; how many with the filling."""
+def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, unit, ux, uy, columns, pack):
+    """Pack what the sums of a scene read of the candidates `slots`, h in units of `unit` and velocities less (ux, uy);
+    how many with the filling.
+    """
     count, norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
     for k in range(count):
         j = np.uint64(slots[k])
@@ -95,7 +99,7 @@ def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, unit, 
         pack[NORM_H * STRIDE + k] = m * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
         pack[PRESS * STRIDE + k] = columns[j, PRESS]
         if moving:
-            pack[VX * STRIDE + k], pack[VY * STRIDE + k] = columns[j, VX], columns[j, VY]
+            pack[VX * STRIDE + k], pack[VY * STRIDE + k] = columns[j, VX] - ux, columns[j, VY] - uy
         if rubbing or conductive or shearing:
             pack[INV_RHO * STRIDE + k] = columns[j, INV_RHO]
         if rubbing:
@@ -111,12 +115,14 @@ def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, unit, 
 
 
 @njit(inline="always")
-def pack_distances(x, y, n, pack):
+def pack_distances(single, x, y, n, pack):
     """Pack the distances of n candidates from (x, y), and one over them."""
+    real = pack.dtype.type
+    x, y = real(x), real(y)
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
-        inv_r = inverse_root(r2)
+        inv_r = inverse_root(single, r2)
         pack[INV_R * STRIDE + k] = inv_r
         pack[R * STRIDE + k] = r2 * inv_r
 
@@ -124,6 +130,7 @@ def pack_distances(x, y, n, pack):
 @njit(inline="always")
 def pack_gradients(kernel, dim, inv_h, n, pack):
     """dW/dr by both kernels of each pair, up to norms that sums take."""
+    inv_h = pack.dtype.type(inv_h)
     for k in range(n):
         r = pack[R * STRIDE + k]
         _, own, _ = terms(kernel, dim, r * inv_h)
@@ -142,23 +149,24 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
 
 @njit(inline="always")
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, i, columns, strengths, n, pack
+    kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, ux, uy, i, columns, strengths, n, pack
 ):  # fmt: skip
     """Sums of the i-th particle in the order of the cells over n candidates, in units of `unit`: acceleration, du/dt,
     divergence and the rate at which conduction takes u towards that of its neighbours.
     """
-    inv_h = columns[i, INV_H]
+    real, inv_h = pack.dtype.type, columns[i, INV_H]
     norm = NORM[dim - 1][kernel] * factors(kernel)[1] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
-    inv_h *= unit
-    press, inv_rho_i, c_i = columns[i, PRESS] * norm, columns[i, INV_RHO], columns[i, SOUND]
-    vx, vy, f_i, u_i, p_i, fluidity = columns[i, VX], columns[i, VY], columns[i, SWITCH], 0.0, 0.0, 0.0
+    press, norm, inv_h = real(columns[i, PRESS] * norm), real(norm), real(inv_h * unit)
+    x, y, vx, vy = real(x), real(y), real(columns[i, VX] - ux), real(columns[i, VY] - uy)
+    inv_rho_i, c_i, f_i = real(columns[i, INV_RHO]), real(columns[i, SOUND]), real(columns[i, SWITCH])
+    u_i, p_i, fluidity = real(0.0), real(0.0), real(0.0)
     if conductive:
-        u_i, p_i = columns[i, ENERGY], columns[i, P]
+        u_i, p_i = real(columns[i, ENERGY]), real(columns[i, P])
     if shearing:
-        fluidity = columns[i, FLUIDITY]
-    beta, alpha_u = strengths
-    conducted = 0.25 * math.sqrt(0.5) * alpha_u  # with the halves of the means over a pair, as is `beta`
-    sheared = 2.0 * dim / MEAN_Q2[kernel] * inv_rho_i / unit
+        fluidity = real(columns[i, FLUIDITY])
+    beta = real(strengths[0])
+    conducted = real(0.25 * math.sqrt(0.5) * strengths[1])  # with the halves of the means over a pair, as is `beta`
+    sheared = real(2.0 * dim / MEAN_Q2[kernel] / unit) * inv_rho_i
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
@@ -202,8 +210,11 @@ def force_sums(
 
 
 @functools.cache
-def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool):
-    """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ.
+def force_driver(
+    kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool, single: bool
+):  # fmt: skip
+    """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ. With `single` packs are
+    of single precision.
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence, and the rate of
     conduction where there is any. Takes the cells whose `met` is `now` alone.
@@ -211,42 +222,57 @@ def force_driver(kernel: int, dim: int, viscous: int, energetic: bool, conductiv
     rubbing = viscous != NO_VISCOSITY
     moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
 
-    @lean_sums
-    def forces(first, last, part, columns, acc, rate, div, conduction, strengths, cells, met, now):
+    @lean_sums_in_single if single else lean_sums
+    def forces(first, last, part, columns, acc, rate, div, conduction, strengths, scale, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part
         begin, slots = lists.begin, lists.slots
         pack = work.pack
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
+        per_length = 1.0 / scale.length
+        of_rate = scale.speed * per_length
+        of_acc, of_heat = scale.speed * of_rate, scale.speed * scale.speed * of_rate
         for c in range(first, last):
             cell = cells.filled[c]
             if met[cell] != now:
                 continue
-            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
-            per_unit = 1.0 / unit
+            ox, oy, unit, own = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4] * per_length, start[cell]
+            per_unit = 1.0 / bounds[cell, 4]
+            ux, uy = (columns[own, VX], columns[own, VY]) if moving else (0.0, 0.0)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                 n = pack_columns(
-                    dim, moving, rubbing, conductive, shearing, slots[listed:end], norm, unit, columns, pack
+                    dim,
+                    moving,
+                    rubbing,
+                    conductive,
+                    shearing,
+                    slots[listed:end],
+                    norm,
+                    unit,
+                    ux,
+                    uy,
+                    columns,
+                    pack,
                 )
-                for k in range(start[cell], start[cell + 1]):
+                for k in range(own, start[cell + 1]):
                     i, x, y = order[k], (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
-                    pack_distances(x, y, n, pack)
+                    pack_distances(single, x, y, n, pack)
                     pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, pack)
                     ax, ay, r, d, passed = force_sums(
-                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, k, columns,
-                        strengths, n, pack,
+                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, ux, uy, k,
+                        columns, strengths, n, pack,
                     )  # fmt: skip
-                    acc[i, 0] += ax
+                    acc[i, 0] += of_acc * ax
                     if dim == 2:
-                        acc[i, 1] += ay
+                        acc[i, 1] += of_acc * ay
                     if energetic:
-                        rate[i] += r
+                        rate[i] += of_heat * r
                     if moving:
-                        div[i] += d
+                        div[i] += of_rate * d
                     if conductive:
-                        conduction[i] += passed
+                        conduction[i] += of_rate * passed
 
     return forces
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import lean_sums
+from discsim.kernels.inner import FAST, WITHIN, lean_sums, lean_sums_in_single
 from discsim.kernels.neighbours import place, whole
 from discsim.kernels.smoothing import NORM, SUPPORT, factors, terms
 from discsim.kernels.sph_packs import (
@@ -74,13 +74,15 @@ class Wanted(NamedTuple):
 
 
 @njit(inline="always")
-def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
+def add_density(single, kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
     """Add n packed candidates' share of what `in_units_of_density` takes to `sums` (7,)."""
+    real = pack.dtype.type
+    x, y, vx, vy, inv_h = real(x), real(y), real(vx), real(vy), real(inv_h)
     total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
-        inv_r = inverse_root(r2)
+        inv_r = inverse_root(single, r2)
         if shear:
             pack[INV_R * STRIDE + k] = inv_r
         pack[R * STRIDE + k] = r2 * inv_r
@@ -111,7 +113,11 @@ def add_density(kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
         sums[6] += of_ddw * inv_h * more_curl
 
 
-@njit(inline="always")
+# These are of double precision whatever the packs are.
+in_double = njit(**WITHIN, fastmath=FAST)
+
+
+@in_double
 def in_units_of_density(kernel, dim, sums):
     """Of a particle's sums: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
 
@@ -125,7 +131,7 @@ def in_units_of_density(kernel, dim, sums):
     return NORM[dim - 1][kernel] * sums[0], slope, curve, div, curl, more_div, more_curl
 
 
-@njit(inline="always")
+@in_double
 def improve(dim, m, h, wanted, low, high, rho, slope, curve):
     """(settled, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
 
@@ -167,17 +173,19 @@ def begin_cell(wanted, own, members, order, h, low, high, settled):
 
 
 @njit(inline="always")
-def pack_masses(dim, shear, begin, end, slots, order, vel, mass, pack):
-    """Pack masses, and with `shear` velocities, of the candidates from `begin` to `end`; how many with the filling."""
+def pack_masses(dim, shear, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
+    """Pack masses, and with `shear` velocities less (ux, uy), of the candidates from `begin` to `end`; how many with the
+    filling.
+    """
     first, count = np.uint64(begin), np.uint64(end - begin)
     masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]
     for k in range(count):
         j = order[slots[first + k]]
-        masses[k] = mass[j]
+        masses[k] = mass[j] * per_mass
         if shear:
-            vx[k] = vel[j, 0]
+            vx[k] = vel[j, 0] - ux
             if dim == 2:
-                vy[k] = vel[j, 1]
+                vy[k] = vel[j, 1] - uy
     n = whole(end - begin)
     for k in range(count, np.uint64(n)):
         masses[k] = 0.0
@@ -185,27 +193,29 @@ def pack_masses(dim, shear, begin, end, slots, order, vel, mass, pack):
 
 
 @functools.cache
-def density_driver(kernel: int, dim: int, shear: bool):
+def density_driver(kernel: int, dim: int, shear: bool, single: bool):
     """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|.
 
+    With `single` packs are of single precision, with masses in units of `unit_mass`, a power of two.
     `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for.
     """
     support = SUPPORT[kernel]
 
-    @lean_sums
-    def density(first, last, part, filled, given, found, wanted, cells, outgrown):
+    @lean_sums_in_single if single else lean_sums
+    def density(first, last, part, filled, given, found, wanted, unit_mass, cells, outgrown):
         order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
         pos, vel, mass = given.pos, given.vel, given.mass
         h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
         lists, work = part
         begin, slots = lists.begin, lists.slots
         pack, sums, low, high, settled = work.pack, work.sums, work.search[0], work.search[1], work.search[2]
-        cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
+        cx, cy, per_mass = pack[X * STRIDE :], pack[Y * STRIDE :], 1.0 / unit_mass
         for c in range(first, last):
             cell = filled[c]
             ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
             per_unit = 1.0 / unit
             own, members = start[cell], start[cell + 1] - start[cell]
+            ux, uy = (vel[order[own], 0], vel[order[own], 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
             begin_cell(wanted, own, members, order, h, low, high, settled)
             for _ in range(ITERATIONS):
                 for p in range(members):
@@ -214,13 +224,13 @@ def density_driver(kernel: int, dim: int, shear: bool):
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
                     place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
-                    n = pack_masses(dim, shear, listed, end, slots, order, vel, mass, pack)
+                    n = pack_masses(dim, shear, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
                     for p in range(members):
                         i = order[own + p]
                         if settled[p] == 0.0:
                             x, y = relative(dim, pos, i, ox, oy, per_unit)
-                            vx, vy = (vel[i, 0], vel[i, 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
-                            add_density(kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack, sums[p])
+                            vx, vy = relative(dim, vel, i, ux, uy, 1.0) if shear else (0.0, 0.0)
+                            add_density(single, kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack, sums[p])
                 # Apart from the sums, whose loop need not wait for all these divisions.
                 left = False
                 for p in range(members):
@@ -229,7 +239,7 @@ def density_driver(kernel: int, dim: int, shear: bool):
                     i = order[own + p]
                     per_h, step = 1.0 / h[i], 0.0
                     total, slope, curve, div_v, curl_v, more_div, more_curl = in_units_of_density(kernel, dim, sums[p])
-                    rho[i], gradh[i], settled[p] = total * per_h**dim, 1.0, 1.0
+                    rho[i], gradh[i], settled[p] = total * unit_mass * per_h**dim, 1.0, 1.0
                     if not wanted.fixed:
                         settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
                             dim, mass[i], h[i], wanted, low[p], high[p], rho[i], slope, curve

@@ -3,7 +3,13 @@
 A pack holds what sums read of up to CHUNK candidates, and what their loops hand on to each other: a long chain of
 instructions keeps a processor waiting, where some short loops over the same candidates do not. Its rows are of one
 array, and the distance between them is known when it is compiled: so loops that write are vectorised too.
+
+A pack may be of single precision, and the sums of a chunk with it: twice as many candidates are looked at at once. Then
+places and velocities are relative to the cell's, all else is in units of the gas's own (`Scale`), and what is summed over
+chunks, and all that is done with the sums, is of double precision as ever.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,15 +25,25 @@ NORM_H, X, Y, INV_R, R, OWN, OTHER = range(FLUIDITY + 1, FLUIDITY + 8)
 ROWS = OTHER + 1
 
 
+class Scale(NamedTuple):
+    """Units of packs: powers of two, by which nothing is rounded."""
+
+    mass: float
+    length: float
+    speed: float
+
+
 @njit(inline="always")
-def inverse_root(x):
+def inverse_root(single, x):
     """1 / sqrt(x) to rounding: a guess in single precision, for which there is an instruction, and one step."""
+    if single:
+        return np.float32(1.0) / np.sqrt(x)
     y = np.float64(np.float32(1.0) / np.sqrt(np.float32(x)))
     e = 1.0 - x * y * y
     return y + y * e * (0.5 + 0.375 * e)
 
 
 @njit(inline="always")
-def relative(dim, pos, i, ox, oy, per_length):
-    """Where particle i is, from (ox, oy) and times `per_length`; y is 0 in one dimension."""
-    return (pos[i, 0] - ox) * per_length, (pos[i, 1] - oy) * per_length if dim == 2 else 0.0
+def relative(dim, vector, i, ox, oy, factor):
+    """The vector (n, d) of particle i, less (ox, oy) and times a factor; y is 0 in one dimension."""
+    return (vector[i, 0] - ox) * factor, (vector[i, 1] - oy) * factor if dim == 2 else 0.0

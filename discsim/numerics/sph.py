@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -10,7 +11,7 @@ from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_columns, force_driver
 from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
-from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE
+from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE, Scale
 from discsim.numerics import world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of
 from discsim.numerics.threads import share
@@ -42,11 +43,17 @@ class Points(Protocol):
     def count(self) -> int: ...
 
 
+def binade(values: np.ndarray) -> float:
+    """The power of two next to the largest of some values."""
+    return 2.0 ** math.frexp(float(values.max(initial=0.0)))[1]
+
+
 class Sph:
     """The gas's discretisation: what a scene chose, and the neighbour cells of the last density pass."""
 
     def __init__(self, scene: Scene):
         self.kernel = KERNELS[scene.gas.kernel]
+        self.single = scene.gas.precision == "single"
         self.support = SUPPORT[self.kernel]
         self.squeezed = SQUEEZED[self.kernel]
         self.eta = scene.gas.eta
@@ -104,17 +111,18 @@ class Sph:
 
     def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> None:
         """`density` with h of no less than h_least."""
-        driver = density_driver(self.kernel, self.dim, self.balsara)
+        driver = density_driver(self.kernel, self.dim, self.balsara, self.single)
         cells = self.cells = self.cells_of(gas)
         lists = self.lists = self.parts(candidates(cells, cells, mutual=True))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
         given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
+        mass = binade(gas.mass)
         wanted = Wanted(self.eta, h_least, self.h_most, self.fixed)
         left = cells.filled
         while len(left) > 0:
             outgrown = np.zeros(len(left), np.bool_)
-            share(driver, len(left), left, given, found, wanted, cells, outgrown, least=LEAST, each=lists)
+            share(driver, len(left), left, given, found, wanted, mass, cells, outgrown, least=LEAST, each=lists)
             left = left[outgrown]
             widen(left, 1.2 * self.support, gas.h, cells)
             lists = self.parts(candidates(cells._replace(filled=left), cells, mutual=True))
@@ -125,12 +133,24 @@ class Sph:
         """The sums of forces for what a scene has; only some terms ask whether masses are `uneven`."""
         conductive, shearing = self.conductivity is not None, len(nu) > 0
         bounded = self.pairs != NO_VISCOSITY or conductive or shearing
-        return force_driver(self.kernel, self.dim, self.pairs, u is not None, conductive, shearing, bounded and uneven)
+        return force_driver(
+            self.kernel, self.dim, self.pairs, u is not None, conductive, shearing, bounded and uneven, self.single
+        )
 
     def parts(self, lists: list[Any]) -> list[Any]:
         """Lists with what the sums of each work in: kernels that make arrays would count references in their loops."""
         most = int(np.diff(self.cells.start).max())
-        return [(part, Work(np.zeros(ROWS * STRIDE), np.empty((3, most)), np.empty((most, 7)))) for part in lists]
+        return [
+            (
+                part,
+                Work(
+                    np.zeros(ROWS * STRIDE, np.float32 if self.single else np.float64),
+                    np.empty((3, most)),
+                    np.empty((most, 7)),
+                ),
+            )
+            for part in lists
+        ]
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> tuple[np.ndarray, float]:
         """Add to `acc` (and `heating_rate`); return what limits the step: the velocity divergence (n,) and the largest
@@ -139,6 +159,7 @@ class Sph:
         terms = self.pairs, u is not None, self.conductivity is not None
         nu = NONE if gas.nu is None else gas.nu
         given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
+        scale = Scale(binade(gas.mass), binade(gas.h), binade(gas.sound_speed))
         driver = self.driver(u, nu, float(gas.mass.max()) > float(gas.mass.min()))
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
@@ -147,7 +168,7 @@ class Sph:
             self.columns = np.empty((gas.count, FLUIDITY + 1 if more else ENERGY))
         share(
             force_columns, gas.count, given, found, pressure, gas.sound_speed, NONE if u is None else u, nu, *terms,
-            alpha, self.cells.order, self.columns,
+            alpha, scale, self.cells.order, self.columns,
         )  # fmt: skip
         divergence, conduction = np.zeros(gas.count), np.zeros(gas.count if self.conductivity else 0)
         met = self.cells._replace(filled=np.flatnonzero(self.met))
@@ -157,6 +178,6 @@ class Sph:
             share(
                 driver, len(cells.filled),
                 self.columns, gas.acc, NONE if u is None else gas.heating_rate, divergence, conduction, strengths,
-                cells, self.met, again, least=LEAST, each=lists,
+                scale, cells, self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
         return divergence, float(conduction.max(initial=0.0))
