@@ -44,6 +44,7 @@ LOW = {"alpha": 0.1, "beta": 0.5, "pairs": "all"}
 WENDLAND = {"kernel": "wendland-c4", "viscosity": LOW}
 CHOICES = {
     "cubic": {"kernel": "cubic", "viscosity": PLAIN},
+    "cubic, single": {"kernel": "cubic", "viscosity": PLAIN, "precision": "single"},
     "quintic": {"kernel": "quintic", "viscosity": PLAIN},
     "quintic, balsara": {"kernel": "quintic", "viscosity": PLAIN | {"switch": "balsara"}},
     "quintic, all pairs": {"kernel": "quintic", "viscosity": PLAIN | {"pairs": "all"}},

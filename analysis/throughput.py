@@ -1,7 +1,7 @@
 """What a step costs: nanoseconds a particle of whole integrated steps, and what each effect adds.
 
     python analysis/throughput.py [-o OUT] [--json] [--sizes N,...] [--threads 1,2] [--cases gas,gravity,...]
-                                  [--parts cases,growth,effects,steps,sizes] [--scheme tsc]
+                                  [--parts cases,growth,effects,steps,sizes] [--scheme tsc] [--precision single]
 
 A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, and the first steps, which compile,
 apart) in a process of its own for every line:
@@ -64,8 +64,9 @@ ADDED = {
 }
 
 
-def line_of(name: str, size: int, threads: int, scheme: str | None = None) -> dict[str, Any]:
+def line_of(name: str, size: int, threads: int, scheme: str | None = None, precision: str = "double") -> dict[str, Any]:
     tables = case(name, size, threads, scheme)
+    tables["gas"]["precision"] = precision
     row: dict[str, Any] = {"case": name, **apart(tables)}
     if row["dust"]:
         bare = apart(without_dust(tables))
@@ -246,6 +247,9 @@ def main() -> None:
     parser.add_argument("--parts", type=some_of(PARTS, "part"), default=",".join(PARTS))
     parser.add_argument("--cases", type=some_of(CASES, "case"), default=",".join(CASES))
     parser.add_argument("--scheme", choices=list(SCHEMES), help=f"of the drag [{USUAL_SCHEME}; main: its own]")
+    parser.add_argument(
+        "--precision", choices=("double", "single"), default="double", help="of gas in `cases` [double]"
+    )
     options = parser.parse_args()
     sizes, parts = options.sizes, options.parts
     console = Console(stderr=options.json)
@@ -257,7 +261,7 @@ def main() -> None:
             for size in sizes[:1] if name == "main" else sizes:
                 for number in options.threads:
                     console.print(f"{name}, {number} threads{'' if name == 'main' else f', {size:,} particles'} ...")
-                    found["cases"].append(line_of(name, size, number, options.scheme))
+                    found["cases"].append(line_of(name, size, number, options.scheme, options.precision))
         show_cases(found["cases"], console)
     if "growth" in parts:
         found["growth"] = growth(max(sizes))

@@ -4,9 +4,9 @@ numba copies a function that it inlines block by block, and with each block a sc
 that is long and branches, that is as long as all else that is compiled. The copies are equal, and the function that
 they are of is read anew for each call: one scope is enough. What is compiled is the same.
 
-`SingleCompiler` takes every constant of a kernel, with all that was inlined in it, for one of single precision: a literal
-is one of double precision to numba, and turns whatever it meets into that. So one source serves both precisions, by the
-arrays that it is given; what has to be of double precision in it is a function of its own.
+`SingleCompiler` takes every constant of a kernel, and of what is inlined in it, for one of single precision: to numba a
+literal is of double precision, and turns whatever it meets into that. So one source serves both precisions, by the
+arrays that it is given; what has to stay in double precision is a function of its own.
 """
 
 from collections.abc import Iterator

@@ -213,8 +213,8 @@ def force_sums(
 def force_driver(
     kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool, single: bool
 ):  # fmt: skip
-    """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ. With `single` packs are
-    of single precision.
+    """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ; `single`: packs are of
+    single precision.
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence, and the rate of
     conduction where there is any. Takes the cells whose `met` is `now` alone.

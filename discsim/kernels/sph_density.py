@@ -174,8 +174,8 @@ def begin_cell(wanted, own, members, order, h, low, high, settled):
 
 @njit(inline="always")
 def pack_masses(dim, shear, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
-    """Pack masses, and with `shear` velocities less (ux, uy), of the candidates from `begin` to `end`; how many with the
-    filling.
+    """Pack masses, and with `shear` velocities less (ux, uy), of the candidates from `begin` to `end`; how many with
+    the filling.
     """
     first, count = np.uint64(begin), np.uint64(end - begin)
     masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]

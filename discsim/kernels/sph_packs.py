@@ -4,9 +4,9 @@ A pack holds what sums read of up to CHUNK candidates, and what their loops hand
 instructions keeps a processor waiting, where some short loops over the same candidates do not. Its rows are of one
 array, and the distance between them is known when it is compiled: so loops that write are vectorised too.
 
-A pack may be of single precision, and the sums of a chunk with it: twice as many candidates are looked at at once. Then
-places and velocities are relative to the cell's, all else is in units of the gas's own (`Scale`), and what is summed over
-chunks, and all that is done with the sums, is of double precision as ever.
+A pack may be of single precision, and the sums over its chunk with it: twice as many candidates fit in a register. It
+holds places and velocities from the cell's own, and all else in units of the gas (`Scale`), so that no number is too
+large or small. Sums over chunks, and all that is done with them, are of double precision.
 """
 
 from typing import NamedTuple

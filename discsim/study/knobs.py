@@ -28,7 +28,7 @@ from discsim.study.trials import RUNG, Place
 
 # Keys that a rung multiplies, by what; those of particles and neighbours are more than one key.
 NUMBERS = {"run.courant": 0.5**0.5, "run.timestep": 0.5**0.5, "space.cells": 2.0, "drag.cell": 0.5}
-CHOICES = ("drag.scheme", "gas.kernel")
+CHOICES = ("drag.scheme", "gas.kernel", "gas.precision")
 MORE_PARTICLES = 2.0
 # By dimensions, with the stride: in 1D only whole numbers of spacings have the right density (`formulas/smoothing.py`).
 MORE_NEIGHBOURS = {1: (2.0, RUNG), 2: (1.25, 1)}

@@ -14,7 +14,14 @@ from discsim.study.frontier import powers
 from discsim.study.runs import Late
 from discsim.study.trials import Measured, Trial
 
-FEW = ["--keep", "drag.scheme", "--keep", "gas.kernel"]  # no kernels to compile but the default's
+FEW = [
+    "--keep",
+    "drag.scheme",
+    "--keep",
+    "gas.kernel",
+    "--keep",
+    "gas.precision",
+]  # no kernels to compile but the default's
 
 
 @pytest.fixture

@@ -41,10 +41,16 @@ def wave():
 
 
 def test_a_scene_has_the_knobs_of_what_it_has(twin, wave):
-    both = ["drag.scheme", "gas.kernel", "particles", "dust particles", "run.courant"]
+    both = ["drag.scheme", "gas.kernel", "gas.precision", "particles", "dust particles", "run.courant"]
     assert names(twin) == [*both, "space.cells", "drag.cell", "neighbours"]
     assert names(wave) == [*both, "drag.cell", "neighbours"]  # cells of drag in 1D are none of the grid's
-    assert names(knobs_of("setups/gas_disc.toml")) == ["gas.kernel", "particles", "run.courant", "neighbours"]
+    assert names(knobs_of("setups/gas_disc.toml")) == [
+        "gas.kernel",
+        "gas.precision",
+        "particles",
+        "run.courant",
+        "neighbours",
+    ]
     assert names(knobs_of("setups/star_dust.toml")) == ["particles", "run.courant"]
 
 
