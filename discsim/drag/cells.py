@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 NONE = np.empty(0)
 NOBODY = np.empty(0, np.int64)
+ABOUT_GRAINS = "about grains"  # the name of what is agreed on
 # A leaf's h are added in whole units of 2^-H_BITS of the largest, without rounding for 2^23 of them: sums then hang
 # on no order, and say to 9 digits whether a block is large enough.
 H_BITS = 30
@@ -110,7 +111,7 @@ class Blocks(NamedTuple):
 def lattice(drag: Drag, state: State) -> Lattice:
     """Leaves at least as large as is wanted, of a lattice that has room to move where it is not periodic."""
     grid, dim = state.grid, drag.dim
-    wanted, count = drag.agree(lambda: (wanted_leaf(drag, state), state.gas.everywhere))
+    wanted, count = drag.agree("wanted leaf", lambda: (wanted_leaf(drag, state), state.gas.everywhere))
     side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, count)
     extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
@@ -151,7 +152,8 @@ def lay_blocks(
     length = leaves.side if drag.drag.cell_length else 0.0
     wanted = leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
     merged = drag.agree(
-        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, keys[0], state.gas.h), part.shape, *wanted)
+        "blocks",
+        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, keys[0], state.gas.h), part.shape, *wanted),
     )
     return Layout(part._replace(origin=leaves.origin - shift * leaves.side), merged, *keys)
 
@@ -176,9 +178,10 @@ def _placed(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: 
     """
     both = state.gas, state.dust
     shift = _shift(drag, state, leaves, shifted, mirrored)
-    part = drag.agree(lambda: drag.agree.part_of(leaves, shift, both))
+    of = f"of the lattice with a margin of {leaves.margin}"
+    part = drag.agree(f"part {of}", lambda: drag.agree.part_of(leaves, shift, both))
     keys = [_leaf_of_each(particles, part, shift) for particles in both]
-    return shift, part, keys, drag.agree(lambda: _numbers(part, *keys))
+    return shift, part, keys, drag.agree(f"numbers {of}", lambda: _numbers(part, *keys))
 
 
 def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
@@ -253,7 +256,7 @@ def law_of(drag: Drag, dt: float) -> Law:
 def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
     """Gas, of velocities `gas_vel`, and dust as kernels take them."""
     gas, dust, own = state.gas, state.dust, state.own_acc
-    about = drag.agree(lambda: about_grains(drag, state))
+    about = drag.agree(ABOUT_GRAINS, lambda: about_grains(drag, state))
     return (
         Species(
             gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, gas.sound_speed,

@@ -30,7 +30,7 @@ def frame(drag: Drag, state: State) -> Frame:
     mass, softening = drag.star
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
-    return drag.agree(lambda: _about_star(state, mass, softening))
+    return drag.agree("frame", lambda: _about_star(state, mass, softening))
 
 
 def _about_star(state: State, mass: float, softening: float) -> Frame:

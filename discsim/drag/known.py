@@ -18,8 +18,8 @@ class Known:
 
     own_grains: Any = slice(None)
 
-    def __call__(self, find: Callable[[], Any]) -> Any:
-        """What `find` finds, by asking all processes."""
+    def __call__(self, name: str, find: Callable[[], Any]) -> Any:
+        """What `find` finds, by asking all processes; a kick has it under one `name`."""
         return find()
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_colu
 from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE, Scale
 from discsim.numerics import world
-from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of
+from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
 from discsim.numerics.threads import share
 from discsim.numerics.totals import mean
+from discsim.numerics.world import Fetched
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Gas
@@ -38,6 +39,7 @@ class Points(Protocol):
     h: np.ndarray
     density: np.ndarray
     gradh: np.ndarray
+    place: np.ndarray | None
 
     @property
     def count(self) -> int: ...
@@ -46,6 +48,18 @@ class Points(Protocol):
 def binade(values: np.ndarray) -> float:
     """The power of two next to the largest of some values."""
     return 2.0 ** math.frexp(float(values.max(initial=0.0)))[1]
+
+
+class Around(NamedTuple):
+    """Own particles and others that their sums may meet: what makes arrays of both, these of both, and their cells,
+    `filled` where they hold own ones.
+    """
+
+    both: Fetched
+    pos: np.ndarray
+    h: np.ndarray
+    mass: np.ndarray
+    cells: Cells
 
 
 class Sph:
@@ -88,8 +102,20 @@ class Sph:
 
     def keys(self, gas: Gas) -> tuple[np.ndarray, int]:
         """The neighbour cell of each particle (n,), to sort by for memory locality, and how many cells there are."""
-        cells = self.cells_of(gas)
-        return cells.key, len(cells.bounds)
+        grids, classes = self.grids_of(gas)
+        return keys_in(grids, classes, gas.pos), grids.cells
+
+    def around(self, points: Points) -> Around:
+        """The points and all that their sums may meet."""
+        return Around(world.Whole(), points.pos, points.h, points.mass, self.cells_of(points))
+
+    def outgrown(self, own: np.ndarray) -> np.ndarray:
+        """All cells that hold a particle whose h has outgrown their lists; of those with own particles, `own`."""
+        return own
+
+    def meets_all(self, outgrown: np.ndarray) -> bool:
+        """Whether all that these cells reach now are here."""
+        return True
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
         """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`.
@@ -109,75 +135,94 @@ class Sph:
     def least(self, gas: Points) -> float:
         return mean(gas.h) * DENSEST ** (-1.0 / self.dim)
 
-    def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> None:
-        """`density` with h of no less than h_least."""
+    def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> bool:
+        """`density` with h of no less than h_least; False where it has to begin anew, with more particles around."""
         driver = density_driver(self.kernel, self.dim, self.balsara, self.single)
-        cells = self.cells = self.cells_of(gas)
+        both, pos, h, mass, cells = self.around(gas)
+        self.both, self.cells = both, cells
         lists = self.lists = self.parts(candidates(cells, cells, mutual=True))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
-        self.shear = [np.empty(gas.count if self.balsara else 0) for _ in range(2)]
-        given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
-        mass = binade(gas.mass)
-        wanted = Wanted(self.eta, h_least, self.h_most, self.fixed)
+        self.shear = [np.empty(len(h) if self.balsara else 0) for _ in range(2)]
+        found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), *self.shear)
+        given = Given(pos, both.of(vel) if self.balsara else vel, mass)
+        wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed), binade(mass)
         left = cells.filled
-        while len(left) > 0:
+        while True:
             outgrown = np.zeros(len(left), np.bool_)
-            share(driver, len(left), left, given, found, wanted, mass, cells, outgrown, least=LEAST, each=lists)
+            share(driver, len(left), left, given, found, wanted, unit, cells, outgrown, least=LEAST, each=lists)
+            both.refresh(h)
             left = left[outgrown]
-            widen(left, 1.2 * self.support, gas.h, cells)
-            lists = self.parts(candidates(cells._replace(filled=left), cells, mutual=True))
-            for part, _ in lists:
+            some = self.outgrown(left)
+            if not world.together.most(len(some)):
+                break
+            widen(some, 1.2 * self.support, h, cells)
+            if not self.meets_all(some):
+                return False
+            lists = candidates(cells._replace(filled=some), cells, mutual=True)
+            for part in lists:
                 self.met[cells.key[cells.order[part.slots[: part.begin[-1]]]]] = True
+            if len(left) < len(some):
+                lists = candidates(cells._replace(filled=left), cells, mutual=True)
+            lists = self.parts(lists)
+        for own, found_ones in ((gas.h, h), (gas.density, found.rho), (gas.gradh, found.gradh)):
+            both.keep(own, found_ones)
+        return True
 
     def driver(self, u: np.ndarray | None, nu: np.ndarray, uneven: bool) -> Any:
         """The sums of forces for what a scene has; only some terms ask whether masses are `uneven`."""
         conductive, shearing = self.conductivity is not None, len(nu) > 0
         bounded = self.pairs != NO_VISCOSITY or conductive or shearing
-        return force_driver(
-            self.kernel, self.dim, self.pairs, u is not None, conductive, shearing, bounded and uneven, self.single
-        )
+        kinds = self.pairs, u is not None, conductive, shearing, bounded and uneven
+        return force_driver(self.kernel, self.dim, *kinds, self.single)
 
     def parts(self, lists: list[Any]) -> list[Any]:
         """Lists with what the sums of each work in: kernels that make arrays would count references in their loops."""
-        most = int(np.diff(self.cells.start).max())
-        return [
-            (
-                part,
-                Work(
-                    np.zeros(ROWS * STRIDE, np.float32 if self.single else np.float64),
-                    np.empty((3, most)),
-                    np.empty((most, 7)),
-                ),
-            )
-            for part in lists
-        ]
+        most, real = int(np.diff(self.cells.start).max()), np.float32 if self.single else np.float64
+        return [(part, Work(np.zeros(ROWS * STRIDE, real), np.empty((3, most)), np.empty((most, 7)))) for part in lists]
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> tuple[np.ndarray, float]:
         """Add to `acc` (and `heating_rate`); return what limits the step: the velocity divergence (n,) and the largest
         rate of conduction.
         """
         terms = self.pairs, u is not None, self.conductivity is not None
-        nu = NONE if gas.nu is None else gas.nu
-        given, found = Given(gas.pos, vel, gas.mass), Found(gas.h, gas.density, gas.gradh, *self.shear)
-        scale = Scale(binade(gas.mass), binade(gas.h), binade(gas.sound_speed))
-        driver = self.driver(u, nu, float(gas.mass.max()) > float(gas.mass.min()))
+        both, found = self.both, self.found
+        for array in (found.rho, found.gradh, *(self.shear if self.balsara else ())):
+            both.refresh(array)  # on processes without particles too: all call
+        optional = [array for array in (u, gas.nu) if array is not None]
+        moving, mass, pressure, sound, *rest = both.of_all([vel, gas.mass, pressure, gas.sound_speed, *optional])
+        energy, nu = NONE if u is None else rest[0], NONE if gas.nu is None else rest[-1]
         # Halves of the means over a pair are taken out of its sums.
         alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
-        if len(self.columns) != gas.count:  # kept: new memory costs as much as what is written to it
-            more = self.conductivity is not None or len(nu) > 0
-            self.columns = np.empty((gas.count, FLUIDITY + 1 if more else ENERGY))
+        scale = Scale(binade(mass), binade(found.h), binade(sound))
+        columns = self._columns(len(mass), self.conductivity is not None or len(nu) > 0)
         share(
-            force_columns, gas.count, given, found, pressure, gas.sound_speed, NONE if u is None else u, nu, *terms,
-            alpha, scale, self.cells.order, self.columns,
+            force_columns, len(mass), Given(gas.pos, moving, mass), found, pressure, sound, energy, nu, *terms, alpha,
+            scale, self.cells.order, columns,
         )  # fmt: skip
-        divergence, conduction = np.zeros(gas.count), np.zeros(gas.count if self.conductivity else 0)
-        met = self.cells._replace(filled=np.flatnonzero(self.met))
+        acc, rate = both.beside(gas.acc), NONE if u is None else both.beside(gas.heating_rate)
+        divergence, conduction = np.zeros(len(mass)), np.zeros(len(mass) if self.conductivity else 0)
+        driver, filled = self.driver(u, nu, self._uneven(gas)), self.cells.filled
+        met = self.cells._replace(filled=filled[self.met[filled]])
         strengths = beta, self.conductivity.alpha if self.conductivity else 0.0
         for cells, again in ((self.cells, False), (met, True)):
             lists = self.parts(candidates(cells, cells, mutual=True)) if again else self.lists
             share(
-                driver, len(cells.filled),
-                self.columns, gas.acc, NONE if u is None else gas.heating_rate, divergence, conduction, strengths,
-                scale, cells, self.met, again, least=LEAST, each=lists,
+                driver, len(cells.filled), columns, acc, rate, divergence, conduction, strengths, scale, cells,
+                self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
-        return divergence, float(conduction.max(initial=0.0))
+        both.keep(gas.acc, acc)
+        if u is not None:
+            both.keep(gas.heating_rate, rate)
+        return divergence[both.own], float(conduction[both.own].max(initial=0.0)) if self.conductivity else 0.0
+
+    def _columns(self, count: int, many: bool) -> np.ndarray:
+        """Memory for the columns of forces, which is kept: new memory costs as much as what is written to it."""
+        if len(self.columns) < count:
+            spare = min(len(self.columns), count // 16)  # that it has to grow once will not be all
+            self.columns = np.empty((count + spare, FLUIDITY + 1 if many else ENERGY))
+        return self.columns[:count]
+
+    def _uneven(self, gas: Gas) -> bool:
+        """Whether masses differ."""
+        most, least = float(gas.mass.max(initial=0.0)), float(gas.mass.min(initial=np.inf))
+        return bool(world.together.most(most) > world.together.least(least))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -29,21 +29,63 @@ class Needed(NamedTuple):
     end: Array
 
 
-class Whole:
-    """Particles of a species, own ones and those of other processes that are needed here: of one process its own.
+class Joined(Protocol):
+    """Particles of a species, own ones and those of other processes that are needed here.
 
     own: where in arrays of both its own are. place (n,): the order in which sums go through them; None: that of arrays.
     """
+
+    @property
+    def own(self) -> Any: ...
+
+    @property
+    def place(self) -> Array | None: ...
+
+    def of(self, array: Array) -> Array:
+        """An array (n, ...) of own particles, with the same of the others."""
+        ...
+
+
+class Fetched(Joined, Protocol):
+    """The same, where what becomes of the particles goes on from one to the other."""
+
+    def of_all(self, arrays: list[Array]) -> list[Array]:
+        """As `of`, of several arrays of numbers (n,) or (n, d) at once."""
+        ...
+
+    def beside(self, array: Array) -> Array:
+        """An array of both with own entries, and others' that mean nothing yet."""
+        ...
+
+    def refresh(self, array: Array) -> None:
+        """Take the others' entries of an array of both, in place, from where they are own."""
+        ...
+
+    def keep(self, array: Array, both: Array) -> None:
+        """Let own entries be those of an array of both."""
+        ...
+
+
+class Whole:
+    """`Fetched` of one process: its own."""
 
     own: Any = slice(None)
     place: Array | None = None
 
     def of(self, array: Array) -> Array:
-        """An array (n, ...) of own particles, with the same of the others."""
+        return array
+
+    def of_all(self, arrays: list[Array]) -> list[Array]:
+        return arrays
+
+    def beside(self, array: Array) -> Array:
         return array
 
     def refresh(self, array: Array) -> None:
-        """Take the others' entries of an array of both, in place, from where they are own."""
+        pass
+
+    def keep(self, array: Array, both: Array) -> None:
+        pass
 
 
 class Alone:
@@ -77,12 +119,12 @@ class Alone:
         """
         raise NotImplementedError("one process has no places")
 
-    def everyone(self, particles: Particles) -> Any:
-        """All particles of a species, as `Whole`, with arrays in the order of all."""
+    def everyone(self, particles: Particles) -> Joined:
+        """All particles of a species, with arrays in the order of all."""
         return Whole()
 
-    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Any:
-        """As `Whole`, own particles, whose cells are `key` (n,), and all in the cells that are `needed()`."""
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
+        """Own particles, whose cells are `key` (n,), and all in the cells that are `needed()`."""
         return Whole()
 
     def sph(self, kind: Any, scene: Any) -> Any:

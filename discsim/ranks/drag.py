@@ -7,13 +7,14 @@ it and finds their blocks. Between pairs it is all particles, and each rank make
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from mpi4py import MPI
 
-from discsim.drag.cells import Merged, about_grains
+from discsim.drag.cells import ABOUT_GRAINS, Merged, about_grains
 from discsim.drag.known import Known
 from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS, MOST, block_keys
@@ -37,17 +38,15 @@ REQUIRED = ("ids", "species", "gradh", "pressure")  # that particles cannot be m
 
 
 class Agreement(Known):
-    """What has been found together, once more in the same order."""
+    """What a first look at own particles has found together, told to the kick."""
 
     def __init__(self, leaves: Leaves) -> None:
-        self.leaves, self.found = leaves, list[Any]()
-        self.told: Iterator[Any] | None = None
+        self.leaves, self.found = leaves, dict[str, Any]()
 
-    def __call__(self, find: Callable[[], Any]) -> Any:
-        if self.told is not None:
-            return next(self.told)
-        self.found.append(find())
-        return self.found[-1]
+    def __call__(self, name: str, find: Callable[[], Any]) -> Any:
+        if name not in self.found:
+            self.found[name] = find()
+        return self.found[name]
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
         return self.leaves.part_of(lattice, shift, species)
@@ -55,9 +54,10 @@ class Agreement(Known):
     def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
         return self.leaves.summed(lattice, *held)
 
-    def repeat(self, needed: Array) -> None:
-        """Tell what has been found, but of blocks only those `needed` (blocks,)."""
-        self.told = iter([_some(each, needed) if isinstance(each, Merged) else each for each in self.found])
+    def leave(self, needed: Array) -> None:
+        """Of blocks tell only of those `needed` (blocks,)."""
+        for name, each in self.found.items():
+            self.found[name] = _some(each, needed) if isinstance(each, Merged) else each
 
 
 def _some(blocks: Merged, needed: Array) -> Merged:
@@ -113,7 +113,7 @@ class DividedDrag:
 
     def _wide(self, wide: Any, array: Array) -> Array:
         """An array of both, where any rank has entries of it."""
-        return wide.of(array) if self.comm.mpi.allreduce(len(array)) > 0 else array[:0]
+        return wide.of(array) if self.comm.reduced(len(array), MPI.MAX) > 0 else array[:0]
 
     def _everyone(self, state: State) -> dict[str, Any]:
         """All particles: what pairs exchange hangs on others' pairs, and these on others again."""
@@ -144,8 +144,8 @@ class DividedDrag:
             for (name, p), key in zip(state.species.items(), keys, strict=True)
         }
         agreement.own_grains = wides["dust"].own
-        agreement.found.append(self._wide(wides["dust"], about_grains(drag, state)))
-        agreement.repeat(needed)
+        agreement.found[ABOUT_GRAINS] = self._wide(wides["dust"], about_grains(drag, state))
+        agreement.leave(needed)
         return wides
 
 

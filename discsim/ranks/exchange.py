@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
-if TYPE_CHECKING:
-    from discsim.numerics.state import Particles
-
 Array = np.ndarray
 
 
-class Wide:
-    """Own particles of a species and then ghosts, those that a route brings; place (n,): where each is in the order of
-    all, in which sums have to go through them. own: where own ones are.
-    """
+class Placed(Protocol):
+    """Particles that have their places in the order of all."""
 
-    def __init__(self, particles: Particles, route: Route) -> None:
+    place: Array | None
+
+    @property
+    def count(self) -> int: ...
+
+
+class Wide:
+    """`world.Fetched`: own particles of a species and then ghosts, those that a route brings."""
+
+    def __init__(self, particles: Placed, route: Route) -> None:
         self.route, self._held = route, particles.count
         self.place = self.of(particles.place)
 
@@ -38,7 +42,7 @@ class Wide:
         return np.concatenate([array, self.route.send(array)])
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        """The same of several arrays of numbers (n,) or (n, d), in one exchange."""
+        """The same of several arrays, in one exchange."""
         rows = self.route.rows
         given = np.column_stack([array[rows] for array in arrays])
         found, out, at = self.route.pass_on(given), [], 0
@@ -48,15 +52,24 @@ class Wide:
             at += wide
         return out
 
+    def beside(self, array: Array) -> Array:
+        both = np.empty((self.count, *array.shape[1:]), array.dtype)
+        both[self.own] = array
+        return both
+
     def refresh(self, array: Array) -> None:
-        """Take the ghosts' entries of an array of both, in place, from those whose own they are."""
         array[self._held :] = self.route.send(array)
+
+    def keep(self, array: Array, both: Array) -> None:
+        array[:] = both[self.own]
 
 
 class Ordered:
-    """The same with arrays in the order of all. own (n,): where in them own particles are."""
+    """`world.Joined`: the same with arrays in the order of all. own (n,): where in them own particles are."""
 
-    def __init__(self, particles: Particles, route: Route) -> None:
+    place = None
+
+    def __init__(self, particles: Placed, route: Route) -> None:
         self._wide = Wide(particles, route)
         # Nearly in order, which a stable sort makes use of.
         self._order = np.argsort(self._wide.place, kind="stable")
@@ -76,7 +89,7 @@ class Ordered:
         return np.take(self._wide.of(array), self._order, axis=0)
 
 
-def in_cells(comm: Comm, particles: Particles, key: Array, needed: Needed) -> Wide:
+def in_cells(comm: Comm, particles: Placed, key: Array, needed: Needed) -> Wide:
     """Own particles, whose cells are `key` (n,), with those of others in the cells that are needed here."""
     return Wide(particles, route_to(comm, key, needed))
 

@@ -9,11 +9,11 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.effects.base import to_sort
-from discsim.numerics.world import Needed
+from discsim.numerics.world import Fetched, Joined, Needed
 from discsim.ranks.agreed import alike
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
-from discsim.ranks.exchange import Ordered, Wide, in_cells, route_to
+from discsim.ranks.exchange import Ordered, in_cells, route_to
 from discsim.ranks.sph import DividedSph
 
 if TYPE_CHECKING:
@@ -75,11 +75,11 @@ class Ranks:
         cost = sum(COST[name] * p.count for name, p in state.species.items())
         self.balance = self.most(cost) * self.comm.size / max(self.sum(cost), 1.0)
 
-    def everyone(self, particles: Particles) -> Ordered:
+    def everyone(self, particles: Particles) -> Joined:
         one = Needed(np.ones(1, bool), np.zeros(1, np.int64), np.ones(1, np.int64))
         return Ordered(particles, route_to(self.comm, np.zeros(particles.count, np.int64), one))
 
-    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Wide:
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
         return in_cells(self.comm, particles, key, needed())
 
     def sph(self, kind: Any, scene: Scene) -> DividedSph:
