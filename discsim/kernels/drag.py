@@ -151,14 +151,17 @@ def exchange_slopes(dim, two_way, dt, exponential, several, room):
                     slip, source = o[s, SLOPE + k] - o[0, SLOPE + k], o[s, SLOPE_SOURCE + k] - o[0, SLOPE_SOURCE + k]
                     o[s, SLOPE_CHANGE + k] = f * slip + g * source
         return
-    least, most = np.inf, 0.0
+    widest = 0.0
     for s in range(n):
         weight[s] = 0.0
         if mass[s] > 0.0:
             weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
-            least, most = min(least, weight[s]), max(most, weight[s])
-    if least <= 1e-6 * most:
-        return  # a population on one point has no slope of its own
+            widest = max(widest, weight[s] / mass[s])
+    for s in range(n):  # what lies on one point has no slope of its own, and takes no part
+        if weight[s] <= 1e-6 * widest * mass[s]:
+            weight[s] = 0.0
+    if weight[0] == 0.0:
+        return
     for a in range(0, 2 * dim, 2):
         for s in range(n):
             for c in range(dim):

@@ -109,6 +109,25 @@ def test_sizes_are_what_populations_are(scheme):
     np.testing.assert_allclose(found[1][1], found[0][1], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("number", [25, 400])
+def test_grains_that_weigh_nothing_change_nothing(number):
+    """Whether they are alone in a cell, and so without a slope, or many: the others exchange their slopes as ever."""
+    x, found = (np.arange(800)[:, None] + 0.3) / 800, []
+    sizes = [grains(0.02, 400, 0.4), grains(0.1, 400, 0.4), grains(0.5, number, 1e-12)]
+    gas = {"pos": (np.arange(100)[:, None] + 0.5) / 100, "vel": np.zeros((100, 1)), "mass": np.full(100, 0.01)}
+    for populations in (2, 3):
+        dust = {"pos": x, "vel": np.sin(2 * np.pi * x), "mass": np.full(800, 1e-3), "species": np.arange(800) % 2}
+        if populations == 3:
+            more = {"pos": (np.arange(number)[:, None] + 0.4) / number, "vel": np.ones((number, 1))}
+            more |= {"mass": np.full(number, 1e-15), "species": np.full(number, 2)}
+            dust = {name: np.concatenate([dust[name], more[name]]) for name in dust}
+        sim = box(sizes[:populations], scheme="idic-linear", particles={"gas": gas, "dust": dust})
+        sim.step(0.0025)
+        found.append(np.concatenate([p.vel[np.argsort(p.ids)] for p in (sim.gas, sim.dust)])[:900])
+    # Of the mean velocity in a cell they change 1e-12 or less.
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-10)
+
+
 def test_classes_are_few_however_wide_the_sizes():
     sim = box(grains({"smallest": 1e-9, "largest": 1e3}))
     sim.step(0.0025)
