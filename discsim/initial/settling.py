@@ -119,6 +119,11 @@ def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
 
 def settle(state: State, effects: dict[str, Any]) -> None:
     """Move the gas to where its forces cancel, by Newton's method on its places."""
+    with effects["gas"].sph.in_double():  # it takes differences of forces that nearly cancel
+        _settle(state, effects)
+
+
+def _settle(state: State, effects: dict[str, Any]) -> None:
     scene: Any = state.scene
     gas: Any = state.gas
     free = np.flatnonzero(~gas.immobile)

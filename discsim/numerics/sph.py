@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -85,6 +87,15 @@ class Sph:
             self.pairs = ALL_PAIRS if self.viscosity.pairs == "all" else APPROACHING
         self.columns = np.empty((0, ENERGY))
         self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
+
+    @contextmanager
+    def in_double(self) -> Iterator[None]:
+        """Sums in double precision meanwhile, whatever the scene has."""
+        kept, self.single = self.single, False
+        try:
+            yield
+        finally:
+            self.single = kept
 
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         if self.periodic:

@@ -5,6 +5,7 @@
     step        energy of a disc changes by about 3e-3 (C / .8)^2.4 over three orbits, C the Courant factor
                                                                                        (`analysis/cost_of_accuracy.py`)
     gravity     forces are off by up to .003 (2 cells / softening)^2                   (`analysis/forces.py`)
+    precision   of the gas: rms, over that of the forces                               (docs/physics/gas.md)
     drag        of the usual scheme: by the width of its cells                         (`analysis/drift_cost.py`)
 
 Each is of one ring or disc at full size, and says of another scene how large an error to expect, not more. `discsim
@@ -42,7 +43,8 @@ def accuracy(scene: Scene) -> list[tuple[str, str]]:
         return []
     at = local(scene)
     with np.errstate(all="ignore"):  # numbers beyond floats are said as they are
-        return [*_measured(scene), *_disc_rows(scene, at), *_gravity_rows(scene, at), *_exact_rows(scene)]
+        rows = _measured(scene), _disc_rows(scene, at), _gravity_rows(scene, at), _precision_rows(scene)
+        return [row for some in (*rows, _exact_rows(scene)) for row in some]
 
 
 def _measured(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -85,6 +87,11 @@ def _gravity_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     length = (gravity.softening or gravity.thickness) if gravity else None
     if length and at.cell and scene.space.dimensions == 2:
         yield "self-gravity off by up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, by its cells"
+
+
+def _precision_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    if scene.gas is not None and scene.gas.precision == "single":
+        yield "forces of the gas off by about", "3e-7 of their rms, by single precision: too much for weak waves alone"
 
 
 def _exact_rows(scene: Scene) -> Iterator[tuple[str, str]]:

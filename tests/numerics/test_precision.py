@@ -16,16 +16,17 @@ ALL = {
 NEAR = 3e-5
 
 
-def lively(precision, dim=2, mass=1.0, length=1.0, speed=1.0, boost=0.0, boundary="periodic"):
-    """Uneven gas with every term of the forces, in units of mass, length and speed."""
-    pos, masses = uneven(150, dim)
+def lively(precision, mass=1.0, length=1.0, speed=1.0, boost=0.0, boundary="periodic"):
+    """Uneven gas of unequal masses with every term of the forces, in units of mass, length and speed."""
+    pos, masses = uneven(150, 2)
     rng = np.random.default_rng(3)
-    vel, u = rng.normal(size=(150, dim)) + boost, rng.uniform(0.5, 2.0, 150)
+    vel, u = rng.normal(size=(150, 2)) + boost, rng.uniform(0.5, 2.0, 150)
     scene = {
         "units": {"system": "code"},
         "run": {"until": 1e30},
-        "space": {"dimensions": dim, "size": length, "boundary": boundary},
+        "space": {"size": length, "boundary": boundary},
         "gas": {"particles": 150, "kernel": "cubic", "precision": precision, **ALL},
+        "alpha_viscosity": {"nu": 0.02 * length * speed},
     }
     given = {"pos": length * pos, "vel": speed * vel, "mass": mass * masses, "u": speed**2 * u}
     return Simulation(scene, particles={"gas": given})

@@ -32,6 +32,12 @@ def test_estimates_follow_the_settings(name, change, factor):
     assert changed / plain == pytest.approx(factor, rel=0.35)
 
 
+def test_single_precision_is_told_where_it_is():
+    name = "forces of the gas off by about"
+    assert number(load_scene(TWIN, ["gas.precision=single"]), name) == 3e-7
+    assert name not in dict(accuracy.accuracy(load_scene(TWIN)))
+
+
 def test_drag_is_told_of_the_usual_scheme_by_its_cells():
     name = "drift past the gas off by about"
     narrow, wide = (number(load_scene(TWIN, [f"drag.cell={cell}"]), name) for cell in (2, 8))
