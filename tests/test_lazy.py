@@ -10,9 +10,12 @@ from runs import DISC, SHOCK, WAVE
 RUN = """
 import json, sys
 from pathlib import Path
+from types import SimpleNamespace
+if sys.argv[3] == "undrawn":
+    sys.modules["discsim.output.figure"] = SimpleNamespace(last_state_figure=lambda snapshot, figure: figure.touch())
 from discsim.run.runner import run_scene
 from discsim.scene import load_scene
-assert run_scene(load_scene(sys.argv[1], [], sys.argv[3:]), Path(sys.argv[2]), quiet=True) == 0
+assert run_scene(load_scene(sys.argv[1], [], sys.argv[4:]), Path(sys.argv[2]), quiet=True) == 0
 print(json.dumps(list(sys.modules)))
 """
 
@@ -124,23 +127,25 @@ def path(tmp_path):
     return tmp_path / "a.toml"
 
 
+# The figure takes half of such a run: one of a map and one of lines are enough, of scenes with the least.
 @pytest.mark.parametrize(
-    "text, without, there, absent",
+    "text, without, figure, there, absent",
     [
-        (DISC, (), GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME | COOLING | LIGHT | STIRRED | GROWN),
-        (DISC, ("dust", "drag", "self_gravity"), GAS | STAR, DUST | DRAG | GRAVITY),
-        (DISC, ("drag",), GAS | DUST | STAR | GRAVITY, DRAG),
-        (SHOCK, (), GAS, DUST | DRAG | STAR | GRAVITY),
-        (WAVE, (), GAS | DUST | DRAG, STAR | GRAVITY | OTHER_SCHEME),
-        (DUST_ONLY, (), DUST | STAR, GAS | DRAG | GRAVITY | GRID),
-        (TUBE, (), GRID, OF_PARTICLES | OTHER_SCHEME | {"discsim.drag.sios_ppm"}),
+        (DISC, (), "undrawn", GAS | DUST | DRAG | STAR | GRAVITY, OTHER_SCHEME | COOLING | LIGHT | STIRRED | GROWN),
+        (DISC, ("dust", "drag", "self_gravity"), "drawn", GAS | STAR, DUST | DRAG | GRAVITY),
+        (DISC, ("drag",), "undrawn", GAS | DUST | STAR | GRAVITY, DRAG),
+        (SHOCK, (), "drawn", GAS, DUST | DRAG | STAR | GRAVITY),
+        (WAVE, (), "undrawn", GAS | DUST | DRAG, STAR | GRAVITY | OTHER_SCHEME),
+        (DUST_ONLY, (), "undrawn", DUST | STAR, GAS | DRAG | GRAVITY | GRID),
+        (TUBE, (), "undrawn", GRID, OF_PARTICLES | OTHER_SCHEME | {"discsim.drag.sios_ppm"}),
     ],
 )
-def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, without, there, absent):
+def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, without, figure, there, absent):
     path.write_text(text)
-    found = modules(RUN, path, tmp_path / "out", *without)
+    found = modules(RUN, path, tmp_path / "out", figure, *without)
     assert there <= found
     assert not (absent | RANKS) & found
+    assert ("matplotlib" in found) == (figure == "drawn")
 
 
 def test_a_start_waits_for_nothing_that_it_does_not_need(path):

@@ -3,8 +3,6 @@
 import importlib.util
 import re
 import shlex
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -133,9 +131,7 @@ def test_options_are_those_of_the_commands():
     usage = next(text for text in blocks("", "docs/commands.md") if text.startswith("discsim run"))
     for line in usage.splitlines():
         command = line.split()[1]
-        shown = subprocess.run(
-            [sys.executable, "-m", "discsim", command, "--help"], capture_output=True, text=True, check=True
-        ).stdout
+        shown = CliRunner().invoke(app, [command, "--help"]).stdout
         assert set(re.findall(r"--\w+", shown)) - {"--help", "--output"} == set(re.findall(r"--\w+", line))
 
 

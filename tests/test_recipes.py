@@ -17,11 +17,13 @@ from recipes import PAGES, files_of, write_package
 import discsim
 
 NAMES = sorted(path.stem for path in PAGES.glob("*.md") if path.stem != "index")
+IN_FIGURES = ("field", "start")  # parts that figures ask; to draw one takes as long as such a run
 
 FOLLOW = """
 import importlib, io, sys
 from contextlib import redirect_stdout
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -37,7 +39,9 @@ def said(*arguments):
             assert end.code in (0, None), (arguments, end.code)
     return out.getvalue()
 
-scene, name, keys = sys.argv[1], sys.argv[2], sys.argv[3].split(",")
+scene, name, keys, figure = sys.argv[1], sys.argv[2], sys.argv[3].split(","), sys.argv[4]
+if figure == "undrawn":
+    sys.modules["discsim.output.figure"] = SimpleNamespace(last_state_figure=lambda snapshot, figure: figure.touch())
 reference = said("effects") + said("plot", "--fields")
 assert all(word in reference for word in (name, *keys)), reference
 assert "derived" in said("check", scene) or True
@@ -71,8 +75,9 @@ def test_a_recipe_can_be_followed(tmp_path, recipe):
     keys = re.findall(r"^    (\w+): .* = Field", code, re.M)
     home = os.path.dirname(os.path.dirname(discsim.__file__))
     done = subprocess.run(
-        [sys.executable, "-c", FOLLOW, scene, name, ",".join(keys)], cwd=tmp_path, capture_output=True, text=True,
-        check=False, env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{home}"},
+        [sys.executable, "-c", FOLLOW, scene, name, ",".join(keys), "drawn" if recipe in IN_FIGURES else "undrawn"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{home}"},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
     assert done.stdout.splitlines()[-1] == "done 1"

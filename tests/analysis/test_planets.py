@@ -10,18 +10,32 @@ from test_studies import even, gas_of
 from discsim.output.snapshot import write_snapshot
 from discsim.scene import load_scene
 
-TABLES = """
+DISC = """
 units.system = "code"
 run.until = 2.0
 space.size = 8.0
-initial = {kind = "disc", surface_density = 1.0, surface_density_index = 1.0, inner = 0.5, outer = 3.0}
 star.mass = 1.0
-alpha_viscosity.alpha = 0.01
-companion = {mass = 1e-3, semi_major_axis = 1.0, softening = 0.6}
 [gas]
 particles = 500
 eos = {kind = "locally-isothermal", aspect_ratio = 0.05, temperature_index = 1.0}
 """
+TABLES = (
+    DISC
+    + """
+[alpha_viscosity]
+alpha = 0.01
+[companion]
+mass = 1e-3
+semi_major_axis = 1.0
+softening = 0.6
+[initial]
+kind = "disc"
+surface_density = 1.0
+surface_density_index = 1.0
+inner = 0.5
+outer = 3.0
+"""
+)
 COLUMNS = ("time", "number", "mass", "x", "y", "semi_major_axis", "torque_gas")
 
 
@@ -115,14 +129,21 @@ def test_no_run_is_one_message(tmp_path, capsys, name):
     assert capsys.readouterr().err.startswith(f"{name}: ")
 
 
-DAMPED = """
-units.system = "code"
-run.until = 2.0
-space.size = 8.0
-star.mass = 1.0
-alpha_viscosity = {alpha = 0.01, index = 0.5}
-companion = {mass = 1e-9, semi_major_axis = 1.0, softening = 0.6, accretion_radius = 0.03, accretion_rate = 4.0}
-damping = {inner = [0.55, 0.66], outer = [1.5, 1.75]}
+DAMPED = (
+    DISC
+    + """
+[alpha_viscosity]
+alpha = 0.01
+index = 0.5
+[companion]
+mass = 1e-9
+semi_major_axis = 1.0
+softening = 0.6
+accretion_radius = 0.03
+accretion_rate = 4.0
+[damping]
+inner = [0.55, 0.66]
+outer = [1.5, 1.75]
 [initial]
 kind = "steady"
 surface_density = 1.0
@@ -130,10 +151,8 @@ inner = 0.55
 outer = 1.75
 inner_taper = 0.12
 outer_taper = 0.3
-[gas]
-particles = 500
-eos = {kind = "locally-isothermal", aspect_ratio = 0.05, temperature_index = 1.0}
 """
+)
 
 
 def grid_of(tmp_path, mass=1e-9, rings=24, accretes=False):
