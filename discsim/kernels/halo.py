@@ -11,6 +11,7 @@ from discsim.kernels.grid import stencil
 from discsim.kernels.neighbours import ALL_X, FIRST, FROM_X, NX, REACH, SIDE_X
 
 THEIRS, OWN, EITHER = range(3)
+ONE, TWO = np.uint64(1), np.uint64(2)
 EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
 
 
@@ -123,37 +124,52 @@ def tiles_of(first, last, pos, tiles, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def near_others(first, last, pos, origin, inverse, periodic, at, owner, rank, tiles, inside, out):
-    """Mark in `out` (n,) the particles of whose nodes about them any has another `owner` than `rank`: that of its tile
-    (along x, along y), which is that of `at`, (nx,) and (ny,). Those in tiles that are `inside` (tiles,) have none.
-    """
-    (at_x, at_y), plane = at, pos.shape[1] == 2
-    nx, ny = len(at_x), len(at_y)
-    for p in range(first, last):
-        out[p] = False
-        if inside[_tile_of(pos, p, tiles)]:
-            continue
-        ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
-        iy, jy = 0, 0
-        if plane:
-            iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
-        if ix >= 0 and iy >= 0:
-            ix, jx, iy, jy = at_x[ix], at_x[jx], at_y[iy], at_y[jy]
-            same = owner[ix, iy] == rank and owner[jx, iy] == rank
-            out[p] = not (same and owner[ix, jy] == rank and owner[jx, jy] == rank)
+def in_marked(first, last, pos, tiles, marked, out):
+    """Mark in `out` (n,) the places whose tile, or the nearest one, is `marked` (tiles,)."""
+    low, per_tile, along = tiles
+    if pos.shape[1] == 2:
+        flat, ox, oy, most = pos.reshape(-1), low[0], low[1], along - 1.0  # no branches, unsigned numbers: faster
+        for i in range(np.uint64(first), np.uint64(last)):
+            x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
+            x, y = min(x, most) if x > 0.0 else 0.0, min(y, most) if y > 0.0 else 0.0
+            out[i] = marked[np.uint64(np.int32(x) * along + np.int32(y))]
+        return
+    for i in range(first, last):
+        out[i] = marked[_tile_of(pos, i, tiles)]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def owners_about(some, pos, origin, inverse, periodic, tiles, owner, out):
-    """Mark in `out` (ranks, some) who owns a node about each of `some` particles, which are on the grid."""
+def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank, out):
+    """Write to `out` (some, 4) who but `rank` owns a node about each of `some` particles, each once, and else -1.
+
+    A node has the `owner` (along x, along y) of its tile, which is that of `tiles`, (nx,) and (ny,).
+    """
     (at_x, at_y), plane = tiles, pos.shape[1] == 2
     nx, ny = len(at_x), len(at_y)
-    for k in range(len(some)):
+    for k in range(first, last):
         p = some[k]
+        out[k, :] = -1
         ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
         iy, jy = 0, 0
         if plane:
             iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
-        ix, jx, iy, jy = at_x[ix], at_x[jx], at_y[iy], at_y[jy]
-        out[owner[ix, iy], k] = out[owner[jx, iy], k] = True
-        out[owner[ix, jy], k] = out[owner[jx, jy], k] = True
+        if ix < 0 or iy < 0:
+            continue
+        for node in range(4):
+            one = owner[at_x[jx if node > 1 else ix], at_y[jy if node % 2 else iy]]
+            known = one == rank
+            for before in range(node):
+                known |= out[k, before] == one
+            if not known:
+                out[k, node] = one
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def held_blocks(first, last, gas, dust, side, out):
+    """Mark in `out` (x, y) the blocks of `side` by `side` leaves in which any gas or dust (nx, ny) is."""
+    nx, ny = gas.shape
+    for x in range(first, last):
+        for ix in range(x * side, min((x + 1) * side, nx)):
+            for iy in range(ny):
+                if gas[ix, iy] + dust[ix, iy] > 0:
+                    out[x, iy // side] = True

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
-from discsim.numerics import world
+from discsim.numerics import room, world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.dataframe import dataframe_of
 
@@ -36,6 +36,8 @@ class Particles:
     immobile: Array | None = None  # boundary particles of a shock tube (mask); None where there are none
     place: Array | None = None  # in the order of all particles of a run, where other processes have some of them
 
+    spare = 0  # entries for which arrays that are made anew have room behind them
+
     @property
     def count(self) -> int:
         return len(self.mass)
@@ -55,7 +57,7 @@ class Particles:
         from discsim.numerics.threads import share
 
         for name, array in self.arrays().items():
-            taken = np.empty((len(index), *array.shape[1:]), array.dtype)
+            taken = room.empty(len(index), array, self.spare)
             # Bits are moved, whatever they mean: one kernel for all.
             wide = math.prod(array.shape[1:])
             rows, out = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, taken))
@@ -98,8 +100,19 @@ class Particles:
         for name, array in self.arrays().items():
             array[filled] = come[name][:more]
             array[holes] = array[tail]
-            kept = array[:left]
-            setattr(self, name, np.concatenate([kept, come[name][more:]]) if len(come[name]) > more else kept)
+            setattr(self, name, self._with(array[:left], come[name][more:]))
+
+    def _with(self, array: Array, others: Array) -> Array:
+        """An array (n, ...) and others' entries behind it."""
+        if len(others) == 0:
+            return array
+        count = len(array) + len(others)
+        both = room.longer(array, count)
+        if both is None:
+            both = room.empty(count, array, self.spare)
+            both[: len(array)] = array
+        both[len(array) :] = others
+        return both
 
     def copy(self) -> Self:
         return type(self)(**{name: array.copy() for name, array in self.arrays().items()})

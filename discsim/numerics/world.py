@@ -45,12 +45,16 @@ class Joined(Protocol):
         """An array (n, ...) of own particles, with the same of the others."""
         ...
 
+    def keep(self, array: Array, both: Array) -> None:
+        """Let own entries be those of an array of both."""
+        ...
+
 
 class Fetched(Joined, Protocol):
     """The same, where what becomes of the particles goes on from one to the other."""
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        """As `of`, of several arrays of numbers (n,) or (n, d) at once."""
+        """As `of`, of several arrays at once."""
         ...
 
     def beside(self, array: Array) -> Array:
@@ -59,10 +63,6 @@ class Fetched(Joined, Protocol):
 
     def refresh(self, array: Array) -> None:
         """Take the others' entries of an array of both, in place, from where they are own."""
-        ...
-
-    def keep(self, array: Array, both: Array) -> None:
-        """Let own entries be those of an array of both."""
         ...
 
 

@@ -63,12 +63,17 @@ class Comm:
         item.Free()
         return found
 
-    def swap(self, out: Array, parts: list[MPI.Datatype], found: Array, places: list[MPI.Datatype]) -> None:
-        """A part of `out` to each rank, to its place in what is `found` there."""
-        ones, zeros = [1] * self.size, [0] * self.size
-        sizes = [part.Get_size() for rank, part in enumerate(parts) if rank != self.rank]
-        with self.traffic.call(sum(sizes), int(np.count_nonzero(sizes))):
-            self.mpi.Alltoallw([out, (ones, zeros), parts], [found, (ones, zeros), places])
+    def swap(self, out: Array, given: Array, found: Array, taken: Array) -> None:
+        """Of `out` (n,) numbers `given` (ranks,) of entries to each rank in turn, into `found` (m,) those `taken` of
+        each, but for this rank's own: what is there stays.
+        """
+        others = np.arange(self.size) != self.rank
+        (sent, starts), (come, places) = (
+            (others * numbers, np.cumsum(numbers) - numbers) for numbers in (given, taken)
+        )
+        of = MPI.Datatype.fromcode(out.dtype.char)
+        with self.traffic.call(int(sent.sum()) * out.itemsize, int(np.count_nonzero(sent))):
+            self.mpi.Alltoallv([out, (sent, starts), of], [found, (come, places), of])
 
 
 class Route:
@@ -91,6 +96,28 @@ class Route:
         """The rows of this rank's `array` (n, ...) to where they go; those that come here, by the rank they are of."""
         return self.pass_on(array[self.rows])
 
+    def send_all(self, arrays: list[Array]) -> list[Array]:
+        """The same of several arrays, of any kinds, in one exchange."""
+        count = len(self.rows)
+        rows = [np.ascontiguousarray(array[self.rows]).view(np.uint8).reshape(count, _bytes(array)) for array in arrays]
+        found = self.pass_on(np.concatenate(rows, axis=1))
+        parts = np.split(found, np.cumsum([_bytes(array) for array in arrays])[:-1], axis=1)
+        return [
+            np.ascontiguousarray(part).reshape(-1).view(array.dtype).reshape(len(found), *array.shape[1:])
+            for part, array in zip(parts, arrays, strict=True)
+        ]
+
     def pass_on(self, rows: Array) -> Array:
         """The same, of the rows that go."""
         return self.comm.deal(np.ascontiguousarray(rows), self.given, self.taken)
+
+
+def _bytes(array: Array) -> int:
+    """Of an entry of an array (n, ...)."""
+    return int(array.itemsize * np.prod(array.shape[1:], dtype=np.int64))
+
+
+def by_rank(some: Array, owner: Array, size: int) -> list[Array]:
+    """`some` (n,) by their owners (n,): of each rank those that are its own, in the order that they had."""
+    order = np.argsort(owner, kind="stable")
+    return np.split(some[order], np.searchsorted(owner[order], np.arange(1, size)))

@@ -13,10 +13,10 @@ import numpy as np
 from mpi4py import MPI
 from scipy.ndimage import minimum_filter
 
-from discsim.kernels.halo import tiles_of
+from discsim.kernels.halo import in_marked, tiles_of
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import share
-from discsim.ranks.comm import Comm, Route
+from discsim.ranks.comm import Comm, Route, by_rank
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
@@ -69,6 +69,12 @@ class Division:
         share(tiles_of, len(pos), pos, self.tiles, out)
         return out
 
+    def within(self, pos: Array, marked: Array) -> Array:
+        """Which of the places (n, d) are in `marked` tiles (tiles,)."""
+        out = np.empty(len(pos), bool)
+        share(in_marked, len(pos), pos, self.tiles, marked, out)
+        return np.flatnonzero(out)
+
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
         """Divide the tiles anew where that is due; whether it was. `whole`: each rank has all the particles."""
         cost = np.zeros(len(self.owner))
@@ -111,7 +117,7 @@ class Division:
             before = self.comm.mpi.exscan(p.count) or 0
             p.place = np.arange(before, before + p.count, dtype=np.uint64)
             owner = self.owner[self.tile_of(p.pos)]
-            route = Route(self.comm, [np.flatnonzero(owner == rank) for rank in range(self.comm.size)])
+            route = Route(self.comm, by_rank(np.arange(p.count), owner, self.comm.size))
             order = np.argsort(route.send(p.place))
             for array_name, array in p.arrays().items():
                 setattr(p, array_name, route.send(array)[order])
@@ -120,13 +126,13 @@ class Division:
 
     def migrate(self, particles: Particles) -> None:
         """Bring particles to their owners."""
-        owner = self.owner[self.tile_of(particles.pos)]
-        leaving = owner != self.comm.rank
-        if not self.comm.reduced(bool(leaving.any()), MPI.MAX):
+        leaving = self.within(particles.pos, self.owner != self.comm.rank)
+        if not self.comm.reduced(len(leaving), MPI.MAX):
             return
-        route = Route(self.comm, [np.flatnonzero(leaving & (owner == rank)) for rank in range(self.comm.size)])
+        owner = self.owner[self.tile_of(particles.pos[leaving])]
+        route = Route(self.comm, by_rank(leaving, owner, self.comm.size))
         arrays = particles.arrays()
-        particles.replace(np.flatnonzero(leaving), {name: route.send(array) for name, array in arrays.items()})
+        particles.replace(leaving, dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:

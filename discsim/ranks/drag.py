@@ -96,7 +96,8 @@ class DividedDrag:
             classes.of = dust.of(own)
         self.scheme.relax(drag, both, dt, vel, warmed)
         classes.of = own
-        gas_vel[:], state.dust.vel[:] = vel[gas.own], both.dust.vel[dust.own]
+        gas.keep(gas_vel, vel)
+        dust.keep(state.dust.vel, both.dust.vel)
         if drag.drag.heating:
             heat[:] = warmed[gas.own]
         alone = np.zeros(dust.count, bool)

@@ -7,10 +7,13 @@ from typing import Protocol
 
 import numpy as np
 
+from discsim.numerics.room import longer
+from discsim.numerics.state import Particles
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
 Array = np.ndarray
+SPARE = 8  # room for ghosts: a SPARE-th more than there are
 
 
 class Placed(Protocol):
@@ -23,45 +26,47 @@ class Placed(Protocol):
 
 
 class Wide:
-    """`world.Fetched`: own particles of a species and then ghosts, those that a route brings."""
+    """`world.Fetched`: own particles of a species and then ghosts, those that a route brings.
 
-    def __init__(self, particles: Placed, route: Route) -> None:
-        self.route, self._held = route, particles.count
+    Arrays of both are own ones with ghosts in the room behind these, where they have it: what another one writes there
+    takes its place. `lasting` ones are copies.
+    """
+
+    def __init__(self, particles: Placed, route: Route, lasting: bool = False) -> None:
+        self.route, self._held, self._lasting = route, particles.count, lasting
+        self.count = self._held + route.count
+        if isinstance(particles, Particles) and not lasting:
+            particles.spare = max(particles.spare, route.count + route.count // SPARE)
         self.place = self.of(particles.place)
 
     @property
     def own(self) -> slice:
         return slice(0, self._held)
 
-    @property
-    def count(self) -> int:
-        return len(self.place)
-
     def of(self, array: Array) -> Array:
-        """An array (n, ...) of own particles, with the same of ghosts."""
-        return np.concatenate([array, self.route.send(array)])
+        both = self.beside(array)
+        self.refresh(both)
+        return both
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        """The same of several arrays, in one exchange."""
-        rows = self.route.rows
-        given = np.column_stack([array[rows] for array in arrays])
-        found, out, at = self.route.pass_on(given), [], 0
-        for array in arrays:
-            wide = array.shape[1] if array.ndim == 2 else 1
-            out.append(np.concatenate([array, found[:, at : at + wide].reshape(-1, *array.shape[1:])]))
-            at += wide
+        out = [self.beside(array) for array in arrays]
+        for both, others in zip(out, self.route.send_all(arrays), strict=True):
+            both[self._held :] = others
         return out
 
     def beside(self, array: Array) -> Array:
-        both = np.empty((self.count, *array.shape[1:]), array.dtype)
-        both[self.own] = array
+        both = None if self._lasting else longer(array, self.count)
+        if both is None:
+            both = np.empty((self.count, *array.shape[1:]), array.dtype)
+            both[self.own] = array
         return both
 
     def refresh(self, array: Array) -> None:
         array[self._held :] = self.route.send(array)
 
     def keep(self, array: Array, both: Array) -> None:
-        array[:] = both[self.own]
+        if not np.may_share_memory(array, both):
+            array[:] = both[self.own]
 
 
 class Ordered:
@@ -69,8 +74,8 @@ class Ordered:
 
     place = None
 
-    def __init__(self, particles: Placed, route: Route) -> None:
-        self._wide = Wide(particles, route)
+    def __init__(self, particles: Placed, route: Route, lasting: bool = False) -> None:
+        self._wide = Wide(particles, route, lasting)
         # Nearly in order, which a stable sort makes use of.
         self._order = np.argsort(self._wide.place, kind="stable")
 
@@ -85,13 +90,15 @@ class Ordered:
         return len(self._order)
 
     def of(self, array: Array) -> Array:
-        """An array (n, ...) of own particles, with the same of ghosts."""
         return np.take(self._wide.of(array), self._order, axis=0)
 
+    def keep(self, array: Array, both: Array) -> None:
+        array[:] = both[self.own]
 
-def in_cells(comm: Comm, particles: Placed, key: Array, needed: Needed) -> Wide:
+
+def in_cells(comm: Comm, particles: Placed, key: Array, needed: Needed, lasting: bool = False) -> Wide:
     """Own particles, whose cells are `key` (n,), with those of others in the cells that are needed here."""
-    return Wide(particles, route_to(comm, key, needed))
+    return Wide(particles, route_to(comm, key, needed), lasting)
 
 
 def route_to(comm: Comm, key: Array, needed: Needed) -> Route:

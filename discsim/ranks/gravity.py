@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.halo import near_others, owners_about
+from discsim.kernels.halo import others_about
 from discsim.numerics.grid import BORDER, Grid, Node
 from discsim.numerics.mesh import Mesh
 from discsim.numerics.poisson import Kernel
 from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
-from discsim.ranks.comm import Route
+from discsim.ranks.comm import Route, by_rank
 from discsim.ranks.division import Division
 from discsim.ranks.exchange import Ordered
 from discsim.ranks.slabs import Slabs
@@ -53,15 +53,13 @@ class Nodes:
 
     def about(self, particles: Particles) -> tuple[Array, Array]:
         """Places and masses of the particles about own nodes, and of own particles."""
-        grid, pos, owner, rank = self.grid, particles.pos, self.owner, self.comm.rank
-        near, where = np.empty(len(pos), bool), (grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles)
-        inside = self.division.inside(grid.cell)
-        share(near_others, len(pos), pos, *where, owner, rank, self.division.tiles, inside, near)
-        some = np.flatnonzero(near)
-        owners = np.zeros((self.comm.size, len(some)), bool)
-        owners_about(some, pos, *where, owner, owners)
-        owners[rank] = False
-        wide = Ordered(particles, Route(self.comm, [some[row] for row in owners]))
+        grid, pos, rank = self.grid, particles.pos, self.comm.rank
+        some = self.division.within(pos, ~self.division.inside(grid.cell))
+        others = np.empty((len(some), 4), np.int64)
+        where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, rank
+        share(others_about, len(some), some, pos, *where, others)
+        near, node = np.nonzero(others >= 0)
+        wide = Ordered(particles, Route(self.comm, by_rank(some[near], others[near, node], self.comm.size)))
         return wide.of(pos), wide.of(particles.mass)
 
 

@@ -14,13 +14,16 @@ from scipy.ndimage import maximum_filter1d
 
 from discsim.drag.cells import Lattice
 from discsim.kernels.blocks import MOST
+from discsim.kernels.halo import held_blocks
 from discsim.numerics.neighbours import corners
 from discsim.numerics.state import Particles
+from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import route_to
 
 Array = np.ndarray
+LEAST = 4  # columns of largest blocks that a thread takes at once
 
 
 class Leaves:
@@ -58,8 +61,8 @@ class Leaves:
         """As `drag/known.py` has it, in each largest block within reach of one with own particles."""
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
-        gas, dust = (np.logical_or.reduceat(np.logical_or.reduceat(each > 0, x), y, axis=1) for each in tables[:2])
-        own = mask = gas | dust
+        own = mask = np.zeros((len(x), len(y)), bool)
+        share(held_blocks, len(x), tables[0], tables[1], MOST, own, least=LEAST)
         for axis, reach in enumerate(self._reach(lattice)):
             mode = "wrap" if lattice.joined[axis] else "constant"
             mask = maximum_filter1d(mask, 2 * min(reach, own.shape[axis]) + 1, axis=axis, mode=mode)

@@ -77,10 +77,10 @@ class Ranks:
 
     def everyone(self, particles: Particles) -> Joined:
         one = Needed(np.ones(1, bool), np.zeros(1, np.int64), np.ones(1, np.int64))
-        return Ordered(particles, route_to(self.comm, np.zeros(particles.count, np.int64), one))
+        return Ordered(particles, route_to(self.comm, np.zeros(particles.count, np.int64), one), lasting=True)
 
     def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
-        return in_cells(self.comm, particles, key, needed())
+        return in_cells(self.comm, particles, key, needed(), lasting=True)
 
     def sph(self, kind: Any, scene: Scene) -> DividedSph:
         return DividedSph(scene, self.comm)
