@@ -16,6 +16,7 @@ from pydantic import Field
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics import room
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import copied, fill, share
 from discsim.parts import EOS, Lazy
@@ -188,16 +189,16 @@ class Effect(base.Effect):
         # beside heavier ones, more than there is.
         self._limit = min(self._step_limit(gas, before, divergence), 1.0 / conduction if conduction > 0.0 else np.inf)
 
-    def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> np.ndarray:
+    def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         gas, pos = state.gas, state.from_centre(state.gas.pos)
-        out = np.empty((2, gas.count))
+        out = room.like(gas.pressure), room.like(gas.sound_speed)
 
         def part(first: int, last: int) -> None:
             within = slice(first, last)
             energy, density = None if u is None else u[within], gas.density[within]
             if gas.small is not None and energy is None:  # which has no pressure; energies are of all the mass
                 density = density * growth.gas_share(self.scene, gas, within)
-            out[:, within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
+            out[0][within], out[1][within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
 
         share(part, gas.count)
         return out

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.grid import stencil
-from discsim.kernels.neighbours import ALL_X, FIRST, FROM_X, NX, REACH, SIDE_X
+from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
 
 THEIRS, OWN, EITHER = range(3)
 ONE, TWO = np.uint64(1), np.uint64(2)
@@ -140,7 +140,7 @@ def in_marked(first, last, pos, tiles, marked, out):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank, out):
-    """Write to `out` (some, 4) who but `rank` owns a node about each of `some` particles, each once, and else -1.
+    """Write to `out` (some, 4) who but `rank` owns a node about each of `some` particles, each once, and then -1.
 
     A node has the `owner` (along x, along y) of its tile, which is that of `tiles`, (nx,) and (ny,).
     """
@@ -155,13 +155,50 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
             iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
         if ix < 0 or iy < 0:
             continue
+        number = 0
         for node in range(4):
             one = owner[at_x[jx if node > 1 else ix], at_y[jy if node % 2 else iy]]
             known = one == rank
-            for before in range(node):
+            for before in range(number):
                 known |= out[k, before] == one
             if not known:
-                out[k, node] = one
+                out[k, number] = one
+                number += 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def all_there(some, cells, there):
+    """Of `some` cells, which reach no other one (cells,) than those that are `there`, and nothing beyond a part."""
+    grids, bounds, low = cells.grids, cells.bounds, cells.low
+    out = np.ones(len(some), np.bool_)
+    for k in range(len(some)):
+        x, y, wide, high, reach = bounds[some[k]]
+        for level in range(len(grids)):
+            grid = grids[level]
+            x0, x1 = _over(x - low[0], wide + reach, grid[SIDE_X])
+            y0, y1 = _over(y - low[1], high + reach, grid[SIDE_X + 1]) if cells.width[1] > 0.0 else (0, 0)
+            if cells.periodic and (x0 < 0 or y0 < 0 or x1 >= grid[ALL_X] or y1 >= grid[ALL_Y]):
+                out[k] = False  # in another turn of the box: not looked for
+            # Beyond the whole of a grid there is nothing; places on its upper edge are in its last cells.
+            x0, x1 = _inside(x0, grid[ALL_X]) - int(grid[FROM_X]), _inside(x1, grid[ALL_X]) - int(grid[FROM_X])
+            y0, y1 = _inside(y0, grid[ALL_Y]) - int(grid[FROM_Y]), _inside(y1, grid[ALL_Y]) - int(grid[FROM_Y])
+            if x0 < 0 or y0 < 0 or x1 >= grid[NX] or y1 >= grid[NY]:
+                out[k] = False
+                break
+            for ix in range(x0, x1 + 1):
+                for iy in range(y0, y1 + 1):
+                    out[k] &= there[int(grid[FIRST]) + ix * int(grid[NY]) + iy]
+    return out
+
+
+@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _over(middle, half, side):
+    return math.floor((middle - half) / side - EDGE), math.floor((middle + half) / side + EDGE)
+
+
+@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _inside(index, count):
+    return min(max(index, 0), int(count) - 1)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -173,3 +210,25 @@ def held_blocks(first, last, gas, dust, side, out):
             for iy in range(ny):
                 if gas[ix, iy] + dust[ix, iy] > 0:
                     out[x, iy // side] = True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def cut_blocks(blocks, leaves, k, out):
+    """Copy `blocks` (n, 2), by their places along x and y, of a table of leaves to `out` (n, tables, side, side)."""
+    side = out.shape[2]
+    for n in range(len(blocks)):
+        x, y = blocks[n, 0] * side, blocks[n, 1] * side
+        for i in range(min(side, leaves.shape[0] - x)):
+            for j in range(min(side, leaves.shape[1] - y)):
+                out[n, k, i, j] = leaves[x + i, y + j]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def add_blocks(blocks, given, k, leaves):
+    """Add what is `given` (n, tables, side, side) to `blocks` (n, 2) of the kth table of leaves."""
+    side = given.shape[2]
+    for n in range(len(blocks)):
+        x, y = blocks[n, 0] * side, blocks[n, 1] * side
+        for i in range(min(side, leaves.shape[0] - x)):
+            for j in range(min(side, leaves.shape[1] - y)):
+                leaves[x + i, y + j] += given[n, k, i, j]

@@ -1,7 +1,7 @@
 """Gas and grains that meet: cells of both, and of each the others about it, for sums of one over the other.
 
 A grain meets the gas particles within whose support it is, and these meet it. Where other processes have some of them,
-`Meeting.gas` and `Meeting.grains` make arrays of own particles and those (`world.Whole`). Sums are right at own
+`Meeting.gas` and `Meeting.grains` make arrays of own particles and those (`world.Fetched`). Sums are right at own
 particles: where another one reads what a sum has found, others' entries have to be refreshed before.
 """
 

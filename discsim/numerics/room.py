@@ -16,12 +16,22 @@ def empty(count: int, like: Array, spare: int) -> Array:
     return whole[:count]
 
 
+def like(array: Array) -> Array:
+    """An array such as this one, with as much room."""
+    whole = array.base
+    return empty(len(array), array, len(whole) - len(array) if whole is not None and _has_room(array, whole) else 0)
+
+
 def longer(array: Array, count: int) -> Array | None:
     """`count` entries: the array and what is behind it, in one memory. None where it has no room for them."""
     whole = array.base
-    if whole is None or id(whole) not in _made or len(whole) < count or array.ndim != whole.ndim:
+    if whole is None or not _has_room(array, whole) or len(whole) < count:
         return None
-    return whole[:count] if _begin(array) == _begin(whole) else None
+    return whole[:count]
+
+
+def _has_room(array: Array, whole: Array) -> bool:
+    return id(whole) in _made and array.ndim == whole.ndim and _begin(array) == _begin(whole)
 
 
 def _begin(array: Array) -> int:

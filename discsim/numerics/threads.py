@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from discsim.numerics import room
 from discsim.parts import Lazy
 
 numba = Lazy("numba")
@@ -150,8 +151,8 @@ def _together(loop: _Loop, helpers: int) -> list[Any]:
 
 
 def copied(array: np.ndarray) -> np.ndarray:
-    """A copy, made in pieces."""
-    out = np.empty_like(array)
+    """A copy, made in pieces, with as much room behind it."""
+    out = room.like(array)
     fill(out, lambda piece: array[piece])
     return out
 

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from scipy.ndimage import minimum_filter
 
 from discsim.kernels.halo import in_marked, tiles_of
+from discsim.numerics import room
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route, by_rank
@@ -26,6 +27,7 @@ Array = np.ndarray
 COST = {"gas": 5.0, "dust": 1.0}  # of a particle in a step
 NODE = 0.1  # of a node of the grid, in windows about own particles
 TOLERANCE = 0.1
+SPARE = 4  # at first arrays have room for a SPARE-th more: for ghosts and arrivals. It is no memory until it is used
 TILES = 16  # along a side for each doubling of the ranks, at least
 
 
@@ -105,7 +107,8 @@ class Division:
         """Of particles that each rank has all of, keep own ones."""
         for name, p in state.species.items():
             p.place = np.arange(p.count, dtype=np.uint64)
-            own = np.flatnonzero(self.owner[self.tile_of(p.pos)] == self.comm.rank)
+            own = self.within(p.pos, self.owner == self.comm.rank)
+            p.spare = len(own) // SPARE
             p.take(own)
             acc = state.own_acc.get(name)  # of a run that goes on
             if acc is not None and len(acc) > 0:
@@ -119,8 +122,10 @@ class Division:
             owner = self.owner[self.tile_of(p.pos)]
             route = Route(self.comm, by_rank(np.arange(p.count), owner, self.comm.size))
             order = np.argsort(route.send(p.place))
+            p.spare = len(order) // SPARE
             for array_name, array in p.arrays().items():
-                setattr(p, array_name, route.send(array)[order])
+                held = room.empty(len(order), array, p.spare)
+                setattr(p, array_name, np.take(route.send(array), order, axis=0, out=held))
             if name in state.own_acc and self.comm.mpi.allreduce(len(state.own_acc[name])) > 0:
                 state.own_acc[name] = route.send(state.own_acc[name])[order]
 

@@ -20,6 +20,7 @@ from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS, MOST, block_keys
 from discsim.kernels.halo import mark_blocks
 from discsim.numerics import world
+from discsim.numerics.sorting import counts
 from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
@@ -79,6 +80,7 @@ class DividedDrag:
             return
         wides = self._hung_on(drag, state)
         self._kick(drag, state, wides, dt, gas_vel, heat)
+        drag.agree = Known()  # it holds arrays of leaves
 
     def limit(self, drag: Drag, state: State) -> float:
         """Of a scheme of pairs: that of all particles."""
@@ -128,15 +130,12 @@ class DividedDrag:
             lattice, blocks, *leaves = self.scheme.members(drag, state)
             blocks.number[-1] = len(blocks.level)
             keys = [_blocks_of(blocks.number, leaf) for leaf in leaves]
-            own = np.zeros(len(blocks.level) + 1, bool)  # the last one of what is outside
-            for key in keys:
-                own[key] = True
-            own = own[:-1]
+            of_gas, of_dust = (counts(key, len(blocks.level) + 1) for key in keys)
+            own = (of_gas + of_dust)[:-1] > 0  # the last one of what is outside
             # Nodes are of one level: a block hangs on others of its own side, `rings` and two away.
             widest = int(blocks.level[own].max(initial=0))
-            before, away = self.leaves.reach, rings + 2 << widest if rings >= 0 else 0
-            self.leaves.reach = world.together.most(-(-away // MOST))
-            if self.leaves.reach <= before:
+            away = rings + 2 << widest if rings >= 0 else 0
+            if self.leaves.suffices(world.together.most(-(-away // MOST))):
                 break
         needed = _needed(blocks, lattice, np.flatnonzero(own), rings, drag.dim == 1)
         wanted = Needed(np.append(needed, False), *numbers_of(blocks, lattice))

@@ -13,6 +13,7 @@ from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
 Array = np.ndarray
+REMEMBERED = 16  # steps, in which what some of them needed of others is fetched at once: to do all anew costs more
 SPARE = 8  # room for ghosts: a SPARE-th more than there are
 
 
@@ -91,6 +92,10 @@ class Ordered:
 
     def of(self, array: Array) -> Array:
         return np.take(self._wide.of(array), self._order, axis=0)
+
+    def of_all(self, arrays: list[Array]) -> list[Array]:
+        """Several of them at once."""
+        return [np.take(array, self._order, axis=0) for array in self._wide.of_all(arrays)]
 
     def keep(self, array: Array, both: Array) -> None:
         array[:] = both[self.own]

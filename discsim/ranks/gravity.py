@@ -58,9 +58,12 @@ class Nodes:
         others = np.empty((len(some), 4), np.int64)
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, rank
         share(others_about, len(some), some, pos, *where, others)
+        met = np.flatnonzero(others[:, 0] >= 0)  # few
+        some, others = some[met], others[met]
         near, node = np.nonzero(others >= 0)
         wide = Ordered(particles, Route(self.comm, by_rank(some[near], others[near, node], self.comm.size)))
-        return wide.of(pos), wide.of(particles.mass)
+        pos, mass = wide.of_all([pos, particles.mass])
+        return pos, mass
 
 
 class Window(NamedTuple):
@@ -117,7 +120,9 @@ class DividedMesh(Mesh):
         super().__init__(grid, kernel)
         self.nodes, self.comm = Nodes(grid, division), division.comm
         self.slabs = Slabs(self.comm, grid.shape, grid.cell, kernel, grid.periodic, self.border)
-        self._kept: dict[str, Array] = {}
+        # What is made before the slabs are solved, or after that, may have memory that only they need.
+        memory = {"density": self.slabs.by_rows, "gradient": self.slabs.by_tiles}
+        self._kept = {name: array.reshape(-1).view(float) for name, array in memory.items()}
 
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
         given = {name: self.nodes.about(species[name]) for name in sources}

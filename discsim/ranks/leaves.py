@@ -7,6 +7,7 @@ blocks that its own hang on may be away.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,13 +15,13 @@ from scipy.ndimage import maximum_filter1d
 
 from discsim.drag.cells import Lattice
 from discsim.kernels.blocks import MOST
-from discsim.kernels.halo import held_blocks
+from discsim.kernels.halo import add_blocks, cut_blocks, held_blocks
 from discsim.numerics.neighbours import corners
 from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import route_to
+from discsim.ranks.exchange import REMEMBERED, route_to
 
 Array = np.ndarray
 LEAST = 4  # columns of largest blocks that a thread takes at once
@@ -31,6 +32,16 @@ class Leaves:
 
     def __init__(self, comm: Comm) -> None:
         self.comm, self.reach = comm, 0
+        self._wanted = deque[int](maxlen=REMEMBERED)
+
+    def suffices(self, wanted: int) -> bool:
+        """Whether a reach that is `wanted` is there. The next one is the largest of the last kicks: blocks are others
+        in each, and to look again costs more than a wider part.
+        """
+        enough = wanted <= self.reach
+        self._wanted.append(wanted)
+        self.reach = max(self._wanted)
+        return enough
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Particles]) -> Lattice:
         """As `drag/known.py` has it."""
@@ -71,17 +82,11 @@ class Leaves:
         some = np.flatnonzero(own)
         route = route_to(self.comm, some, Needed(mask.ravel(), begin, begin + 1))
         rows = np.zeros((len(route.rows), len(held), MOST, MOST))
-        for row, block in zip(rows, some[route.rows].tolist(), strict=True):
-            for out, table in zip(row, tables, strict=True):
-                part = _block(table, *divmod(block, len(y)))
-                out[: part.shape[0], : part.shape[1]] = part
-        for number, row in zip(route.send(begin[some]).tolist(), route.pass_on(rows), strict=True):
-            for found, table in zip(row, tables, strict=True):
-                part = _block(table, number // along - first[0], number % along - first[1])
-                part += found[: part.shape[0], : part.shape[1]].astype(part.dtype)
+        cut = np.column_stack(np.divmod(some[route.rows], len(y)))
+        for k, table in enumerate(tables):
+            cut_blocks(cut, table, k, rows)
+        places = np.column_stack(np.divmod(route.send(begin[some]), along)) - first
+        found = route.pass_on(rows)
+        for k, table in enumerate(tables):
+            add_blocks(places, found, k, table)
         return [*held]
-
-
-def _block(table: Array, x: int, y: int) -> Array:
-    """The largest block at (x, y), as far as the table of leaves goes."""
-    return table[x * MOST : (x + 1) * MOST, y * MOST : (y + 1) * MOST]

@@ -51,6 +51,7 @@ class Slabs:
 
     rows: those of the grid of each rank; nodes beyond the last and then those before the first follow as more rows.
     density (rows, ny): to be filled, of which rows from `held` on are beyond the grid. potential (rows, ny + 2 border).
+    by_rows, by_tiles: memory that only `solve` needs.
     """
 
     def __init__(
@@ -65,15 +66,15 @@ class Slabs:
         self.held = max(0, min(rows, self.nx - self.rows.edges[comm.rank]))
         self.density = np.empty((self.held, shape[1]))
         self.potential = np.empty((rows, shape[1] + 2 * border))
-        self._by_rows = np.empty((tiles_of(padded), rows, TILE), complex)
-        self._by_tiles = np.empty((tiles, self.count, TILE), complex)
+        self.by_rows = np.empty((tiles_of(padded), rows, TILE), complex)
+        self.by_tiles = np.empty((tiles, self.count, TILE), complex)
         self._kernel = self._transform(padded, cell, kernel, periodic) / (padded[0] * padded[1])
         self._workers = Workers(padded, border, numba.get_num_threads())
         self._turn = Turn(comm, self._tiles, self.rows)
 
     def solve(self) -> None:
         """The potential of the density, of all ranks."""
-        by_rows, by_tiles, each = self._by_rows, self._by_tiles, self._workers.each
+        by_rows, by_tiles, each = self.by_rows, self.by_tiles, self._workers.each
         each(lambda worker, batch: worker.forward(self.density, batch * ROWS, by_rows), -(-self.held // ROWS))
         self._turn.forth(by_rows, by_tiles)
         by_tiles[:, self.nx :] = 0.0

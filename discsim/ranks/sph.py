@@ -4,21 +4,23 @@ Cells of neighbours are those of all the gas: the same box, size classes and sid
 them about its own. It fetches the particles of all cells within reach of its own (`kernels/halo.py`), as whole cells,
 so that lists of candidates are those of one rank. After each pass over density others' h, and after the last one all
 that forces read of them, is fetched from where it was found. Where an h outgrows what the cells were fetched for, all
-is done anew with more.
+is done anew with more, and as much is fetched in the next steps.
 """
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
-from discsim.kernels.halo import EITHER, mark_cells
+from discsim.kernels.halo import EITHER, all_there, mark_cells
 from discsim.kernels.neighbours import FIRST, REACH
 from discsim.numerics import world
 from discsim.numerics.neighbours import cells_in, corners_of_cells, keys_in
 from discsim.numerics.sph import Around, Points, Sph
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import in_cells
+from discsim.ranks.exchange import REMEMBERED, in_cells
 from discsim.scene import Scene
 
 Array = np.ndarray
@@ -33,15 +35,18 @@ class DividedSph(Sph):
         super().__init__(scene)
         self.comm = comm
         self.room = HALO
+        self._found = deque[float](maxlen=REMEMBERED)  # what was needed
         self.needed = 0.0  # of room, by what has been found
         self.again = 0  # how often the halo was too narrow
+        self.alone = self.ghosts = self.left = np.empty(0, np.int64)
 
     def settle(self, gas: Points, vel: Array, h_least: float) -> bool:
         begun, self.needed = gas.h.copy(), 0.0
         while not super().settle(gas, vel, h_least):
             gas.h[:], self.room = begun, MORE * self.needed
             self.again += 1
-        self.room = max(HALO, MORE * self.needed)
+        self._found.append(self.needed)
+        self.room = max(HALO, MORE * max(self._found))
         return True
 
     def around(self, points: Points) -> Around:
@@ -57,16 +62,22 @@ class DividedSph(Sph):
         wide = in_cells(self.comm, points, key, Needed(needed, numbers, numbers + 1))
         pos, h, mass = wide.of_all([points.pos, points.h, points.mass])
         cells = cells_in(grids, wide.of(classes), pos, h, wide.place)
+        self.ghosts = np.flatnonzero(cells.order >= points.count)  # where they are in the order of the cells
+        self.alone = needed
+        self.alone[cells.key[cells.order[self.ghosts]]] = False
         return Around(wide, pos, h, mass, cells._replace(filled=mine))
 
     def outgrown(self, own: Array) -> Array:
         """Beside them those that only others have particles in."""
-        cells, h = self.cells, self.found.h
-        beyond = self.support * h[cells.order] > cells.radius[: len(h)]
-        return np.flatnonzero(np.bincount(cells.key[cells.order[beyond]]))
+        cells, ghosts = self.cells, self.cells.order[self.ghosts]
+        beyond = self.support * self.found.h[ghosts] > cells.radius[self.ghosts]
+        self.left = own
+        return np.union1d(own, cells.key[ghosts[beyond]])
 
     def meets_all(self, outgrown: Array) -> bool:
-        self.needed = max(self.needed, world.together.most(self._widest(outgrown)))
+        """Those of others are looked at by others. Own ones may be wider where they reach own ones alone."""
+        some = self.left[~all_there(self.left, self.cells, self.alone)]
+        self.needed = max(self.needed, world.together.most(self._widest(some)))
         return self.needed <= self.room
 
     def _widest(self, some: Array) -> float:
