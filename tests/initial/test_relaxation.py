@@ -123,6 +123,7 @@ def test_the_same_bits_on_any_number_of_threads(monkeypatch):
 
 def test_it_is_told_and_foreseen(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
     scene = load_scene(disc("2 orbits", until=0.02))
     assert scene.initial.relax == 2.0
     expected = forecast(scene)
