@@ -1,6 +1,7 @@
 """The floors of the house: what a package may import, and no circle of modules."""
 
 import ast
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -23,9 +24,14 @@ def modules():
     return names
 
 
-def imported(file, known):
-    """Modules of discsim that a file imports anywhere, but for type checkers."""
-    tree = ast.parse(file.read_text())
+@cache
+def imported():
+    """By module the modules of discsim that it imports anywhere, but for type checkers."""
+    known = modules()
+    return {name: {*imports(ast.parse(file.read_text()), known)} for name, file in known.items()}
+
+
+def imports(tree, known):
     skipped = {
         id(inner)
         for node in ast.walk(tree)
@@ -52,11 +58,10 @@ def test_every_package_has_a_floor():
 
 
 def test_no_package_imports_one_above_it():
-    known = modules()
     upwards = [
         f"{name} imports {other}"
-        for name, file in known.items()
-        for other in imported(file, known)
+        for name, others in imported().items()
+        for other in others
         if name.count(".") and other.count(".") and name.split(".")[1] in FLOORS
         if FLOORS.index(other.split(".")[1]) > FLOORS.index(name.split(".")[1])
     ]
@@ -64,8 +69,7 @@ def test_no_package_imports_one_above_it():
 
 
 def test_no_circle_of_imports():
-    known = modules()
-    graph = {name: {other for other in imported(file, known) if other != name} for name, file in known.items()}
+    graph = {name: others - {name} for name, others in imported().items()}
     graph.pop("discsim.__main__")
     try:
         TopologicalSorter(graph).prepare()

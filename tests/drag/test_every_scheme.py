@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES, ON_GRID
-from stepping import assert_sane, choices, disc, momentum, scene, totals
+from stepping import LOCALLY, assert_sane, choices, disc, momentum, scene, totals
 
 from discsim import Simulation, load_scene
 from discsim.scene.tables import TABLES
@@ -24,7 +24,8 @@ def dragged(dimensions, law, **drag):
     drag = {"law": law, **LAWS[law], **drag}
     dust = {"particles": 90, "ratio": 0.5, "grain_density": 1.0}
     if dimensions == 2:
-        return disc(dust=dust | {"particles": 500, "grain_size": 1e-4}, drag=drag)
+        gas = {"particles": 400, "kernel": "cubic", "eos": LOCALLY}  # in which pairs have sums of other tests
+        return disc(gas=gas, dust=dust | {"particles": 500, "grain_size": 1e-4}, drag=drag)
     return scene({"kind": "wave", "amplitude": 0.1}, dust=dust | {"grain_size": 0.1}, drag=drag)
 
 

@@ -1,5 +1,7 @@
 """Cooling within the step: zones, waves, balances of heat, energy, resume, and scenes that may name [cooling]."""
 
+import itertools
+
 import numpy as np
 import pytest
 from astropy import constants
@@ -86,7 +88,7 @@ def test_a_wave_that_cools(t_cool):
 
 @pytest.mark.parametrize("t_cool", [0.025, 1.0])
 def test_second_order_in_the_step(t_cool):
-    """A wave of a tenth, against steps a sixteenth as long; where it cools within six of the longest steps too."""
+    """A wave of a tenth, by differences of steps halved; where it cools within six of the longest steps too."""
 
     def ends(dt):
         sim = Simulation(box(t_cool, {"until": 0.4, "timestep": dt}, 32, initial={"kind": "wave", "amplitude": 0.1}))
@@ -94,8 +96,7 @@ def test_second_order_in_the_step(t_cool):
         order = np.argsort(sim.gas.ids)
         return np.concatenate([sim.gas.u[order], sim.gas.vel[order, 0]])
 
-    best = ends(0.00025)
-    errors = [np.abs(ends(dt) - best).max() for dt in (0.004, 0.002)]
+    errors = [np.abs(a - b).max() for a, b in itertools.pairwise(ends(dt) for dt in (0.004, 0.002, 0.001))]
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 

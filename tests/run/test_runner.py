@@ -2,6 +2,7 @@
 
 import os
 import signal
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,20 @@ def no_figure(request, monkeypatch):
     """Drawing takes longer than these runs; one test looks at the figure."""
     if request.node.originalname != "test_files_of_a_run":
         monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory):
+    """Scene and directory of the run of each of SCENES that nothing stops, made once, to be read alone."""
+
+    @cache
+    def made(name):
+        folder = tmp_path_factory.mktemp(name)
+        scene = scene_of(folder, SCENES[name])
+        assert run_scene(scene, folder / "run", quiet=True) == 0
+        return scene, folder / "run"
+
+    return made
 
 
 # Files
@@ -45,9 +60,8 @@ def test_files_of_a_run(tmp_path, name, capsys):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_history(tmp_path, name):
-    scene, out = scene_of(tmp_path, SCENES[name]), tmp_path / "out"
-    assert run_scene(scene, out, quiet=True) == 0
+def test_history(straight, name):
+    scene, out = straight(name)
     with (out / "history.csv").open() as file:
         assert file.readline().strip() == (
             "step,time,dt,dt_set_by,mass_gas,mass_dust,momentum_x,momentum_y,angular_momentum,kinetic_gas,"
@@ -65,9 +79,8 @@ def test_history(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_history_agrees_with_snapshots(tmp_path, name):
-    scene, out = scene_of(tmp_path, SCENES[name]), tmp_path / "out"
-    assert run_scene(scene, out, quiet=True) == 0
+def test_history_agrees_with_snapshots(straight, name):
+    scene, out = straight(name)
     by_time = {float(row["time"]): row for row in rows(out)}
     for number, t in enumerate([0.0, *output_times(scene.run)]):
         snap = read_snapshot(out / "snapshots" / f"{number:04d}.h5")
@@ -90,9 +103,8 @@ def test_history_agrees_with_snapshots(tmp_path, name):
         assert row["angular_momentum"] == pytest.approx(spin, rel=1e-12)
 
 
-def test_what_the_star_takes_is_in_the_history(tmp_path):
-    scene, out = scene_of(tmp_path, DISC), tmp_path / "out"
-    assert run_scene(scene, out, quiet=True) == 0
+def test_what_the_star_takes_is_in_the_history(straight):
+    _, out = straight("disc")
     first, last = rows(out)[0], rows(out)[-1]
     for kind in ("gas", "dust"):
         lost = float(first[f"mass_{kind}"]) - float(last[f"mass_{kind}"])
@@ -236,12 +248,10 @@ def test_stopping_times_that_depend_on_the_slip_are_made_anew(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("name, step", [("disc", 3), ("disc", 18), ("shock", 7), ("shock", 40), ("wave", 5)])
-def test_stopped_and_resumed(tmp_path, monkeypatch, name, step, capsys):
+def test_stopped_and_resumed(tmp_path, monkeypatch, straight, name, step, capsys):
     # The gas is reordered in memory at steps 1, 17, ...: some stops are before one, some after.
-    scene = scene_of(tmp_path, SCENES[name])
-    straight, broken = tmp_path / "straight", tmp_path / "broken"
-    assert run_scene(scene, straight, quiet=True) == 0
-    assert len(rows(straight)) > step + 2
+    (scene, whole), broken = straight(name), tmp_path / "broken"
+    assert len(rows(whole)) > step + 2
     with monkeypatch.context() as patch:
         at_step(patch, step, lambda sim: signal.raise_signal(signal.SIGINT))
         assert run_scene(scene, broken, quiet=True) == 130
@@ -251,20 +261,19 @@ def test_stopped_and_resumed(tmp_path, monkeypatch, name, step, capsys):
     assert f"interrupted by SIGINT at t = {float(rows(broken)[-1]['time']):.4g}, step {step}" in said.err
     assert f"discsim run {broken}/scene.toml -o {broken} --resume" in said.err
     assert run_scene(scene, broken, resume=True, quiet=True) == 0
-    assert_same_run(straight, broken)
+    assert_same_run(whole, broken)
 
 
-def test_stopped_twice_on_an_output(tmp_path, monkeypatch):
+def test_stopped_twice_on_an_output(tmp_path, monkeypatch, straight):
     # The step that lands on an output is the one that is interrupted: its snapshot must not be lost.
-    scene = scene_of(tmp_path, DISC)
-    assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
-    landing = [int(row["step"]) for row in rows(tmp_path / "straight") if float(row["time"]) in (0.25, 0.5)]
+    scene, whole = straight("disc")
+    landing = [int(row["step"]) for row in rows(whole) if float(row["time"]) in (0.25, 0.5)]
     for resume, step in zip((False, True), landing, strict=True):
         with monkeypatch.context() as patch:
             at_step(patch, step, lambda sim: signal.raise_signal(signal.SIGTERM))
             assert run_scene(scene, tmp_path / "broken", resume=resume, quiet=True) == 143
     assert run_scene(scene, tmp_path / "broken", resume=True, quiet=True) == 0
-    assert_same_run(tmp_path / "straight", tmp_path / "broken")
+    assert_same_run(whole, tmp_path / "broken")
 
 
 @pytest.mark.parametrize("integrator", ["kdk", "euler"])
@@ -279,20 +288,19 @@ def test_a_longer_run_goes_on_from_a_finished_one(tmp_path, integrator):
     assert load_scene(tmp_path / "two" / "scene.toml").run.until == 2.5
 
 
-def test_what_came_after_the_checkpoint_is_dropped(tmp_path, monkeypatch):
+def test_what_came_after_the_checkpoint_is_dropped(tmp_path, monkeypatch, straight):
     # A run that is killed has later snapshots and rows than its checkpoint, and perhaps half a row.
-    scene = scene_of(tmp_path, WAVE)
-    assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
+    scene, whole = straight("wave")
     at_step(monkeypatch, 3, lambda sim: signal.raise_signal(signal.SIGINT))
     assert run_scene(scene, tmp_path / "broken", quiet=True) == 130
     monkeypatch.undo()
-    later = tmp_path / "straight" / "snapshots" / "0001.h5"
+    later = whole / "snapshots" / "0001.h5"
     for name in ("0001.h5", "0007.h5"):
         (tmp_path / "broken" / "snapshots" / name).write_bytes(later.read_bytes())
-    lines = (tmp_path / "straight" / "history.csv").read_text().splitlines(keepends=True)
+    lines = (whole / "history.csv").read_text().splitlines(keepends=True)
     (tmp_path / "broken" / "history.csv").write_text("".join(lines[:8]) + "2,0.1")  # of row 2...
     assert run_scene(scene, tmp_path / "broken", resume=True, quiet=True) == 0
-    assert_same_run(tmp_path / "straight", tmp_path / "broken")
+    assert_same_run(whole, tmp_path / "broken")
 
 
 def test_costs_go_on_when_resumed(tmp_path, monkeypatch):
