@@ -5,6 +5,8 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from discsim.formulas import growth as formulas
+
 SMALL, SMALLEST, MATERIAL = 1e-9, 5e-12, 1.0
 
 
@@ -27,6 +29,11 @@ def disc(until=1.0, gas=1000, dust=800, size=1e-6, ratio=0.3, growth=None, direc
         "growth": {"fragmentation_speed": 0.02, "alpha": 1e-3, "small_size": SMALL, **(growth or {})},
         **tables,
     }
+
+
+def drift_limit(dust, gamma, aspect):
+    """The size 2 Sigma_d (v_K / c_s)^2 / (pi rho_s gamma) of Birnstiel et al. (2012), without their factor f_d."""
+    return 2.0 * dust / (math.pi * MATERIAL * gamma * aspect**2)
 
 
 def small_part(size):
@@ -53,6 +60,34 @@ def one_zone(start, times, sigma, ratio, sound, omega, alpha, headwind, material
     span = (0.0, times[-1])
     found = solve_ivp(rate, span, [math.log(start)], t_eval=times, rtol=1e-12, atol=1e-12, method="DOP853")
     return np.exp(found.y[0])
+
+
+def steady_flow(p, alpha, aspect, stokes, outer, inner):
+    """a at `inner` over the drift limit 2 Sigma_d (v_K / c_s)^2 / (pi rho_s gamma), of grown dust that flows there
+    steadily from `outer`, where it has that limit and the Stokes number `stokes`.
+
+    Sigma ~ r^-p, c_s^2 ~ r^-1/2, H/r = aspect at 1.
+    """
+    root, gamma = math.sqrt(2.0 * math.pi), p + 0.5
+
+    def at(r, log, flow):
+        """d ln a / d ln r, and a over the drift limit."""
+        sigma, omega, sound = 1e-3 * r**-p, r**-1.5, aspect * r**-0.25
+        headwind, own = 0.5 * gamma * sound**2 / (r * omega), root * math.exp(log) * MATERIAL / sigma
+        inwards = 2.0 * headwind * own / (1.0 + own**2)
+        dust = flow / (r * inwards)
+        density = formulas.midplane_density(0.0, dust, sound / omega, own, alpha)
+        rate = density * formulas.relative_speed(own, alpha, sound, headwind) / (MATERIAL * math.exp(log))
+        return -rate * r / inwards, math.exp(log) / drift_limit(dust, gamma, sound / (r * omega))
+
+    push, sigma = gamma * (aspect * outer**0.25) ** 2, 1e-3 * outer**-p
+    flow = 0.5 * math.pi / root * stokes * push * sigma * stokes * push * math.sqrt(outer)  # r Sigma_d v
+    log = math.log(stokes * sigma / (root * MATERIAL))
+    nodes = np.log(np.geomspace(outer, inner, 2001))
+    for x, step in zip(nodes[:-1], np.diff(nodes), strict=True):
+        half = log + 0.5 * step * at(math.exp(x), log, flow)[0]
+        log += step * at(math.exp(x + 0.5 * step), half, flow)[0]
+    return at(inner, log, flow)[1]
 
 
 def totals(sim):
