@@ -64,20 +64,10 @@ def test_setup_steps(path):
 # Kernels, starts, equations of state, integrators
 
 
-KERNELS = [(kernel, dimensions) for kernel in choices(TABLES["gas"], "kernel") for dimensions in (1, 2)]
-# In one dimension the formula has tests of its own, and quintic has the sums; effects/test_gas.py sets one beside the
-# other over many steps, slowly too.
-RARE = ("quintic-h", 1)
-
-
-@pytest.mark.parametrize(
-    ("kernel", "dimensions"), [pytest.param(*case, marks=[pytest.mark.slow] * (case == RARE)) for case in KERNELS]
-)
+@pytest.mark.parametrize("dimensions", [1, 2])
+@pytest.mark.parametrize("kernel", choices(TABLES["gas"], "kernel"))
 def test_kernel(kernel, dimensions):
-    # Terms that other tests of the same kernel have too, for which sums are compiled already.
-    plain = (kernel, dimensions) == ("wendland-c4", 1)
-    gas = {} if plain else {"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}, "viscosity": {}}
-    sim = Simulation(scene({"kind": "box", "gas_velocity": 0.5}, gas | {"kernel": kernel}, dimensions))
+    sim = Simulation(scene({"kind": "box", "gas_velocity": 0.5}, {"kernel": kernel}, dimensions))
     sim.step()
     assert_sane(sim)
     # In 1D h is whole spacings and the sum is exact for splines; a square lattice leaves half a per cent.

@@ -17,8 +17,7 @@ TSC = DUST | {"drag": {"law": "stokes-number", "stokes": 0.1}}
 PLANET = {"mass": 0.02, "semi_major_axis": 1.5, "softening": "0.2"}
 INERTIAL = {"mass": 1.0, "accretion_radius": 1.01, "grows": True, "frame": "inertial"}
 
-GAS = {"particles": 600, "kernel": "cubic", "viscosity": {}}
-LARGE = GAS | {"kernel": "wendland-c4"}  # with terms that setups have with this kernel: they compile once
+GAS = {"particles": 600, "kernel": "wendland-c4", "viscosity": {}}
 
 
 def scene(eos=LOCALLY, **tables):
@@ -35,13 +34,13 @@ def scene(eos=LOCALLY, **tables):
 
 CASES = {
     "viscosity": scene(),
-    "viscosity, u": scene(gas=LARGE | {"eos": ADIABATIC, "viscosity": {"pairs": "all"}, "conductivity": {}}),
+    "viscosity, u": scene(gas=GAS | {"eos": ADIABATIC, "viscosity": {"pairs": "all"}, "conductivity": {}}),
     "tsc": scene(**TSC),
     "tsc, heat": scene(ADIABATIC, **TSC),
     "tsc, one-way": scene(dust=DUST["dust"], drag=TSC["drag"] | {"direction": "one-way"}),
     "pairs": scene(dust=DUST["dust"], drag={"law": "constant", "K": 1.0, "scheme": "lab14"}),
     "self-gravity": scene(self_gravity={"softening": 0.1}, **TSC),
-    "alpha_viscosity": scene(gas=LARGE | {"eos": LOCALLY}, alpha_viscosity={"alpha": 0.05}),
+    "alpha_viscosity": scene(alpha_viscosity={"alpha": 0.05}),
     "cooling": scene(ADIABATIC, cooling={"kind": "beta", "beta": 1.0}),
     "sizes": scene(
         dust=DUST["dust"] | {"grain_size": {"smallest": 1e-5, "largest": 1e-2}, "grain_density": 1.0},

@@ -156,7 +156,7 @@ def test_masses_are_those_of_the_particles_that_there_are():
 
 SOFT = {"star": {"softening": 0.8}}
 GRAINS = {"dust": {"grain_size": 1e-4, "grain_density": 30.0}}
-ADIABATIC = {"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.05}, "viscosity": {}}}
+ADIABATIC = {"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.05}}}
 
 
 @pytest.mark.parametrize(
