@@ -42,12 +42,12 @@ def test_a_live_pair_keeps_its_orbit(frame):
     scene = tables(PLANET | {"mass": m, "eccentricity": e, "orbit": "live"}, star={"frame": frame}, run={"until": 1.0})
     sim = Simulation(scene, particles={"dust": GRAIN})
     start = np.concatenate(relative(sim))
-    sim.run(25 * 2 * math.pi / math.sqrt(1 + m))
+    sim.run(100 * 2 * math.pi / math.sqrt(1 + m))
     r, v = relative(sim)
     energy = v @ v / 2 - (1 + m) / math.hypot(*r)
-    assert abs(energy / (-(1 + m) / 2) - 1) < 1e-9  # found: 1e-13
+    assert abs(energy / (-(1 + m) / 2) - 1) < 1e-8  # found: 1e-13
     # Found: 1e-11; the grain of 1e-12 moves it by as much.
-    assert np.abs(np.concatenate([r, v]) - start).max() < 1e-7
+    assert np.abs(np.concatenate([r, v]) - start).max() < 1e-5
 
 
 def n_body(mass, pos, vel, until, softening=None):
@@ -228,7 +228,7 @@ def test_both_frames_are_one_run():
     for frame in ("star", "inertial"):
         star = {"frame": frame, "indirect": ["companions", "gas", "dust"]}
         sims[frame] = Simulation(disc(live, star, gas=200, dust=50))
-        sims[frame].run(math.pi)
+        sims[frame].run(2 * math.pi)
     star, inertial = sims["star"], sims["inertial"]
     assert star.state.step == inertial.state.step
     shift = inertial.bodies.pos[0]
