@@ -134,8 +134,7 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
 def exchange_slopes(dim, two_way, dt, exponential, several, room):
     """Changes of the slopes, weighed with the moments of inertia; y, b and change of `room` are overwritten."""
     o, mass, time, weight, y, b, change = room.o, room.mass, room.time, room.weight, room.y, room.b, room.change
-    n = len(mass)
-    count, only = 0, 0
+    n, count, only = len(mass), 0, 0
     for s in range(1, n):
         if mass[s] > 0.0:
             count += 1
@@ -153,10 +152,8 @@ def exchange_slopes(dim, two_way, dt, exponential, several, room):
         return
     widest = 0.0
     for s in range(n):
-        weight[s] = 0.0
-        if mass[s] > 0.0:
-            weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
-            widest = max(widest, weight[s] / mass[s])
+        weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
+        widest = max(widest, weight[s] / mass[s] if mass[s] > 0.0 else 0.0)
     for s in range(n):  # what lies on one point has no slope of its own, and takes no part
         if weight[s] <= 1e-6 * widest * mass[s]:
             weight[s] = 0.0

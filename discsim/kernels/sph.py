@@ -87,10 +87,11 @@ def force_columns(
 
 
 @njit(inline="always")
-def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, unit, ux, uy, columns, pack):
-    """Pack what the sums of a scene read of the candidates `slots`, h in units of `unit` and velocities less (ux, uy);
-    how many with the filling.
+def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame, columns, pack):
+    """Pack what the sums of a scene read of the candidates `slots`, h in the unit and velocities less that of their
+    cell's `frame` (unit, ux, uy); how many with the filling.
     """
+    unit, ux, uy = frame
     count, norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
     for k in range(count):
         j = np.uint64(slots[k])
@@ -149,12 +150,12 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
 
 @njit(inline="always")
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, ux, uy, i, columns, strengths, n, pack
+    kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, i, columns, strengths, n, pack
 ):  # fmt: skip
-    """Sums of the i-th particle in the order of the cells over n candidates, in units of `unit`: acceleration, du/dt,
+    """Sums of the i-th particle in the order of the cells over n candidates, as they are packed: acceleration, du/dt,
     divergence and the rate at which conduction takes u towards that of its neighbours.
     """
-    real, inv_h = pack.dtype.type, columns[i, INV_H]
+    real, inv_h, (unit, ux, uy) = pack.dtype.type, columns[i, INV_H], frame
     norm = NORM[dim - 1][kernel] * factors(kernel)[1] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
     press, norm, inv_h = real(columns[i, PRESS] * norm), real(norm), real(inv_h * unit)
     x, y, vx, vy = real(x), real(y), real(columns[i, VX] - ux), real(columns[i, VY] - uy)
@@ -229,40 +230,29 @@ def force_driver(
         begin, slots = lists.begin, lists.slots
         pack = work.pack
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
-        per_length = 1.0 / scale.length
-        of_rate = scale.speed * per_length
+        of_rate = scale.speed / scale.length
         of_acc, of_heat = scale.speed * of_rate, scale.speed * scale.speed * of_rate
         for c in range(first, last):
             cell = cells.filled[c]
             if met[cell] != now:
                 continue
-            ox, oy, unit, own = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4] * per_length, start[cell]
-            per_unit = 1.0 / bounds[cell, 4]
+            ox, oy, per_unit, own = bounds[cell, 0], bounds[cell, 1], 1.0 / bounds[cell, 4], start[cell]
             ux, uy = (columns[own, VX], columns[own, VY]) if moving else (0.0, 0.0)
+            unit = bounds[cell, 4] / scale.length
+            frame = unit, ux, uy
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                 n = pack_columns(
-                    dim,
-                    moving,
-                    rubbing,
-                    conductive,
-                    shearing,
-                    slots[listed:end],
-                    norm,
-                    unit,
-                    ux,
-                    uy,
-                    columns,
-                    pack,
+                    dim, moving, rubbing, conductive, shearing, slots[listed:end], norm, frame, columns, pack
                 )
                 for k in range(own, start[cell + 1]):
                     i, x, y = order[k], (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
                     pack_distances(single, x, y, n, pack)
                     pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, pack)
                     ax, ay, r, d, passed = force_sums(
-                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, unit, ux, uy, k,
-                        columns, strengths, n, pack,
+                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, k, columns,
+                        strengths, n, pack,
                     )  # fmt: skip
                     acc[i, 0] += of_acc * ax
                     if dim == 2:

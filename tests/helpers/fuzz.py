@@ -56,7 +56,8 @@ SIZES = {
     "cell": (0.5, 4.0), "cell_length": (0.02, 0.5), "temperature_index": (-0.5, 1.0), "vertical_extent": (0.5, 2.0),
     "vertical_frequency": (0.0, 2.0), "until": (0.1, 2.0), "every": (0.01, 0.5), "grain_size": (1e-6, 1e2),
 }  # fmt: skip
-SKIPPED = ("kind", "checkpoint_every", "walltime")  # the start's kind is chosen first; of the others a run alone sees
+# The start's kind is chosen first; the next are seen by a run alone, and the last takes no random number.
+SKIPPED = ("kind", "checkpoint_every", "walltime", "precision")
 
 
 class Stuck(Exception):
@@ -110,6 +111,7 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
         scene["gas"] = _filled(rng, GAS, 0.1) | {"eos": _gas_of(rng, eos, "star" in scene)}
         if not on_cells:
             scene["gas"]["kernel"] = kernels[seed // 60 % len(kernels)]
+            scene["gas"]["precision"] = "single" if seed % 10 == 6 else "double"
         for key in ("viscosity", "conductivity"):
             scene["gas"].pop(key, None)
             if not on_cells and chance(0.4) and (key == "viscosity" or eos == "adiabatic"):

@@ -61,7 +61,7 @@ def test_neighbours_cost_by_their_number(kernel, reach, store):
         for eta in (1.2, 1.5)
     )
     more = np.pi * reach**2 * (1.5**2 - 1.2**2)
-    assert many.step_seconds - few.step_seconds == pytest.approx(1000 * 1e-9 * NEIGHBOUR * more)
+    assert many.step_seconds - few.step_seconds == pytest.approx(1000 * 1e-9 * NEIGHBOUR["double"] * more)
 
 
 def run_here(scene, slow, cpu=100.0, wall=None):
