@@ -12,7 +12,7 @@ K = 3
 
 
 def through(x: Array, y: Array, at: Array) -> Array:
-    """Values (m,) at places `at` (m,) within x of the spline that is y (n,) at rising x (n,), of four points or more."""
+    """Values (m,) at `at` (m,) within x of the spline that is y (n,) at rising x (n,), of four points or more."""
     from scipy.linalg.lapack import dgbsv  # slow to import
 
     knots = np.concatenate([x[:1].repeat(K + 1), x[2:-2], x[-1:].repeat(K + 1)])
