@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cache, cached_property
 from importlib import import_module
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import entry_points
 from typing import Any
 
 
@@ -20,7 +20,7 @@ class PartError(Exception):
 
 
 @cache
-def of_packages() -> EntryPoints:
+def of_packages() -> Any:
     """Entry points of all groups: every package that is installed is asked for them, once."""
     return entry_points()
 
