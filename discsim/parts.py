@@ -9,7 +9,7 @@ Another package adds its own as entry points, under the name that scenes are to 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
@@ -17,6 +17,12 @@ from typing import Any
 
 class PartError(Exception):
     """A part of another package that cannot be imported; the message says which, and why."""
+
+
+@cache
+def of_packages() -> Any:
+    """Entry points of all groups: every package that is installed is asked for them, once."""
+    return entry_points()
 
 
 class Parts(Mapping[str, Any]):
@@ -33,7 +39,7 @@ class Parts(Mapping[str, Any]):
     def homes(self) -> dict[str, str]:
         """Where each part is, "module:object". Raises PartError where two parts have one name."""
         found = dict(self._own)
-        for point in entry_points(group=self.group):
+        for point in of_packages().select(group=self.group):
             if found.get(point.name, point.value) != point.value:
                 raise PartError(
                     f'{self.group}: "{point.name}" is {found[point.name]}, and {point.value} of another package too; '

@@ -20,7 +20,7 @@ from numba import njit
 
 from discsim.kernels.background import gas_at
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import gathering, inner
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.philox import counter_of, normal_pair
@@ -63,7 +63,7 @@ def gas_driver(kernel: int, dim: int):
     """Compile the sums (1) at grains: columns `field` (n, 3 + 2 d) of the gas there, S = 0 where there is none."""
     sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, error_model="numpy")
+    @gathering
     def gas_about(first, last, lists, grains, cells, pos, h, mass, speed2, field):
         begin, slots = lists.begin, lists.slots
         room = most_of(begin)
@@ -112,7 +112,7 @@ def recoil_driver(kernel: int):
     """Compile what the gas loses to grains, `given` (n,) each where its density is S (n,), by weights (1)."""
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, error_model="numpy")
+    @gathering
     def recoil(first, last, lists, cells, grains, gpos, h, density, given, centre, gvel):
         begin, slots = lists.begin, lists.slots
         room = most_of(begin)

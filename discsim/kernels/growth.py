@@ -22,7 +22,7 @@ from numba.extending import register_jitable
 from discsim.formulas import growth
 from discsim.formulas.laws import COLUMN, SIZE, THERMAL, VALUE
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import gathering, inner
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
@@ -90,7 +90,7 @@ def deposit_driver(kernel: int):
     """Compile G_i of (2), `out` (n,) at gas particles."""
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, error_model="numpy")
+    @gathering
     def deposit(first, last, lists, cells, grains, gpos, h, mass, out):
         begin, slots = lists.begin, lists.slots
         room = most_of(begin)
@@ -159,7 +159,7 @@ def gather_driver(kernel: int):
     """Compile (1), (2), (4), (5) at dust particles: `field` (n, COLUMNS); dP/dr is that of interpolated pressures."""
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, error_model="numpy")
+    @gathering
     def gather(first, last, lists, grains, cells, pos, centre, carriers, volume, pressure, grown, field):
         begin, slots, (_, gvel, h, gas, small) = lists.begin, lists.slots, carriers
         room = most_of(begin)
@@ -306,7 +306,7 @@ def hand_driver(kernel: int):
     """
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, error_model="numpy")
+    @gathering
     def hand(first, last, lists, cells, grains, carriers, vel, field, wanted, share, spread, got):
         begin, slots, (gpos, _, h, gas, small) = lists.begin, lists.slots, carriers
         room = most_of(begin)
@@ -349,7 +349,7 @@ def take_driver(kernel: int):
     """Compile what dust particles take and give: their mass (n,), and their velocities (n, 2)."""
     sigma, support = NORM[1][kernel], SUPPORT[kernel]
 
-    @njit(nogil=True, cache=True, error_model="numpy")
+    @gathering
     def take(first, last, lists, grains, cells, carriers, spread, field, wanted, pos, mass, vel):
         begin, slots, (_, _, h, _, small) = lists.begin, lists.slots, carriers
         room = most_of(begin)

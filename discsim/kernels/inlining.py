@@ -1,47 +1,80 @@
-"""Compilers of kernels with many `inline="always"`: numba's own, where blocks of a function share its scope.
+"""Compilers of kernels with many `inline="always"`: numba's own, but that it reads and copies less of what it inlines.
 
-numba copies a function that it inlines block by block, and with each block a scope that holds all its variables: of one
-that is long and branches, that is as long as all else that is compiled. The copies are equal, and the function that
-they are of is read anew for each call: one scope is enough. What is compiled is the same.
+numba reads a function anew for each call of it, with all that is inlined in that, and copies it block by block: with
+each statement the variables, their places in the source, and the scope, which holds all variables. Of a function that
+is long and branches, that is longer than all else that is compiled. What it reads is the same each time, and in what it
+copies the variables are replaced by new ones of the caller at once: statements are copied, what they name is shared.
+What is compiled is the same.
 
 `SingleCompiler` takes every constant of a kernel, and of what is inlined in it, for one of single precision: to numba a
 literal is of double precision, and turns whatever it meets into that. So one source serves both precisions, by the
 arrays that it is given; what has to stay in double precision is a function of its own.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numba.core import ir
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, register_pass
+from numba.core.inline_closurecall import InlineWorker
 from numba.core.untyped_passes import InlineInlinables
+
+SHARED: tuple[Any, ...] = ir.Scope, ir.Var, ir.Loc
+COPY = "__deepcopy__"
+as_numba_reads = InlineWorker.run_untyped_passes
+
+kept: dict[Callable, tuple[Any, dict[str, Any]]] = {}  # of a function what numba reads, and the names in its scope
+
+
+def read_once(worker: Any, function: Callable, enable_ssa: bool = False) -> Any:
+    """What numba reads of a function that it inlines; names of the caller, which its scope gets each time, go again."""
+    worker.flags.enable_ssa = enable_ssa
+    if function not in kept:
+        code = as_numba_reads(worker, function, enable_ssa)
+        kept[function] = code, dict(scope_of(code)._con)
+    code, names = kept[function]
+    scope_of(code)._con = dict(names)
+    return code
+
+
+def scope_of(code: Any) -> Any:
+    return next(iter(code.blocks.values())).scope.localvars
 
 
 @contextmanager
-def shared_scopes() -> Iterator[None]:
-    """Copies of parts of a function have its scope; numba compiles one function at a time."""
-    ir.Scope.__deepcopy__ = lambda scope, memo: scope  # type: ignore[attr-defined]
+def sparing() -> Iterator[None]:
+    """Functions are read once, and copies share what they name; numba compiles one function at a time."""
+    read, copies = InlineWorker.run_untyped_passes, {one: vars(one).get(COPY) for one in SHARED}
+    InlineWorker.run_untyped_passes = read_once  # type: ignore[method-assign]
+    for one in SHARED:
+        setattr(one, COPY, lambda this, memo: this)
     try:
         yield
     finally:
-        del ir.Scope.__deepcopy__  # type: ignore[attr-defined]
+        InlineWorker.run_untyped_passes = read  # type: ignore[method-assign]
+        for one, own in copies.items():
+            if own is None:
+                delattr(one, COPY)
+            else:
+                setattr(one, COPY, own)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class InlineSharing(InlineInlinables):
-    _name = "inline_sharing_scopes"
+class InlineSparing(InlineInlinables):
+    _name = "inline_sparing"
 
     def run_pass(self, state):
-        with shared_scopes():
+        with sparing():
             return super().run_pass(state)
 
 
 class Compiler(CompilerBase):
     def define_pipelines(self):
         manager = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        manager.passes = [(InlineSharing if one is InlineInlinables else one, what) for one, what in manager.passes]
+        manager.passes = [(InlineSparing if one is InlineInlinables else one, what) for one, what in manager.passes]
         manager.finalize()
         return [manager]
 
@@ -70,6 +103,6 @@ class SingleConstants(FunctionPass):
 class SingleCompiler(Compiler):
     def define_pipelines(self):
         (manager,) = super().define_pipelines()
-        manager.add_pass_after(SingleConstants, InlineSharing)
+        manager.add_pass_after(SingleConstants, InlineSparing)
         manager.finalize()
         return [manager]

@@ -29,4 +29,7 @@ SUMS: Any = {
 }  # fmt: skip
 lean_sums = njit(**SUMS, pipeline_class=Compiler)
 lean_sums_in_single = njit(**SUMS, pipeline_class=SingleCompiler)
+# Other loops over neighbours, which make arrays and inline nearly all that they call.
+GATHERING: Any = {"nogil": True, "cache": True, "error_model": "numpy", "pipeline_class": Compiler}
+gathering = njit(**GATHERING)
 making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)  # type: ignore[call-overload]

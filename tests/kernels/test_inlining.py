@@ -1,11 +1,13 @@
-"""The compiler of sums over neighbours is numba's but for how it copies what it inlines."""
+"""The compiler of sums over neighbours is numba's but for how it reads and copies what it inlines."""
 
+import re
+
+import pytest
 from numba import njit
-from numba.core import ir
+from numba.core import ir, types
+from numba.core.inline_closurecall import InlineWorker
 
 from discsim.kernels import inlining
-
-COPIES = "__deepcopy__"
 
 
 @njit(inline="always")
@@ -28,20 +30,43 @@ def total(n, x):
     return found
 
 
-def test_what_is_inlined_twice_and_in_another_is_the_same(monkeypatch):
-    seen = []
-    run = inlining.InlineSharing.run_pass
-    monkeypatch.setattr(inlining.InlineSharing, "run_pass", lambda *given: seen.append(COPIES) or run(*given))
-    compiled = njit(pipeline_class=inlining.Compiler)(total)
-    assert compiled(7, 0.3) == njit(total)(7, 0.3) == total(7, 0.3)
-    assert seen  # numba still inlines by a pass of that name
-    assert COPIES not in vars(ir.Scope)
+def other_total(n, x):
+    return part(n, x) - part(n + 1, x)
 
 
-def test_copies_are_as_numba_makes_them_where_a_function_does_not_compile():
-    try:
-        with inlining.shared_scopes():
-            assert COPIES in vars(ir.Scope)
-            raise ValueError
-    except ValueError:
-        assert COPIES not in vars(ir.Scope)
+def machine_code(function, **options):
+    """Instructions, without the names of what they are part of."""
+    compiled = njit((types.int64, types.float64), **options)(function)
+    (code,) = compiled.inspect_asm().values()
+    return [re.sub(r"_ZN\w+|\.const\S+|NRT\w+", "", line) for line in code.splitlines() if re.match(r"\t[a-z]", line)]
+
+
+def copies_and_reader():
+    return [vars(one).get(inlining.COPY) for one in inlining.SHARED], InlineWorker.run_untyped_passes
+
+
+@pytest.fixture
+def untouched():
+    before = copies_and_reader()
+    yield
+    assert copies_and_reader() == before
+
+
+def test_what_is_inlined_is_read_once_and_becomes_the_same(monkeypatch, untouched):
+    read = []
+    numbas = inlining.as_numba_reads
+    monkeypatch.setattr(inlining, "as_numba_reads", lambda *given: read.append(given[1]) or numbas(*given))
+    for function in (total, other_total):  # the first twice: what was kept is what numba reads
+        assert machine_code(function, pipeline_class=inlining.Compiler) == machine_code(function)
+        compiled = njit(pipeline_class=inlining.Compiler)(function)
+        assert compiled(7, 0.3) == njit(function)(7, 0.3) == function(7, 0.3)
+    assert sorted(one.__name__ for one in read) == ["inner_part", "part"]  # numba still reads by that name
+    code, names = inlining.kept[part.py_func]
+    assert len(inlining.scope_of(code)._con) == 2 * len(names)  # its own, and those of the last use alone
+
+
+def test_numba_is_as_it_was_where_a_function_does_not_compile(untouched):
+    with pytest.raises(ValueError), inlining.sparing():
+        assert all(inlining.COPY in vars(one) for one in inlining.SHARED)
+        assert ir.Loc("a", 1).__deepcopy__({}) == ir.Loc("a", 1)
+        raise ValueError

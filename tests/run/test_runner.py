@@ -316,18 +316,19 @@ def test_costs_go_on_when_resumed(tmp_path, monkeypatch):
 
 
 # Loops are shared out where they have more than 8192 entries; odd numbers, so that no piece is like another.
-@pytest.mark.parametrize(
-    "name, counts",
-    [("disc", ["gas.particles=17011", "dust.particles=19013"]), ("shock", ["gas.particles=9001"])],
-)
-def test_any_number_of_threads_gives_the_same_bits(tmp_path, name, counts):
-    path = tmp_path / "b.toml"
-    path.write_text(scene_of(tmp_path, SCENES[name], *counts).text)
-    found = [
-        bits_of([f"{path}@{number}" for number in threads], NUMBA_NUM_THREADS=pool)
-        for pool, threads in (("1", "1"), ("3", "23"))
-    ]
-    assert len({bits for each in found for bits in each.values()}) == 1, found
+COUNTS = {"disc": ["gas.particles=17011", "dust.particles=19013"], "shock": ["gas.particles=9001"]}
+
+
+def test_any_number_of_threads_gives_the_same_bits(tmp_path):
+    for name, counts in COUNTS.items():
+        (tmp_path / f"{name}.toml").write_text(scene_of(tmp_path, SCENES[name], *counts).text)
+    found = {}
+    for pool, threads in (("1", "1"), ("3", "23")):
+        runs = [f"{tmp_path / name}.toml@{number}" for name in COUNTS for number in threads]
+        found |= {f"{run} of {pool}": bits for run, bits in bits_of(runs, NUMBA_NUM_THREADS=pool).items()}
+    assert len(found) == 6
+    for name in COUNTS:
+        assert len({bits for run, bits in found.items() if f"/{name}.toml@" in run}) == 1, found
 
 
 @pytest.mark.parametrize("name, without", [("wave", ()), ("disc", ("self_gravity",)), ("disc", ())])
