@@ -149,7 +149,7 @@ def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, withou
 
 
 def test_a_start_waits_for_nothing_that_it_does_not_need(path):
-    path.write_text(DISC.replace("outer = 2", "outer = 2\nperturbation = 0.1"))
+    path.write_text(DISC)
     found = modules(START, path, "self_gravity")
     assert "numba" in found
     unneeded = {"matplotlib", "discsim.output.figure", "scipy.interpolate", "scipy.ndimage", "scipy.spatial"}

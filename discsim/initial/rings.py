@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.initial import SPECIES, populations, random_stream, spline
+from discsim.initial import SPECIES, populations, random_stream
 from discsim.physics import profile
 
 if TYPE_CHECKING:
@@ -113,12 +113,14 @@ def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
     The seeds of spiral arms, leading and trailing: phases are random, ten from edge to edge and smooth
     between. On quiet rings nothing else breaks the symmetry. Gas and dust share them.
     """
+    from scipy.interpolate import make_interp_spline  # slow to import
+
     start: Any = scene.initial
     stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
     nodes = np.linspace(start.inner, start.outer, 10)
     moved = angle.copy()
     ring, of = np.unique(radius, return_inverse=True)
     for m in range(2, 7):
-        phase = spline.through(nodes, 2.0 * np.pi * stream.random(len(nodes)), ring)[of]
+        phase = make_interp_spline(nodes, 2.0 * np.pi * stream.random(len(nodes)), k=3)(ring)[of]
         moved -= start.perturbation / m * np.sin(m * angle + phase)
     return moved
