@@ -12,7 +12,7 @@ from llvmlite.binding import get_host_cpu_name
 from numba import config
 from numba.core.codegen import get_host_cpu_features
 
-from discsim.kernels import cache, options
+from discsim.kernels import cache
 
 features = get_host_cpu_features()
 if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
@@ -21,4 +21,3 @@ if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-
 target = (config.CPU_NAME or get_host_cpu_name(), config.CPU_FEATURES or features)  # type: ignore[attr-defined]
 cache.follow(Path(__file__).parent, repr(target))
 cache.ensure(lambda: None)  # of this directory, as the kernels are
-options.compare_what_is_set()
