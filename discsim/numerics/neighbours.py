@@ -148,7 +148,7 @@ def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -
 
 def _extremes(values: Array) -> tuple[Array, Array]:
     # Least and largest of each column of values (n, columns), of those that are numbers.
-    found = np.array(share(kernels.extremes, len(values), values))
+    found = np.array(share(kernels.extremes, len(values), np.ascontiguousarray(values)))
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
 
 

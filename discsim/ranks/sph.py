@@ -60,8 +60,8 @@ class DividedSph(Sph):
         needed = mark_cells(mine, table, np.zeros(2), table, EITHER, self.room, self.dim == 1, self.periodic)
         numbers = grids.numbers()
         wide = in_cells(self.comm, points, key, Needed(needed, numbers, numbers + 1))
-        pos, h, mass = wide.of_all([points.pos, points.h, points.mass])
-        cells = cells_in(grids, wide.of(classes), pos, h, wide.place)
+        pos, h, mass, classes = wide.of_all([points.pos, points.h, points.mass, classes])
+        cells = cells_in(grids, classes, pos, h, wide.place)
         self.ghosts = np.flatnonzero(cells.order >= points.count)  # where they are in the order of the cells
         self.alone = needed
         self.alone[cells.key[cells.order[self.ghosts]]] = False
