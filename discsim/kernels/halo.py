@@ -29,12 +29,17 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
     for level in range(len(others)):
         other, nx, ny = others[level], int(others[level, NX]), int(others[level, NX + 1])
         corners = np.zeros((nx + 1, ny + 1), np.int32)  # of the boxes that are marked, which are summed up
-        mine = 0
-        for cell in filled:
+        mine, k = 0, 0
+        while k < len(filled):
+            cell = filled[k]
             while mine + 1 < len(grids) and grids[mine + 1, FIRST] <= cell:
                 mine += 1
             place, rows = cell - int(grids[mine, FIRST]), int(grids[mine, NX + 1])
             ix, iy = place // rows + int(grids[mine, FROM_X]), place % rows + int(grids[mine, FROM_X + 1])
+            count, left = 1, rows - place % rows  # cells in a row are marked as one
+            while count < left and k + count < len(filled) and filled[k + count] == cell + count:
+                count += 1
+            k += count
             reach = 0.0
             if reach_of != THEIRS:
                 reach = room * grids[mine, REACH]
@@ -42,6 +47,8 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
                 reach = max(reach, room * other[REACH])
             x0, x1 = _span(ix, grids[mine, SIDE_X], away[0], other[SIDE_X], reach)
             y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)
+            if count > 1:
+                y1 = _span(iy + count - 1, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)[1]
             _mark(x0, x1, y0, y1, other, periodic, corners)
         _sum_up(corners, int(other[FIRST]), out)
     return out
@@ -170,6 +177,16 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
                 rows[count], whose[count] = p, found[node]
                 count += 1
     return rows[:count], whose[:count]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def leave_own(first, last, x, y, owner, rank, out):
+    """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of."""
+    for i in range(first, last):
+        row, whose = out[i], owner[x[i]]
+        for j in range(len(y)):
+            if whose[y[j]] != rank:
+                row[j] = 0.0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -111,9 +111,7 @@ class DividedDrag:
         dust.keep(state.dust.vel, both.dust.vel)
         if drag.drag.heating:
             heat[:] = warmed[gas.own]
-        alone = np.zeros(dust.count, bool)
-        alone[drag.alone] = True
-        drag.alone = np.flatnonzero(alone[dust.own])
+        drag.alone = dust.own_among(drag.alone)
         times = drag.found_times
         drag.stopping_times = lambda: (times() if callable(times) else times)[dust.own]
 

@@ -49,6 +49,10 @@ class Wide:
     def own(self) -> slice:
         return slice(0, self._held)
 
+    def own_among(self, some: Array) -> Array:
+        """Of `some` rows of arrays of both those that are own: their numbers in own arrays."""
+        return some[some < self._held]
+
     @property
     def place(self) -> Array:
         """Where it has not come with other arrays, all ranks ask for it together."""
@@ -102,6 +106,10 @@ class Ordered:
     @property
     def count(self) -> int:
         return len(self._order)
+
+    def own_among(self, some: Array) -> Array:
+        """As that of `Wide`."""
+        return self._wide.own_among(self._order[some])
 
     def of(self, array: Array) -> Array:
         return self.sorted(self._wide.of(array))

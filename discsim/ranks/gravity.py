@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.halo import others_about
+from discsim.kernels.halo import leave_own, others_about
 from discsim.numerics.grid import BORDER, Grid, Node
 from discsim.numerics.mesh import Mesh
 from discsim.numerics.neighbours import corners
@@ -49,8 +49,7 @@ class Nodes:
     def leave_own(self, density: Array, first: Node) -> None:
         """Put 0 at the nodes of others, in a part of the grid."""
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
-        own = self.owner == self.comm.rank
-        density[~own[np.ix_(x, y)]] = 0.0
+        share(leave_own, len(x), x, y, self.owner, self.comm.rank, density, least=16)
 
     def about(self, particles: Particles) -> tuple[Array, Array]:
         """Places and masses of the particles about own nodes, and of own particles."""
