@@ -307,10 +307,14 @@ def held_blocks(first, last, gas, dust, side, out):
     """Mark in `out` (x, y) the blocks of `side` by `side` leaves in which any gas or dust (nx, ny) is."""
     nx, ny = gas.shape
     for x in range(first, last):
-        for ix in range(x * side, min((x + 1) * side, nx)):
-            for iy in range(ny):
-                if gas[ix, iy] + dust[ix, iy] > 0:
-                    out[x, iy // side] = True
+        for y in range(out.shape[1]):
+            for ix in range(x * side, min((x + 1) * side, nx)):
+                for iy in range(y * side, min((y + 1) * side, ny)):
+                    if gas[ix, iy] + dust[ix, iy] > 0:
+                        out[x, y] = True
+                        break
+                if out[x, y]:
+                    break
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -87,6 +87,7 @@ class DividedDrag:
             with world.apart():
                 self._kick(drag, state, wides, dt, gas_vel, heat)
             return
+        drag.stopping_times = np.empty(0)  # those of the last kick keep its arrays
         wides = self._hung_on(drag, state)
         self._kick(drag, state, wides, dt, gas_vel, heat)
         drag.agree = Known()  # it holds arrays of leaves
