@@ -25,7 +25,7 @@ from discsim.kernels.halo import (
     number_runs,
     others_about,
 )
-from discsim.kernels.neighbours import widen
+from discsim.kernels.neighbours import FIRST, widen
 from discsim.numerics.grid import Grid
 from discsim.numerics.neighbours import sort_into_cells
 from discsim.ranks.comm import by_rank
@@ -139,10 +139,12 @@ def test_cells_in_a_row_mark_what_each_does(periodic):
     rng = np.random.default_rng(8)
     pos, h = rng.random((2000, 2)) * [1.0, 0.6], rng.choice([0.01, 0.05], 2000, p=[0.9, 0.1])
     cells = sort_into_cells(pos, h, 1.0, np.zeros(2), np.array([1.0, 0.6]), periodic)
-    some = cells.filled[rng.random(len(cells.filled)) < 0.7]
+    x, y = cells.bounds[cells.filled, :2].T
+    some = cells.filled[(np.hypot(x - 0.8, y - 0.3) < 0.05) & (cells.filled < cells.grids[1, FIRST])]  # small ones
     given = cells.grids, np.zeros(2), cells.grids, EITHER, 1.3, False, periodic
     each = np.logical_or.reduce([mark_cells(some[k : k + 1], *given) for k in range(len(some))])
     np.testing.assert_array_equal(mark_cells(some, *given), each)
+    assert not each.all() and np.any(np.diff(some) == 1)
 
 
 def merged(shape, seed):
