@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from discsim.numerics.totals import mean
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import Particles, State
+    from discsim.numerics.state import State
 
 Array = np.ndarray
 NONE = np.empty(0)
@@ -180,7 +181,8 @@ def _placed(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: 
     shift = _shift(drag, state, leaves, shifted, mirrored)
     of = f"of the lattice with a margin of {leaves.margin}"
     part = drag.agree(f"part {of}", lambda: drag.agree.part_of(leaves, shift, both))
-    keys = [_leaf_of_each(particles, part, shift) for particles in both]
+    find = partial(_leaf_of_each, part, shift)
+    keys = [drag.agree.leaves(f"{kind} {of}", p.pos, find) for kind, p in zip(("gas", "dust"), both, strict=True)]
     return shift, part, keys, drag.agree(f"numbers {of}", lambda: _numbers(part, *keys))
 
 
@@ -220,12 +222,12 @@ def _shift(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: b
     return shift
 
 
-def _leaf_of_each(particles: Particles, part: Lattice, shift: Array) -> Array:
-    """The leaf of each particle (n,), the last of those outside the lattice."""
+def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
+    """The leaf of each of places (n, d), the last of those outside the lattice."""
     low, high = shift - part.margin, shift + part.extent + part.margin
-    key = np.empty(particles.count, np.uint32)
+    key = np.empty(len(pos), np.uint32)
     share(
-        kernels.leaf_keys, particles.count, particles.pos, part.origin, shift, low, high, 1.0 / part.side,
+        kernels.leaf_keys, len(pos), pos, part.origin, shift, low, high, 1.0 / part.side,
         part.whole, part.first, part.shape, part.periodic, key,
     )  # fmt: skip
     return key

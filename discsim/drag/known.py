@@ -14,9 +14,12 @@ Array = np.ndarray
 
 
 class Known:
-    """own_grains: where the process's own ones are in the dust that a kick is given."""
+    """own_grains: where the process's own ones are in the dust that a kick is given. kicked: how many blocks, the first
+    ones, hold any of its own particles; None: all may.
+    """
 
     own_grains: Any = slice(None)
+    kicked: int | None = None
 
     def __call__(self, name: str, find: Callable[[], Any]) -> Any:
         """What `find` finds, by asking all processes; a kick has it under one `name`."""
@@ -25,6 +28,10 @@ class Known:
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
         """The part of a lattice that the process has; `shift` (2,) of it in leaves."""
         return lattice
+
+    def leaves(self, name: str, pos: Array, find: Callable[[Array], Array]) -> Array:
+        """What `find` makes of places (n, d), the leaf of each; a kick has that of a species under one `name`."""
+        return find(pos)
 
     def summed(self, lattice: Lattice, *held: Array) -> Sequence[Array]:
         """What all processes have in the leaves of a part, of what own particles make there (leaves + 1,), in whole

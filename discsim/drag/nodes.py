@@ -60,12 +60,13 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     for kind, row in zip((gas, dust), rows, strict=True):
         _gather(kind, cells, nodes, about_star, law.code, row)
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
-    met = [np.empty((len(cells.home), kind.number)) for kind in (gas, dust)]
+    met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
+    kicked = len(cells.home) if drag.agree.kicked is None else drag.agree.kicked
     for kind, row, rate in zip((gas, dust), rows, met, strict=True):
         if kind is gas and not drag.two_way:
             continue  # it feels nothing, and is kicked elsewhere
         share(
-            nodes_scatter.scatter, len(rate), kind, cells, nodes, sharp, row, dt, drag.exponential, rate,
+            nodes_scatter.scatter, kicked, kind, cells, nodes, sharp, row, dt, drag.exponential, rate,
             least=LEAST,
         )  # fmt: skip
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)

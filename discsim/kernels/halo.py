@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.blocks import LEVELS
 from discsim.kernels.grid import stencil
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
 
@@ -28,12 +29,17 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
     for level in range(len(others)):
         other, nx, ny = others[level], int(others[level, NX]), int(others[level, NX + 1])
         corners = np.zeros((nx + 1, ny + 1), np.int32)  # of the boxes that are marked, which are summed up
-        mine = 0
-        for cell in filled:
+        mine, k = 0, 0
+        while k < len(filled):
+            cell = filled[k]
             while mine + 1 < len(grids) and grids[mine + 1, FIRST] <= cell:
                 mine += 1
             place, rows = cell - int(grids[mine, FIRST]), int(grids[mine, NX + 1])
             ix, iy = place // rows + int(grids[mine, FROM_X]), place % rows + int(grids[mine, FROM_X + 1])
+            count, left = 1, rows - place % rows  # cells in a row are marked as one
+            while count < left and k + count < len(filled) and filled[k + count] == cell + count:
+                count += 1
+            k += count
             reach = 0.0
             if reach_of != THEIRS:
                 reach = room * grids[mine, REACH]
@@ -41,6 +47,8 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
                 reach = max(reach, room * other[REACH])
             x0, x1 = _span(ix, grids[mine, SIDE_X], away[0], other[SIDE_X], reach)
             y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)
+            if count > 1:
+                y1 = _span(iy + count - 1, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)[1]
             _mark(x0, x1, y0, y1, other, periodic, corners)
         _sum_up(corners, int(other[FIRST]), out)
     return out
@@ -124,46 +132,139 @@ def tiles_of(first, last, pos, tiles, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def in_marked(first, last, pos, tiles, marked, out):
-    """Mark in `out` (n,) the places whose tile, or the nearest one, is `marked` (tiles,)."""
+def in_marked(first, last, pos, tiles, marked):
+    """The places from `first` to `last` of (n, d) whose tile, or the nearest one, is `marked` (tiles,)."""
     low, per_tile, along = tiles
+    out, count = np.empty(last - first, np.int64), np.uint64(0)
     if pos.shape[1] == 2:
         flat, ox, oy, most = pos.reshape(-1), low[0], low[1], along - 1.0  # no branches, unsigned numbers: faster
         for i in range(np.uint64(first), np.uint64(last)):
             x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
             x, y = min(x, most) if x > 0.0 else 0.0, min(y, most) if y > 0.0 else 0.0
-            out[i] = marked[np.uint64(np.int32(x) * along + np.int32(y))]
-        return
+            out[count] = i
+            count += np.uint64(marked[np.uint64(np.int32(x) * along + np.int32(y))])
+        return out[: np.int64(count)]
     for i in range(first, last):
-        out[i] = marked[_tile_of(pos, i, tiles)]
+        out[count] = i
+        count += np.uint64(marked[_tile_of(pos, i, tiles)])
+    return out[: np.int64(count)]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank, out):
-    """Write to `out` (some, 4) who but `rank` owns a node about each of `some` particles, each once, and then -1.
+def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
+    """Of `some` particles those about which another than `rank` owns a node, once for each such, and who: (m,) each.
 
     A node has the `owner` (along x, along y) of its tile, which is that of `tiles`, (nx,) and (ny,).
     """
     (at_x, at_y), plane = tiles, pos.shape[1] == 2
-    nx, ny = len(at_x), len(at_y)
+    nx, ny, found = len(at_x), len(at_y), np.empty(4, np.int64)
+    rows, whose, count = np.empty(4 * (last - first), np.int64), np.empty(4 * (last - first), np.int64), 0
     for k in range(first, last):
         p = some[k]
-        out[k, :] = -1
         ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
         iy, jy = 0, 0
         if plane:
             iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
         if ix < 0 or iy < 0:
             continue
-        number = 0
+        x, y, beside, above = at_x[ix], at_y[iy], at_x[jx], at_y[jy]
+        found[0], found[1], found[2], found[3] = owner[x, y], owner[x, above], owner[beside, y], owner[beside, above]
         for node in range(4):
-            one = owner[at_x[jx if node > 1 else ix], at_y[jy if node % 2 else iy]]
-            known = one == rank
-            for before in range(number):
-                known |= out[k, before] == one
+            known = found[node] == rank
+            for before in range(node):
+                known |= found[before] == found[node]
             if not known:
-                out[k, number] = one
-                number += 1
+                rows[count], whose[count] = p, found[node]
+                count += 1
+    return rows[:count], whose[:count]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def leave_own(first, last, x, y, owner, rank, out):
+    """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of."""
+    for i in range(first, last):
+        row, whose = out[i], owner[x[i]]
+        for j in range(len(y)):
+            if whose[y[j]] != rank:
+                row[j] = 0.0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def number_runs(first, last, out):
+    """Write to `out` (cells + 1,), all 0, how many cells before each are in the runs that go from `first` up to `last`
+    (runs,).
+    """
+    for run in range(len(first)):
+        for cell in range(first[run], last[run]):
+            out[cell] = 1
+    count = 0
+    for cell in range(len(out)):
+        here, out[cell] = out[cell], count
+        count += here
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def in_runs(first, last, key, of, number):
+    """The particles from `first` to `last` whose cells are in the runs that `number` has counted.
+
+    Their cells are those `of` their keys (n,), or these where `of` has no entries.
+    """
+    out, count = np.empty(last - first, np.int64), np.uint64(0)
+    if len(of) > 0:
+        for i in range(np.uint64(first), np.uint64(last)):
+            cell = np.uint64(of[key[i]])
+            out[count] = i
+            count += np.uint64(number[cell + ONE] > number[cell])
+    else:
+        for i in range(np.uint64(first), np.uint64(last)):
+            cell = np.uint64(key[i])
+            out[count] = i
+            count += np.uint64(number[cell + ONE] > number[cell])
+    return out[: np.int64(count)]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def mark_held(first, last, key, of, out):
+    """Mark in `out` (cells,) those `of` the keys (n,) of particles."""
+    for i in range(np.uint64(first), np.uint64(last)):
+        out[np.uint64(of[key[i]])] = True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sides_held(leaf, own, out):
+    """Mark in `out` (2, x, y) the largest blocks in which any of the `own` (blocks,) blocks is, and any of the others;
+    leaf (blocks, 2): the first of each.
+    """
+    for block in range(len(own)):
+        out[0 if own[block] else 1, leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS] = True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def blocks_in(leaf, marked):
+    """The blocks in the largest ones that are `marked` (x, y)."""
+    out, count = np.empty(len(leaf), np.int64), 0
+    for block in range(len(leaf)):
+        out[count] = block
+        count += marked[leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS]
+    return out[:count]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def along_curve(leaf, level, first, rows, begin, end):
+    """Write what numbers blocks have, from `begin` up to `end` (blocks,), in a whole lattice with `rows` largest blocks
+    along y, of which a part begins at the leaf `first` (2,): by largest blocks, and in these along a Z-curve.
+
+    leaf (blocks, 2): the first of each in the part.
+    """
+    x0, y0, mask = first[0], first[1], (1 << LEVELS) - 1
+    for block in range(len(level)):
+        x, y = np.int64(leaf[block, 0]) + x0, np.int64(leaf[block, 1]) + y0
+        number = (x >> LEVELS) * rows + (y >> LEVELS)
+        x, y, z = x & mask, y & mask, np.int64(0)
+        for k in range(LEVELS):
+            z |= (x >> k & 1) << 2 * k + 1 | (y >> k & 1) << 2 * k
+        begin[block] = (number << 2 * LEVELS) + z
+        end[block] = begin[block] + (np.int64(1) << 2 * np.int64(level[block]))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -206,10 +307,14 @@ def held_blocks(first, last, gas, dust, side, out):
     """Mark in `out` (x, y) the blocks of `side` by `side` leaves in which any gas or dust (nx, ny) is."""
     nx, ny = gas.shape
     for x in range(first, last):
-        for ix in range(x * side, min((x + 1) * side, nx)):
-            for iy in range(ny):
-                if gas[ix, iy] + dust[ix, iy] > 0:
-                    out[x, iy // side] = True
+        for y in range(out.shape[1]):
+            for ix in range(x * side, min((x + 1) * side, nx)):
+                for iy in range(y * side, min((y + 1) * side, ny)):
+                    if gas[ix, iy] + dust[ix, iy] > 0:
+                        out[x, y] = True
+                        break
+                if out[x, y]:
+                    break
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

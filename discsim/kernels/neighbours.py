@@ -58,13 +58,22 @@ class Candidates(NamedTuple):
 @njit(nogil=True, cache=True, error_model="numpy")
 def extremes(first, last, values):
     """Least and largest (2, columns) of each column of values (n, columns), of those that are numbers."""
-    out = np.empty((2, values.shape[1]))
-    for column in range(values.shape[1]):
-        least, most = np.inf, -np.inf
-        for i in range(first, last):
-            value = values[i, column]
-            least, most = value if value < least else least, value if value > most else most
-        out[0, column], out[1, column] = least, most
+    columns = values.shape[1]
+    out, flat, wide = np.empty((2, columns)), values.reshape(-1), LANES // columns * columns
+    least, most = np.full(LANES, np.inf), np.full(LANES, -np.inf)  # of entries that are whole vectors apart
+    begin, end = first * columns, last * columns
+    for row in range(begin, end - wide + 1, wide):
+        at = np.uint64(row)
+        for k in range(np.uint64(wide)):
+            value = flat[at + k]
+            least[k], most[k] = value if value < least[k] else least[k], value if value > most[k] else most[k]
+    for i in range(end - (end - begin) % wide, end):
+        k, value = (i - begin) % columns, flat[i]
+        least[k], most[k] = value if value < least[k] else least[k], value if value > most[k] else most[k]
+    for column in range(columns):
+        out[0, column], out[1, column] = np.inf, -np.inf
+        for k in range(column, wide, columns):
+            out[0, column], out[1, column] = min(out[0, column], least[k]), max(out[1, column], most[k])
     return out
 
 

@@ -8,6 +8,7 @@ GAPS = (
     16764929, 9427969, 4188161, 2354689, 1045505, 587521, 260609, 146305, 64769, 36289, 16001, 8929, 3905, 2161, 929,
     505, 209, 109, 41, 19, 5, 1,
 )  # fmt: skip
+FEW = 8  # members, of whom each is put straight where it belongs
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -29,21 +30,28 @@ def put_in_order(part_from, part_to, key, parts, place, order):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sort_members(first, last, start, ids, order):
-    """Put the members of each key, order[start[key]:start[key + 1]], in the order of their `ids` (n,), where they are
-    not: most are.
+def find_behind(first, last, ids, order, out):
+    """Write to `out` (n,) of each in an order, but for the first of all, whether its `ids` is below that before it."""
+    if first == last:
+        return
+    before = ids[order[max(first - 1, 0)]]
+    for k in range(np.uint64(first), np.uint64(last)):
+        here = ids[order[k]]
+        out[k] = here < before
+        before = here
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sort_members(first, last, some, start, ids, order):
+    """Put the members of `some` keys, order[start[key]:start[key + 1]], in the order of their `ids` (n,).
 
     Insertion among members that are `gap` apart, 1 at last (Shell 1959; gaps of Sedgewick 1986). numba's own sorts take
     seconds to compile.
     """
-    for key in range(first, last):
-        begin, end = start[key], start[key + 1]
-        behind = False
-        for k in range(begin + 1, end):
-            behind |= ids[order[k - 1]] > ids[order[k]]
-        if not behind:
-            continue
-        for gap in GAPS:
+    for n in range(first, last):
+        begin, end = start[some[n]], start[some[n] + 1]
+        for step in range(len(GAPS) - 1 if end - begin <= FEW else 0, len(GAPS)):
+            gap = GAPS[step]
             for k in range(begin + gap, end):
                 member, at = order[k], k
                 while at >= begin + gap and ids[order[at - gap]] > ids[member]:

@@ -94,7 +94,7 @@ def corners(pos: Array) -> tuple[Array, Array]:
 def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, Array]:
     """Coordinates (2,) between which the cells of particles are."""
     low, high = corners(pos)
-    held = np.flatnonzero(np.bincount(classes))
+    held = [k for k in range(len(grids.table)) if np.any(classes == k)]
     side = grids.table[held, SIDE_X : SIDE_X + 2].max(axis=0, initial=0.0)
     return low - side, high + side
 
@@ -128,9 +128,14 @@ def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
     return key
 
 
-def cells_in(grids: Grids, classes: Array, pos: Array, h: Array, place: Array | None = None) -> Cells:
-    """Cells of particles on grids that are laid; those in one cell in the order of arrays or of their `place` (n,)."""
-    key = keys_in(grids, classes, pos)
+def cells_in(
+    grids: Grids, classes: Array, pos: Array, h: Array, place: Array | None = None, key: Array | None = None
+) -> Cells:
+    """Cells of particles on grids that are laid; those in one cell in the order of arrays or of their `place` (n,).
+
+    key (n,): as of `keys_in`, where that is known.
+    """
+    key = keys_in(grids, classes, pos) if key is None else key
     order, start = counting_sort(key, grids.cells, place)
     x, y, radius = np.zeros((3, len(pos) + LANES))  # as much as loops over whole vectors look at
     bounds = np.empty((grids.cells, 5))
@@ -148,7 +153,7 @@ def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -
 
 def _extremes(values: Array) -> tuple[Array, Array]:
     # Least and largest of each column of values (n, columns), of those that are numbers.
-    found = np.array(share(kernels.extremes, len(values), values))
+    found = np.array(share(kernels.extremes, len(values), np.ascontiguousarray(values)))
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
 
 

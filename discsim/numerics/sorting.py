@@ -22,8 +22,20 @@ def counting_sort(key: Array, count: int, place: Array | None = None) -> tuple[A
     order = np.empty(len(key), np.uint32)
     share(kernels.put_in_order, parts, key, parts, ends, order, least=1)
     if place is not None:
-        share(kernels.sort_members, count, start, place, order)
+        some = _behind(key, place, order, start)
+        share(kernels.sort_members, len(some), some, start, place, order)
     return order, start
+
+
+def _behind(key: Array, place: Array, order: Array, start: Array) -> Array:
+    """The keys whose members are not in the order of their `place` (n,): few."""
+    behind = np.empty(len(key) + 1, bool)
+    share(kernels.find_behind, len(key), place, order, behind)
+    behind[start] = False  # of each key the first one; and what is beyond the end
+    some = key[order[np.flatnonzero(behind)]]
+    another = np.ones(len(some), bool)
+    another[1:] = some[1:] != some[:-1]
+    return some[another]
 
 
 def by_ids(key: Array, count: int, ids: Array) -> Array:

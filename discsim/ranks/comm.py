@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -52,7 +55,7 @@ class Comm:
 
     def deal(self, out: Array, given: Array, taken: Array) -> Array:
         """Rows of `out`, numbers `given` (ranks,) of them to each rank in turn; those that come here, `taken`."""
-        wide = int(np.prod(out.shape[1:], dtype=np.int64))
+        wide = math.prod(out.shape[1:])
         item = MPI.BYTE.Create_contiguous(max(out.itemsize * wide, 1)).Commit()
         found = np.empty((int(taken.sum()), *out.shape[1:]), out.dtype)
         starts = [np.cumsum(numbers) - numbers for numbers in (given, taken)]
@@ -96,16 +99,33 @@ class Route:
         """The rows of this rank's `array` (n, ...) to where they go; those that come here, by the rank they are of."""
         return self.pass_on(array[self.rows])
 
-    def send_all(self, arrays: list[Array]) -> list[Array]:
-        """The same of several arrays, of any kinds, in one exchange."""
-        count = len(self.rows)
-        rows = [np.ascontiguousarray(array[self.rows]).view(np.uint8).reshape(count, _bytes(array)) for array in arrays]
-        found = self.pass_on(np.concatenate(rows, axis=1))
-        parts = np.split(found, np.cumsum([_bytes(array) for array in arrays])[:-1], axis=1)
-        return [
-            np.ascontiguousarray(part).reshape(-1).view(array.dtype).reshape(len(found), *array.shape[1:])
-            for part, array in zip(parts, arrays, strict=True)
-        ]
+    def send_all(self, arrays: list[Array], into: list[Array] | None = None) -> list[Array]:
+        """The same of several arrays, of any kinds, in one exchange; `into` arrays (count, ...) where these are given.
+
+        What goes to a rank is one block of bytes: an array after the other, each as it lies in memory.
+        """
+        width = [_bytes(array) for array in arrays]
+        out = np.empty(len(self.rows) * sum(width), np.uint8)
+        for (begin, count), *blocks in self._blocks(self.given, width, out):
+            rows = self.rows[begin : begin + count]
+            for array, block in zip(arrays, blocks, strict=True):
+                np.take(array, rows, axis=0, out=_like(array, block), mode="clip")
+        found = self.comm.deal(out.reshape(-1, sum(width)), self.given, self.taken).reshape(-1)
+        taken = [np.empty((self.count, *a.shape[1:]), a.dtype) for a in arrays] if into is None else into
+        for (begin, count), *blocks in self._blocks(self.taken, width, found):
+            for array, block in zip(taken, blocks, strict=True):
+                array[begin : begin + count] = _like(array, block)
+        return taken
+
+    def _blocks(self, counts: Array, width: list[int], whole: Array) -> Iterator[tuple[Any, ...]]:
+        """Of each rank that has any of the rows the first one and how many there are, and the bytes of each array."""
+        begin = at = 0
+        for count in counts.tolist():
+            if count > 0:
+                ends = at + count * np.cumsum([0, *width])
+                yield (begin, count), *(whole[low:high] for low, high in pairwise(ends.tolist()))
+                at = int(ends[-1])
+            begin += count
 
     def pass_on(self, rows: Array) -> Array:
         """The same, of the rows that go."""
@@ -114,7 +134,12 @@ class Route:
 
 def _bytes(array: Array) -> int:
     """Of an entry of an array (n, ...)."""
-    return int(array.itemsize * np.prod(array.shape[1:], dtype=np.int64))
+    return int(array.itemsize * math.prod(array.shape[1:]))
+
+
+def _like(array: Array, block: Array) -> Array:
+    """Bytes as entries of an array."""
+    return np.ndarray((len(block) // max(_bytes(array), 1), *array.shape[1:]), array.dtype, block)
 
 
 def by_rank(some: Array, owner: Array, size: int) -> list[Array]:

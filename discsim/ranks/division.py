@@ -18,6 +18,7 @@ from discsim.numerics import room
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route, by_rank
+from discsim.ranks.exchange import joined
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
@@ -72,10 +73,8 @@ class Division:
         return out
 
     def within(self, pos: Array, marked: Array) -> Array:
-        """Which of the places (n, d) are in `marked` tiles (tiles,)."""
-        out = np.empty(len(pos), bool)
-        share(in_marked, len(pos), pos, self.tiles, marked, out)
-        return np.flatnonzero(out)
+        """Numbers of the places (n, d) that are in `marked` tiles (tiles,)."""
+        return joined(share(in_marked, len(pos), pos, self.tiles, marked))
 
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
         """Divide the tiles anew where that is due; whether it was. `whole`: each rank has all the particles."""

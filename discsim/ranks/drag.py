@@ -17,16 +17,15 @@ from mpi4py import MPI
 from discsim.drag.cells import ABOUT_GRAINS, Merged, about_grains
 from discsim.drag.known import Known
 from discsim.kernels import levels
-from discsim.kernels.blocks import LEVELS, MOST, block_keys
-from discsim.kernels.halo import mark_blocks
+from discsim.kernels.blocks import LEVELS, MOST
+from discsim.kernels.halo import along_curve, blocks_in, mark_blocks, mark_held, sides_held
 from discsim.numerics import world
-from discsim.numerics.sorting import counts
 from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import in_cells
-from discsim.ranks.leaves import Leaves
+from discsim.ranks.leaves import Leaves, widened
 
 if TYPE_CHECKING:
     from discsim.drag.cells import Lattice
@@ -41,8 +40,9 @@ REQUIRED = ("ids", "species", "gradh", "pressure")  # that particles cannot be m
 class Agreement(Known):
     """What a first look at own particles has found together, told to the kick."""
 
-    def __init__(self, leaves: Leaves) -> None:
-        self.leaves, self.found = leaves, dict[str, Any]()
+    def __init__(self, parts: Leaves) -> None:
+        self.parts, self.found = parts, dict[str, Any]()
+        self._leaves = dict[str, Array]()
 
     def __call__(self, name: str, find: Callable[[], Any]) -> Any:
         if name not in self.found:
@@ -50,20 +50,29 @@ class Agreement(Known):
         return self.found[name]
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
-        return self.leaves.part_of(lattice, shift, species)
+        return self.parts.part_of(lattice, shift, species)
 
     def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
-        return self.leaves.summed(lattice, *held)
+        return self.parts.summed(lattice, *held)
 
-    def leave(self, needed: Array) -> None:
-        """Of blocks tell only of those `needed` (blocks,)."""
+    def leaves(self, name: str, pos: Array, find: Callable[[Array], Array]) -> Array:
+        known = self._leaves.get(name)
+        if known is None:
+            known = self._leaves[name] = find(pos)
+            return known
+        return np.concatenate([known, find(pos[len(known) :])])  # of ghosts
+
+    def leave(self, own: Array, needed: Array) -> None:
+        """Of blocks tell only of those `needed` (blocks,), of which `own` come first."""
+        some = np.concatenate([np.flatnonzero(own), np.flatnonzero(needed & ~own)])
         for name, each in self.found.items():
-            self.found[name] = _some(each, needed) if isinstance(each, Merged) else each
+            self.found[name] = _some(each, some) if isinstance(each, Merged) else each
 
 
-def _some(blocks: Merged, needed: Array) -> Merged:
-    number = np.append(np.where(needed, np.cumsum(needed) - 1, -1), [-1] * 2).astype(np.int32)  # -1: of no block
-    return Merged(number[blocks.number], *(each[needed] for each in blocks[1:]))
+def _some(blocks: Merged, some: Array) -> Merged:
+    number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
+    number[some] = np.arange(len(some))
+    return Merged(number[blocks.number], *(each[some] for each in blocks[1:]))
 
 
 class DividedDrag:
@@ -78,6 +87,7 @@ class DividedDrag:
             with world.apart():
                 self._kick(drag, state, wides, dt, gas_vel, heat)
             return
+        drag.stopping_times = np.empty(0)  # those of the last kick keep its arrays
         wides = self._hung_on(drag, state)
         self._kick(drag, state, wides, dt, gas_vel, heat)
         drag.agree = Known()  # it holds arrays of leaves
@@ -102,9 +112,7 @@ class DividedDrag:
         dust.keep(state.dust.vel, both.dust.vel)
         if drag.drag.heating:
             heat[:] = warmed[gas.own]
-        alone = np.zeros(dust.count, bool)
-        alone[drag.alone] = True
-        drag.alone = np.flatnonzero(alone[dust.own])
+        drag.alone = dust.own_among(drag.alone)
         times = drag.found_times
         drag.stopping_times = lambda: (times() if callable(times) else times)[dust.own]
 
@@ -128,59 +136,54 @@ class DividedDrag:
         while True:
             agreement = drag.agree = Agreement(self.leaves)
             lattice, blocks, *leaves = self.scheme.members(drag, state)
-            blocks.number[-1] = len(blocks.level)
-            keys = [_blocks_of(blocks.number, leaf) for leaf in leaves]
-            of_gas, of_dust = (counts(key, len(blocks.level) + 1) for key in keys)
-            own = (of_gas + of_dust)[:-1] > 0  # the last one of what is outside
+            blocks.number[-1] = len(blocks.level)  # of what is outside
+            own = np.zeros(len(blocks.level) + 1, bool)
+            for leaf in leaves:
+                share(mark_held, len(leaf), leaf, blocks.number, own)
+            own = own[:-1]
             # Nodes are of one level: a block hangs on others of its own side, `rings` and two away.
             widest = int(blocks.level[own].max(initial=0))
-            away = rings + 2 << widest if rings >= 0 else 0
-            if self.leaves.suffices(world.together.most(-(-away // MOST))):
+            away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
+            if self.leaves.suffices(world.together.most(away)):
                 break
-        needed = _needed(blocks, lattice, np.flatnonzero(own), rings, drag.dim == 1)
+        needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, drag.dim == 1)
         wanted = Needed(np.append(needed, False), *numbers_of(blocks, lattice))
         wides = {
-            name: in_cells(self.comm, p, key, wanted)
-            for (name, p), key in zip(state.species.items(), keys, strict=True)
+            name: in_cells(self.comm, p, leaf, wanted, blocks.number)
+            for (name, p), leaf in zip(state.species.items(), leaves, strict=True)
         }
         agreement.own_grains = wides["dust"].own
         agreement.found[ABOUT_GRAINS] = self._wide(wides["dust"], about_grains(drag, state))
-        agreement.leave(needed)
+        agreement.leave(own, needed)
+        if not drag.drag.heating:  # which goes on from what others' particles lose
+            agreement.kicked = int(np.count_nonzero(own))
         return wides
 
 
-def _blocks_of(number: Array, leaf: Array) -> Array:
-    """The block of each particle (n,) from its leaf, the last of those outside."""
-    key = leaf.copy()
-    share(block_keys, len(key), key, number, leaf[:0], 1)
-    return key
+def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int, flat: bool) -> Array:
+    """The blocks (blocks,) that particles of `own` ones (blocks,) hang on, which are `away` largest ones at most.
 
-
-def _needed(blocks: Merged, lattice: Lattice, own: Array, rings: int, flat: bool) -> Array:
-    """The blocks (blocks,) that particles of `own` ones hang on."""
-    needed = np.zeros(len(blocks.level), bool)
-    needed[own] = True
-    if rings < 0:
-        return needed
-    lattices = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1)
-    home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
-    mark_blocks(own, home, about, near, rings, needed)
+    These are looked for where own ones and others have each other in reach.
+    """
+    needed, held = own.copy(), np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
+    sides_held(blocks.first_leaf, own, held)
+    some = blocks_in(blocks.first_leaf, widened(held[0], lattice, away) & widened(held[1], lattice, away))
+    if len(some) > 0:
+        lattices, found = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1), own[some]
+        home, _, about, near = levels.list_nodes(blocks.level[some], blocks.first_leaf[some], lattices, flat)
+        mark_blocks(np.flatnonzero(found), home, about, near, rings, found)
+        needed[some] = found
     return needed
-
-
-# Places of the leaves of a largest block along a Z-curve: of a row's number, twice those of a column's.
-ALONG_Z = np.sum([(np.arange(MOST) >> k & 1) << 2 * k for k in range(LEVELS)], axis=0)
 
 
 def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
     """The numbers that blocks have in the whole lattice, from begin up to end, by largest blocks and along Z-curves in
     these: leaves. What is outside comes last.
     """
-    x, y = (blocks.first_leaf + np.array(lattice.first)).astype(np.int64).T
-    rows = -(-lattice.whole[1] // MOST)
-    largest = x // MOST * rows + y // MOST
-    begin = largest * MOST**2 + 2 * ALONG_Z[x % MOST] + ALONG_Z[y % MOST]
-    return np.append(begin, 2**62), np.append(begin + 4**blocks.level, 2**62 + 1)
+    count = len(blocks.level)
+    begin, end = np.full(count + 1, 2**62), np.full(count + 1, 2**62 + 1)
+    along_curve(blocks.first_leaf, blocks.level, lattice.first, -(-lattice.whole[1] // MOST), begin, end)
+    return begin, end
 
 
 def _of(wide: Any, particles: Gas | Dust, read: Collection[str] | None) -> Any:

@@ -7,12 +7,16 @@ from typing import Protocol
 
 import numpy as np
 
+from discsim.kernels.halo import in_runs, number_runs
 from discsim.numerics.room import longer
+from discsim.numerics.sorting import counting_sort
 from discsim.numerics.state import Particles
+from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
 Array = np.ndarray
+NOBODY = np.empty(0, np.int64)
 REMEMBERED = 16  # steps, in which what some of them needed of others is fetched at once: to do all anew costs more
 SPARE = 8  # room for ghosts: a SPARE-th more than there are
 
@@ -36,13 +40,25 @@ class Wide:
     def __init__(self, particles: Placed, route: Route, lasting: bool = False) -> None:
         self.route, self._held, self._lasting = route, particles.count, lasting
         self.count = self._held + route.count
+        self._own_place = particles.place
+        self._place: Array | None = None
         if isinstance(particles, Particles) and not lasting:
             particles.spare = max(particles.spare, route.count + route.count // SPARE)
-        self.place = self.of(particles.place)
 
     @property
     def own(self) -> slice:
         return slice(0, self._held)
+
+    def own_among(self, some: Array) -> Array:
+        """Of `some` rows of arrays of both those that are own: their numbers in own arrays."""
+        return some[some < self._held]
+
+    @property
+    def place(self) -> Array:
+        """Where it has not come with other arrays, all ranks ask for it together."""
+        if self._place is None:
+            self._place = self.of(self._own_place)
+        return self._place
 
     def of(self, array: Array) -> Array:
         both = self.beside(array)
@@ -50,9 +66,10 @@ class Wide:
         return both
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        out = [self.beside(array) for array in arrays]
-        for both, others in zip(out, self.route.send_all(arrays), strict=True):
-            both[self._held :] = others
+        given = [*arrays, self._own_place]  # which comes along
+        out = [self.beside(array) for array in given]
+        self.route.send_all(given, [both[self._held :] for both in out])
+        *out, self._place = out
         return out
 
     def beside(self, array: Array) -> Array:
@@ -63,7 +80,7 @@ class Wide:
         return both
 
     def refresh(self, array: Array) -> None:
-        array[self._held :] = self.route.send(array)
+        self.route.send_all([array[self.own]], [array[self._held :]])
 
     def keep(self, array: Array, both: Array) -> None:
         if not np.may_share_memory(array, both):
@@ -75,10 +92,10 @@ class Ordered:
 
     place = None
 
-    def __init__(self, particles: Placed, route: Route, lasting: bool = False) -> None:
-        self._wide = Wide(particles, route, lasting)
+    def __init__(self, wide: Wide) -> None:
+        self._wide = wide
         # Nearly in order, which a stable sort makes use of.
-        self._order = np.argsort(self._wide.place, kind="stable")
+        self._order = np.argsort(wide.place, kind="stable")
 
     @cached_property
     def own(self) -> Array:
@@ -90,24 +107,30 @@ class Ordered:
     def count(self) -> int:
         return len(self._order)
 
-    def of(self, array: Array) -> Array:
-        return np.take(self._wide.of(array), self._order, axis=0)
+    def own_among(self, some: Array) -> Array:
+        """As that of `Wide`."""
+        return self._wide.own_among(self._order[some])
 
-    def of_all(self, arrays: list[Array]) -> list[Array]:
-        """Several of them at once."""
-        return [np.take(array, self._order, axis=0) for array in self._wide.of_all(arrays)]
+    def of(self, array: Array) -> Array:
+        return self.sorted(self._wide.of(array))
+
+    def sorted(self, both: Array) -> Array:
+        """An array of own ones and then ghosts."""
+        return np.take(both, self._order, axis=0)
 
     def keep(self, array: Array, both: Array) -> None:
         array[:] = both[self.own]
 
 
-def in_cells(comm: Comm, particles: Placed, key: Array, needed: Needed, lasting: bool = False) -> Wide:
-    """Own particles, whose cells are `key` (n,), with those of others in the cells that are needed here."""
-    return Wide(particles, route_to(comm, key, needed), lasting)
+def in_cells(
+    comm: Comm, particles: Placed, key: Array, needed: Needed, of: Array = NOBODY, lasting: bool = False
+) -> Wide:
+    """Own particles with those of others in the cells that are needed here; `key` and `of` as `route_to` has them."""
+    return Wide(particles, route_to(comm, key, needed, of), lasting)
 
 
-def route_to(comm: Comm, key: Array, needed: Needed) -> Route:
-    """What brings rows, whose cells are `key` (n,), to the ranks that need these cells."""
+def route_to(comm: Comm, key: Array, needed: Needed, of: Array = NOBODY) -> Route:
+    """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where it is empty."""
     runs = comm.listed(runs_of(needed).ravel())
     runs[comm.rank] = runs[comm.rank][:0]
     of_rank = np.repeat(np.arange(comm.size), [len(each) // 2 for each in runs])
@@ -116,13 +139,21 @@ def route_to(comm: Comm, key: Array, needed: Needed) -> Route:
     first, last = np.searchsorted(needed.end, first, "right"), np.searchsorted(needed.begin, last, "left")
     met = first < last
     of_rank, first, last = of_rank[met], first[met], last[met]
-    count = len(needed.mask)
-    wanted = np.cumsum(np.bincount(first, minlength=count + 1) - np.bincount(last, minlength=count + 1))[:-1] > 0
-    some = np.flatnonzero(wanted[key])  # few of all
-    some = some[np.argsort(key[some], kind="stable")]
-    cells = key[some].astype(np.int64)
-    cuts = np.column_stack([np.searchsorted(cells, first), np.searchsorted(cells, last)])
-    return Route(comm, [_members(some, cuts[of_rank == rank]) for rank in range(comm.size)])
+    number = np.zeros(len(needed.mask) + 1, np.uint32)
+    number_runs(first, last, number)
+    some = joined(share(in_runs, len(key), key, of, number))  # few of all
+    cells = key[some] if len(of) == 0 else of[key[some]]
+    order, start = counting_sort(number[cells], int(number[-1]))
+    some, first, last = some[order], start[number[first]].tolist(), start[number[last]].tolist()
+    rows: list[list[Array]] = [[some[:0]] for _ in range(comm.size)]
+    for rank, begin, end in zip(of_rank.tolist(), first, last, strict=True):
+        rows[rank].append(some[begin:end])
+    return Route(comm, [np.concatenate(each) for each in rows])
+
+
+def joined(parts: list[Array]) -> Array:
+    """Arrays as one."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def runs_of(needed: Needed) -> Array:
@@ -131,9 +162,3 @@ def runs_of(needed: Needed) -> Array:
     begin, end = needed.begin[some], needed.end[some]
     breaks = np.flatnonzero(begin[1:] != end[:-1])
     return np.column_stack([begin[np.append(0, breaks + 1)], end[np.append(breaks, -1)]]) if len(some) else begin[:0]
-
-
-def _members(some: Array, cuts: Array) -> Array:
-    """Of an array its parts between `cuts` (runs, 2)."""
-    parts = [some[first:last] for first, last in cuts.tolist() if last > first]
-    return np.concatenate(parts) if parts else some[:0]

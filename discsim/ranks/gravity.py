@@ -15,15 +15,16 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.halo import others_about
+from discsim.kernels.halo import leave_own, others_about
 from discsim.numerics.grid import BORDER, Grid, Node
 from discsim.numerics.mesh import Mesh
+from discsim.numerics.neighbours import corners
 from discsim.numerics.poisson import Kernel
 from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Route, by_rank
 from discsim.ranks.division import Division
-from discsim.ranks.exchange import Ordered
+from discsim.ranks.exchange import Ordered, Wide, joined
 from discsim.ranks.slabs import Slabs
 
 Array = np.ndarray
@@ -48,22 +49,19 @@ class Nodes:
     def leave_own(self, density: Array, first: Node) -> None:
         """Put 0 at the nodes of others, in a part of the grid."""
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
-        own = self.owner == self.comm.rank
-        density[~own[np.ix_(x, y)]] = 0.0
+        share(leave_own, len(x), x, y, self.owner, self.comm.rank, density, least=16)
 
     def about(self, particles: Particles) -> tuple[Array, Array]:
         """Places and masses of the particles about own nodes, and of own particles."""
-        grid, pos, rank = self.grid, particles.pos, self.comm.rank
+        grid, pos = self.grid, particles.pos
         some = self.division.within(pos, ~self.division.inside(grid.cell))
-        others = np.empty((len(some), 4), np.int64)
-        where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, rank
-        share(others_about, len(some), some, pos, *where, others)
-        met = np.flatnonzero(others[:, 0] >= 0)  # few
-        some, others = some[met], others[met]
-        near, node = np.nonzero(others >= 0)
-        wide = Ordered(particles, Route(self.comm, by_rank(some[near], others[near, node], self.comm.size)))
-        pos, mass = wide.of_all([pos, particles.mass])
-        return pos, mass
+        where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
+        found = share(others_about, len(some), some, pos, *where)  # few
+        rows, whose = (joined([each[k] for each in found]) for k in range(2))
+        wide = Wide(particles, Route(self.comm, by_rank(rows, whose, self.comm.size)))
+        both = wide.of_all([pos, particles.mass])
+        order = Ordered(wide)
+        return order.sorted(both[0]), order.sorted(both[1])
 
 
 class Window(NamedTuple):
@@ -156,7 +154,7 @@ class DividedMesh(Mesh):
 
     def _windows(self, places: Iterable[Array]) -> tuple[list[Window], bool]:
         """The window of each rank, and whether any particle of any of them is off the grid: none that is fetched is."""
-        found = [self.grid.extent(pos) for pos in places]
+        found = [extent(self.grid, pos) for pos in places]
         off = sum(number for _, number in found)
         least = np.min([extent[0] for extent, _ in found], axis=0)
         most = np.max([extent[1] for extent, _ in found], axis=0)
@@ -223,6 +221,18 @@ class DividedMesh(Mesh):
                     self.comm.mpi.Send(piece, rank + 1)
             self.comm.mpi.Bcast(columns, last)
         return rows, columns
+
+
+def extent(grid: Grid, pos: Array) -> tuple[Array, int]:
+    """As `Grid.extent`: where nobody is off the grid, nor beyond the last node of a period, of the corners alone."""
+    low, high = corners(pos)
+    ends = (np.stack([low, high]) - grid.origin) * (1.0 / grid.cell) - 0.5
+    if pos.shape[1] == 1:
+        ends[:, 1] = 0.0
+    last = np.maximum(np.array(grid.shape) - 1, 1)
+    if len(pos) > 0 and np.all(ends >= 0.0) and np.all(ends < last):  # as kernels round it, which keeps the order
+        return ends.astype(np.int64), 0
+    return grid.extent(pos)
 
 
 def _length(rows: slice) -> int:

@@ -55,7 +55,7 @@ class Leaves:
 
     def _span(self, lattice: Lattice, axis: int, low: float, high: float) -> tuple[int, int]:
         """First leaf and number of leaves of the largest blocks about own ones, which are from `low` to `high`."""
-        count, reach = lattice.whole[axis], self._reach(lattice)[axis]
+        count, reach = lattice.whole[axis], _reach(lattice, axis, self.reach)
         last, turns = (count - 1) // MOST, low // count if lattice.periodic else 0.0
         begin, end = (int((leaf - turns * count) // MOST) for leaf in (low, high))
         begin, end = begin - reach, end + reach
@@ -64,19 +64,13 @@ class Leaves:
         begin, end = (min(max(each, 0), last) for each in (begin, end))
         return begin * MOST, min((end + 1) * MOST, count) - begin * MOST
 
-    def _reach(self, lattice: Lattice) -> list[int]:
-        """Along each axis; one more where the last largest block of a period is no whole one."""
-        return [self.reach + (lattice.periodic and self.reach > 0 and n % MOST > 0) for n in lattice.whole]
-
     def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
         """As `drag/known.py` has it, in each largest block within reach of one with own particles."""
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
-        own = mask = np.zeros((len(x), len(y)), bool)
+        own = np.zeros((len(x), len(y)), bool)
         share(held_blocks, len(x), tables[0], tables[1], MOST, own, least=LEAST)
-        for axis, reach in enumerate(self._reach(lattice)):
-            mode = "wrap" if lattice.joined[axis] else "constant"
-            mask = maximum_filter1d(mask, 2 * min(reach, own.shape[axis]) + 1, axis=axis, mode=mode)
+        mask = widened(own, lattice, self.reach)
         along, first = -(-lattice.whole[1] // MOST), np.array(lattice.first) // MOST
         begin = ((first[0] + np.arange(len(x)))[:, None] * along + first[1] + np.arange(len(y))).ravel()
         some = np.flatnonzero(own)
@@ -90,3 +84,17 @@ class Leaves:
         for k, table in enumerate(tables):
             add_blocks(places, found, k, table)
         return [*held]
+
+
+def _reach(lattice: Lattice, axis: int, away: int) -> int:
+    """One more than `away` where the last largest block of a period is no whole one."""
+    return away + (lattice.periodic and away > 0 and lattice.whole[axis] % MOST > 0)
+
+
+def widened(mask: Array, lattice: Lattice, away: int) -> Array:
+    """Of the largest blocks of a part of a lattice (x, y) those in reach of any in the `mask`."""
+    for axis in range(2):
+        reach = min(_reach(lattice, axis, away), mask.shape[axis])
+        mode = "wrap" if lattice.joined[axis] else "constant"
+        mask = maximum_filter1d(mask, 2 * reach + 1, axis=axis, mode=mode)
+    return mask

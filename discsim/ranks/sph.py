@@ -52,16 +52,19 @@ class DividedSph(Sph):
     def around(self, points: Points) -> Around:
         """With supports `room` times the largest."""
         grids, classes = self.grids_of(points)
-        held = np.flatnonzero(np.bincount(classes))
+        held = [k for k in range(len(grids.table)) if np.any(classes == k)]
         reach = np.maximum(grids.table[:, REACH], grids.table[held, REACH].max(initial=0.0))
         grids = self.grids = grids.near(*corners_of_cells(grids, classes, points.pos), self.room * reach)
         key = keys_in(grids, classes, points.pos)
-        mine, table = np.flatnonzero(np.bincount(key)), grids.table
+        filled, table = np.zeros(grids.cells, bool), grids.table
+        filled[key] = True
+        mine = np.flatnonzero(filled)
         needed = mark_cells(mine, table, np.zeros(2), table, EITHER, self.room, self.dim == 1, self.periodic)
         numbers = grids.numbers()
         wide = in_cells(self.comm, points, key, Needed(needed, numbers, numbers + 1))
-        pos, h, mass = wide.of_all([points.pos, points.h, points.mass])
-        cells = cells_in(grids, wide.of(classes), pos, h, wide.place)
+        pos, h, mass, classes = wide.of_all([points.pos, points.h, points.mass, classes])
+        key = np.concatenate([key, keys_in(grids, classes[points.count :], pos[points.count :])])
+        cells = cells_in(grids, classes, pos, h, wide.place, key)
         self.ghosts = np.flatnonzero(cells.order >= points.count)  # where they are in the order of the cells
         self.alone = needed
         self.alone[cells.key[cells.order[self.ghosts]]] = False

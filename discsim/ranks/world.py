@@ -13,7 +13,7 @@ from discsim.numerics.world import Fetched, Joined, Needed
 from discsim.ranks.agreed import alike
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
-from discsim.ranks.exchange import Ordered, in_cells, route_to
+from discsim.ranks.exchange import Ordered, Wide, in_cells, route_to
 from discsim.ranks.sph import DividedSph
 
 if TYPE_CHECKING:
@@ -62,8 +62,7 @@ class Ranks:
 
     def close_up(self, place: Array, gone: Array) -> None:
         removed = np.concatenate(self.comm.listed(place[gone]))
-        number = min(len(removed), len(place))
-        end = np.argpartition(place, len(place) - number)[len(place) - number :] if number > 0 else np.arange(0)
+        end = _largest(place, len(removed))
         last, gone_too = (np.concatenate(self.comm.listed(array[end])) for array in (place, gone))
         order = np.argsort(last)[max(len(last) - len(removed), 0) :]
         movers = last[order][~gone_too[order]]
@@ -77,7 +76,7 @@ class Ranks:
 
     def everyone(self, particles: Particles) -> Joined:
         one = Needed(np.ones(1, bool), np.zeros(1, np.int64), np.ones(1, np.int64))
-        return Ordered(particles, route_to(self.comm, np.zeros(particles.count, np.int64), one), lasting=True)
+        return Ordered(Wide(particles, route_to(self.comm, np.zeros(particles.count, np.uint32), one), lasting=True))
 
     def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
         return in_cells(self.comm, particles, key, needed(), lasting=True)
@@ -90,3 +89,13 @@ class Ranks:
         with self.comm.traffic.call((self.comm.size - 1) * columns.nbytes, self.comm.size - 1):
             found = self.comm.mpi.allgather((place[some], columns))
         return np.concatenate([rows for _, rows in found])[np.argsort(np.concatenate([at for at, _ in found]))]
+
+
+def _largest(values: Array, number: int) -> Array:
+    """Which of `values` (n,), nearly in rising order, are the `number` largest."""
+    number = min(number, len(values))
+    if number == 0:
+        return np.arange(0)
+    # The last ones are no larger than the largest.
+    some = np.flatnonzero(values >= np.partition(values[-2 * number :], -number)[-number])
+    return some[np.argpartition(values[some], -number)[-number:]]

@@ -57,3 +57,27 @@ def test_what_is_counted_is_what_ranks_exchange(number):
     lines = lines_of(number, HELPERS / "exchanged.py")
     assert len(lines) == number
     assert [line for line in lines if not line.endswith("; as counted")] == []
+
+
+SENDS = """
+import numpy as np
+from discsim.ranks.comm import Comm, Route
+comm = Comm()
+n = 7 + comm.rank
+rng = np.random.default_rng(comm.rank)
+route = Route(comm, [rng.permutation(n)[: (comm.rank + 2 * to) % 5] for to in range(comm.size)])
+arrays = [rng.random((n, 2)), rng.random(n) < 0.5, rng.integers(0, 99, n).astype(np.uint16), rng.random(n)]
+expected = [route.send(array) for array in arrays]
+into = [np.zeros_like(each) for each in expected]
+found = route.send_all(arrays), route.send_all(arrays, into)
+same = all(np.array_equal(a, b) and a.dtype == b.dtype for each in found for a, b in zip(each, expected))
+told = comm.mpi.gather(same and found[1] is into and route.count == len(expected[0]))
+if comm.rank == 0:
+    print(*told)
+"""
+
+
+@pytest.mark.parametrize("number", [2, 3])
+def test_arrays_of_all_kinds_go_together(number):
+    """As each does alone; to some ranks no rows."""
+    assert lines_of(number, "-c", SENDS) == [" ".join(["True"] * number)]

@@ -9,13 +9,30 @@ import pytest
 if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install 'discsim[mpi]'", allow_module_level=True)
 
-from discsim.kernels.halo import add_blocks, all_there, cut_blocks, held_blocks, others_about
-from discsim.kernels.neighbours import widen
+from discsim.drag.cells import Lattice, merge
+from discsim.kernels import levels
+from discsim.kernels.blocks import LEVELS, NEAR
+from discsim.kernels.halo import (
+    EITHER,
+    add_blocks,
+    all_there,
+    cut_blocks,
+    held_blocks,
+    in_runs,
+    leave_own,
+    mark_blocks,
+    mark_cells,
+    number_runs,
+    others_about,
+)
+from discsim.kernels.neighbours import FIRST, widen
 from discsim.numerics.grid import Grid
 from discsim.numerics.neighbours import sort_into_cells
 from discsim.ranks.comm import by_rank
 from discsim.ranks.division import Division
+from discsim.ranks.drag import _needed, numbers_of
 from discsim.ranks.leaves import Leaves
+from discsim.ranks.world import _largest
 
 
 @pytest.mark.parametrize("dim", [1, 2])
@@ -36,16 +53,15 @@ def test_others_about_particles(periodic):
     grid = Grid((0.0, 0.0), 0.1, (10, 12), periodic)
     owner, tiles = rng.integers(0, 4, (5, 6)), (np.arange(10) // 2, np.arange(12) // 2)
     pos = rng.uniform(0.0, 1.0, (400, 2)) * [1.0, 1.2]
-    some, out = np.arange(1, 400, 3), np.empty((133, 4), np.int64)
-    others_about(0, len(some), some, pos, grid.origin, 10.0, periodic, tiles, owner, rank, out)
+    some = np.arange(1, 400, 3)
+    rows, whose = others_about(0, len(some), some, pos, grid.origin, 10.0, periodic, tiles, owner, rank)
     lonely = 0
-    for p, found in zip(some, out, strict=True):
-        first = np.floor(pos[p] * 10.0 - 0.5).astype(int)
+    for p in some:
+        first, found = np.floor(pos[p] * 10.0 - 0.5).astype(int), whose[rows == p].tolist()
         nodes = [first + np.array([i, j]) for i in (0, 1) for j in (0, 1)]
         off = not periodic and any(n.min() < 0 or n[0] > 9 or n[1] > 11 for n in nodes)
-        whose = set() if off else {int(owner[tiles[0][n[0] % 10], tiles[1][n[1] % 12]]) for n in nodes} - {rank}
-        assert set(found[found >= 0].tolist()) == whose and np.count_nonzero(found >= 0) == len(whose)
-        assert (found[: len(whose)] >= 0).all()  # which is where a loop looks whether there are any
+        expected = set() if off else {int(owner[tiles[0][n[0] % 10], tiles[1][n[1] % 12]]) for n in nodes} - {rank}
+        assert set(found) == expected and len(found) == len(expected)
         lonely += off
     assert (lonely > 0) != periodic
 
@@ -98,3 +114,99 @@ def test_the_reach_is_the_largest_of_the_last_kicks():
     leaves = Leaves(None)
     assert [leaves.suffices(wanted) for wanted in (2, 2, 1, 2, 3)] == [False, True, True, True, False]
     assert all(leaves.suffices(1) for _ in range(16)) and leaves.reach == 1
+
+
+@pytest.mark.parametrize("of", [False, True])
+def test_particles_in_runs_of_cells(of):
+    """Runs that meet and lie in each other; keys that are cells, or lead to them."""
+    rng = np.random.default_rng(7)
+    first = rng.integers(0, 190, 12)
+    last = first + rng.integers(1, 10, 12)
+    number, held = np.zeros(201, np.uint32), np.zeros(200, bool)
+    for begin, end in zip(first, last, strict=True):
+        held[begin:end] = True
+    number_runs(first, last, number)
+    np.testing.assert_array_equal(number, np.append(0, np.cumsum(held)))
+    cells = rng.integers(0, 200, 300).astype(np.int32) if of else np.empty(0, np.int32)
+    key = rng.integers(0, 300 if of else 200, 1000).astype(np.uint32)
+    wanted = held[cells[key] if of else key]
+    found = np.concatenate([in_runs(0, 400, key, cells, number), in_runs(400, 1000, key, cells, number)])
+    np.testing.assert_array_equal(found, np.flatnonzero(wanted))
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_cells_in_a_row_mark_what_each_does(periodic):
+    rng = np.random.default_rng(8)
+    pos, h = rng.random((2000, 2)) * [1.0, 0.6], rng.choice([0.01, 0.05], 2000, p=[0.9, 0.1])
+    cells = sort_into_cells(pos, h, 1.0, np.zeros(2), np.array([1.0, 0.6]), periodic)
+    x, y = cells.bounds[cells.filled, :2].T
+    some = cells.filled[(np.hypot(x - 0.8, y - 0.3) < 0.05) & (cells.filled < cells.grids[1, FIRST])]  # small ones
+    given = cells.grids, np.zeros(2), cells.grids, EITHER, 1.3, False, periodic
+    each = np.logical_or.reduce([mark_cells(some[k : k + 1], *given) for k in range(len(some))])
+    np.testing.assert_array_equal(mark_cells(some, *given), each)
+    assert not each.all() and np.any(np.diff(some) == 1)
+
+
+def merged(shape, seed):
+    """Blocks of leaves with gas everywhere and dust in some, of all levels."""
+    rng = np.random.default_rng(seed)
+    gas, dust = rng.poisson(1.5, shape).ravel(), rng.poisson(0.2, shape).ravel()
+    gas[rng.random(len(gas)) < 0.3] = 0
+    return merge(gas, dust, 0.9 * gas, shape, 1.0, 2.0, 0.0, 2, 1, 2.0, 4.0, NEAR)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("rings", [0, 2])
+def test_blocks_that_own_ones_hang_on_are_those_of_all_nodes(periodic, rings):
+    """Though nodes are listed about those near others alone."""
+    shape = 256, 160
+    blocks, joined = merged(shape, 9), np.array([periodic, periodic])
+    lattice = Lattice(np.zeros(2), np.array(shape), 0, 1.0, shape, periodic, (0, 0), shape)
+    own = blocks.first_leaf[:, 0] < 90 + 10 * (blocks.first_leaf[:, 1] // 32 % 3)
+    away = -(-(rings + 2 << int(blocks.level.max())) // 32)
+    found = _needed(blocks, lattice, own, away, rings, False)
+    lattices = levels.lattices(*shape, joined, LEVELS + 1)
+    home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, False)
+    expected = own.copy()
+    mark_blocks(np.flatnonzero(own), home, about, near, rings, expected)
+    np.testing.assert_array_equal(found, expected)
+    assert own.sum() < found.sum() < len(own)
+
+
+def test_numbers_of_blocks_are_those_of_their_leaves():
+    """Each block of a part has the numbers of its leaves, one after another, along a Z-curve in each largest block."""
+    shape, first = (64, 96), (32, 64)
+    blocks = merged(shape, 10)
+    begin, end = numbers_of(blocks, Lattice(np.zeros(2), np.zeros(2), 0, 1.0, (128, 192), False, first, shape))
+    number = np.full((64, 96), -1)
+    for (x, y), level, low, high in zip(blocks.first_leaf, blocks.level, begin, end, strict=False):
+        for ix in range(1 << level):
+            for iy in range(1 << level):
+                z = sum((ix >> k & 1) << 2 * k + 1 | (iy >> k & 1) << 2 * k for k in range(level))
+                number[x + ix, y + iy] = low + z
+        assert high - low == 4**level
+    held = number >= 0
+    assert len(np.unique(number[held])) == held.sum()  # none twice
+    x, y = np.nonzero(held)
+    np.testing.assert_array_equal(number[held] // 1024, (x + 32) // 32 * 6 + (y + 64) // 32)
+    assert begin[-1] > begin[:-1].max() and np.all(np.diff(begin) > 0) and np.all(end[:-1] <= begin[1:])
+
+
+def test_density_of_own_nodes_stays():
+    rng = np.random.default_rng(11)
+    x, y, owner = np.sort(rng.integers(0, 4, 30)), np.sort(rng.integers(0, 5, 20)), rng.integers(0, 3, (4, 5))
+    density = rng.random((30, 20))
+    expected = np.where(owner[np.ix_(x, y)] == 1, density, 0.0)
+    leave_own(0, 30, x, y, owner, 1, density)
+    np.testing.assert_array_equal(density, expected)
+
+
+@pytest.mark.parametrize("number", [0, 1, 5, 400, 2000])
+def test_the_largest_of_values_that_nearly_rise(number):
+    """The last few too may be small ones, and the largest of all the first."""
+    values = np.arange(1000, dtype=np.uint64)
+    rng = np.random.default_rng(12)
+    some = rng.permutation(1000)[:100]
+    values[some] = values[np.roll(some, 1)]
+    values[[0, 999]] = values[[999, 0]]
+    np.testing.assert_array_equal(np.sort(values[_largest(values, number)]), np.arange(max(1000 - number, 0), 1000))
