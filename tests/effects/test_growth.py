@@ -104,7 +104,7 @@ def test_grains_end_at_the_size_at_which_they_break():
         assert np.median((sim.dust.size / limit)[middle]) == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.parametrize(("p", "slope"), [(1.0, -1.25), (0.5, -1.0)])
+@pytest.mark.parametrize(("p", "slope"), [(1.0, -1.25), (0.75, -1.125), (0.5, -1.0)])
 def test_drifting_grains_settle_at_the_drift_limit(p, slope):
     """A steady flow of grown dust inwards: a = 1.085 / |d ln a / d ln r| of 2 Sigma_d (v_K / c_s)^2 / (pi rho_s gamma).
 
