@@ -57,7 +57,14 @@ STIRRED = {
     "discsim.kernels.diffusion",
     "discsim.kernels.philox",
 }
-GROWN = {"discsim.effects.growth", "discsim.physics.growth", "discsim.kernels.growth"}
+GROWN = {
+    "discsim.effects.growth",
+    "discsim.physics.growth",
+    "discsim.kernels.growth",
+    "discsim.kernels.growth_sums",
+    "discsim.kernels.growth_exchange",
+    "discsim.kernels.meeting",
+}
 LIGHT = {"discsim.effects.radiation_pressure", "discsim.kernels.radiation"}
 OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
 STAR = {"discsim.effects.star", "discsim.kernels.star"}

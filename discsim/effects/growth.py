@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.growth")
+sums = Lazy("discsim.kernels.growth_sums")
+exchange = Lazy("discsim.kernels.growth_exchange")
 neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
@@ -211,12 +213,12 @@ class Effect(base.Effect):
         gas, dust = state.gas, state.dust
         deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
         share(
-            kernels.deposit_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
+            sums.deposit_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
             met.grains.of(dust.mass), deposit, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
         met.gas.refresh(deposit)
         share(
-            kernels.gather_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells,
+            sums.gather_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells,
             met.grain_pos, centre, self._carriers(state, met), met.gas.of(gas.mass / gas.density),
             met.gas.of(gas.pressure), deposit, field, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
@@ -226,7 +228,7 @@ class Effect(base.Effect):
     def _carriers(self, state: State, met: Meeting) -> Any:
         gas = state.gas
         mass = gas.mass - gas.small if self.laden else gas.mass
-        return kernels.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
+        return sums.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
     def _hand_over(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
         """Let each dust particle gain the mass `wanted` (n,), as far as the gas about it has that as small dust."""
@@ -236,12 +238,12 @@ class Effect(base.Effect):
         carriers = self._carriers(state, met)
         wanted, mass, vel = (met.grains.of(array) for array in (wanted, dust.mass, dust.vel))
         share(
-            kernels.hand_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, carriers, vel,
+            exchange.hand_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, carriers, vel,
             field, wanted, taken, spread, got, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
         met.gas.refresh(spread)
         share(
-            kernels.take_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells, carriers,
+            exchange.take_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells, carriers,
             spread, field, wanted, met.grain_pos, mass, vel, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
         dust.mass[:], dust.vel[:] = mass[met.grains.own], vel[met.grains.own]

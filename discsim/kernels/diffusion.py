@@ -20,15 +20,33 @@ from numba import njit
 
 from discsim.kernels.background import gas_at
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import gathering, inner
+from discsim.kernels.inner import gathering_sums, inner
 from discsim.kernels.laws import stopping_time
-from discsim.kernels.neighbours import most_of, place
+from discsim.kernels.meeting import (
+    BROUGHT,
+    STEEP,
+    W,
+    X,
+    Y,
+    clear,
+    most_members,
+    pack_kernels,
+    pack_own_weights,
+    pack_places,
+    pack_weights,
+    weighed,
+)
+from discsim.kernels.neighbours import whole
 from discsim.kernels.philox import counter_of, normal_pair
-from discsim.kernels.smoothing import NORM, SUPPORT, shape
+from discsim.kernels.smoothing import NORM
+from discsim.kernels.sph_packs import CHUNK, STRIDE, relative
 
 # Columns of the gas about grains: S, the length over which a step must stay short, c^2; then d of grad ln S, and d of
 # grad ln c^2.
 DENSITY, LENGTH, SPEED2, SLOPES = range(4)
+# Rows of packs: of gas particles h, mass and c^2; of grains what they were given over S.
+LONG, MASS, C2 = range(BROUGHT, BROUGHT + 3)
+PER_DENSITY = BROUGHT
 OVER = 1e-3  # of ln r, over which slopes of a given disc are taken; more than a node of its table
 OF_HEIGHT = 1.0 / 3.0  # of H, that length in a given disc: about an h of SPH
 NUDGE = 1e-4  # of the logarithms that a stopping time depends on, for its slopes
@@ -58,51 +76,77 @@ class Circles(NamedTuple):
     centre: np.ndarray  # (4,): its place and velocity
 
 
+@njit(inline="always")
+def pack_gas(begin, end, slots, order, h, mass, speed2, pack):
+    """Pack h, mass and c^2 of gas particles."""
+    first = np.uint64(begin)
+    for k in range(np.uint64(end - begin)):
+        a = order[slots[first + k]]
+        pack[LONG * STRIDE + k], pack[MASS * STRIDE + k], pack[C2 * STRIDE + k] = h[a], mass[a], speed2[a]
+
+
+@njit(inline="always")
+def add_gas(x, y, n, pack, sums):
+    """Add what n gas particles have of S, S times h and c^2, grad S and grad (S c^2) at (x, y) to `sums` (7,)."""
+    s = length = speed = sx = sy = vx = vy = 0.0
+    for k in range(n):
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
+        m, c2 = pack[MASS * STRIDE + k], pack[C2 * STRIDE + k]
+        w, steep = m * pack[W * STRIDE + k], m * pack[STEEP * STRIDE + k]
+        s += w
+        length += w * pack[LONG * STRIDE + k]
+        speed += w * c2
+        sx += steep * dx
+        sy += steep * dy
+        vx += steep * dx * c2
+        vy += steep * dy * c2
+    sums[0] += s
+    sums[1] += length
+    sums[2] += speed
+    sums[3] += sx
+    sums[4] += sy
+    sums[5] += vx
+    sums[6] += vy
+
+
+@njit(inline="always")
+def write_gas(dim, j, sums, field):
+    """Columns of `field` for a grain, of what `add_gas` has found."""
+    s, length, speed = sums[0], sums[1], sums[2]
+    field[j, DENSITY] = s
+    if s > 0.0:
+        field[j, LENGTH], field[j, SPEED2] = length / s, speed / s
+        for axis in range(dim):
+            slope = sums[3 + axis] / s
+            field[j, SLOPES + axis] = slope
+            field[j, SLOPES + dim + axis] = sums[5 + axis] / speed - slope if speed > 0.0 else 0.0
+
+
 @functools.cache
 def gas_driver(kernel: int, dim: int):
     """Compile the sums (1) at grains: columns `field` (n, 3 + 2 d) of the gas there, S = 0 where there is none."""
-    sigma, support = NORM[dim - 1][kernel], SUPPORT[kernel]
 
-    @gathering
+    @gathering_sums
     def gas_about(first, last, lists, grains, cells, pos, h, mass, speed2, field):
-        begin, slots = lists.begin, lists.slots
-        room = most_of(begin)
-        cx, cy = np.zeros(room), np.zeros(room)
+        begin, slots, order = lists.begin, lists.slots, grains.order
+        pack = np.zeros((C2 + 1) * STRIDE)
+        sums = np.zeros((most_members(first, last, grains.filled, grains.start), 7))
         for c in range(first, last):
-            cell, listed, end = grains.filled[c], begin[c - first], begin[c - first + 1]
+            cell = grains.filled[c]
+            own, members = grains.start[cell], grains.start[cell + 1] - grains.start[cell]
             ox, oy = grains.bounds[cell, 0], grains.bounds[cell, 1]
-            place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
-            for m in range(grains.start[cell], grains.start[cell + 1]):
-                j = grains.order[m]
-                s = sx = sy = length = speed = vx = vy = 0.0
-                for k in range(end - listed):
-                    a = cells.order[slots[listed + k]]
-                    dx = pos[j, 0] - ox - cx[k]
-                    dy = pos[j, 1] - oy - cy[k] if dim == 2 else 0.0
-                    r2 = dx * dx + dy * dy
-                    reach = support * h[a]
-                    if r2 >= reach * reach:
-                        continue
-                    inverse = 1.0 / h[a]
-                    r = math.sqrt(r2)
-                    w, slope = shape(kernel, dim, r * inverse)
-                    w *= sigma * inverse**dim * mass[a]
-                    slope *= sigma * inverse ** (dim + 1) * mass[a] / max(r, 1e-300)
-                    s += w
-                    length += w * h[a]
-                    sx += slope * dx
-                    sy += slope * dy
-                    speed += w * speed2[a]
-                    vx += slope * dx * speed2[a]
-                    vy += slope * dy * speed2[a]
-                field[j, DENSITY] = s
-                if s > 0.0:
-                    field[j, LENGTH], field[j, SPEED2] = length / s, speed / s
-                    field[j, SLOPES] = sx / s
-                    field[j, SLOPES + dim] = vx / speed - sx / s if speed > 0.0 else 0.0
-                    if dim == 2:
-                        field[j, SLOPES + 1] = sy / s
-                        field[j, SLOPES + 3] = vy / speed - sy / s if speed > 0.0 else 0.0
+            clear(sums, members)
+            for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
+                end = min(listed + CHUNK, begin[c - first + 1])
+                n = pack_places(c - first, listed, end, lists, ox, oy, cells, pack)
+                pack_kernels(kernel, dim, listed, end, slots, cells.order, h, pack)
+                pack_gas(listed, end, slots, cells.order, h, mass, speed2, pack)
+                for p in range(members):
+                    x, y = relative(dim, pos, order[own + p], ox, oy, 1.0)
+                    pack_weights(kernel, dim, x, y, n, pack)
+                    add_gas(x, y, n, pack, sums[p])
+            for p in range(members):
+                write_gas(dim, order[own + p], sums[p], field)
 
     return gas_about
 
@@ -110,36 +154,47 @@ def gas_driver(kernel: int, dim: int):
 @functools.cache
 def recoil_driver(kernel: int):
     """Compile what the gas loses to grains, `given` (n,) each where its density is S (n,), by weights (1)."""
-    sigma, support = NORM[1][kernel], SUPPORT[kernel]
+    sigma = NORM[1][kernel]
 
-    @gathering
+    @gathering_sums
     def recoil(first, last, lists, cells, grains, gpos, h, density, given, centre, gvel):
-        begin, slots = lists.begin, lists.slots
-        room = most_of(begin)
-        cx, cy = np.zeros(room), np.zeros(room)
+        begin, slots, order = lists.begin, lists.slots, cells.order
+        pack = np.zeros((PER_DENSITY + 1) * STRIDE)
+        sums = np.zeros((most_members(first, last, cells.filled, cells.start), 1))
         for c in range(first, last):
-            cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
+            cell = cells.filled[c]
+            own, members = cells.start[cell], cells.start[cell + 1] - cells.start[cell]
             ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
-            place(c - first, listed, end, lists, ox, oy, 1.0, grains, cx, cy)
-            for m in range(cells.start[cell], cells.start[cell + 1]):
-                a = cells.order[m]
-                inverse, lost = 1.0 / h[a], 0.0
-                reach2 = support * support * h[a] * h[a]
-                for k in range(end - listed):
-                    dx, dy = cx[k] - (gpos[a, 0] - ox), cy[k] - (gpos[a, 1] - oy)
-                    r2 = dx * dx + dy * dy
-                    j = grains.order[slots[listed + k]]
-                    if r2 >= reach2 or density[j] == 0.0:
-                        continue
-                    w, _ = shape(kernel, 2, math.sqrt(r2) * inverse)
-                    lost += sigma * inverse * inverse * w * given[j] / density[j]
+            clear(sums, members)
+            for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
+                end = min(listed + CHUNK, begin[c - first + 1])
+                n = pack_places(c - first, listed, end, lists, ox, oy, grains, pack)
+                pack_given(listed, end, slots, grains.order, density, given, pack)
+                for p in range(members):
+                    i = order[own + p]
+                    x, y = relative(2, gpos, i, ox, oy, 1.0)
+                    pack_own_weights(kernel, x, y, 1.0 / h[i], n, pack)
+                    sums[p, 0] += weighed(n, PER_DENSITY, pack)
+            for p in range(members):
                 # Tangential: angular momentum is what has to balance. The gas's own mass has cancelled.
-                x, y = gpos[a, 0] - centre[0], gpos[a, 1] - centre[1]
-                per = lost / max(x * x + y * y, 1e-300)
-                gvel[a, 0] += per * y
-                gvel[a, 1] -= per * x
+                i = order[own + p]
+                x, y = gpos[i, 0] - centre[0], gpos[i, 1] - centre[1]
+                per = sigma * sums[p, 0] / (h[i] * h[i] * max(x * x + y * y, 1e-300))
+                gvel[i, 0] += per * y
+                gvel[i, 1] -= per * x
 
     return recoil
+
+
+@njit(inline="always")
+def pack_given(begin, end, slots, order, density, given, pack):
+    """Pack what grains were given over the density about them, 0 of those in no gas and of those that fill up."""
+    first, count = np.uint64(begin), np.uint64(end - begin)
+    for k in range(count):
+        j = order[slots[first + k]]
+        pack[PER_DENSITY * STRIDE + k] = given[j] / density[j] if density[j] != 0.0 else 0.0
+    for k in range(count, np.uint64(whole(end - begin))):
+        pack[PER_DENSITY * STRIDE + k] = 0.0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -32,4 +32,5 @@ lean_sums_in_single = njit(**SUMS, pipeline_class=SingleCompiler)
 # Other loops over neighbours, which make arrays and inline nearly all that they call.
 GATHERING: Any = {"nogil": True, "cache": True, "error_model": "numpy", "pipeline_class": Compiler}
 gathering = njit(**GATHERING)
+gathering_sums = njit(**GATHERING, fastmath=FAST)
 making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)  # type: ignore[call-overload]

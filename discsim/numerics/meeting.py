@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 halo = Lazy("discsim.kernels.halo")
 Array = np.ndarray
 NONE = np.empty(0)
-IN_A_CELL = 16.0  # grains that look for gas together
+IN_A_CELL = 8.0  # grains that look for gas together
 
 
 @dataclass

@@ -1,0 +1,104 @@
+"""Packs for sums of gas particles over grains, and of grains over gas particles.
+
+As those of `sph_packs.py`, of double precision and in the units of the scene. A kernel is 0 beyond its support, so sums
+take all candidates: a loop that leaves some out is not vectorised.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.inner import WITHIN
+from discsim.kernels.neighbours import place, whole
+from discsim.kernels.smoothing import NORM, shape
+from discsim.kernels.sph_packs import STRIDE
+
+# Rows of a pack: places, and of gas particles 1/h and the norm of W; distances, W, and (dW/dr) / r; then what a sum
+# brings.
+X, Y, INV_H, NORM_W, R, W, STEEP, BROUGHT = range(8)
+
+
+@njit(inline="always")
+def most_members(first, last, filled, start):
+    """The largest number of particles in one of some cells."""
+    most = 0
+    for c in range(first, last):
+        most = max(most, start[filled[c] + 1] - start[filled[c]])
+    return most
+
+
+@njit(inline="always")
+def clear(sums, members):
+    """Let the sums (members, n) of a cell's particles begin at 0."""
+    for p in range(members):
+        for k in range(sums.shape[1]):
+            sums[p, k] = 0.0
+
+
+@njit(inline="always")
+def pack_places(c, begin, end, lists, ox, oy, cells, pack):
+    """Pack where the candidates from `begin` to `end` of the c-th cell are; how many with the filling."""
+    place(c, begin, end, lists, ox, oy, 1.0, cells, pack[X * STRIDE :], pack[Y * STRIDE :])
+    return whole(end - begin)
+
+
+@njit(inline="always")
+def pack_column(begin, end, slots, order, values, row, pack):
+    """Pack one of the `values` (n,) of each candidate; 0 of those that fill up."""
+    first, count = np.uint64(begin), np.uint64(end - begin)
+    for k in range(count):
+        pack[row * STRIDE + k] = values[order[slots[first + k]]]
+    for k in range(count, np.uint64(whole(end - begin))):
+        pack[row * STRIDE + k] = 0.0
+
+
+@njit(inline="always")
+def pack_kernels(kernel, dim, begin, end, slots, order, h, pack):
+    """Pack 1/h and the norms of W of gas particles; 0 of those that fill up."""
+    first, count = np.uint64(begin), np.uint64(end - begin)
+    for k in range(count):
+        inverse = 1.0 / h[order[slots[first + k]]]
+        pack[INV_H * STRIDE + k] = inverse
+        pack[NORM_W * STRIDE + k] = NORM[dim - 1][kernel] * (inverse * inverse if dim == 2 else inverse)
+    for k in range(count, np.uint64(whole(end - begin))):
+        pack[NORM_W * STRIDE + k] = 0.0
+
+
+@njit(inline="always")
+def pack_weights(kernel, dim, x, y, n, pack):
+    """Pack the distances of n gas particles from (x, y), and there W and (dW/dr) / r of each."""
+    for k in range(n):
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
+        pack[R * STRIDE + k] = math.sqrt(dx * dx + dy * dy)
+    for k in range(n):
+        r, inverse, norm = pack[R * STRIDE + k], pack[INV_H * STRIDE + k], pack[NORM_W * STRIDE + k]
+        w, dw = shape(kernel, dim, r * inverse)
+        pack[W * STRIDE + k] = norm * w
+        pack[STEEP * STRIDE + k] = norm * inverse * dw / max(r, 1e-300)
+
+
+@njit(inline="always")
+def pack_own_weights(kernel, x, y, inverse, n, pack):
+    """Pack w(q), which is W without its norm, of a gas particle at (x, y) in two dimensions, at n grains."""
+    for k in range(n):
+        dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
+        pack[W * STRIDE + k] = shape(kernel, 2, math.sqrt(dx * dx + dy * dy) * inverse)[0]
+
+
+@njit(inline="always")
+def weighed(n, row, pack):
+    """The sum of a row of n candidates with the weights packed."""
+    total = 0.0
+    for k in range(n):
+        total += pack[W * STRIDE + k] * pack[row * STRIDE + k]
+    return total
+
+
+@njit(**WITHIN, fastmath={"nnan", "nsz"})  # that there are numbers alone lets it be vectorised
+def farthest(n, pack):
+    """The largest distance of n packed gas particles that have a weight."""
+    far = 0.0
+    for k in range(np.uint64(n)):
+        far = max(far, pack[R * STRIDE + k] if pack[W * STRIDE + k] > 0.0 else 0.0)
+    return far
