@@ -24,7 +24,9 @@ from numba.core.untyped_passes import InlineInlinables
 
 SHARED: tuple[Any, ...] = ir.Scope, ir.Var, ir.Loc
 COPY = "__deepcopy__"
-as_numba_reads = InlineWorker.run_untyped_passes
+# What numba does not promise to keep: one that has none of that inlines in its own way, which takes longer.
+as_numba_reads = getattr(InlineWorker, "run_untyped_passes", None)
+known_inside = as_numba_reads is not None and hasattr(ir.VarMap(), "_con")
 
 kept: dict[Callable, tuple[Any, dict[str, Any]]] = {}  # of a function what numba reads, and the names in its scope
 
@@ -47,6 +49,9 @@ def scope_of(code: Any) -> Any:
 @contextmanager
 def sparing() -> Iterator[None]:
     """Functions are read once, and copies share what they name; numba compiles one function at a time."""
+    if not known_inside:
+        yield
+        return
     read, copies = InlineWorker.run_untyped_passes, {one: vars(one).get(COPY) for one in SHARED}
     InlineWorker.run_untyped_passes = read_once  # type: ignore[method-assign]
     for one in SHARED:

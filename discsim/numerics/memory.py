@@ -2,19 +2,23 @@
 
 glibc gives arrays above 32 MB back to the system as soon as they are freed. Steps make such arrays of the same sizes
 again and again, and each would be fresh memory, which the system maps and clears page by page at the first touch: a
-tenth of a step of 1e6 and 1e7 particles (2026-11).
+tenth of a step of 1e6 and 1e7 particles (2026-11). Where somebody has told malloc what to do, that stands.
 """
 
 import ctypes
+import os
 import sys
 from functools import cache
 
 TRIM_THRESHOLD, MMAP_MAX = -1, -4  # parameters of mallopt (malloc.h)
+TOLD = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_MMAP_MAX_", "MALLOC_TOP_PAD_"  # what sets these too
 
 
 @cache
 def keep_freed() -> None:
     """Have malloc keep what is freed, all of this process, where it is glibc's; elsewhere nothing changes."""
+    if any(name in os.environ for name in TOLD) or "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", ""):
+        return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if mallopt is not None:
         mallopt(TRIM_THRESHOLD, -1)  # never

@@ -12,7 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from discsim.output.bins import RINGS, range_of_mass
 from discsim.output.fields.base import WRITTEN, Field
@@ -29,6 +29,7 @@ Array = np.ndarray
 COLOURS = {"gas": "#0072B2", "dust": "#D55E00", "small_dust": "#009E73"}
 STYLES = {"gas": "-", "dust": "-", "small_dust": "--"}
 PIXELS = 480
+PLAIN = (1e-4, 1e5)  # numbers that are written without a power of ten
 
 # In inches. Axes are put where they go: to let matplotlib find room for their labels takes longer than to draw them.
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # room beside and under axes; that of titles
@@ -186,19 +187,26 @@ def colour_bar(axes: Axes, image: Any, label: str) -> None:
 
 
 def log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
-    """Plain numbers on a logarithmic axis of two decades or less, where powers of ten are too few."""
-    if not low or not high or high > 100.0 * low:
+    """Plain numbers on a logarithmic axis: of two decades or less, where powers of ten are too few, 1, 2 and 5 of each.
+
+    Powers that matplotlib typesets take longer than the lines that they are beside.
+    """
+    if not low or not high or not (high <= 100.0 * low or PLAIN[0] <= low < high < PLAIN[1]):
         return
-    axis.set_major_locator(
-        LogLocator(subs=[1.0, 2.0, 5.0]) if high > 4.0 * low else MaxNLocator(6, steps=[1, 2, 5, 10])
-    )
-    axis.set_minor_locator(NullLocator())
+    if high > 100.0 * low:
+        axis.set_minor_locator(LogLocator(subs=[2.0, 5.0]))
+        axis.set_minor_formatter(NullFormatter())
+    else:
+        axis.set_major_locator(
+            LogLocator(subs=[1.0, 2.0, 5.0]) if high > 4.0 * low else MaxNLocator(6, steps=[1, 2, 5, 10])
+        )
+        axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, place: plain(value)))
 
 
 def plain(value: float) -> str:
     """A number as short as it can be, in mathtext where it needs a power of ten."""
-    if 1e-4 <= abs(value) < 1e5 or value == 0:
+    if PLAIN[0] <= abs(value) < PLAIN[1] or value == 0:
         return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
     power = int(np.floor(np.log10(abs(value))))
     return rf"${value / 10.0**power:.3g}\times10^{{{power}}}$"

@@ -8,9 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from rich.progress_bar import ProgressBar
-from rich.table import Table
-
 from discsim.numerics import world
 from discsim.run.screen import Screen
 from discsim.scene.units import clock
@@ -112,6 +109,9 @@ class Progress:
         return facts
 
     def _frame(self, state: State, dt: float, set_by: str) -> None:
+        from rich.progress_bar import ProgressBar  # slow to import
+        from rich.table import Table
+
         facts = self._facts(state, dt, set_by)
         pace = "  ".join(facts[name] for name in ("step", "speed", "left", "load") if name in facts)
         bar = ProgressBar(total=self.scene.run.until, completed=state.time, width=60)

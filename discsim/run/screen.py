@@ -7,9 +7,10 @@ wrap long lines anew or cut them, so that "erase to the end of the screen" takes
 from __future__ import annotations
 
 import sys
-from typing import TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
-from rich.console import Console, RenderableType
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 ERASE, TO_THE_START, UP = "\x1b[J", "\r", "\x1b[{}A"
 NO_WRAP, WRAP = "\x1b[?7l", "\x1b[?7h"  # a screen that has just become narrower cuts the frame's lines
@@ -21,9 +22,13 @@ class Screen:
 
     def __init__(self) -> None:
         self.out: TextIO | None = sys.stdout
-        self.console = Console(file=self.out, markup=False, highlight=False, emoji=False)
-        terminal = self.out is not None and self.out.isatty() and self.console.is_terminal
-        self.has_frames = terminal and not self.console.is_dumb_terminal
+        self.console: Any = None  # of a terminal
+        self.has_frames = False
+        if self.out is not None and self.out.isatty():
+            from rich.console import Console  # slow to import
+
+            self.console = Console(file=self.out, markup=False, highlight=False, emoji=False)
+            self.has_frames = self.console.is_terminal and not self.console.is_dumb_terminal
         self._shown = False  # a frame
 
     def line(self, text: str) -> None:

@@ -1,5 +1,6 @@
 """The compiler of sums over neighbours is numba's but for how it reads and copies what it inlines."""
 
+import importlib.util
 import re
 
 import pytest
@@ -63,6 +64,18 @@ def test_what_is_inlined_is_read_once_and_becomes_the_same(monkeypatch, untouche
     assert sorted(one.__name__ for one in read) == ["inner_part", "part"]  # numba still reads by that name
     code, names = inlining.kept[part.py_func]
     assert len(inlining.scope_of(code)._con) == 2 * len(names)  # its own, and those of the last use alone
+
+
+@pytest.mark.parametrize("where, name", [(InlineWorker, "run_untyped_passes"), (ir.VarMap, "__init__")])
+def test_a_numba_that_inlines_in_another_way_does_so(monkeypatch, untouched, where, name):
+    """Without a name that this leans on: looked at where it is imported, and there again for what it compiles."""
+    spec = importlib.util.spec_from_file_location("another_inlining", inlining.__file__)
+    other = importlib.util.module_from_spec(spec)
+    with monkeypatch.context() as gone:
+        gone.delattr(where, name)
+        spec.loader.exec_module(other)
+    assert inlining.known_inside and not other.known_inside
+    assert machine_code(total, pipeline_class=other.Compiler) == machine_code(total)
 
 
 def test_numba_is_as_it_was_where_a_function_does_not_compile(untouched):

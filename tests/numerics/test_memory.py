@@ -2,6 +2,8 @@
 
 import os
 import platform
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +13,45 @@ from discsim import Simulation
 from tests.helpers.scenes import WAVE
 
 SIZE = 1 << 26  # bytes, beyond the 32 MB above which glibc would give it back
+GIVEN_BACK = f"""
+import os
+from pathlib import Path
+import numpy as np
+from discsim.numerics.memory import keep_freed
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+keep_freed()
+array = np.ones({SIZE // 8})
+held = resident()
+del array
+print(held - resident() > {SIZE // 2})
+"""
+pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other libraries have no such setting")
 
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other libraries have no such setting")
 def test_a_freed_array_leaves_its_memory_for_the_next():
     Simulation(WAVE)
     array = np.ones(SIZE // 8)
     held = resident()
     del array
     assert held - resident() < SIZE // 8  # other threads may free a little
+
+
+@pytest.mark.parametrize(
+    "told, given_back",
+    [
+        ({"MALLOC_TRIM_THRESHOLD_": "131072"}, True),
+        ({"GLIBC_TUNABLES": "glibc.malloc.trim_threshold=131072"}, True),
+        ({"GLIBC_TUNABLES": "glibc.rtld.optional_static_tls=512"}, False),
+    ],
+)
+def test_what_a_user_has_told_malloc_stands(told, given_back):
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MALLOC_", "GLIBC_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", GIVEN_BACK], env=environment | told, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == str(given_back)

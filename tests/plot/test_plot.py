@@ -13,7 +13,7 @@ import discsim
 import discsim.plot
 from discsim.cli import app
 from discsim.numerics.state import Dust, Gas
-from discsim.output.drawing import plain, round_number
+from discsim.output.drawing import log_ticks, plain, round_number
 from discsim.output.snapshot import write_snapshot
 from discsim.plot.request import Request, look_of
 from discsim.plot.sources import PlotError, chosen, files_of
@@ -268,3 +268,23 @@ def test_numbers_on_axes():
     assert [plain(x) for x in (0.5, 0.0001, 200.0, 20000.0)] == ["0.5", "0.0001", "200", "20000"]
     assert plain(2e-7) == r"$2\times10^{-7}$"
     assert [round_number(x) for x in (0.19, 1.0, 4.9, 75.0)] == [0.1, 1.0, 2.0, 50.0]
+
+
+@pytest.mark.parametrize(
+    "low, high, shown",
+    [
+        (0.02, 300.0, ["0.01", "0.1", "1", "10", "100", "1000"]),  # one beyond each end, which is not drawn
+        (3.0, 60.0, ["1", "2", "5", "10", "20", "50", "100"]),
+        (1e-7, 1.0, None),  # powers of ten, typeset
+    ],
+)
+def test_logarithmic_axes_have_plain_numbers(low, high, shown):
+    axes = Figure().add_subplot()
+    axes.set(yscale="log", ylim=(low, high))
+    log_ticks(axes.yaxis, low, high)
+    texts = [label.get_text() for label in axes.get_yticklabels()]
+    if shown is None:
+        assert any("$" in text for text in texts)
+    else:
+        assert set(texts) <= set(shown) and set(shown[1:-1]) <= set(texts)
+        assert not any(label.get_text() for label in axes.get_yticklabels(minor=True))

@@ -43,7 +43,7 @@ def test_snapshot_lines_stay_and_no_frame_is_left(tmp_path, monkeypatch, reflow,
     """The screen has another size after each step, and is looked at before; `late`: the run does not know it yet."""
     advance = Simulation._advance
     if late:
-        monkeypatch.setattr("discsim.run.screen.Console.size", ConsoleDimensions(100, 24))
+        monkeypatch.setattr("rich.console.Console.size", ConsoleDimensions(100, 24))
 
     def advance_and_resize(sim, *arguments):
         advance(sim, *arguments)
