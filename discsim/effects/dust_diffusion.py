@@ -46,7 +46,7 @@ neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
-WALKED, PAIR = 280.0, 18.0  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
+WALKED, PAIR = 250.0, 7.5  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
 REACH = 0.5  # of the length over which the gas changes: sqrt(2 D dt) of a step of the walk, at most
 MOST, MANY = 2000, 10  # steps of the walk in one of the run: at all, and without a warning
 WALK = 0xD1FF  # of the generator's key: no other random number of a run is of it

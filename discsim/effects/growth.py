@@ -48,7 +48,7 @@ smoothing = Lazy("discsim.numerics.sph")
 
 SHARE = 0.03  # of a size, by which it may be behind
 STEPS = 6  # about, in which grains grow once
-GROWN, PAIR = 900.0, 19.0  # CPU nanoseconds of a grain that grows, and of each gas particle about it and pass
+GROWN, PAIR = 1000.0, 6.0  # CPU nanoseconds of a grain that grows, and of each gas particle about it and pass
 PASSES = 4
 
 
