@@ -107,7 +107,7 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
 @njit(nogil=True, cache=True, error_model="numpy")
 def runs_of(key, first, last):
     """Where runs of particles in one strip begin and end, and the strip of each (runs,): of the rows from `first` up
-    to `last` (pieces,), which are some, one piece after the other.
+    to `last` (pieces,), one piece after the other, of which none is empty.
 
     Particles are near in memory where they are near in space: a few runs instead of an order of all of them.
     """
