@@ -113,7 +113,7 @@ def rows_of_cells(cells: Cells, owners: dict[str, Array], ranks: int) -> tuple[d
     start = np.cumsum([0, *map(len, marked)])
     needs = csr_array((np.ones(start[-1]), np.concatenate(marked), start), (ranks, cells.count))
     rows = {name: _of_others(needs @ each) for name, each in held.items()}
-    return rows, dict.fromkeys(held, np.array(runs))
+    return rows, {next(iter(held)): np.array(runs)}  # said once
 
 
 def _of_others(rows: csr_array) -> csr_array:

@@ -23,6 +23,11 @@ NO_CELLS: Keys = {"no such drag cells": ("cell", "cell_length")}
 NO_KERNEL: Keys = {"no kernel of its own": ("kernel",)}
 OWN_INTEGRATION: Keys = {"an integration of its own": ("integration",)}
 
+# Arrays that particles in one block may have to know of each other; and where of accelerations that is only those that
+# gas and dust do not share (`state.own_acc`).
+EVERYTHING = ("pos", "vel", "acc", "mass", "h", "density", "sound_speed")
+UNSHARED = ("pos", "vel", "mass", "density", "sound_speed")
+
 
 @dataclass(frozen=True)
 class Cells:
@@ -71,6 +76,8 @@ class Scheme:
     # all. Without, each makes the whole kick.
     members: Callable[[Any, State], Any] | None = None
     rings: int = -1
+    # Of `members`: arrays of a particle that the kick of others hangs on; where it has heat, `acc` too.
+    reads: tuple[str, ...] = EVERYTHING
 
     @property
     def explicit(self) -> bool:

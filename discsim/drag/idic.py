@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from discsim.drag.base import NO_KERNEL, Array, Cells, Scheme
+from discsim.drag.base import NO_KERNEL, UNSHARED, Array, Cells, Scheme
 from discsim.numerics.layout import LOADED
 from discsim.parts import Lazy
 
@@ -49,4 +49,4 @@ def least(scene: Scene) -> tuple[int, int]:
 
 
 CELLS = Cells(leaf, few=(8, 30), few_random=(8, 30), least=least)
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0, members=members)
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0, members=members, reads=UNSHARED)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from discsim.drag.base import NO_KERNEL, Array, Scheme
+from discsim.drag.base import NO_KERNEL, UNSHARED, Array, Scheme
 from discsim.drag.idic import CELLS
 from discsim.parts import Lazy
 
@@ -29,4 +29,4 @@ def members(drag: Drag, state: State) -> Any:
     return cells.layout_of(drag, state, linear=True)[0]
 
 
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0, members=members)
+SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0, members=members, reads=UNSHARED)

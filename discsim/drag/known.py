@@ -14,16 +14,17 @@ Array = np.ndarray
 
 
 class Known:
-    """own_grains: where the process's own ones are in the dust that a kick is given. kicked: how many blocks, the first
-    ones, hold any of its own particles; None: all may.
-    """
+    """own_grains: where the process's own ones are in the dust that a kick is given."""
 
     own_grains: Any = slice(None)
-    kicked: int | None = None
 
     def __call__(self, name: str, find: Callable[[], Any]) -> Any:
         """What `find` finds, by asking all processes; a kick has it under one `name`."""
         return find()
+
+    def own_blocks(self, count: int) -> int:
+        """How many of the blocks of a kick, the first ones of `count`, hold any of the process's own particles."""
+        return count
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
         """The part of a lattice that the process has; `shift` (2,) of it in leaves."""

@@ -61,7 +61,8 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
         _gather(kind, cells, nodes, about_star, law.code, row)
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
     met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
-    kicked = len(cells.home) if drag.agree.kicked is None else drag.agree.kicked
+    # Heat goes on from what others' particles lose.
+    kicked = len(cells.home) if len(heat) > 0 else drag.agree.own_blocks(len(cells.home))
     for kind, row, rate in zip((gas, dust), rows, met, strict=True):
         if kind is gas and not drag.two_way:
             continue  # it feels nothing, and is kicked elsewhere

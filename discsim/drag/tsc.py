@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_KERNEL, Array, Cells, Scheme
+from discsim.drag.base import NO_KERNEL, UNSHARED, Array, Cells, Scheme
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -46,4 +46,6 @@ def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
 # (analysis/drift_cost.py). Of dust placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
 CELLS = Cells(leaf, few=(2, 2), few_random=(3, 9), share=NEAREST)
 # A node's change is sharpened by those of its neighbours, which hang on slopes about theirs.
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0, members=members, rings=2)
+SCHEME = Scheme(
+    relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0, members=members, rings=2, reads=UNSHARED
+)

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import inner, lean
+from discsim.kernels.zcurve import at_place
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 NOUGHT: Any = np.int64(0)  # a literal 0 given to a function would make a version of it
@@ -243,10 +244,8 @@ def _block_at(z, tx, ty, tree):
     """First leaf and level of the largest block that starts at place z of the Z-curve in the largest possible one that
     starts at leaf (tx, ty), and whether there is one; else as far as there is none for certain.
     """
-    ix, iy, level = tx, ty, LEVELS
-    for k in range(LEVELS):
-        ix += (z >> 2 * k + 1 & 1) << k
-        iy += (z >> 2 * k & 1) << k
+    x, y = at_place(z)
+    ix, iy, level = tx + x, ty + y, LEVELS
     while z & (1 << 2 * level) - 1 != 0:
         level -= 1
     if ix >= tree.width[0] or iy >= tree.height[0]:

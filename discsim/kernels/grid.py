@@ -11,6 +11,8 @@ all nodes about the particles; an axis of which it has them all goes round where
 import numpy as np
 from numba import njit
 
+from discsim.kernels.zcurve import place_of
+
 ONE, TWO = np.uint64(1), np.uint64(2)
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
 BATCH = 128  # particles whose places are found before any of them is used, by vectorised code
@@ -41,15 +43,6 @@ def cell_of(x, origin, inverse, count, periodic):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _apart(i):
-    # The TILE low bits of i, each followed by a 0.
-    out = 0
-    for k in range(TILE):
-        out |= (i >> k & 1) << 2 * k
-    return out
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
     """Place (n,) of the cell that holds each particle along rows of tiles, within a tile along a Z-curve: what is near
     in space is near in memory. One beyond the last off the grid.
@@ -62,7 +55,7 @@ def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
         iy = cell_of(pos[i, 1], origin[1], inverse, shape[1], periodic) if plane else 0
         place = (ix >> bits) * along_y + (iy >> bits) << 2 * bits
         if plane:
-            place |= _apart(ix & (1 << TILE) - 1) << 1 | _apart(iy & (1 << TILE) - 1)
+            place |= place_of(ix & (1 << TILE) - 1, iy & (1 << TILE) - 1)
         out[i] = place if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
 
 
@@ -112,35 +105,41 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def runs_of(key):
-    """Where the runs of particles in one strip begin and end (runs + 1,), and the strip of each.
+def runs_of(key, first, last):
+    """Where runs of particles in one strip begin and end, and the strip of each (runs,): of the rows from `first` up
+    to `last` (pieces,), one piece after the other, of which none is empty.
 
     Particles are near in memory where they are near in space: a few runs instead of an order of all of them.
     """
-    count = min(1, len(key))
-    for p in range(ONE, np.uint64(len(key))):
-        count += key[p] != key[p - ONE]
-    begin, strip = np.empty(count + 1, np.int64), np.empty(count, np.uint32)
+    count = len(first)
+    for piece in range(len(first)):
+        for p in range(np.uint64(first[piece]) + ONE, np.uint64(last[piece])):
+            count += key[p] != key[p - ONE]
+    begin, end, strip = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.uint32)
     run = 0
-    for p in range(len(key)):
-        if p == 0 or key[p] != key[p - 1]:
-            begin[run], strip[run] = p, key[p]
-            run += 1
-    begin[count] = len(key)
-    return begin, strip
+    for piece in range(len(first)):
+        begin[run], strip[run] = first[piece], key[first[piece]]
+        for p in range(first[piece] + 1, last[piece]):
+            if key[p] != key[p - 1]:
+                end[run] = p
+                run += 1
+                begin[run], strip[run] = p, key[p]
+        end[run] = last[piece]
+        run += 1
+    return (begin, end), strip
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def deposit_strips(
     begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
 ):
-    """Add `scale` times `value` (n,) to the nodes of `out`, a `part`, cloud in cell; order and start sort the runs of
-    particles by strip.
+    """Add `scale` times `value` (n,) to the nodes of `out`, a `part`, cloud in cell; order and start sort by strip the
+    `runs` of particles, their begins and ends (runs,) each.
 
     A strip sums its own rows and, apart, the one after them: `beyond` (strips, columns), 0 at first, for `join_strips`.
     """
     nx, ny, first_x, first_y = part
-    held, wide = out.shape
+    (held, wide), (run_begin, run_end) = out.shape, runs
     ox, oy, rows, plane = origin[0], origin[1], 1 << shift, pos.shape[1] == 2
     sums = np.empty((rows + 1, wide + 1))  # one column more, which is the first where space is periodic
     flat, row_length = sums.reshape(-1), np.uint64(wide + 1)
@@ -150,7 +149,7 @@ def deposit_strips(
         first = s * rows
         flat[:] = 0.0
         for k in range(start[s], start[s + 1]):
-            for p in range(np.uint64(runs[order[k]]), np.uint64(runs[order[k] + 1])):
+            for p in range(np.uint64(run_begin[order[k]]), np.uint64(run_end[order[k]])):
                 x, y = (pos[p, 0] - ox) * inverse - 0.5, (pos[p, 1] - oy) * inverse - 0.5 if plane else 0.0
                 if periodic:
                     x, y = _wrapped(x, nx), _wrapped(y, ny)

@@ -10,10 +10,12 @@ from numba import njit
 from discsim.kernels.blocks import LEVELS
 from discsim.kernels.grid import stencil
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
+from discsim.kernels.zcurve import place_of
 
 THEIRS, OWN, EITHER = range(3)
 ONE, TWO = np.uint64(1), np.uint64(2)
 EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
+SOME = np.uint64(4096)  # particles that are looked through before there has to be room for more of them
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -135,19 +137,59 @@ def tiles_of(first, last, pos, tiles, out):
 def in_marked(first, last, pos, tiles, marked):
     """The places from `first` to `last` of (n, d) whose tile, or the nearest one, is `marked` (tiles,)."""
     low, per_tile, along = tiles
-    out, count = np.empty(last - first, np.int64), np.uint64(0)
-    if pos.shape[1] == 2:
-        flat, ox, oy, most = pos.reshape(-1), low[0], low[1], along - 1.0  # no branches, unsigned numbers: faster
-        for i in range(np.uint64(first), np.uint64(last)):
-            x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
-            x, y = min(x, most) if x > 0.0 else 0.0, min(y, most) if y > 0.0 else 0.0
+    flat, ox, oy, most = pos.reshape(-1), low[0], low[-1], along - 1.0  # no branches, unsigned numbers: faster
+    out, count = np.empty(SOME, np.int64), np.uint64(0)
+    for begin in range(np.uint64(first), np.uint64(last), SOME):
+        out = _with_room(out, count)
+        for i in range(begin, min(begin + SOME, np.uint64(last))):
+            if pos.shape[1] == 2:
+                x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
+                x, y = min(x, most) if x > 0.0 else 0.0, min(y, most) if y > 0.0 else 0.0
+                tile = np.uint64(np.int32(x) * along + np.int32(y))
+            else:
+                tile = np.uint64(_tile_of(pos, i, tiles))
             out[count] = i
-            count += np.uint64(marked[np.uint64(np.int32(x) * along + np.int32(y))])
-        return out[: np.int64(count)]
-    for i in range(first, last):
-        out[count] = i
-        count += np.uint64(marked[_tile_of(pos, i, tiles)])
+            count += np.uint64(marked[tile])
     return out[: np.int64(count)]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _with_room(rows, count):
+    # Behind the first `count` of them for SOME more.
+    if count + SOME <= np.uint64(len(rows)):
+        return rows
+    out = np.empty(2 * len(rows), rows.dtype)
+    out[: np.int64(count)] = rows[: np.int64(count)]
+    return out
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def pieces_of(place, held, loose, others):
+    """Rows in the order of their `place` (n,): from first up to last (pieces,) one piece after the other; and whether
+    that is their order. Of the first `held` rows places rise but for the `loose` ones, which come in rising order;
+    `others`: these and all further rows, by their places.
+    """
+    most = 2 * len(others) + len(loose) + 1
+    first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
+    row, begin, skipped, before, rises = 0, 0, 0, np.uint64(0), True
+    for k in range(len(others) + 1):
+        while True:
+            stop = loose[skipped] if skipped < len(loose) else held
+            while row < stop and (k == len(others) or place[row] < place[others[k]]):
+                rises &= place[row] >= before
+                before = place[row]
+                row += 1
+            if row < stop or stop == held:
+                break
+            if begin < row:
+                first[count], last[count], count = begin, row, count + 1
+            row, begin, skipped = row + 1, row + 1, skipped + 1
+        if begin < row:
+            first[count], last[count], count = begin, row, count + 1
+            begin = row
+        if k < len(others):
+            first[count], last[count], count = others[k], others[k] + 1, count + 1
+    return first[:count], last[:count], rises
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -169,6 +211,8 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
             continue
         x, y, beside, above = at_x[ix], at_y[iy], at_x[jx], at_y[jy]
         found[0], found[1], found[2], found[3] = owner[x, y], owner[x, above], owner[beside, y], owner[beside, above]
+        if found[0] == rank and found[1] == rank and found[2] == rank and found[3] == rank:
+            continue
         for node in range(4):
             known = found[node] == rank
             for before in range(node):
@@ -207,17 +251,13 @@ def number_runs(first, last, out):
 def in_runs(first, last, key, of, number):
     """The particles from `first` to `last` whose cells are in the runs that `number` has counted.
 
-    Their cells are those `of` their keys (n,), or these where `of` has no entries.
+    Their cells are those `of` their keys (n,), or these where that is None.
     """
-    out, count = np.empty(last - first, np.int64), np.uint64(0)
-    if len(of) > 0:
-        for i in range(np.uint64(first), np.uint64(last)):
-            cell = np.uint64(of[key[i]])
-            out[count] = i
-            count += np.uint64(number[cell + ONE] > number[cell])
-    else:
-        for i in range(np.uint64(first), np.uint64(last)):
-            cell = np.uint64(key[i])
+    out, count = np.empty(SOME, np.int64), np.uint64(0)
+    for begin in range(np.uint64(first), np.uint64(last), SOME):
+        out = _with_room(out, count)
+        for i in range(begin, min(begin + SOME, np.uint64(last))):
+            cell = np.uint64(key[i] if of is None else of[key[i]])  # looked at once, by what compiles
             out[count] = i
             count += np.uint64(number[cell + ONE] > number[cell])
     return out[: np.int64(count)]
@@ -260,10 +300,7 @@ def along_curve(leaf, level, first, rows, begin, end):
     for block in range(len(level)):
         x, y = np.int64(leaf[block, 0]) + x0, np.int64(leaf[block, 1]) + y0
         number = (x >> LEVELS) * rows + (y >> LEVELS)
-        x, y, z = x & mask, y & mask, np.int64(0)
-        for k in range(LEVELS):
-            z |= (x >> k & 1) << 2 * k + 1 | (y >> k & 1) << 2 * k
-        begin[block] = (number << 2 * LEVELS) + z
+        begin[block] = (number << 2 * LEVELS) + place_of(x & mask, y & mask)
         end[block] = begin[block] + (np.int64(1) << 2 * np.int64(level[block]))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from discsim.kernels import grid as kernels
 from discsim.numerics.layout import grid_cells
+from discsim.numerics.neighbours import corners
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
 
@@ -63,17 +64,27 @@ class Grid:
         """Coordinates of the cell centres along an axis."""
         return self.origin[axis] + (np.arange(self.shape[axis]) + 0.5) * self.cell
 
-    def deposit(self, pos: Array, mass: Array, out: Array | None = None, first: Node = ORIGIN) -> Array:
+    def deposit(
+        self,
+        pos: Array,
+        mass: Array,
+        out: Array | None = None,
+        first: Node = ORIGIN,
+        pieces: tuple[Array, Array] | None = None,
+    ) -> Array:
         """Surface density (nx, ny) of the particles on the grid, added to `out` if given; 1D: by length.
 
-        The sum over the nodes, times the cell's area, is the mass of those particles, to rounding.
+        The sum over the nodes, times the cell's area, is the mass of those particles, to rounding. It goes through rows
+        of arrays by `pieces`, first rows and ends (pieces,) of each; None: as they are.
         """
+        if pieces is None:
+            pieces = np.zeros(1, np.int64)[: len(pos)], np.array([len(pos)])[: len(pos)]
         out = np.zeros(self.shape) if out is None else out
         shift = ((self.shape[0] - 1) // kernels.STRIPS).bit_length()  # STRIPS times 2^shift rows hold nx
         inverse = 1.0 / self.cell
         key = np.empty(len(pos), np.uint8)
         share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key)
-        runs, strips = kernels.runs_of(key)
+        runs, strips = kernels.runs_of(key, *pieces)
         order, start = counting_sort(strips, kernels.STRIPS + 1)
         beyond, part = np.zeros((kernels.STRIPS, out.shape[1])), (*self.shape, *first)
         share(
@@ -123,6 +134,12 @@ class Grid:
         """The least and the largest (2, 2) first node about the particles along each axis, and how many are off the
         grid. Without any on it the least is the larger.
         """
+        ends = (np.stack(corners(pos)) - self.origin) * (1.0 / self.cell) - 0.5  # rounded as in kernels
+        if pos.shape[1] == 1:
+            ends[:, 1] = 0.0
+        last = np.maximum(np.array(self.shape) - 1, 1)
+        if len(pos) > 0 and np.all(ends >= 0.0) and np.all(ends < last):
+            return ends.astype(np.int64), 0  # all are on it, and none beyond the last node of a period
         found = np.array(
             share(kernels.extent, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic), np.int64
         )

@@ -37,6 +37,7 @@ class Particles:
     place: Array | None = None  # in the order of all particles of a run, where other processes have some of them
 
     spare = 0  # entries for which arrays that are made anew have room behind them
+    loose = np.empty(0, np.int64)  # rows, some twice or gone, besides which places rise since arrays were sorted
 
     @property
     def count(self) -> int:
@@ -75,7 +76,9 @@ class Particles:
 
         if self.place is not None:  # keys of all space, of which own ones are few
             self.place[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
+            world.together.forget()
             self.take(np.argsort(self.place))
+            self.loose = self.loose[:0]
             return
         self.take(by_ids(key, count, self.ids))
 
@@ -85,7 +88,7 @@ class Particles:
         Where other processes have some of the particles all call it, with what goes of theirs.
         """
         if self.place is not None:
-            world.together.close_up(self.place, gone)
+            self.loose = np.append(self.loose, world.together.close_up(self.place, gone))
         self.replace(np.flatnonzero(gone))
 
     def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
@@ -101,6 +104,8 @@ class Particles:
             array[filled] = come[name][:more]
             array[holes] = array[tail]
             setattr(self, name, self._with(array[:left], come[name][more:]))
+        if self.place is not None:
+            self.loose = np.concatenate([self.loose, filled, holes, np.arange(left, self.count)])
 
     def _with(self, array: Array, others: Array) -> Array:
         """An array (n, ...) and others' entries behind it."""

@@ -110,12 +110,15 @@ class Alone:
         """What `do` returns, which asks no other process; raises what it raises on any of them."""
         return do()
 
+    def forget(self) -> None:
+        """Let go of what was made of particles where they were, before they are put in another order or place."""
+
     def settle(self, state: State) -> None:
         """Bring particles to the processes that they belong to, once they have moved."""
 
-    def close_up(self, place: Array, gone: Array) -> None:
+    def close_up(self, place: Array, gone: Array) -> Array:
         """Before those of the mask `gone` (n,) are removed, give their places to the last ones of all processes, as
-        `Particles.remove` does: `place` (n,) becomes what it is then.
+        `Particles.remove` does: `place` (n,) becomes what it is then. Returns the rows that got another one.
         """
         raise NotImplementedError("one process has no places")
 

@@ -31,6 +31,7 @@ def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
         if sim.scene.drag is not None:
             drag = effects["drag"]
             drag.relax_by = divided = DividedDrag(drag, comm)
+            ranks.forgets.append(divided.forget)
             drag.limit_by = divided.limit if drag.limit_by is not None else None
     if "self_gravity" in effects:
         effects["self_gravity"].mesh = gravity.divided(effects["self_gravity"].mesh, ranks.division)

@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-COST = {"gas": 5.0, "dust": 1.0}  # of a particle in a step
+COST = {"gas": 4.0, "dust": 1.0}  # of a particle in a step
 NODE = 0.1  # of a node of the grid, in windows about own particles
 TOLERANCE = 0.1
-SPARE = 4  # at first arrays have room for a SPARE-th more: for ghosts and arrivals. It is no memory until it is used
+# At first arrays have room for a share of more entries: for arrivals and ghosts, which lie along a border. Of n own
+# particles of the species that has the fewest BORDER sqrt(n) are ghosts, and of others as large a part, at most SPARE.
+BORDER, SPARE = 64.0, 0.25
 TILES = 16  # along a side for each doubling of the ranks, at least
 
 
@@ -102,12 +104,18 @@ class Division:
         cell, counts = grid_cells(self.scene, particles)
         return float((1.0 / self.per_tile / cell) ** len(counts))
 
+    def _spare(self, counts: list[int]) -> float:
+        """Of species of so many particles on all ranks."""
+        fewest = min(counts, default=0) / self.comm.size
+        return min(SPARE, BORDER / math.sqrt(max(fewest, 1.0)))
+
     def keep_own(self, state: State) -> None:
         """Of particles that each rank has all of, keep own ones."""
+        spare = self._spare([p.count for p in state.species.values()])
         for name, p in state.species.items():
             p.place = np.arange(p.count, dtype=np.uint64)
             own = self.within(p.pos, self.owner == self.comm.rank)
-            p.spare = len(own) // SPARE
+            p.spare = int(spare * len(own))
             p.take(own)
             acc = state.own_acc.get(name)  # of a run that goes on
             if acc is not None and len(acc) > 0:
@@ -115,13 +123,14 @@ class Division:
 
     def deal(self, state: State) -> None:
         """Of particles of which each rank has a run of rows, in the order of ranks, bring all to their owners."""
+        spare = self._spare([int(self.comm.reduced(p.count, MPI.SUM)) for p in state.species.values()])
         for name, p in state.species.items():
             before = self.comm.mpi.exscan(p.count) or 0
             p.place = np.arange(before, before + p.count, dtype=np.uint64)
             owner = self.owner[self.tile_of(p.pos)]
             route = Route(self.comm, by_rank(np.arange(p.count), owner, self.comm.size))
             order = np.argsort(route.send(p.place))
-            p.spare = len(order) // SPARE
+            p.spare = int(spare * len(order))
             for array_name, array in p.arrays().items():
                 held = room.empty(len(order), array, p.spare)
                 setattr(p, array_name, np.take(route.send(array), order, axis=0, out=held))

@@ -7,8 +7,8 @@ it and finds their blocks. Between pairs it is all particles, and each rank make
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,11 +20,11 @@ from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS, MOST
 from discsim.kernels.halo import along_curve, blocks_in, mark_blocks, mark_held, sides_held
 from discsim.numerics import world
-from discsim.numerics.state import Dust, Gas, State
+from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import in_cells
+from discsim.ranks.exchange import asked_of, in_cells
 from discsim.ranks.leaves import Leaves, widened
 
 if TYPE_CHECKING:
@@ -33,21 +33,22 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 HEAT = 2  # rings more: a node has heat of the particles of its cell, and of nodes about it that have no gas
-READ = ("pos", "vel", "acc", "mass", "h", "density", "sound_speed")  # of particles in cells
-REQUIRED = ("ids", "species", "gradh", "pressure")  # that particles cannot be made without
 
 
 class Agreement(Known):
     """What a first look at own particles has found together, told to the kick."""
 
     def __init__(self, parts: Leaves) -> None:
-        self.parts, self.found = parts, dict[str, Any]()
+        self.parts, self.found, self._own_blocks = parts, dict[str, Any](), 0
         self._leaves = dict[str, Array]()
 
     def __call__(self, name: str, find: Callable[[], Any]) -> Any:
         if name not in self.found:
             self.found[name] = find()
         return self.found[name]
+
+    def own_blocks(self, count: int) -> int:
+        return self._own_blocks
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
         return self.parts.part_of(lattice, shift, species)
@@ -65,6 +66,7 @@ class Agreement(Known):
     def leave(self, own: Array, needed: Array) -> None:
         """Of blocks tell only of those `needed` (blocks,), of which `own` come first."""
         some = np.concatenate([np.flatnonzero(own), np.flatnonzero(needed & ~own)])
+        self._own_blocks = int(np.count_nonzero(own))
         for name, each in self.found.items():
             self.found[name] = _some(each, some) if isinstance(each, Merged) else each
 
@@ -79,7 +81,7 @@ class DividedDrag:
     """The kick of a scheme, in place of `Scheme.relax`, and the step that it allows, in place of `Scheme.limit`."""
 
     def __init__(self, drag: Drag, comm: Comm) -> None:
-        self.comm, self.scheme, self.leaves = comm, drag.scheme, Leaves(comm)
+        self.comm, self.drag, self.scheme, self.leaves = comm, drag, drag.scheme, Leaves(comm)
 
     def __call__(self, drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
         if self.scheme.members is None:
@@ -87,10 +89,15 @@ class DividedDrag:
             with world.apart():
                 self._kick(drag, state, wides, dt, gas_vel, heat)
             return
-        drag.stopping_times = np.empty(0)  # those of the last kick keep its arrays
+        self.forget()
         wides = self._hung_on(drag, state)
         self._kick(drag, state, wides, dt, gas_vel, heat)
         drag.agree = Known()  # it holds arrays of leaves
+
+    def forget(self) -> None:
+        """Let go of the arrays of the last kick, which its stopping times keep: forces take their memory."""
+        self.drag.stopping_times = np.empty(0)
+        self.drag.buffers.clear()
 
     def limit(self, drag: Drag, state: State) -> float:
         """Of a scheme of pairs: that of all particles."""
@@ -101,7 +108,11 @@ class DividedDrag:
 
     def _kick(self, drag: Drag, state: State, wides: dict[str, Any], dt: float, gas_vel: Array, heat: Array) -> None:
         gas, dust = wides["gas"], wides["dust"]
-        both, vel = self._both(state, wides), gas.of(gas_vel)
+        if self.scheme.members is None:
+            both, vel = self._both(state, wides), gas.of(gas_vel)
+        else:
+            both = self._both_in_cells(drag, state, wides, gas_vel)
+            vel = both.gas.vel
         classes, warmed = drag.classes, np.zeros(gas.count if drag.drag.heating else 0)
         own = classes.of
         if classes.several or self.scheme.members is None:
@@ -117,14 +128,43 @@ class DividedDrag:
         drag.stopping_times = lambda: (times() if callable(times) else times)[dust.own]
 
     def _both(self, state: State, wides: dict[str, Any]) -> State:
-        own_acc = {name: self._wide(wides[name], acc) for name, acc in state.own_acc.items()}
-        read = READ if self.scheme.members is not None else None
-        gas, dust = _of(wides["gas"], state.gas, read), _of(wides["dust"], state.dust, read)
-        return replace(state, gas=gas, dust=dust, own_acc=own_acc)
+        """All that particles have."""
+        there = self._there([*state.own_acc.values()])
+        own_acc = {
+            name: wides[name].of(acc) if some else acc[:0]
+            for (name, acc), some in zip(state.own_acc.items(), there, strict=True)
+        }
+        species: dict[str, Any] = {
+            name: type(p)(**{key: wides[name].of(array) for key, array in p.arrays().items() if key != "place"})
+            for name, p in state.species.items()
+        }
+        return replace(state, own_acc=own_acc, **species)
 
-    def _wide(self, wide: Any, array: Array) -> Array:
-        """An array of both, where any rank has entries of it."""
-        return wide.of(array) if self.comm.reduced(len(array), MPI.MAX) > 0 else array[:0]
+    def _both_in_cells(self, drag: Drag, state: State, wides: dict[str, Any], gas_vel: Array) -> State:
+        """What the scheme reads of others' particles, the gas with the velocities `gas_vel`; what is about grains goes
+        with them, and is agreed on.
+        """
+        reads = {*self.scheme.reads, *(("acc",) if drag.drag.heating else ())}
+        held = {name: p.arrays() for name, p in state.species.items()}
+        held["gas"]["vel"] = gas_vel
+        beside = {"own_acc gas": state.own_acc["gas"], "own_acc dust": state.own_acc["dust"]}
+        beside["about dust"] = about = about_grains(drag, state)
+        there = dict(zip(beside, self._there([*beside.values()]), strict=True))
+        found: dict[str, Any] = {}
+        own_acc = {}
+        for name, arrays in held.items():
+            sent = {key: array for key, array in arrays.items() if key in reads}
+            sent |= {key: beside[key] for key in beside if there[key] and key.endswith(name)}
+            both = dict(zip(sent, wides[name].of_all([*sent.values()]), strict=True))
+            own_acc[name] = both.pop(f"own_acc {name}", state.own_acc[name][:0])
+            about = both.pop(f"about {name}", about)
+            found[name] = _made(state.species[name], wides[name], both)
+        drag.agree(ABOUT_GRAINS, lambda: about)
+        return replace(state, own_acc=own_acc, **found)
+
+    def _there(self, arrays: list[Array]) -> list[bool]:
+        """Which of them any rank has entries of."""
+        return list(self.comm.reduced(np.array([len(array) for array in arrays]), MPI.MAX) > 0)
 
     def _everyone(self, state: State) -> dict[str, Any]:
         """All particles: what pairs exchange hangs on others' pairs, and these on others again."""
@@ -147,16 +187,13 @@ class DividedDrag:
             if self.leaves.suffices(world.together.most(away)):
                 break
         needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, drag.dim == 1)
-        wanted = Needed(np.append(needed, False), *numbers_of(blocks, lattice))
+        asked = asked_of(self.comm, Needed(np.append(needed, False), *numbers_of(blocks, lattice)))
         wides = {
-            name: in_cells(self.comm, p, leaf, wanted, blocks.number)
+            name: in_cells(self.comm, p, leaf, asked, blocks.number)
             for (name, p), leaf in zip(state.species.items(), leaves, strict=True)
         }
         agreement.own_grains = wides["dust"].own
-        agreement.found[ABOUT_GRAINS] = self._wide(wides["dust"], about_grains(drag, state))
         agreement.leave(own, needed)
-        if not drag.drag.heating:  # which goes on from what others' particles lose
-            agreement.kicked = int(np.count_nonzero(own))
         return wides
 
 
@@ -186,12 +223,10 @@ def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
     return begin, end
 
 
-def _of(wide: Any, particles: Gas | Dust, read: Collection[str] | None) -> Any:
-    """The particles with the arrays that are `read`, None: all; others that there have to be have no entries."""
-    arrays = {name: array for name, array in particles.arrays().items() if name != "place"}
-    if read is None:
-        return type(particles)(**{name: wide.of(array) for name, array in arrays.items()})
-    names = [name for name in arrays if name in read]
-    some = dict(zip(names, wide.of_all([arrays[name] for name in names]), strict=True))
-    some |= {name: array[:0] for name, array in arrays.items() if name in REQUIRED}
-    return type(particles)(place=wide.place, **some)
+def _made(particles: Any, wide: Any, both: dict[str, Array]) -> Any:
+    """Particles with some arrays of both; others that there have to be have no entries, but `acc` own ones."""
+    arrays = both if "acc" in both else both | {"acc": wide.beside(particles.acc)}
+    for each in fields(particles):
+        if each.default is MISSING:
+            arrays.setdefault(each.name, getattr(particles, each.name)[:0])
+    return type(particles)(place=wide.place, **arrays)

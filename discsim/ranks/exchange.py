@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
 Array = np.ndarray
-NOBODY = np.empty(0, np.int64)
 REMEMBERED = 16  # steps, in which what some of them needed of others is fetched at once: to do all anew costs more
 SPARE = 8  # room for ghosts: a SPARE-th more than there are
 
@@ -66,10 +65,11 @@ class Wide:
         return both
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        given = [*arrays, self._own_place]  # which comes along
+        given = [*arrays, self._own_place] if self._place is None else arrays  # it comes along
         out = [self.beside(array) for array in given]
         self.route.send_all(given, [both[self._held :] for both in out])
-        *out, self._place = out
+        if self._place is None:
+            *out, self._place = out
         return out
 
     def beside(self, array: Array) -> Array:
@@ -122,15 +122,26 @@ class Ordered:
         array[:] = both[self.own]
 
 
+class Asked(NamedTuple):
+    """Runs of own cells, from `first` up to `last` (runs,), that ranks (runs,) need; `number` (cells + 1,): how many
+    cells before each are in any of them.
+    """
+
+    ranks: Array
+    first: Array
+    last: Array
+    number: Array
+
+
 def in_cells(
-    comm: Comm, particles: Placed, key: Array, needed: Needed, of: Array = NOBODY, lasting: bool = False
+    comm: Comm, particles: Placed, key: Array, asked: Asked, of: Array | None = None, lasting: bool = False
 ) -> Wide:
-    """Own particles with those of others in the cells that are needed here; `key` and `of` as `route_to` has them."""
-    return Wide(particles, route_to(comm, key, needed, of), lasting)
+    """Own particles with those of others in the cells that are needed here; the rest as `route_to` has it."""
+    return Wide(particles, route_to(comm, key, asked, of), lasting)
 
 
-def route_to(comm: Comm, key: Array, needed: Needed, of: Array = NOBODY) -> Route:
-    """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where it is empty."""
+def asked_of(comm: Comm, needed: Needed) -> Asked:
+    """What other ranks need of own cells, when all have said what they need."""
     runs = comm.listed(runs_of(needed).ravel())
     runs[comm.rank] = runs[comm.rank][:0]
     of_rank = np.repeat(np.arange(comm.size), [len(each) // 2 for each in runs])
@@ -141,12 +152,18 @@ def route_to(comm: Comm, key: Array, needed: Needed, of: Array = NOBODY) -> Rout
     of_rank, first, last = of_rank[met], first[met], last[met]
     number = np.zeros(len(needed.mask) + 1, np.uint32)
     number_runs(first, last, number)
+    return Asked(of_rank, first, last, number)
+
+
+def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None) -> Route:
+    """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where that is None."""
+    number = asked.number
     some = joined(share(in_runs, len(key), key, of, number))  # few of all
-    cells = key[some] if len(of) == 0 else of[key[some]]
+    cells = key[some] if of is None else of[key[some]]
     order, start = counting_sort(number[cells], int(number[-1]))
-    some, first, last = some[order], start[number[first]].tolist(), start[number[last]].tolist()
+    some, first, last = some[order], start[number[asked.first]].tolist(), start[number[asked.last]].tolist()
     rows: list[list[Array]] = [[some[:0]] for _ in range(comm.size)]
-    for rank, begin, end in zip(of_rank.tolist(), first, last, strict=True):
+    for rank, begin, end in zip(asked.ranks.tolist(), first, last, strict=True):
         rows[rank].append(some[begin:end])
     return Route(comm, [np.concatenate(each) for each in rows])
 

@@ -15,19 +15,19 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.halo import leave_own, others_about
+from discsim.kernels.halo import leave_own, others_about, pieces_of
 from discsim.numerics.grid import BORDER, Grid, Node
 from discsim.numerics.mesh import Mesh
-from discsim.numerics.neighbours import corners
 from discsim.numerics.poisson import Kernel
 from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Route, by_rank
 from discsim.ranks.division import Division
-from discsim.ranks.exchange import Ordered, Wide, joined
+from discsim.ranks.exchange import Wide, joined
 from discsim.ranks.slabs import Slabs
 
 Array = np.ndarray
+Pieces = tuple[Array, Array]  # of rows: their first ones and ends, as `Grid.deposit` has them
 
 
 class Nodes:
@@ -51,17 +51,28 @@ class Nodes:
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
         share(leave_own, len(x), x, y, self.owner, self.comm.rank, density, least=16)
 
-    def about(self, particles: Particles) -> tuple[Array, Array]:
-        """Places and masses of the particles about own nodes, and of own particles."""
+    def about(self, particles: Particles) -> tuple[Array, Array, Pieces]:
+        """Places and masses of own particles and of others about own nodes, and in which order sums go through them."""
         grid, pos = self.grid, particles.pos
         some = self.division.within(pos, ~self.division.inside(grid.cell))
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
         found = share(others_about, len(some), some, pos, *where)  # few
         rows, whose = (joined([each[k] for each in found]) for k in range(2))
         wide = Wide(particles, Route(self.comm, by_rank(rows, whose, self.comm.size)))
-        both = wide.of_all([pos, particles.mass])
-        order = Ordered(wide)
-        return order.sorted(both[0]), order.sorted(both[1])
+        pos, mass = wide.of_all([pos, particles.mass])
+        return pos, mass, _in_order(wide.place, particles.count, particles.loose)
+
+
+def _in_order(place: Array, held: int, loose: Array) -> Pieces:
+    """Rows by their `place` (n,), in pieces: of those `held` here it rises but for the `loose` ones."""
+    loose = np.sort(loose[loose < held])
+    loose = loose[np.append(True, loose[1:] != loose[:-1])[: len(loose)]]
+    others = np.concatenate([loose, np.arange(held, len(place))])
+    first, last, rises = pieces_of(place, held, loose, others[np.argsort(place[others])])
+    if not rises:  # arrays of another making
+        first = np.argsort(place)
+        last = first + 1
+    return first, last
 
 
 class Window(NamedTuple):
@@ -129,8 +140,8 @@ class DividedMesh(Mesh):
         self.first, self.density = here.first, self._room("density", here.shape)
         self.density[:] = 0.0
         if self.density.size > 0:
-            for pos, mass in given.values():
-                self.grid.deposit(pos, mass, self.density, here.first)
+            for pos, mass, pieces in given.values():
+                self.grid.deposit(pos, mass, self.density, here.first, pieces)
             self.nodes.leave_own(self.density, here.first)
         self._to_slabs(windows)
         self.slabs.solve()
@@ -154,7 +165,7 @@ class DividedMesh(Mesh):
 
     def _windows(self, places: Iterable[Array]) -> tuple[list[Window], bool]:
         """The window of each rank, and whether any particle of any of them is off the grid: none that is fetched is."""
-        found = [extent(self.grid, pos) for pos in places]
+        found = [self.grid.extent(pos) for pos in places]
         off = sum(number for _, number in found)
         least = np.min([extent[0] for extent, _ in found], axis=0)
         most = np.max([extent[1] for extent, _ in found], axis=0)
@@ -181,20 +192,21 @@ class DividedMesh(Mesh):
     def _to_windows(self, windows: list[Window]) -> None:
         """The potential of the slabs to the windows with their rings."""
         rows, rank, count = self.slabs.rows, self.comm.rank, self.slabs.count
-        held, out, given = rows.span(rank), [], []
+        held, blocks, given = rows.span(rank), [], []
         for window in windows:
             some = _columns(window.first[1] - window.ring[1] + self.border, window.ringed)
-            blocks = [
-                self.slabs.potential[part.start - held.start : part.stop - held.start, some].reshape(-1)
-                for part, _ in window.rows(held, count)
-            ]
-            out += blocks
-            given.append(sum(map(len, blocks)))
+            parts = [part for part, _ in window.rows(held, count)]
+            blocks += [self.slabs.potential[part.start - held.start : part.stop - held.start, some] for part in parts]
+            given.append(sum(map(_length, parts)) * window.ringed[1])
+        out, begin = np.empty(sum(given)), 0
+        for block in blocks:
+            out[begin : begin + block.size].reshape(block.shape)[:] = block
+            begin += block.size
         here = windows[rank]
         places = [[*here.rows(rows.span(other), count)] for other in range(self.comm.size)]
         wide = here.ringed[1]
         taken = [sum(_length(part) for part, _ in parts) * wide for parts in places]
-        found = self.comm.deal(np.concatenate(out) if out else np.empty(0), np.array(given), np.array(taken))
+        found = self.comm.deal(out, np.array(given), np.array(taken))
         self._potential, begin = self._room("potential", here.ringed), 0
         for part, place in (each for parts in places for each in parts):
             number = _length(part)
@@ -223,18 +235,6 @@ class DividedMesh(Mesh):
         return rows, columns
 
 
-def extent(grid: Grid, pos: Array) -> tuple[Array, int]:
-    """As `Grid.extent`: where nobody is off the grid, nor beyond the last node of a period, of the corners alone."""
-    low, high = corners(pos)
-    ends = (np.stack([low, high]) - grid.origin) * (1.0 / grid.cell) - 0.5
-    if pos.shape[1] == 1:
-        ends[:, 1] = 0.0
-    last = np.maximum(np.array(grid.shape) - 1, 1)
-    if len(pos) > 0 and np.all(ends >= 0.0) and np.all(ends < last):  # as kernels round it, which keeps the order
-        return ends.astype(np.int64), 0
-    return grid.extent(pos)
-
-
 def _length(rows: slice) -> int:
     return int(rows.stop - rows.start)
 
@@ -253,7 +253,8 @@ class DividedSheet(Mesh):
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
         self.density[:] = 0.0
         for name in sources:
-            self.grid.deposit(*self.nodes.about(species[name]), out=self.density)
+            pos, mass, pieces = self.nodes.about(species[name])
+            self.grid.deposit(pos, mass, self.density, pieces=pieces)
         self.nodes.leave_own(self.density, self.first)
         self.density[:] = self.comm.reduced(self.density, MPI.SUM)  # one number each, and zeros
         self._poisson.solve(self.density, out=self._potential)

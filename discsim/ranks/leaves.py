@@ -21,7 +21,7 @@ from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import REMEMBERED, route_to
+from discsim.ranks.exchange import REMEMBERED, asked_of, route_to
 
 Array = np.ndarray
 LEAST = 4  # columns of largest blocks that a thread takes at once
@@ -74,7 +74,7 @@ class Leaves:
         along, first = -(-lattice.whole[1] // MOST), np.array(lattice.first) // MOST
         begin = ((first[0] + np.arange(len(x)))[:, None] * along + first[1] + np.arange(len(y))).ravel()
         some = np.flatnonzero(own)
-        route = route_to(self.comm, some, Needed(mask.ravel(), begin, begin + 1))
+        route = route_to(self.comm, some, asked_of(self.comm, Needed(mask.ravel(), begin, begin + 1)))
         rows = np.zeros((len(route.rows), len(held), MOST, MOST))
         cut = np.column_stack(np.divmod(some[route.rows], len(y)))
         for k, table in enumerate(tables):

@@ -18,9 +18,10 @@ from discsim.kernels.neighbours import FIRST, REACH
 from discsim.numerics import world
 from discsim.numerics.neighbours import cells_in, corners_of_cells, keys_in
 from discsim.numerics.sph import Around, Points, Sph
+from discsim.numerics.state import Gas
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import REMEMBERED, in_cells
+from discsim.ranks.exchange import REMEMBERED, asked_of, in_cells
 from discsim.scene import Scene
 
 Array = np.ndarray
@@ -49,6 +50,13 @@ class DividedSph(Sph):
         self.room = max(HALO, MORE * max(self._found))
         return True
 
+    def forces(self, gas: Gas, vel: Array, u: Array | None, pressure: Array) -> tuple[Array, float]:
+        """As `Sph` has it. What is left of neighbours is let go of: a kick takes its memory."""
+        found = super().forces(gas, vel, u, pressure)
+        del self.both, self.cells, self.lists, self.found, self.shear, self.met
+        self.columns = self.columns[:0].copy()
+        return found
+
     def around(self, points: Points) -> Around:
         """With supports `room` times the largest."""
         grids, classes = self.grids_of(points)
@@ -61,7 +69,7 @@ class DividedSph(Sph):
         mine = np.flatnonzero(filled)
         needed = mark_cells(mine, table, np.zeros(2), table, EITHER, self.room, self.dim == 1, self.periodic)
         numbers = grids.numbers()
-        wide = in_cells(self.comm, points, key, Needed(needed, numbers, numbers + 1))
+        wide = in_cells(self.comm, points, key, asked_of(self.comm, Needed(needed, numbers, numbers + 1)))
         pos, h, mass, classes = wide.of_all([points.pos, points.h, points.mass, classes])
         key = np.concatenate([key, keys_in(grids, classes[points.count :], pos[points.count :])])
         cells = cells_in(grids, classes, pos, h, wide.place, key)

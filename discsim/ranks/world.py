@@ -13,7 +13,7 @@ from discsim.numerics.world import Fetched, Joined, Needed
 from discsim.ranks.agreed import alike
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
-from discsim.ranks.exchange import Ordered, Wide, in_cells, route_to
+from discsim.ranks.exchange import Ordered, Wide, asked_of, in_cells, route_to
 from discsim.ranks.sph import DividedSph
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ class Ranks:
     def __init__(self, scene: Scene, comm: Comm) -> None:
         self.comm, self.division = comm, Division(scene, comm)
         self.balance = 1.0  # the cost of the most loaded rank over the mean
+        self.forgets: list[Callable[[], None]] = []
 
     def least(self, values: Any) -> Any:
         # What is no number would be lost on the way: no limit, as what asks for the least takes it.
@@ -52,7 +53,12 @@ class Ranks:
         (self.division.keep_own if alike else self.division.deal)(state)
         self._weigh(state)
 
+    def forget(self) -> None:
+        for each in self.forgets:
+            each()
+
     def settle(self, state: State) -> None:
+        self.forget()
         if to_sort(state.step):
             self.division.cut(state.species)
         for particles in state.species.values():
@@ -60,7 +66,7 @@ class Ranks:
         if to_sort(state.step):
             self._weigh(state)
 
-    def close_up(self, place: Array, gone: Array) -> None:
+    def close_up(self, place: Array, gone: Array) -> Array:
         removed = np.concatenate(self.comm.listed(place[gone]))
         end = _largest(place, len(removed))
         last, gone_too = (np.concatenate(self.comm.listed(array[end])) for array in (place, gone))
@@ -69,6 +75,7 @@ class Ranks:
         holes = np.sort(removed)[: len(movers)]
         mine = end[np.isin(place[end], movers)]
         place[mine] = holes[np.searchsorted(movers, place[mine])]
+        return mine
 
     def _weigh(self, state: State) -> None:
         cost = sum(COST[name] * p.count for name, p in state.species.items())
@@ -76,10 +83,11 @@ class Ranks:
 
     def everyone(self, particles: Particles) -> Joined:
         one = Needed(np.ones(1, bool), np.zeros(1, np.int64), np.ones(1, np.int64))
-        return Ordered(Wide(particles, route_to(self.comm, np.zeros(particles.count, np.uint32), one), lasting=True))
+        route = route_to(self.comm, np.zeros(particles.count, np.uint32), asked_of(self.comm, one))
+        return Ordered(Wide(particles, route, lasting=True))
 
     def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
-        return in_cells(self.comm, particles, key, needed(), lasting=True)
+        return in_cells(self.comm, particles, key, asked_of(self.comm, needed()), lasting=True)
 
     def sph(self, kind: Any, scene: Scene) -> DividedSph:
         return DividedSph(scene, self.comm)

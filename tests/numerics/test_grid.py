@@ -209,3 +209,33 @@ def test_cell_of():
 def test_largest_norm():
     assert largest_norm(np.array([[1.0, 0.0], [3.0, -4.0]])) == 5.0
     assert largest_norm(np.empty((0, 2))) == 0.0
+
+
+@pytest.mark.parametrize("grid", [OPEN, PERIODIC, LINE])
+@pytest.mark.parametrize("off", [False, True])
+def test_extent_is_that_of_the_first_nodes(grid, off):
+    """Where all are on the grid of the corners of space alone; with some beyond its edge, or the last node of a period,
+    of each particle.
+    """
+    pos, _ = particles(grid, 200)
+    pos = np.array(grid.origin[: pos.shape[1]]) + 0.3 * (pos - grid.origin[: pos.shape[1]]) + 2.3 * grid.cell
+    if off:
+        pos[7] = np.array(grid.origin[: pos.shape[1]]) + (np.array(grid.shape[: pos.shape[1]]) - 0.25) * grid.cell
+    first = np.floor((pos - grid.origin[: pos.shape[1]]) / grid.cell - 0.5).astype(int)
+    on = np.ones(200, bool)
+    on[7] = grid.periodic or not off
+    found, missing = grid.extent(pos)
+    expected = np.stack([first[on].min(axis=0), first[on].max(axis=0)])
+    np.testing.assert_array_equal(found[:, : pos.shape[1]], expected)
+    assert missing == np.count_nonzero(~on)
+
+
+@pytest.mark.parametrize("grid", [OPEN, PERIODIC, LINE])
+def test_deposit_by_pieces_is_that_of_rows_in_that_order(grid):
+    """To the last bit; with rows in no piece left out."""
+    pos, mass = particles(grid, 3000)
+    first, last = np.array([2000, 40, 2990, 0]), np.array([2900, 1500, 2991, 7])
+    rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
+    found = grid.deposit(pos, mass, pieces=(first, last))
+    np.testing.assert_array_equal(found, grid.deposit(pos[rows], mass[rows]))
+    assert not np.array_equal(found, grid.deposit(pos[np.sort(rows)], mass[np.sort(rows)]))  # the order counts

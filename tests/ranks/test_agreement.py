@@ -22,13 +22,16 @@ def test_what_was_found_is_told_by_its_name():
 
 
 def test_blocks_that_are_left_are_numbered_anew():
-    """Of three blocks on four leaves the second is not needed: its leaves are in none, nor is what lies outside."""
+    """Of three blocks on four leaves the second is not needed: its leaves are in none, nor is what lies outside. The
+    third, which holds own particles, comes first.
+    """
     agreement = Agreement(None)
     corners, level = np.array([[0, 0], [1, 0], [3, 0]], np.int32), np.array([0, 1, 0])
     blocks = Merged(np.array([0, 1, 1, 2, -1], np.int32), corners, level, np.array([False, True, True]))
     agreement("blocks", lambda: blocks)
-    agreement.leave(np.array([True, False, True]))
+    agreement.leave(np.array([False, False, True]), np.array([True, False, True]))
     left = agreement("blocks", lambda: pytest.fail("found again"))
-    assert left.number.tolist() == [0, -1, -1, 1, -1]
-    assert left.first_leaf.tolist() == [[0, 0], [3, 0]]
-    assert left.level.tolist() == [0, 0] and left.enlarged.tolist() == [False, True]
+    assert left.number.tolist() == [1, -1, -1, 0, -1]
+    assert left.first_leaf.tolist() == [[3, 0], [0, 0]]
+    assert left.level.tolist() == [0, 0] and left.enlarged.tolist() == [True, False]
+    assert agreement.own_blocks(2) == 1

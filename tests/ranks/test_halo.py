@@ -28,9 +28,11 @@ from discsim.kernels.halo import (
 from discsim.kernels.neighbours import FIRST, widen
 from discsim.numerics.grid import Grid
 from discsim.numerics.neighbours import sort_into_cells
+from discsim.numerics.state import Particles
 from discsim.ranks.comm import by_rank
 from discsim.ranks.division import Division
 from discsim.ranks.drag import _needed, numbers_of
+from discsim.ranks.gravity import _in_order
 from discsim.ranks.leaves import Leaves
 from discsim.ranks.world import _largest
 
@@ -127,7 +129,7 @@ def test_particles_in_runs_of_cells(of):
         held[begin:end] = True
     number_runs(first, last, number)
     np.testing.assert_array_equal(number, np.append(0, np.cumsum(held)))
-    cells = rng.integers(0, 200, 300).astype(np.int32) if of else np.empty(0, np.int32)
+    cells = rng.integers(0, 200, 300).astype(np.int32) if of else None
     key = rng.integers(0, 300 if of else 200, 1000).astype(np.uint32)
     wanted = held[cells[key] if of else key]
     found = np.concatenate([in_runs(0, 400, key, cells, number), in_runs(400, 1000, key, cells, number)])
@@ -210,3 +212,29 @@ def test_the_largest_of_values_that_nearly_rise(number):
     values[some] = values[np.roll(some, 1)]
     values[[0, 999]] = values[[999, 0]]
     np.testing.assert_array_equal(np.sort(values[_largest(values, number)]), np.arange(max(1000 - number, 0), 1000))
+
+
+def test_rows_by_their_places_in_few_pieces():
+    """After particles have left and come, and others have got places of those that are gone."""
+    rng = np.random.default_rng(12)
+    place = np.sort(rng.choice(1 << 40, 5000, replace=False)).astype(np.uint64)
+    arrays = {name: np.zeros((5000, 2)) for name in ("pos", "vel", "acc")}
+    own = Particles(**arrays, mass=np.zeros(5000), ids=np.arange(5000), place=place.copy())
+    for leaving, coming in ((30, 10), (5, 40), (20, 20), (0, 3)):
+        come = {name: np.zeros((coming, *array.shape[1:]), array.dtype) for name, array in own.arrays().items()}
+        come["place"] = rng.choice(1 << 40, coming, replace=False).astype(np.uint64)
+        own.replace(np.sort(rng.choice(own.count, leaving, replace=False)), come)
+    own.place[[60, 61, 4000]] = rng.choice(1 << 40, 3)
+    own.loose = np.append(own.loose, [60, 61, 4000])
+    ghosts = rng.choice(1 << 40, 50).astype(np.uint64)
+    both = np.concatenate([own.place, ghosts])
+    first, last = _in_order(both, own.count, own.loose)
+    rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
+    np.testing.assert_array_equal(rows, np.argsort(both))
+    assert len(first) < 500
+
+
+def test_rows_out_of_order_that_nobody_has_told_of():
+    place = np.array([3, 9, 5, 7], np.uint64)
+    first, last = _in_order(place, 3, np.empty(0, np.int64))
+    assert first.tolist() == [0, 2, 3, 1] and last.tolist() == [1, 3, 4, 2]

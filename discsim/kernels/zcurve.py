@@ -1,0 +1,32 @@
+"""Places along a Z-curve (Morton 1966): the bits of two whole numbers below 2^8, one after the other."""
+
+from discsim.kernels.inner import inner
+
+
+@inner
+def place_of(x, y):
+    """The place of (x, y) along the curve: x has the higher bit of each two."""
+    return _apart(x) << 1 | _apart(y)
+
+
+@inner
+def at_place(z):
+    """(x, y) at a place along the curve."""
+    return _together(z >> 1), _together(z)
+
+
+@inner
+def _apart(i):
+    # The bits of i, each behind a 0.
+    i = (i | i << 4) & 0x0F0F
+    i = (i | i << 2) & 0x3333
+    return (i | i << 1) & 0x5555
+
+
+@inner
+def _together(z):
+    # Every other bit of z, from the lowest on.
+    z &= 0x5555
+    z = (z | z >> 1) & 0x3333
+    z = (z | z >> 2) & 0x0F0F
+    return (z | z >> 4) & 0x00FF
