@@ -100,7 +100,7 @@ def centred(sums, kind, far):
 
 @njit(inline="always")
 def pack_carriers(begin, end, slots, order, gas, small, vel, volume, pressure, grown, pack):
-    """Pack what `gather` takes of gas particles; 0 of those that fill up."""
+    """Pack what `gather` takes of gas particles; of those that fill up the norm is 0, and the rest as it was."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     for k in range(count):
         i = order[slots[first + k]]
