@@ -20,6 +20,8 @@ from discsim.run.runner import run_scene
 pytestmark = MARKS
 FAILING = Path(__file__).parents[1] / "helpers" / "failing.py"
 SOON = 10.0  # seconds in which all ranks end once one has failed
+# Of MPI_Abort(1): mpiexec gives the bits of all statuses, and at times has killed others before the 1 reaches it.
+ABORTED = {1, 1 | signal.SIGKILL}
 # What is known of the start and of all particles: damping, and the pull of the disc.
 KNOWN = DISC + "[damping]\ninner = [0.5, 0.7]\nouter = [1.8, 2.0]\n"
 
@@ -116,7 +118,8 @@ def test_later_snapshots_go_with_their_parts(scene, one, half, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("what", "rank", "status"), [("kill", 2, None), ("raise", 2, 1), ("full", 2, 1), ("full", 0, 1), ("spoil", 1, 3)]
+    ("what", "rank", "status"),
+    [("kill", 2, {}), ("raise", 2, ABORTED), ("full", 2, {1}), ("full", 0, {1}), ("spoil", 1, {3})],
 )
 def test_a_rank_that_fails_ends_all(scene, one, tmp_path, what, rank, status):
     """In the fourth step, after a snapshot and before its checkpoint; what is saved goes on to the bits of one run."""
@@ -124,7 +127,7 @@ def test_a_rank_that_fails_ends_all(scene, one, tmp_path, what, rank, status):
     always = "--set", "run.checkpoint_every=1e-9 s"
     found, said = on_ranks(3, scene, out, 0.5, *always, how=f"parts:{what}@{rank}@4")
     assert time.time() - float((tmp_path / what).read_text()) < SOON
-    assert found == status if status is not None else found != 0
+    assert found in status if status else found != 0
     told = {"raise": "RuntimeError: a rank that fails", "full": "No space left on device", "spoil": "is not finite"}
     if what in told:
         assert said.count(told[what]) == 1 and said.count("Traceback") == (what == "raise")
