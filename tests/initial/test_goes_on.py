@@ -47,6 +47,7 @@ CASES = {
         drag={"law": "epstein"},
     ),
     "growth": scene(
+        gas=GAS | {"kernel": "cubic", "eos": LOCALLY},
         dust=DUST["dust"] | {"grain_size": 1e-5, "grain_density": 1.0},
         drag={"law": "epstein"},
         growth={"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6},

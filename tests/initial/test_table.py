@@ -132,7 +132,7 @@ def uneven(tmp_path, column, **tables):
     rows = "\n".join(f"{r:.17g} {s:.17g} {c:.17g}" for r, s, c in zip(R, sigma, column(R, sigma), strict=True))
     path = table(tmp_path, f"r Sigma resolution\n{rows}\n")
     eos = {"kind": "locally-isothermal", "aspect_ratio": 0.05}
-    given = scene(path, gas={"particles": 12_000, "eos": eos, "viscosity": {}}, **tables)
+    given = scene(path, gas={"particles": 12_000, "kernel": "cubic", "eos": eos, "viscosity": {}}, **tables)
     del given["dust"]
     return given
 

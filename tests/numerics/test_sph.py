@@ -155,7 +155,7 @@ def lively(boundary, **changes):
     pos, mass = uneven(150, 2)
     rng = np.random.default_rng(3)
     given = {"vel": rng.normal(size=(150, 2)), "u": rng.uniform(0.5, 2.0, 150)} | changes
-    return simulation(given.pop("pos", pos), 2, boundary, "cubic", given.pop("mass", mass), **given, **ALL)
+    return simulation(given.pop("pos", pos), 2, boundary, "wendland-c4", given.pop("mass", mass), **given, **ALL)
 
 
 @pytest.mark.parametrize("boundary", ["open", "periodic"])
