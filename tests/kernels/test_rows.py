@@ -132,7 +132,7 @@ def left_out(n, about, sums, column, room):
 
 
 def test_no_weight_on_nodes_without_gas():
-    """The others have all of it, but of those about which no node has gas; what fills up a column has none, and no NaN."""
+    """The others have all of it, if there are any; what fills up a column has none, and no NaN."""
     count, n, gas = 5, 8, np.arange(9) % 2 == 0
     place, mass = np.random.default_rng(6).uniform(-0.5, 0.5, (count, 2)), np.arange(1.0, 1.0 + count)
     column, room = np.zeros((FIELDS, n)), np.full((ROOM, n), np.nan)
