@@ -55,29 +55,27 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     few = drag.classes.number > 1 and _are_few(drag, blocks, state.dust.count)
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
-    rows = [_kept(drag, f"rows of {name}", p.count, FIELDS) for name, p in state.species.items()]
     cells, nodes = _places(drag, blocks, few and len(state.own_acc["dust"]) == 0)
-    for kind, row in zip((gas, dust), rows, strict=True):
-        _gather(kind, cells, nodes, about_star, law.code, row)
+    packed = [_gather(drag, kind, cells, nodes, about_star, law.code) for kind in (gas, dust)]
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
     met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
     # Heat goes on from what others' particles lose.
     kicked = len(cells.home) if len(heat) > 0 else drag.agree.own_blocks(len(cells.home))
-    for kind, row, rate in zip((gas, dust), rows, met, strict=True):
+    for kind, columns, rate in zip((gas, dust), packed, met, strict=True):
         if kind is gas and not drag.two_way:
             continue  # it feels nothing, and is kicked elsewhere
         share(
-            nodes_scatter.scatter, kicked, kind, cells, nodes, sharp, row, dt, drag.exponential, rate,
+            nodes_scatter.scatter, kicked, kind, cells, nodes, sharp, *columns, dt, drag.exponential, rate,
             least=LEAST,
         )  # fmt: skip
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
     if len(heat) > 0:
         nodes_heat.pass_on(nodes, sharp.heat)
-        share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, rows[0], heat, least=LEAST)
+        share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
     alone = np.ones((len(met[1]) + 2, dust.number), bool)  # also of what lies outside
     alone[:-2] = (met[1] == 0.0) | blocks.enlarged[:, None]
     drag.alone = members_of(dust.order, dust.start, alone.ravel())
-    drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, rows[1])
+    drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, packed[1])
 
 
 def _kept(drag: Drag, name: str, *shape: int) -> Array:
@@ -136,17 +134,26 @@ def _slots(blocks: Blocks, species: int) -> Array:
     return slot
 
 
-def _gather(kind: Species, cells: Cells, nodes: Nodes, about_star: Frame, law: int, row: Array) -> None:
+def _gather(drag: Drag, kind: Species, cells: Cells, nodes: Nodes, about_star: Frame, law: int) -> tuple[Array, Array]:
+    """What the nodes have of some particles. Returns where the columns of each population in a block begin and these,
+    or rows of grains taken one by one.
+    """
+    name, count = ("gas", "dust")[kind.first], len(cells.home)
     if kind.first > 0 and len(cells.total) > 0:
+        row = _kept(drag, "rows of grains", len(kind.order), FIELDS)
         share(
-            nodes_grains.gather_grains, len(cells.home), kind, cells, nodes, about_star, law, row, cells.share,
+            nodes_grains.gather_grains, count, kind, cells, nodes, about_star, law, row, cells.share,
             least=LEAST,
         )  # fmt: skip
         share(nodes_grains.collect_grains, len(nodes.near), kind, nodes, row, cells.share, least=LEAST)
-        return
-    square = np.empty((len(cells.home) if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
-    share(nodes_gather.gather, len(cells.home), kind, cells, nodes, about_star, law, row, square, least=LEAST)
+        return np.empty(0, np.int64), row.ravel()
+    rows = (np.diff(kind.start[: count * kind.number + 1]) + LANES - 1) // LANES
+    begin = np.append(0, np.cumsum(LANES * rows))
+    column = _kept(drag, f"columns of {name}", FIELDS * int(begin[-1]))
+    square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
+    share(nodes_gather.gather, count, kind, cells, nodes, about_star, law, begin, column, square, least=LEAST)
     share(nodes_gather.collect, len(nodes.near), kind, cells, nodes, square, least=LEAST)
+    return begin, column
 
 
 def _mean_sound(state: State, blocks: Blocks, cells: Cells, nodes: Nodes) -> Array:
@@ -190,7 +197,7 @@ def _relax_nodes(
     return sharp
 
 
-def _stopping_times(dust: Species, cells: Cells, nodes: Nodes, sharp: Sharp, row: Array) -> Array:
+def _stopping_times(dust: Species, cells: Cells, nodes: Nodes, sharp: Sharp, packed: tuple[Array, Array]) -> Array:
     time = np.full(len(dust.mass), np.inf)
-    share(nodes_scatter.stopping_times, len(cells.home), dust, cells, nodes, sharp.value, row, time, least=LEAST)
+    share(nodes_scatter.stopping_times, len(cells.home), dust, cells, nodes, sharp.value, *packed, time, least=LEAST)
     return time

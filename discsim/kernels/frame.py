@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.kernels.rows import root
+
 
 class Frame(NamedTuple):
     """`sense` has one entry where all turn alike, else one a ring, of which `per_ring` lie in a unit of ln r^2."""
@@ -19,9 +21,9 @@ class Frame(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def kepler(r2, star, softening):
-    """Omega about a softened star at squared radius r2."""
+    """Omega about a softened star at squared radius r2, or a row of them."""
     d2 = r2 + softening * softening
-    return math.sqrt(star / (d2 * math.sqrt(d2)))
+    return root(star / (d2 * root(d2)))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -26,8 +26,9 @@ so that momentum is exact. In two dimensions what the offset of the two centroid
 is taken from the gas about the node as a rotation about its centroid, scattered with the same weights. What is left
 of a particle beside the line of its own species in its cell decays at the species' own rate.
 
-Five parts: `nodes_gather` makes (1), of many classes of grains `nodes_grains`, `nodes_fit` G and B, `nodes_relax` (2)
-and (3), `nodes_sharpen` gives back what the clouds smoothed away and makes (4), `nodes_scatter` changes the particles.
+The particles of a cell are columns, `nodes_columns`. Five parts: `nodes_gather` makes (1), of many classes of grains
+`nodes_grains`, `nodes_fit` G and B, `nodes_relax` (2) and (3), `nodes_sharpen` gives back what the clouds smoothed away
+and makes (4), `nodes_scatter` changes the particles.
 In one dimension the second components are there, and are 0.
 """
 
@@ -38,8 +39,8 @@ import numpy as np
 from discsim.kernels.rows import LANES
 
 # A particle as the nodes see it: ONE, its place (2) from the middle of its cell in sides, what the law of the drag
-# needs of the gas, velocity (2) and source (2), two rows of LANES. Once the nodes have them, its mass and the norm of
-# its weights stand in place of ONE and RHO, which no one needs any more.
+# needs of the gas, velocity (2) and source (2), two rows of LANES. Of the particle itself its mass is kept in place of
+# ONE, and once the nodes have it, the norm of its weights in place of RHO.
 ONE, X, Y, RHO, VX, VY, BX, BY, FIELDS = range(9)
 MASS, NORM = ONE, RHO
 # A cell's own moments of these: weighed with m, m x and m y.

@@ -1,132 +1,77 @@
-"""Gather: particles as nodes see them, what each cell gives to its nine nodes, and eq. (1) of `kernels/nodes.py`."""
-
-import math
+"""Gather: what the particles of each cell give to its nine nodes, and eq. (1) of `kernels/nodes.py`."""
 
 import numpy as np
 from numba import njit
 
-from discsim.formulas.laws import EPSTEIN
-from discsim.kernels.frame import kepler, sense_at
 from discsim.kernels.inner import inner, lean
-from discsim.kernels.nodes import BX, BY, FIELDS, MASS, NORM, ONE, RHO, VX, VY, X, Y
-from discsim.kernels.nodes_weights import cloud
-from discsim.kernels.rows import LANES, empty_row, lane, load, store
-
-# Of a particle: its weights on the nine nodes times its mass, and this.
-MASSES, WEIGHTS = 9, 10
+from discsim.kernels.nodes import BX, BY, FIELDS, NORM, ONE, RHO, VX, VY, X, Y
+from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, most_in, take, weigh
+from discsim.kernels.rows import LANES, empty_row, lane, load, store, sums_of
 
 
 @inner
-def pack(block, first, count, kind, cells, law, about_star, row, r2):
-    """Particles of a block as rows from `first` on, and the squares of their distances from the origin."""
-    dim, inverse = kind.pos.shape[1], 1.0 / cells.side[block]
-    x0, y0, period_x, period_y = cells.corner[block, 0], cells.corner[block, 1], cells.period[0], cells.period[1]
-    sources, dense, with_sound = (
-        len(kind.own) > 0,
-        len(kind.density) > 0,
-        law == EPSTEIN and not about_star and kind.first == 0,
-    )
-    for at in range(count):
-        k = first + at
-        i = kind.order[k]
-        x, y, vy, by = kind.pos[i, 0], 0.0, 0.0, 0.0
-        if dim == 2:
-            y, vy = kind.pos[i, 1], kind.vel[i, 1]
-            if sources:
-                by = kind.own[i, 1]
-        r2[at] = x * x + y * y
-        x, y = x - x0, y - y0
-        if period_x < math.inf:
-            x -= period_x * math.floor(x / period_x)
-            y -= period_y * math.floor(y / period_y)
-        row[k, ONE] = 1.0
-        row[k, X] = x * inverse - 0.5
-        row[k, Y] = y * inverse - 0.5 if dim == 2 else 0.0
-        row[k, VX], row[k, VY] = kind.vel[i, 0], vy
-        row[k, BX], row[k, BY] = kind.own[i, 0] if sources else 0.0, by
-        row[k, RHO] = 0.0
-        if dense:
-            row[k, RHO] = kind.density[i] * (kind.sound[i] if with_sound else 1.0)
+def sum_places(n, k, begin, column, room, given, at):
+    """What a cell gives of mass, places and density to the nodes k, k + 1 and k + 2."""
+    a, b, c, d = empty_row(), empty_row(), empty_row(), empty_row()
+    e, f, g, h = empty_row(), empty_row(), empty_row(), empty_row()
+    i, j, l, m = empty_row(), empty_row(), empty_row(), empty_row()
+    for p in range(0, n, LANES):
+        u, v, w = load(room, k * n + p), load(room, (k + 1) * n + p), load(room, (k + 2) * n + p)
+        a += u
+        e += v
+        i += w
+        one = load(column, begin + X * n + p)
+        b += u * one
+        f += v * one
+        j += w * one
+        one = load(column, begin + Y * n + p)
+        c += u * one
+        g += v * one
+        l += w * one
+        one = load(column, begin + RHO * n + p)
+        d += u * one
+        h += v * one
+        m += w * one
+    store(given, at + k * FIELDS, sums_of(a, b, c, d))
+    store(given, at + (k + 1) * FIELDS, sums_of(e, f, g, h))
+    store(given, at + (k + 2) * FIELDS, sums_of(i, j, l, m))
 
 
 @inner
-def leave_orbits(block, first, count, cells, frame, row, r2):
-    """Velocities relative to Kepler's, `frame`; r2 is overwritten with its Omega."""
-    if len(frame.sense) == 1:
-        sense = frame.sense[0]
-        for at in range(count):
-            r2[at] = sense * kepler(r2[at], frame.star, frame.softening)
-    else:
-        for at in range(count):
-            r2[at] = sense_at(r2[at], frame) * kepler(r2[at], frame.star, frame.softening)
-    side = cells.side[block]
-    x0, y0 = cells.corner[block, 0] + 0.5 * side, cells.corner[block, 1] + 0.5 * side
-    for at in range(count):
-        row[first + at, VX] += r2[at] * (y0 + side * row[first + at, Y])
-        row[first + at, VY] -= r2[at] * (x0 + side * row[first + at, X])
+def sum_motion(n, k, begin, column, room, given, at):
+    """The same of velocities and sources."""
+    a, b, c, d = empty_row(), empty_row(), empty_row(), empty_row()
+    e, f, g, h = empty_row(), empty_row(), empty_row(), empty_row()
+    i, j, l, m = empty_row(), empty_row(), empty_row(), empty_row()
+    for p in range(0, n, LANES):
+        u, v, w = load(room, k * n + p), load(room, (k + 1) * n + p), load(room, (k + 2) * n + p)
+        one = load(column, begin + VX * n + p)
+        a += u * one
+        e += v * one
+        i += w * one
+        one = load(column, begin + VY * n + p)
+        b += u * one
+        f += v * one
+        j += w * one
+        one = load(column, begin + BX * n + p)
+        c += u * one
+        g += v * one
+        l += w * one
+        one = load(column, begin + BY * n + p)
+        d += u * one
+        h += v * one
+        m += w * one
+    store(given, at + LANES + k * FIELDS, sums_of(a, b, c, d))
+    store(given, at + LANES + (k + 1) * FIELDS, sums_of(e, f, g, h))
+    store(given, at + LANES + (k + 2) * FIELDS, sums_of(i, j, l, m))
 
 
 @inner
-def weigh(k, at, m, flat, row, weight):
-    """Weights of row k on the nine nodes times its mass m."""
-    u0, u1, u2 = cloud(row[k, X], False)
-    t0, t1, t2 = cloud(row[k, Y], flat)
-    t0, t1, t2 = m * t0, m * t1, m * t2
-    weight[at, 0], weight[at, 1], weight[at, 2] = u0 * t0, u0 * t1, u0 * t2
-    weight[at, 3], weight[at, 4], weight[at, 5] = u1 * t0, u1 * t1, u1 * t2
-    weight[at, 6], weight[at, 7], weight[at, 8] = u2 * t0, u2 * t1, u2 * t2
-
-
-@inner
-def leave_out(at, home, m, about, sums, weight):
-    """Weights on nodes that have gas alone; returns one over their sum as it was, 0 where none has."""
-    total = 0.0
-    for j in range(9):
-        n = about[home, j]
-        if n < 0 or sums[n, 0, ONE] <= 0.0:
-            weight[at, j] = 0.0
-        total += weight[at, j]
-    norm = m / total if total > 0.0 else 0.0
-    for j in range(9):
-        weight[at, j] *= norm
-    return norm
-
-
-@inner
-def is_ragged(home, flat, about, sums):
-    """Whether some of the nodes about a cell's have no gas."""
-    for k in range(9):
-        n = about[home, k]
-        if (n < 0 or sums[n, 0, ONE] <= 0.0) and not (flat and k % 3 != 1):
-            return True
-    return False
-
-
-@inner
-def sum_rows(first, count, weight, row, half, given, at):
-    """What a cell gives to the nine nodes of one half of the fields: sums of its particles with their weights."""
-    a, b, c, d, e, f = empty_row(), empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
-    g, h, i = empty_row(), empty_row(), empty_row()
-    for k in range(count):
-        one = load(row, (first + k) * FIELDS + half)
-        a += weight[k, 0] * one
-        b += weight[k, 1] * one
-        c += weight[k, 2] * one
-        d += weight[k, 3] * one
-        e += weight[k, 4] * one
-        f += weight[k, 5] * one
-        g += weight[k, 6] * one
-        h += weight[k, 7] * one
-        i += weight[k, 8] * one
-    store(given, at, a)
-    store(given, at + FIELDS, b)
-    store(given, at + 2 * FIELDS, c)
-    store(given, at + 3 * FIELDS, d)
-    store(given, at + 4 * FIELDS, e)
-    store(given, at + 5 * FIELDS, f)
-    store(given, at + 6 * FIELDS, g)
-    store(given, at + 7 * FIELDS, h)
-    store(given, at + 8 * FIELDS, i)
+def give(n, begin, column, room, given, at):
+    """What a cell gives to its nine nodes: sums of its particles with their weights."""
+    for k in range(0, 9, 3):
+        sum_places(n, k, begin, column, room, given, at)
+        sum_motion(n, k, begin, column, room, given, at)
 
 
 @inner
@@ -145,67 +90,63 @@ def own_moments(given, at, own, into):
 
 
 @inner
-def gather_species(block, part, kind, cells, nodes, frame, law, row, weight, norm):
-    """Pack one population in a block, and sum what its cell gives."""
+def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, room, square):
+    """The columns of one population in a block, what it gives, and its own moments."""
     flat, s, home = kind.pos.shape[1] == 1, kind.first + part, cells.home[block]
-    cell = cells.slot[block, s]
+    cell, first = cells.slot[block, s], kind.start[block * kind.number + part]
+    count = kind.start[block * kind.number + part + 1] - first
     if cell < 0:
         return
-    start, end = kind.start[block * kind.number + part], kind.start[block * kind.number + part + 1]
-    first, count = np.uint64(start), np.uint64(end - start)
-    pack(block, first, count, kind, cells, law, frame.star > 0.0, row, norm)
-    if frame.star > 0.0:
-        leave_orbits(block, first, count, cells, frame, row, norm)
-    for at in range(count):
-        weight[at, MASSES] = kind.mass[kind.order[first + at]]
-        weigh(first + at, at, weight[at, MASSES], flat, row, weight)
-        norm[at] = 1.0
-    given, at_given, at_own = cells.given, cell * 9 * FIELDS, cell * 3 * FIELDS
-    sum_rows(start, end - start, weight, row, 0, given, at_given)
-    sum_rows(start, end - start, weight, row, LANES, given, at_given + LANES)
-    own_moments(given, at_given, cells.own, at_own)
-    if kind.first > 0 and is_ragged(home, flat, nodes.about, nodes.sums):
-        for at in range(count):
-            norm[at] = leave_out(at, home, weight[at, MASSES], nodes.about, nodes.sums, weight)
-        sum_rows(start, end - start, weight, row, 0, given, at_given)
-        sum_rows(start, end - start, weight, row, LANES, given, at_given + LANES)
-    for at in range(count):
-        row[first + at, MASS], row[first + at, NORM] = weight[at, MASSES], norm[at]
+    n = filled(count)
+    if count > 0:  # a block without gas has a slot of it
+        take(block, first, count, n, kind, cells, frame, law, begin, column, room)
+        weigh(n, flat, begin, column, room)
+    if len(square) > 0:
+        square_of(block, n, begin, column, room, square)
+    ragged = kind.first > 0 and is_ragged(home, flat, nodes.about, nodes.sums)
+    for again in range(2 if ragged else 1):
+        if again:
+            leave_out(home, n, nodes.about, nodes.sums, begin, column, room)
+        give(n, begin, column, room, cells.given, cell * 9 * FIELDS)
+        if not again:  # of all weights
+            own_moments(cells.given, cell * 9 * FIELDS, cells.own, cell * 3 * FIELDS)
+    for at in range(0, n, LANES):
+        store(column, begin + NORM * n + at, load(room, NORMS * n + at) if ragged else empty_row() + 1.0)
 
 
 @inner
-def square_of(block, kind, row, weight, square):
+def square_of(block, n, begin, column, room, square):
     """What the gas of a cell gives of m x^2."""
-    begin, count = np.uint64(kind.start[block]), np.uint64(kind.start[block + 1] - kind.start[block])
-    for j in range(9):
-        square[block, j] = 0.0
-    for at in range(count):
-        x, y = row[begin + at, X], row[begin + at, Y]
-        for j in range(9):
-            square[block, j] += weight[at, j] * (x * x + y * y)
+    a, b, c, d, e, f = empty_row(), empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
+    g, h, i = empty_row(), empty_row(), empty_row()
+    for at in range(0, n, LANES):
+        x, y = load(column, begin + X * n + at), load(column, begin + Y * n + at)
+        r2 = x * x + y * y
+        a += load(room, at) * r2
+        b += load(room, at + n) * r2
+        c += load(room, at + 2 * n) * r2
+        d += load(room, at + 3 * n) * r2
+        e += load(room, at + 4 * n) * r2
+        f += load(room, at + 5 * n) * r2
+        g += load(room, at + 6 * n) * r2
+        h += load(room, at + 7 * n) * r2
+        i += load(room, at + 8 * n) * r2
+    store(square, block * 9, sums_of(a, b, c, d))
+    store(square, block * 9 + LANES, sums_of(e, f, g, h))
+    square[block, 8] = lane(sums_of(i, i, i, i), 0)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def gather(block_from, block_to, kind, cells, nodes, frame, law, row, square):
-    """Pack the members of the blocks in their order into `row` (n, LANES), and what each cell gives into its part of
-    `cells.given`; of the gas also what it gives of m x^2, `square` (blocks, 9), if that has entries.
+def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, square):
+    """The columns of each population in the blocks, `column` from element FIELDS `begin` on (segments,); what each cell
+    gives, into its part of `cells.given`, and its own moments; of the gas also what it gives of m x^2, `square`
+    (blocks, 9), if that has entries.
     """
-    most = most_in(block_from, block_to, kind)
-    weight, norm = np.empty((most, WEIGHTS)), np.empty(most)
+    room = np.empty(ROOM * most_in(block_from, block_to, kind))
     for block in range(block_from, block_to):
         for part in range(kind.number):
-            gather_species(block, part, kind, cells, nodes, frame, law, row, weight, norm)
-        if len(square) > 0:
-            square_of(block, kind, row, weight, square)
-
-
-@inner
-def most_in(block_from, block_to, kind):
-    """The largest number of particles of a population in a block."""
-    most = 0
-    for part in range(block_from * kind.number, block_to * kind.number):
-        most = max(most, kind.start[part + 1] - kind.start[part])
-    return most
+            at = FIELDS * begin[block * kind.number + part]
+            gather_species(block, part, kind, cells, nodes, frame, law, at, column, room, square)
 
 
 @inner

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import inner, lean
-from discsim.kernels.nodes import BY_Y, FIELDS, ONE, X, Y
-from discsim.kernels.nodes_gather import WEIGHTS, is_ragged, leave_orbits, leave_out, pack, weigh
+from discsim.kernels.nodes import BY_Y, FIELDS, MASS, ONE, X, Y
+from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
 
 
@@ -54,21 +54,30 @@ def moments_of_all(block, first, last, kind, row, total):
 
 
 @inner
-def gather_block(block, kind, cells, nodes, frame, law, row, share, room, weight):
-    first, last = np.uint64(kind.start[block * kind.number]), np.uint64(kind.start[(block + 1) * kind.number])
-    home, flat = cells.home[block], kind.pos.shape[1] == 1
-    pack(block, first, last - first, kind, cells, law, frame.star > 0.0, row, room)
-    if frame.star > 0.0:
-        leave_orbits(block, first, last - first, cells, frame, row, room)
-    for k in range(first, last):
-        share[k] = kind.mass[kind.order[k]]
+def take_rows(block, first, count, kind, cells, nodes, frame, law, row, share, column, room):
+    """The grains of a block as rows, and their shares."""
+    n, home, flat = filled(count), cells.home[block], kind.pos.shape[1] == 1
+    take(block, first, count, n, kind, cells, frame, law, 0, column, room)
+    for at in range(count):
+        share[first + at] = column[MASS * n + at]
+        for f in range(FIELDS):
+            row[first + at, f] = column[f * n + at]
+        row[first + at, ONE] = 1.0
     if is_ragged(home, flat, nodes.about, nodes.sums):
-        for k in range(first, last):
-            weigh(k, 0, 1.0, flat, row, weight)
-            share[k] *= leave_out(0, home, 1.0, nodes.about, nodes.sums, weight)
+        weigh(n, flat, 0, column, room)
+        leave_out(home, n, nodes.about, nodes.sums, 0, column, room)
+        for at in range(count):
+            share[first + at] *= room[NORMS * n + at]
+
+
+@inner
+def gather_block(block, kind, cells, nodes, frame, law, row, share, column, room):
+    first, last = kind.start[block * kind.number], kind.start[(block + 1) * kind.number]
+    if last > first:
+        take_rows(block, first, last - first, kind, cells, nodes, frame, law, row, share, column, room)
     moments_of_all(block, first, last, kind, row, cells.total)
     for part in range(kind.number):
-        cell, last = cells.slot[block, kind.first + part], np.uint64(kind.start[block * kind.number + part + 1])
+        cell, last = cells.slot[block, kind.first + part], kind.start[block * kind.number + part + 1]
         if cell >= 0:
             first_moments(cell, first, last, kind, row, cells.own)
         first = last
@@ -76,12 +85,13 @@ def gather_block(block, kind, cells, nodes, frame, law, row, share, room, weight
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, share):
-    """Pack the dust of the blocks in its order into `row` (n, FIELDS) and make the moments of cells; `share` (n,): mass
-    of a grain over the sum of its weights on nodes that have gas.
+    """The dust of the blocks in its order as `row` (n, FIELDS), and the moments of cells; `share` (n,): mass of a grain
+    over the sum of its weights on nodes that have gas.
     """
-    room, weight = np.empty(most_of_all(block_from, block_to, kind)), np.empty((1, WEIGHTS))
+    most = filled(most_of_all(block_from, block_to, kind))
+    column, room = np.empty(FIELDS * most), np.empty(ROOM * most)
     for block in range(block_from, block_to):
-        gather_block(block, kind, cells, nodes, frame, law, row, share, room, weight)
+        gather_block(block, kind, cells, nodes, frame, law, row, share, column, room)
 
 
 @inner

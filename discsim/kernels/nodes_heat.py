@@ -4,8 +4,9 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import inner, lean
-from discsim.kernels.nodes import BX, BY, DX, MASS, ONE, VX, VY, X, Y
-from discsim.kernels.nodes_weights import to_polynomial, value_at
+from discsim.kernels.nodes import BX, BY, DX, FIELDS, MASS, ONE, VX, VY, X, Y
+from discsim.kernels.nodes_columns import filled
+from discsim.kernels.nodes_weights import brought, to_polynomial, value_at
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
 
 # Of the rotation at a node, two rows: its rate, and that times the centre that it is about (2); times the gas's mean
@@ -56,27 +57,30 @@ def turns_about(home, about, turn, table):
 
 
 @inner
-def loss(first, last, kind, row, work, turns, u, v, dt, new):
+def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
     """Energy that the particles of a cell lose beside what their nodes count, `heat_of`.
 
-    `frame` is what packed velocities leave out, Kepler's and half a kick of what gas and dust share: from one orbit to
-    another the same momentum is not the same energy. (u, v) is the mean that what is left of a particle decays to: the
-    changes by the decay have no mean, and what is common to the cell does no work.
+    `frame` is what columns leave out, Kepler's and half a kick of what gas and dust share: from one orbit to another
+    the same momentum is not the same energy. (u, v) is the mean that what is left of a particle decays to: the changes
+    by the decay have no mean, and what is common to the cell does no work.
     """
     lost = 0.0
-    for k in range(first, last):
-        i, p, m, x, y = kind.order[k], k - first, row[k, MASS], row[k, X], row[k, Y]
+    for p in range(count):
+        i, at = kind.order[first + p], begin + p
+        m, x, y = column[at + MASS * n], column[at + X * n], column[at + Y * n]
         if turns:
             does, idle = value_at(work, 0, x, y), value_at(work, 9 * LANES, x, y)
-            done = (lane(does, SPIN_Y) - lane(does, 0) * y) * (row[k, VX] + 0.5 * dt * row[k, BX])
-            done += (lane(does, 0) * x - lane(does, SPIN_X)) * (row[k, VY] + 0.5 * dt * row[k, BY])
+            along, across = lane(does, SPIN_Y) - lane(does, 0) * y, lane(does, 0) * x - lane(does, SPIN_X)
+            done = along * (column[at + VX * n] + 0.5 * dt * column[at + BX * n])
+            done += across * (column[at + VY * n] + 0.5 * dt * column[at + BY * n])
             done += y * lane(idle, U) - x * lane(idle, V) - lane(idle, TURN)
             lost -= m * done
         for c in range(kind.vel.shape[1]):
-            more, change, mean = new[p, c], new[p, 2 + c], u if c == 0 else v
-            frame = kind.vel[i, c] - row[k, VX + c] + 0.5 * dt * (kind.acc[i, c] - row[k, BX + c])
+            more, change, mean = new[c * n + p], new[(2 + c) * n + p], u if c == 0 else v
+            relative, source = column[at + (VX + c) * n], column[at + (BX + c) * n]
+            frame = kind.vel[i, c] - relative + 0.5 * dt * (kind.acc[i, c] - source)
             lost -= m * change * (0.5 * change + frame)
-            lost -= m * more * (row[k, VX + c] + change - mean + frame + 0.5 * (dt * row[k, BX + c] + more))
+            lost -= m * more * (relative + change - mean + frame + 0.5 * (dt * source + more))
     return lost
 
 
@@ -95,21 +99,23 @@ def pass_on(nodes, heat):
 
 
 @inner
-def heat_in(block, kind, cells, nodes, node_heats, row, table, heat):
+def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
     """Heat per mass of the gas particles of a block."""
     for k in range(9):
-        n = nodes.about[cells.home[block], k]
-        there = n >= 0 and nodes.sums[n, 0, ONE] > 0.0
+        node = nodes.about[cells.home[block], k]
+        there = node >= 0 and nodes.sums[node, 0, ONE] > 0.0
         store(table, k * LANES, empty_row())
-        table[k, 0] = node_heats[n] / nodes.sums[n, 0, ONE] if there else 0.0
+        table[k, 0] = node_heats[node] / nodes.sums[node, 0, ONE] if there else 0.0
     to_polynomial(table, 0, kind.pos.shape[1] == 1)
-    for k in range(kind.start[block], kind.start[block + 1]):
-        heat[kind.order[k]] = lane(value_at(table, 0, row[k, X], row[k, Y]), 0)
+    first, count, at = kind.start[block], kind.start[block + 1] - kind.start[block], FIELDS * begin[block]
+    n = filled(count)
+    for p in range(count):
+        heat[kind.order[first + p]] = brought(table, 0, column[at + X * n + p], column[at + Y * n + p])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def spread(block_from, block_to, kind, cells, nodes, node_heats, row, heat):
+def spread(block_from, block_to, kind, cells, nodes, node_heats, begin, column, heat):
     """Heat per mass of each gas particle from that of the nodes."""
     table = np.empty((9, LANES))
     for block in range(block_from, block_to):
-        heat_in(block, kind, cells, nodes, node_heats, row, table, heat)
+        heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat)

@@ -5,14 +5,14 @@ from numba import njit
 
 from discsim.kernels.inner import inner
 from discsim.kernels.lines import solve
-from discsim.kernels.nodes import BX, BY, DX, DY, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
-from discsim.kernels.nodes_gather import most_in
+from discsim.kernels.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
+from discsim.kernels.nodes_columns import filled, most_in
 from discsim.kernels.nodes_heat import loss, turns_about
-from discsim.kernels.nodes_weights import to_polynomial, value_at
+from discsim.kernels.nodes_weights import brought, to_polynomial
 from discsim.kernels.relax import response
-from discsim.kernels.rows import LANES, empty_row, lane, load, store
+from discsim.kernels.rows import LANES, empty_row, fetch, lane, load, store, sums_of
 
-V, A = np.int64(0), np.int64(BX)  # each literal given to a function would compile anew
+V = np.int64(0)  # each literal given to a function would compile anew
 
 
 @inner
@@ -30,11 +30,27 @@ def values_about(block, s, cells, nodes, value, turns, table):
 
 
 @inner
-def weigh_grains(first, last, kind, share, row):
-    """Mass and norm of weights of grains, where nodes took them one by one."""
-    for k in range(first, last):
-        row[k, MASS] = kind.mass[kind.order[k]]
-        row[k, NORM] = share[k] / row[k, MASS]
+def place_of(block, part, kind, cells, begin, column, held):
+    """From where on the columns of a population in a block are in `held`: those that gathering left, or those of grains
+    that nodes took one by one, which it left as rows.
+    """
+    seat = block * kind.number + part
+    if not by_grain(kind, cells):
+        return FIELDS * begin[seat]
+    first, count = kind.start[seat], kind.start[seat + 1] - kind.start[seat]
+    n = filled(count)
+    for at in range(n):
+        k = first + (at if at < count else count - 1)
+        for f in range(FIELDS):
+            held[f * n + at] = column[k * FIELDS + f]
+        m = kind.mass[kind.order[k]]
+        held[MASS * n + at], held[NORM * n + at] = m if at < count else 0.0, cells.share[k] / m
+    return 0
+
+
+@inner
+def by_grain(kind, cells):
+    return kind.first > 0 and len(cells.total) > 0
 
 
 @inner
@@ -49,12 +65,12 @@ def rate_in(block, s, cells, nodes, value):
 
 
 @inner
-def rate_of(first, last, row, table):
+def rate_of(count, n, begin, column, table):
     """The same of its particles."""
     rate, mass = 0.0, 0.0
-    for k in range(first, last):
-        m = row[k, MASS]
-        rate += m * row[k, NORM] * lane(value_at(table, 0, row[k, X], row[k, Y]), RATE)
+    for at in range(begin, begin + count):
+        m = column[at + MASS * n]
+        rate += m * column[at + NORM * n] * brought(table, RATE, column[at + X * n], column[at + Y * n])
         mass += m
     return rate / mass
 
@@ -79,19 +95,21 @@ def curvature(home, about, sums, slope, bend):
 
 
 @inner
-def own_line(first, last, row, value, base, f, x0, y0, pooled, dim):
-    """Centroid of some particles, near (x0, y0), mean of columns f and f + 1 of `value` (row `base` there is row 0),
-    and their slope.
+def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
+    """Centroid of the particles whose columns begin at `begin`, near (x0, y0), mean of the two columns of `value` from
+    `at_value` on, and their slope.
 
     Any more than a line needs will do: with few of them little is left beside it, but nothing false. Those too few
     have the slope `pooled` and a rotation of their own: what is beside their line never has angular momentum.
     """
-    m, sx, sy, su, sv = 0.0, 0.0, 0.0, 0.0, 0.0
-    xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    u0, v0 = value[first - base, f], value[first - base, f + 1]
-    for k in range(first, last):
-        one, x, y = row[k, MASS], row[k, X] - x0, row[k, Y] - y0
-        u, v = value[k - base, f] - u0, value[k - base, f + 1] - v0
+    sx, sy, su, sv = empty_row(), empty_row(), empty_row(), empty_row()
+    xx, xy, yy, m = empty_row(), empty_row(), empty_row(), empty_row()
+    xu, xv, yu, yv = empty_row(), empty_row(), empty_row(), empty_row()
+    u0, v0 = value[at_value], value[at_value + n]
+    for p in range(0, n, LANES):
+        at = begin + p
+        one, x, y = load(column, at + MASS * n), load(column, at + X * n) - x0, load(column, at + Y * n) - y0
+        u, v = load(value, at_value + p) - u0, load(value, at_value + n + p) - v0
         mx, my = one * x, one * y
         m += one
         sx += mx
@@ -105,10 +123,20 @@ def own_line(first, last, row, value, base, f, x0, y0, pooled, dim):
         xv += mx * v
         yu += my * u
         yv += my * v
-    x0, y0, su, sv = x0 + sx / m, y0 + sy / m, su / m, sv / m
+    first, inertia, moment = sums_of(sx, sy, su, sv), sums_of(xx, xy, yy, m), sums_of(xu, xv, yu, yv)
+    return line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim)
+
+
+@inner
+def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
+    """What `own_line` returns, from sums of m times x, y, u, v; xx, xy, yy, 1; xu, xv, yu, yv, from x0, y0, u0, v0."""
+    m, sx, sy = lane(inertia, 3), lane(first, 0), lane(first, 1)
+    xx, xy, yy = lane(inertia, 0), lane(inertia, 1), lane(inertia, 2)
+    x0, y0, su, sv = x0 + sx / m, y0 + sy / m, lane(first, 2) / m, lane(first, 3) / m
     # Where all are at one place their distance from (x0, y0) is its rounding, and has to meet no mean velocity.
-    xu, xv, yu, yv = xu - sx * su, xv - sx * sv, yu - sy * su, yv - sy * sv
-    if last - first > np.uint64(dim + 1):
+    xu, xv = lane(moment, 0) - sx * su, lane(moment, 1) - sx * sv
+    yu, yv = lane(moment, 2) - sy * su, lane(moment, 3) - sy * sv
+    if count > dim + 1:
         found, uu, uv, vu, vv = solve(xx, xy, yy, xu, xv, yu, yv, dim, 1.0)
         if found:
             return x0, y0, u0 + su, v0 + sv, uu, uv, vu, vv
@@ -121,71 +149,93 @@ def own_line(first, last, row, value, base, f, x0, y0, pooled, dim):
 
 
 @inner
-def add_changes(first, last, row, table, turns, bend, new):
-    """new (n, 4): velocity of each particle with what the nodes bring, less its quadratic part, and what they bring."""
-    for k in range(first, last):
-        x, y, p = row[k, X], row[k, Y], k - first
+def add_changes(n, begin, column, table, turns, bend, new):
+    """`new`, columns from 0 on: velocity of each particle with what the nodes bring, less its quadratic part (2), and
+    what they bring (2).
+    """
+    for p in range(0, n, LANES):
+        at = begin + p
+        x, y = load(column, at + X * n), load(column, at + Y * n)
         xx, xy, yy = x * x, x * y, y * y
-        value = value_at(table, 0, x, y)
-        dx, dy = lane(value, DX), lane(value, DY)
+        dx, dy = brought(table, DX, x, y), brought(table, DY, x, y)
         if turns:
-            dx -= lane(value, SPIN) * y
-            dy += lane(value, SPIN) * x
+            spin = brought(table, SPIN, x, y)
+            dx, dy = dx - spin * y, dy + spin * x
         else:
-            dx, dy = row[k, NORM] * dx, row[k, NORM] * dy
-        new[p, 0] = row[k, VX] + dx - (bend[0, 0] * xx + bend[0, 1] * xy + bend[0, 2] * yy)
-        new[p, 1] = row[k, VY] + dy - (bend[1, 0] * xx + bend[1, 1] * xy + bend[1, 2] * yy)
-        new[p, 2], new[p, 3] = dx, dy
+            norm = load(column, at + NORM * n)
+            dx, dy = norm * dx, norm * dy
+        u, v = load(column, at + VX * n) + dx, load(column, at + VY * n) + dy
+        store(new, p, u - (bend[0, 0] * xx + bend[0, 1] * xy + bend[0, 2] * yy))
+        store(new, p + n, v - (bend[1, 0] * xx + bend[1, 1] * xy + bend[1, 2] * yy))
+        store(new, p + 2 * n, dx)
+        store(new, p + 3 * n, dy)
 
 
 @inner
-def damp(first, last, row, x0, y0, pooled, sources, f, g, dim, new):
+def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
     """Turn the velocity in `new` into what the decay of what is left beside the own line changes; returns the mean of
     the velocity.
     """
-    x0, y0, u, v, uu, uv, vu, vv = own_line(first, last, row, new, first, V, x0, y0, pooled, dim)
-    for k in range(first, last):
-        x, y, p = row[k, X] - x0, row[k, Y] - y0, k - first
-        new[p, 0] = f * (new[p, 0] - u - uu * x - vu * y)
-        new[p, 1] = f * (new[p, 1] - v - uv * x - vv * y)
-    if sources:
-        even, base = (0.0, 0.0, 0.0, 0.0), np.uint64(0)
-        x0, y0, a, b, uu, uv, vu, vv = own_line(first, last, row, row, base, A, x0, y0, even, dim)
-        for k in range(first, last):
-            x, y, p = row[k, X] - x0, row[k, Y] - y0, k - first
-            new[p, 0] += g * (row[k, BX] - a - uu * x - vu * y)
-            new[p, 1] += g * (row[k, BY] - b - uv * x - vv * y)
+    x0, y0, u, v, uu, uv, vu, vv = own_line(count, n, begin, column, V, new, x0, y0, pooled, dim)
+    if not sources:
+        for p in range(0, n, LANES):
+            x, y = load(column, begin + X * n + p) - x0, load(column, begin + Y * n + p) - y0
+            store(new, p, f * (load(new, p) - u - uu * x - vu * y))
+            store(new, p + n, f * (load(new, p + n) - v - uv * x - vv * y))
+        return u, v
+    even, source = (0.0, 0.0, 0.0, 0.0), begin + BX * n
+    _, _, a, b, au, av, bu, bv = own_line(count, n, begin, column, source, column, x0, y0, even, dim)
+    for p in range(0, n, LANES):
+        x, y = load(column, begin + X * n + p) - x0, load(column, begin + Y * n + p) - y0
+        left, right = load(new, p) - u - uu * x - vu * y, load(new, p + n) - v - uv * x - vv * y
+        beside, along = (
+            load(column, source + p) - a - au * x - bu * y,
+            load(column, source + n + p) - b - av * x - bv * y,
+        )
+        store(new, p, f * left + g * beside)
+        store(new, p + n, f * right + g * along)
     return u, v
 
 
 @inner
-def kick(first, last, kind, dt, new):
-    for k in range(first, last):
-        i, p = kind.order[k], k - first
-        kind.vel[i, 0] += dt * kind.acc[i, 0] + (new[p, 2] + new[p, 0])
-        if kind.vel.shape[1] == 2:
-            kind.vel[i, 1] += dt * kind.acc[i, 1] + (new[p, 3] + new[p, 1])
+def fetch_motion(first, count, kind):
+    """What `kick` goes through: particles of a block lie here and there, which no processor foresees."""
+    start, dim = np.uint64(first), np.uint64(kind.vel.shape[1])
+    for at in range(np.uint64(count)):
+        i = dim * kind.order[start + at]
+        fetch(kind.vel, i)
+        fetch(kind.acc, i)
 
 
 @inner
-def scatter_species(block, part, kind, cells, nodes, sharp, row, dt, exponential, new, table, work, bend):
+def kick(first, count, n, kind, dt, new):
+    start, along, across, more = np.uint64(first), np.uint64(n), np.uint64(2 * n), np.uint64(3 * n)
+    for at in range(np.uint64(count)):
+        i = kind.order[start + at]
+        kind.vel[i, 0] += dt * kind.acc[i, 0] + (new[across + at] + new[at])
+        if kind.vel.shape[1] == 2:
+            kind.vel[i, 1] += dt * kind.acc[i, 1] + (new[more + at] + new[along + at])
+
+
+@inner
+def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, exponential, new, table, work, bend):
     """The kick of one population in a block; adds the energy lost to that of the block's own node where heat has
     entries. Returns its mean rate.
     """
     dim, s, home = kind.pos.shape[1], kind.first + part, cells.home[block]
-    first = np.uint64(kind.start[block * kind.number + part])
-    last = np.uint64(kind.start[block * kind.number + part + 1])
-    if first == last:
+    first = kind.start[block * kind.number + part]
+    count = kind.start[block * kind.number + part + 1] - first
+    if count == 0:
         return 0.0
-    turns = len(nodes.square) > 0 and s == 0
+    fetch_motion(first, count, kind)
+    n, turns = filled(count), len(nodes.square) > 0 and s == 0
     values_about(block, s, cells, nodes, sharp.value, turns, table)
     to_polynomial(table, 0, dim == 1)
-    if s > 0 and len(cells.total) > 0:
-        weigh_grains(first, last, kind, cells.share, row)
-        rate = rate_of(first, last, row, table)
+    if by_grain(kind, cells):
+        rate = rate_of(count, n, begin, column, table)
     else:
         rate = rate_in(block, s, cells, nodes, sharp.value)
-    add_changes(first, last, row, table, turns, bend, new)
+    add_changes(n, begin, column, table, turns, bend, new)
     u, v = 0.0, 0.0
     if rate > 0.0:
         pooled = (sharp.slope[home, 0], sharp.slope[home, 1], sharp.slope[home, 2], sharp.slope[home, 3])
@@ -193,56 +243,69 @@ def scatter_species(block, part, kind, cells, nodes, sharp, row, dt, exponential
         own = cells.own[cell, WHOLE, ONE]
         x0, y0 = cells.own[cell, WHOLE, X] / own, cells.own[cell, WHOLE, Y] / own
         f, g = response(rate, dt, exponential)
-        u, v = damp(first, last, row, x0, y0, pooled, len(kind.own) > 0, f, g, dim, new)
+        u, v = damp(count, n, begin, column, x0, y0, pooled, len(kind.own) > 0, f, g, dim, new)
     else:
-        for p in range(last - first):
-            new[p, 0], new[p, 1] = 0.0, 0.0
+        for p in range(0, n, LANES):
+            store(new, p, empty_row())
+            store(new, p + n, empty_row())
     if len(sharp.heat) > 0:
-        sharp.heat[home] += loss(first, last, kind, row, work, turns, u, v, dt, new)
-    kick(first, last, kind, dt, new)
+        sharp.heat[home] += loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new)
+    kick(first, count, n, kind, dt, new)
     return rate
 
 
 @inner
-def scatter_block(block, kind, cells, nodes, sharp, row, dt, exponential, met, new, table, work, bend):
+def scatter_block(block, kind, cells, nodes, sharp, begin, column, held, dt, exponential, met, new, table, work, bend):
     """The kick of the particles of a block, and the mean rate of each population."""
     curvature(cells.home[block], nodes.about, nodes.sums, sharp.slope, bend)
     if len(sharp.turn) > 0 and kind.first == 0:
         turns_about(cells.home[block], nodes.about, sharp.turn, work)
     for part in range(kind.number):
+        at = place_of(block, part, kind, cells, begin, column, held)
         met[block, part] = scatter_species(
-            block, part, kind, cells, nodes, sharp, row, dt, exponential, new, table, work, bend
+            block, part, kind, cells, nodes, sharp, at, held, dt, exponential, new, table, work, bend
         )
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def scatter(block_from, block_to, kind, cells, nodes, sharp, row, dt, exponential, met):
+def scatter(block_from, block_to, kind, cells, nodes, sharp, begin, column, dt, exponential, met):
     """The kick of the particles in each block: free motion, eq. (3), the gas's rotation, eq. (4) taken back, and the
-    decay of what is left beside the line. Writes the mean rate of each population in each block, `met`
-    (blocks, number), and adds to `sharp.heat` where it has entries.
+    decay of what is left beside the line; columns as `gather` leaves them. Writes the mean rate of each population in
+    each block, `met` (blocks, number), and adds to `sharp.heat` where it has entries.
     """
-    new, bend = np.empty((most_in(block_from, block_to, kind), 4)), np.empty((2, 3))
+    most = most_in(block_from, block_to, kind)
+    held, new, bend = np.empty(FIELDS * most) if by_grain(kind, cells) else column, np.empty(4 * most), np.empty((2, 3))
     table, work = np.empty((9, LANES)), np.empty((2, 9, LANES))
     for block in range(block_from, block_to):
-        scatter_block(block, kind, cells, nodes, sharp, row, dt, exponential, met, new, table, work, bend)
+        scatter_block(
+            block, kind, cells, nodes, sharp, begin, column, held, dt, exponential, met, new, table, work, bend
+        )
 
 
 @inner
-def times_in(block, part, kind, cells, nodes, value, row, table, time):
+def times_in(block, part, kind, cells, nodes, value, begin, column, table, time):
     """Stopping times of one population in a block."""
     if cells.slot[block, kind.first + part] < 0:
         return
     values_about(block, kind.first + part, cells, nodes, value, False, table)
     to_polynomial(table, 0, kind.pos.shape[1] == 1)
-    for k in range(kind.start[block * kind.number + part], kind.start[block * kind.number + part + 1]):
-        rate = row[k, NORM] * lane(value_at(table, 0, row[k, X], row[k, Y]), RATE)
-        time[kind.order[k]] = 1.0 / rate if rate > 0.0 else np.inf
+    first = kind.start[block * kind.number + part]
+    count = kind.start[block * kind.number + part + 1] - first
+    n = filled(count)
+    for p in range(count):
+        at = begin + p
+        rate = column[at + NORM * n] * brought(table, RATE, column[at + X * n], column[at + Y * n])
+        time[kind.order[first + p]] = 1.0 / rate if rate > 0.0 else np.inf
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def stopping_times(block_from, block_to, kind, cells, nodes, value, row, time):
+def stopping_times(block_from, block_to, kind, cells, nodes, value, begin, column, time):
     """Stopping time of each dust particle, one over the rate that the nodes bring it; inf where there is none."""
-    table = np.empty((9, LANES))
+    held, table = (
+        np.empty(FIELDS * most_in(block_from, block_to, kind)) if by_grain(kind, cells) else column,
+        np.empty((9, LANES)),
+    )
     for block in range(block_from, block_to):
         for part in range(kind.number):
-            times_in(block, part, kind, cells, nodes, value, row, table, time)
+            at = place_of(block, part, kind, cells, begin, column, held)
+            times_in(block, part, kind, cells, nodes, value, at, held, table, time)

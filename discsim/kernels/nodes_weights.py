@@ -12,11 +12,9 @@ from discsim.kernels.rows import LANES, empty_row, load, store
 
 
 @inner
-def cloud(x, flat):
-    """Weights on the nodes -1, 0 and 1 from its own of a particle at x in [-1/2, 1/2]; `flat`: all on its own."""
+def cloud(x):
+    """Weights on the nodes -1, 0 and 1 from its own of a particle, or of a row of them, at x in [-1/2, 1/2]."""
     low, high = 0.5 - x, 0.5 + x
-    if flat:
-        return 0.0, 1.0, 0.0
     return 0.5 * low * low, 0.75 - x * x, 0.5 * high * high
 
 
@@ -59,3 +57,12 @@ def value_at(table, begin, x, y):
     """The polynomials' values."""
     middle, high = quadratic(table, begin + 3 * LANES, y), quadratic(table, begin + 6 * LANES, y)
     return quadratic(table, begin, y) + x * (middle + x * high)
+
+
+@inner
+def brought(table, k, x, y):
+    """Lane k of the polynomials, of a row of places."""
+    low = table[0, k] + y * (table[1, k] + y * table[2, k])
+    middle = table[3, k] + y * (table[4, k] + y * table[5, k])
+    high = table[6, k] + y * (table[7, k] + y * table[8, k])
+    return low + x * (middle + x * high)

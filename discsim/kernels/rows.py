@@ -1,10 +1,12 @@
 """Rows: four numbers in the vector registers of a processor, for loops that are too short for a compiler to see any.
 
     row = load(array, at)            the LANES numbers of an array, whatever its shape, from element `at` on
-    row + row, row - row             of all lanes at once; products and sums are fused where the processor can
-    a * row, row * row
+    row + row, row - row, row * row  of all lanes at once, also with a number in place of either; products and sums are
+    row / row, root(row)             fused where the processor can; root also of a number
     lane(row, k)                     one of them
+    sums_of(a, b, c, d)              the sums over the lanes of each, as a row
     store(array, at, row)            back into memory
+    fetch(array, at)                 ask memory for an element, without waiting for it
     empty_row()                      nothing but 0
 
 Where numba is told not to compile, rows are arrays. Extending numba: its manual, "Low-level extension API".
@@ -55,6 +57,18 @@ def empty_row():
     return np.zeros(LANES)
 
 
+def sums_of(a, b, c, d):
+    return np.array([a.sum(), b.sum(), c.sum(), d.sum()])
+
+
+def fetch(array, at):
+    pass
+
+
+def root(x):
+    return np.sqrt(x)
+
+
 def _place(context, builder, kind, array, at):
     data = cgutils.create_struct_proxy(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [at]), VECTOR.as_pointer())
@@ -96,44 +110,79 @@ def compile_as(function, build, returned, *given):
     lower_builtin(function, *given)(build)
 
 
+def _lanes(numbers):
+    return ir.Constant(ir.VectorType(ir.IntType(32), LANES), list(numbers))
+
+
+def _fetches(context, builder, signature, arguments):
+    byte, whole = ir.IntType(8).as_pointer(), ir.IntType(32)
+    kind = ir.FunctionType(ir.VoidType(), [byte, whole, whole, whole])
+    fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+    place = builder.bitcast(_place(context, builder, signature.args[0], *arguments), byte)
+    builder.call(fetch, [place, whole(0), whole(3), whole(1)])  # to read, to be kept, data
+    return context.get_dummy_value()
+
+
+def _sums(context, builder, signature, arguments):
+    a, b, c, d = arguments
+
+    def pairs(one, other):  # both sums of neighbours of one, beside those of the other
+        even, odd = builder.shuffle_vector(one, other, _lanes((0, 4, 2, 6))), _lanes((1, 5, 3, 7))
+        return builder.fadd(even, builder.shuffle_vector(one, other, odd))
+
+    one, other = pairs(a, b), pairs(c, d)
+    low = builder.shuffle_vector(one, other, _lanes((0, 1, 4, 5)))
+    return builder.fadd(low, builder.shuffle_vector(one, other, _lanes((2, 3, 6, 7))))
+
+
 compile_as(load, _loads, row_type, types.Array, types.intp)
 compile_as(store, _stores, types.void, types.Array, types.intp, row_type)
 compile_as(lane, _takes, types.float64, row_type, types.intp)
 compile_as(empty_row, _zeros, row_type)
+compile_as(fetch, _fetches, types.void, types.Array, types.intp)
+compile_as(sums_of, _sums, row_type, row_type, row_type, row_type, row_type)
 
 
-@infer_global(operator.add)
-@infer_global(operator.iadd)
-@infer_global(operator.sub)
-class SumOfRows(ConcreteTemplate):
-    cases = [row_type(row_type, row_type)]  # noqa: RUF012
+def _row_of(builder, kind, value):
+    """A number in each lane, or a row as it is."""
+    if kind == row_type:
+        return value
+    first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), value, ir.IntType(32)(0))
+    return builder.shuffle_vector(first, ir.Constant(VECTOR, ir.Undefined), _lanes([0] * LANES))
 
 
-@infer_global(operator.mul)
-class TimesRow(ConcreteTemplate):
-    cases = [row_type(types.float64, row_type), row_type(row_type, row_type)]  # noqa: RUF012
+def compile_operator(symbol, emit, flags=("contract",)):
+    """Let compiled code take rows, or a number and a row, by what `emit` names of a builder's."""
+    pairs = [(row_type, row_type), (types.float64, row_type), (row_type, types.float64)]
+
+    class Typed(ConcreteTemplate):
+        key = symbol
+        cases = [row_type(*pair) for pair in pairs]  # noqa: RUF012
+
+    def build(context, builder, signature, arguments):
+        both = (_row_of(builder, kind, value) for kind, value in zip(signature.args, arguments, strict=True))
+        return getattr(builder, emit)(*both, flags=flags)
+
+    infer_global(symbol)(Typed)
+    for pair in pairs:
+        lower_builtin(symbol, *pair)(build)
 
 
-@lower_builtin(operator.add, row_type, row_type)
-@lower_builtin(operator.iadd, row_type, row_type)
-def _add(context, builder, signature, arguments):
-    return builder.fadd(*arguments, flags=("contract",))
+compile_operator(operator.add, "fadd")
+compile_operator(operator.iadd, "fadd")
+compile_operator(operator.sub, "fsub")
+compile_operator(operator.mul, "fmul")
+compile_operator(operator.truediv, "fdiv", ())
 
 
-@lower_builtin(operator.sub, row_type, row_type)
-def _subtract(context, builder, signature, arguments):
-    return builder.fsub(*arguments, flags=("contract",))
+@infer_global(root)
+class Root(ConcreteTemplate):
+    cases = [row_type(row_type), types.float64(types.float64)]  # noqa: RUF012
 
 
-@lower_builtin(operator.mul, types.float64, row_type)
-def _multiply(context, builder, signature, arguments):
-    number, row = arguments
-    first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), number, ir.IntType(32)(0))
-    lanes = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    same = builder.shuffle_vector(first, ir.Constant(VECTOR, ir.Undefined), lanes)
-    return builder.fmul(same, row, flags=("contract",))
-
-
-@lower_builtin(operator.mul, row_type, row_type)
-def _multiply_rows(context, builder, signature, arguments):
-    return builder.fmul(*arguments, flags=("contract",))
+@lower_builtin(root, row_type)
+@lower_builtin(root, types.float64)
+def _roots(context, builder, signature, arguments):
+    kind, name = (VECTOR, f"v{LANES}f64") if arguments[0].type == VECTOR else (ir.DoubleType(), "f64")
+    root_of = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), f"llvm.sqrt.{name}")
+    return builder.call(root_of, arguments)

@@ -5,10 +5,11 @@ import pytest
 from numba import njit
 
 from discsim.kernels import rows
-from discsim.kernels.nodes import FIELDS
-from discsim.kernels.nodes_gather import own_moments, sum_rows, weigh
+from discsim.kernels.nodes import FIELDS, MASS
+from discsim.kernels.nodes_columns import NORMS, ROOM, filled, leave_out, weigh
+from discsim.kernels.nodes_gather import give, own_moments
 from discsim.kernels.nodes_weights import cloud, to_polynomial, value_at
-from discsim.kernels.rows import LANES, empty_row, lane, load, store
+from discsim.kernels.rows import LANES, empty_row, lane, load, root, store, sums_of
 
 
 @njit
@@ -42,9 +43,31 @@ def test_rows_are_arrays_where_nothing_is_compiled():
 
 
 @njit
+def reckon(array, number, out):
+    one, other = load(array, 0), load(array, LANES)
+    store(out, 0, number - one)
+    store(out, LANES, one + number)
+    store(out, 2 * LANES, one / other)
+    store(out, 3 * LANES, number / root(other))
+    store(out, 4 * LANES, sums_of(one, other, one * number, one * other))
+    return root(number)
+
+
+def test_rows_meet_numbers():
+    """In place of either side; their quotients, roots and sums over lanes."""
+    one, other = np.random.default_rng(5).uniform(1.0, 2.0, (2, LANES))
+    found, plain = np.empty((2, 5, LANES))
+    assert reckon(np.stack([one, other]), 0.3, found) == reckon.py_func(np.stack([one, other]), 0.3, plain)
+    sums = [one.sum(), other.sum(), 0.3 * one.sum(), one @ other]
+    for rows_found in (found, plain):  # sums in another order
+        expected = [0.3 - one, one + 0.3, one / other, 0.3 / np.sqrt(other), sums]
+        np.testing.assert_allclose(rows_found, expected, rtol=1e-15, atol=0)
+
+
+@njit
 def nine(x, y, flat):
     """Weights on the nodes about a cell."""
-    out, along, across = np.empty(9), cloud(x, False), cloud(y, flat)
+    out, along, across = np.empty(9), cloud(x), (0.0, 1.0, 0.0) if flat else cloud(y)
     for k in range(9):
         u = along[0] if k < 3 else along[1] if k < 6 else along[2]
         out[k] = u * (across[0] if k % 3 == 0 else across[1] if k % 3 == 1 else across[2])
@@ -73,30 +96,52 @@ def test_polynomials_bring_what_the_weights_do(flat):
 
 
 @njit
-def give(place, mass, fields, flat):
+def given_by(place, mass, fields, flat):
     count = len(mass)
-    row, weight = np.zeros((count, FIELDS)), np.zeros((count, 10))
-    row[:] = fields
-    for k in range(count):
-        row[k, 0], row[k, 1], row[k, 2] = 1.0, place[k, 0], place[k, 1]
-        weigh(k, k, mass[k], flat, row, weight)
-    given, own = np.empty((9, FIELDS)), np.empty((3, FIELDS))
-    sum_rows(0, count, weight, row, 0, given, 0)
-    sum_rows(0, count, weight, row, LANES, given, LANES)
-    own_moments(given, 0, own, 0)
-    return row, given, own
+    n = filled(count)
+    column, room = np.zeros((FIELDS, n)), np.empty(ROOM * n)
+    column[:, :count] = fields.T
+    column[MASS, :count], column[1, :count], column[2, :count] = mass, place[:, 0], place[:, 1]
+    weigh(n, flat, 0, column.ravel(), room)
+    out, own = np.empty((9, FIELDS)), np.empty((3, FIELDS))
+    give(n, 0, column.ravel(), room, out, 0)
+    own_moments(out, 0, own, 0)
+    column[MASS] = 1.0  # ONE, to the nodes
+    return column[:, :count].T.copy(), out, own
 
 
 @pytest.mark.parametrize("flat", [False, True])
-@pytest.mark.parametrize("count", [0, 1, 2, 13])
+@pytest.mark.parametrize("count", [0, 1, 2, 4, 13])
 def test_what_a_cell_gives_is_the_sum_over_its_particles(count, flat):
     """Of any number of them, none too; and its own moments follow from that, as weights reproduce places."""
     rng = np.random.default_rng(4)
     place, mass = rng.uniform(-0.5, 0.5, (count, 2)), rng.random(count)
     if flat:
         place[:, 1] = 0.0
-    row, given, own = give(place, mass, rng.normal(size=(count, FIELDS)), flat)
+    fields, given, own = given_by(place, mass, rng.normal(size=(count, FIELDS)), flat)
     weights = np.array([nine(x, y, flat) for x, y in place]).reshape(count, 9)
-    np.testing.assert_allclose(given, (mass[:, None] * weights).T @ row, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(given, (mass[:, None] * weights).T @ fields, rtol=0, atol=1e-14)
     moments = np.column_stack([np.ones(count), place]) * mass[:, None]
-    np.testing.assert_allclose(own, moments.T @ row, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(own, moments.T @ fields, rtol=0, atol=1e-14)
+
+
+@njit
+def left_out(n, about, sums, column, room):
+    weigh(n, False, 0, column, room)
+    leave_out(0, n, about, sums, 0, column, room)
+
+
+def test_no_weight_on_nodes_without_gas():
+    """The others have all of it, if there are any; what fills up a column has none, and no NaN."""
+    count, n, gas = 5, 8, np.arange(9) % 2 == 0
+    place, mass = np.random.default_rng(6).uniform(-0.5, 0.5, (count, 2)), np.arange(1.0, 1.0 + count)
+    column, room = np.zeros((FIELDS, n)), np.full((ROOM, n), np.nan)
+    column[MASS, :count], column[1, :count], column[2, :count] = mass, place[:, 0], place[:, 1]
+    for some in (gas, np.zeros(9, bool)):
+        left_out(n, np.arange(9)[None], some[:, None, None] * np.ones((9, 1, FIELDS)), column.ravel(), room.ravel())
+        weights = np.array([nine(x, y, False) for x, y in place]) * some
+        total = weights.sum(axis=1)
+        norms = np.divide(1.0, total, out=np.zeros(count), where=total > 0.0)
+        expected = np.append(weights * (mass * norms)[:, None], np.zeros((n - count, 9)), axis=0)
+        np.testing.assert_allclose(room[:9].T, expected, rtol=1e-14, atol=1e-15)  # sums of nine weights
+        np.testing.assert_allclose(room[NORMS], np.append(norms, np.zeros(n - count)), rtol=1e-14)

@@ -1,0 +1,179 @@
+"""Particles of a cell as its nodes see them (`kernels/nodes.py`), in columns: LANES particles at once.
+
+The FIELDS of a population in a block are columns of n entries one after the other, n the number of its particles filled
+up to whole rows: what fills up is as the last particle, and has no mass. Loops are few, as a block may have few
+particles: where a loop ends is what a processor guesses wrong.
+"""
+
+import math
+
+import numpy as np
+
+from discsim.formulas.laws import EPSTEIN
+from discsim.kernels.frame import kepler, sense_at
+from discsim.kernels.inner import inner
+from discsim.kernels.nodes import BX, BY, MASS, ONE, RHO, VX, VY, X, Y
+from discsim.kernels.nodes_weights import cloud
+from discsim.kernels.rows import LANES, empty_row, load, store
+
+# Columns that a block has while it is summed: the weights on the nine nodes times the mass; which way orbits turn, then
+# norms of weights.
+SENSE, NORMS, ROOM = 9, 9, 10
+
+
+@inner
+def filled(count):
+    """Entries of a column of `count` particles."""
+    return (count + LANES - 1) & -LANES
+
+
+@inner
+def most_in(block_from, block_to, kind):
+    """Entries of the longest column of a population in a block."""
+    most = 0
+    for part in range(block_from * kind.number, block_to * kind.number):
+        most = max(most, kind.start[part + 1] - kind.start[part])
+    return filled(most)
+
+
+@inner
+def take_plane(first, count, n, kind, dense, begin, column):
+    """Of particles in two dimensions what their arrays hold."""
+    start, last, sources = np.uint64(first), np.uint64(count - 1), len(kind.own) > 0
+    mass, x, y = np.uint64(begin + MASS * n), np.uint64(begin + X * n), np.uint64(begin + Y * n)
+    u, v, rho = np.uint64(begin + VX * n), np.uint64(begin + VY * n), np.uint64(begin + RHO * n)
+    a, b = np.uint64(begin + BX * n), np.uint64(begin + BY * n)
+    for at in range(np.uint64(n)):
+        i = kind.order[start + (at if at < last else last)]
+        column[mass + at] = kind.mass[i] if at <= last else 0.0
+        column[x + at], column[y + at] = kind.pos[i, 0], kind.pos[i, 1]
+        column[u + at], column[v + at] = kind.vel[i, 0], kind.vel[i, 1]
+        if sources:
+            column[a + at], column[b + at] = kind.own[i, 0], kind.own[i, 1]
+        if dense:
+            column[rho + at] = kind.density[i]
+
+
+@inner
+def take_line(first, count, n, kind, dense, begin, column):
+    """The same in one dimension, where second components are 0."""
+    for at in range(n):
+        i, into = kind.order[first + (at if at < count else count - 1)], begin + at
+        column[into + MASS * n] = kind.mass[i] if at < count else 0.0
+        column[into + X * n], column[into + Y * n] = kind.pos[i, 0], 0.0
+        column[into + VX * n], column[into + VY * n] = kind.vel[i, 0], 0.0
+        if len(kind.own) > 0:
+            column[into + BX * n], column[into + BY * n] = kind.own[i, 0], 0.0
+        if dense:
+            column[into + RHO * n] = kind.density[i]
+
+
+@inner
+def wrap(f, n, corner, period, begin, column):
+    """Places in a periodic space beyond the corner of the cell."""
+    for at in range(begin + f * n, begin + (f + 1) * n):
+        x = column[at] - corner
+        column[at] = corner + (x - period * math.floor(x / period))
+
+
+@inner
+def to_cell(block, n, cells, flat, sources, dense, begin, column):
+    """Places from the middle of the cell, in sides; 0 for what is absent."""
+    inverse, x0, y0 = 1.0 / cells.side[block], cells.corner[block, 0], cells.corner[block, 1]
+    for at in range(begin, begin + n, LANES):
+        store(column, at + X * n, inverse * (load(column, at + X * n) - x0) - 0.5)
+        if not flat:
+            store(column, at + Y * n, inverse * (load(column, at + Y * n) - y0) - 0.5)
+        if not sources:
+            store(column, at + BX * n, empty_row())
+            store(column, at + BY * n, empty_row())
+        if not dense:
+            store(column, at + RHO * n, empty_row())
+
+
+@inner
+def leave_orbits(block, n, cells, frame, begin, column, room):
+    """Velocities relative to Kepler's, `frame`."""
+    side, several, sense = cells.side[block], len(frame.sense) > 1, empty_row() + frame.sense[0]
+    x0, y0 = cells.corner[block, 0] + 0.5 * side, cells.corner[block, 1] + 0.5 * side
+    if several:
+        for at in range(n):
+            x, y = x0 + side * column[begin + X * n + at], y0 + side * column[begin + Y * n + at]
+            room[SENSE * n + at] = sense_at(x * x + y * y, frame)
+    for p in range(0, n, LANES):
+        at = begin + p
+        x, y = x0 + side * load(column, at + X * n), y0 + side * load(column, at + Y * n)
+        if several:
+            sense = load(room, SENSE * n + p)
+        omega = sense * kepler(x * x + y * y, frame.star, frame.softening)
+        store(column, at + VX * n, load(column, at + VX * n) + omega * y)
+        store(column, at + VY * n, load(column, at + VY * n) - omega * x)
+
+
+@inner
+def take(block, first, count, n, kind, cells, frame, law, begin, column, room):
+    """The columns of some particles of a block, from element `begin` on."""
+    flat, dense = kind.pos.shape[1] == 1, len(kind.density) > 0
+    if flat:
+        take_line(first, count, n, kind, dense, begin, column)
+    else:
+        take_plane(first, count, n, kind, dense, begin, column)
+    if dense and law == EPSTEIN and frame.star == 0.0 and kind.first == 0:
+        for at in range(count):
+            column[begin + RHO * n + at] *= kind.sound[kind.order[first + at]]
+    if cells.period[0] < math.inf:
+        wrap(X, n, cells.corner[block, 0], cells.period[0], begin, column)
+        if not flat:
+            wrap(Y, n, cells.corner[block, 1], cells.period[1], begin, column)
+    to_cell(block, n, cells, flat, len(kind.own) > 0, dense, begin, column)
+    if frame.star > 0.0:
+        leave_orbits(block, n, cells, frame, begin, column, room)
+
+
+@inner
+def weigh(n, flat, begin, column, room):
+    """Weights on the nine nodes times the mass."""
+    for into in range(0, n, LANES):
+        m = load(column, begin + MASS * n + into)
+        u0, u1, u2 = cloud(load(column, begin + X * n + into))
+        t0, t1, t2 = empty_row(), m, empty_row()
+        if not flat:
+            t0, t1, t2 = cloud(load(column, begin + Y * n + into))
+            t0, t1, t2 = m * t0, m * t1, m * t2
+        store(room, into, u0 * t0)
+        store(room, into + n, u0 * t1)
+        store(room, into + 2 * n, u0 * t2)
+        store(room, into + 3 * n, u1 * t0)
+        store(room, into + 4 * n, u1 * t1)
+        store(room, into + 5 * n, u1 * t2)
+        store(room, into + 6 * n, u2 * t0)
+        store(room, into + 7 * n, u2 * t1)
+        store(room, into + 8 * n, u2 * t2)
+
+
+@inner
+def is_ragged(home, flat, about, sums):
+    """Whether some of the nodes about a cell's have no gas."""
+    for k in range(9):
+        n = about[home, k]
+        if (n < 0 or sums[n, 0, ONE] <= 0.0) and not (flat and k % 3 != 1):
+            return True
+    return False
+
+
+@inner
+def leave_out(home, n, about, sums, begin, column, room):
+    """No weight on nodes without gas. The norm of a particle's weights is one over their sum as it was, 0 where none
+    has gas, and of what fills up.
+    """
+    for at in range(n):
+        whole = 0.0
+        for k in range(9):
+            node = about[home, k]
+            if node < 0 or sums[node, 0, ONE] <= 0.0:
+                room[k * n + at] = 0.0
+            whole += room[k * n + at]
+        norm = column[begin + MASS * n + at] / whole if whole > 0.0 else 0.0
+        room[NORMS * n + at] = norm
+        for k in range(9):
+            room[k * n + at] *= norm
