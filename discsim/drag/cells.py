@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 NONE = np.empty(0)
 NOBODY = np.empty(0, np.int64)
-MANY = True  # one population goes through what is for several: the same bits, and the kernel is compiled once
 ABOUT_GRAINS = "about grains"  # the name of what is agreed on
 # A leaf's h are added in whole units of 2^-H_BITS of the largest, without rounding for 2^23 of them: sums then hang
 # on no order, and say to 9 digits whether a block is large enough.
@@ -296,7 +295,7 @@ def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
     times = np.empty((len(corners), drag.classes.number))
     share(
         relax_blocks, len(corners), gas, dust, Corners(corners, blocks.period(drag.size)), law_of(drag, dt), linear,
-        drag.law.nonlinear, MANY, about_star, times, heat, least=64,
+        drag.law.nonlinear, drag.classes.several, about_star, times, heat, least=64,
     )  # fmt: skip
     start = blocks.dust_start[:: drag.classes.number]
     alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
