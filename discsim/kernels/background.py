@@ -44,8 +44,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from discsim.kernels.inner import compiled, subroutine
 from discsim.kernels.laws import hastened, quickening, steepness, stopping_time, unhastened
 from discsim.kernels.nonlinear import MOST, TOLERANCE, next_step
 
@@ -88,7 +88,7 @@ class Path(NamedTuple):
     push: float  # q
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def drift_speeds(time, excess, shear, kappa2, flow):
     """(v*, w*) of eq. (3)."""
     rate = 1.0 / time
@@ -96,7 +96,7 @@ def drift_speeds(time, excess, shear, kappa2, flow):
     return -carried / (rate + kappa2 * time), carried * shear / (rate * rate + kappa2)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def gas_at(r2, disc):
     """(Sigma, c_s^2, P', -r dP'/dr, v_g) of the gas, with P' = -(1/Sigma) dP/dr / r."""
     if len(disc.table) == 0:
@@ -113,7 +113,7 @@ def gas_at(r2, disc):
     return density, sound2, pull / r2, (2.0 * pull - rise) / r2, less * low[4] + part * high[4]
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
     """The stopping time at the speed of the drift that it gives itself: Z = (t H / slow)^2 = 1 by Newton's steps, with
     H the hastening.
@@ -141,7 +141,7 @@ def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
     return math.sqrt(u)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def path_at(x, y, k, disc):
     """The Path of a grain of population k through a place."""
     r2 = x * x + y * y
@@ -169,7 +169,7 @@ def path_at(x, y, k, disc):
     return Path(r, density, sound, kepler, omega * r, mach2, reynolds2, slow, time, radial, azimuthal, slip, push)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def responses(x):
     """exp(-x), and the means over s in [0, x] of exp(-s), and of exp(s - x) times (1 - exp(-s))/x,
     2 exp(-s) (1 - exp(-s))/x and (1 - exp(-s))^2 / x^2.
@@ -184,7 +184,7 @@ def responses(x):
     return e, one / x, (one - x * e) / x2, 2.0 * e * (x - one) / x2, (one - 2.0 * x * e + e * one) / (x2 * x)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
     """(delta, m) of eq. (5) after dt; L* is `spin`, and `answer` responses(dt / time)."""
     e, first, second, mixed, square = answer
@@ -194,7 +194,7 @@ def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
     return delta - delta * damped + dt * (a_r * first + turned / (r * r * r)), m - m * damped + given * first
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def hastening_at(path, delta, m):
     """The slip squared, and by how much it hastens the drag."""
     v, w = path.slip + delta, path.azimuthal + m / path.r
@@ -202,7 +202,7 @@ def hastening_at(path, delta, m):
     return slip2, hastened(path.mach2, path.reynolds2, slip2)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def rest_of_drag(path, rate, v, w):
     """N of eq. (6), radial and azimuthal, of a slip beyond the path's; 1/t0 is `rate`."""
     v += path.slip
@@ -211,7 +211,7 @@ def rest_of_drag(path, rate, v, w):
     return v * less, w * less
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def powers(x, answer):
     """Means over s in [0, 1] of exp(x (s - 1)) times s, s^2 / 2, (1 - s) s and (1 - s) s^2 / 2.
 
@@ -231,7 +231,7 @@ def powers(x, answer):
     return first, second, turned, (second - turned) * low
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def at_middle(f, s):
     """Weights of N1 and N2 at the middle, of the parabola through 0, N1 and N2 at the start, the middle and the end;
     f and s are the powers over that half.
@@ -239,13 +239,13 @@ def at_middle(f, s):
     return f - s, 0.5 * s - 0.25 * f
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def at_end(f, s):
     """And at the end; f and s are those over the step."""
     return 4.0 * f - 8.0 * s, 4.0 * s - f
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def gained(n1, n2, weights, turned, turn, dt):
     """Velocities that N1 and N2 make in dt, radial and azimuthal; by `turn` the azimuthal one makes radial velocity."""
     radial = n1[0] * weights[0] + n2[0] * weights[1]
@@ -253,12 +253,12 @@ def gained(n1, n2, weights, turned, turn, dt):
     return dt * (radial + turn * spun), dt * (n1[1] * weights[0] + n2[1] * weights[1])
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def larger(a, b):
     return max(abs(a), abs(b))
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     """(delta, m) of eqs. (5) and (6) after one step dt, and an estimate of its error over the largest slip."""
     r = path.r
@@ -298,7 +298,7 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     return d2, m2, error / largest if largest > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     """As `relax` where the stopping time depends on the slip."""
     done, step, count = 0.0, dt, 0
@@ -315,7 +315,7 @@ def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     return delta, m
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def is_linear(path, delta, m, a_r, a_phi, spin, dt):
     """Whether no slip that a grain can have during dt hastens its drag."""
     r, lasting = path.r, min(dt, path.slow)
@@ -325,7 +325,7 @@ def is_linear(path, delta, m, a_r, a_phi, spin, dt):
     return unhastened(path.mach2, path.reynolds2, reach * reach)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
     """Kick dust over dt from `lag` before the time of its places; writes the stopping times (n,) at its start."""
     for i in range(first, last):
@@ -352,7 +352,7 @@ def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
         vel[i, 1] = v * y + w * x
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def path_velocities(first, last, pos, species, disc, out):
     """Radial and azimuthal velocity (n, 2) of the steady drift at each place, the latter beyond Kepler's."""
     for i in range(first, last):
@@ -360,7 +360,7 @@ def path_velocities(first, last, pos, species, disc, out):
         out[i, 0], out[i, 1] = path.radial, path.orbit - path.kepler * path.r + path.azimuthal
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def drift_dust(first, last, pos, vel, dt):
     """Eq. (1): move dust over dt with its radial velocity and angular momentum, and turn the velocity with it."""
     for i in range(first, last):

@@ -16,9 +16,8 @@ its limit, the children stay as they are, and dust without gas stays uncoupled (
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import inner, lean
+from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.zcurve import at_place
 
 ONE, TWO = np.uint64(1), np.uint64(2)
@@ -30,7 +29,7 @@ TIE = 1e-6  # of a side: sums of h are right to some 1e-9 of the largest, and si
 IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin, shape, periodic, out):
     """Write the leaf of each particle in the part of the `whole` lattice of a `shape` that begins at the leaf `begin`;
     the number of its leaves where it is not from `low` to `high` of an open lattice. These and `shift` (2,) in leaves.
@@ -64,7 +63,7 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
         out[i] = np.uint32((int(sx) - begin_x) * shape[1] + int(sy) - begin_y) if inside else outside
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def block_keys(first, last, key, number, species, populations):
     """Turn the leaf of each particle into its block and population as one number, those of a block together.
 
@@ -75,7 +74,7 @@ def block_keys(first, last, key, number, species, populations):
         key[i] = block * populations + species[i] if populations > 1 else block
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def members_of(order, start, chosen):
     """Numbers of the particles in the blocks `chosen` (blocks,)."""
     count = 0
@@ -92,7 +91,7 @@ def members_of(order, start, chosen):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def times_of_members(times, order, start):
     """The stopping time of each particle (n,) from those of its block and population."""
     out = np.empty(len(order))
@@ -227,7 +226,7 @@ def _merge_one(top, gas, dust, h_sum, wanted, tree, held):
     return held.blocks[0, 0]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def merge(first, last, gas, dust, h_sum, wanted, tree, count):
     """Blocks within the largest possible ones, and how many there are in each of these: count (largest,).
 

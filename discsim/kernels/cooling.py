@@ -15,10 +15,9 @@ its energy, and below that in proportion to u.
 import math
 
 import numpy as np
-from numba import njit
 
 from discsim.formulas.opacity import BELL_LIN, METALS, THINNEST
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import compiled, inner
 
 LEAST = 0.1
 TOLERANCE = 1e-6
@@ -41,7 +40,7 @@ def relaxed(u, settled, rate, t_cool, dt):
     return max(after, LEAST * (u * (1.0 - lost) + settled / (t_cool * quick) * lost))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def towards(begin, end, pos, u, rate, dt, at_orbit, t_cool, passive, star, softening, out):
     """(1) for energies (n,): t_cool is in units of 1/Omega about the star where `at_orbit`; u_eq = passive[0]
     r^-passive[1].
@@ -93,7 +92,7 @@ def bell_lin(rho, temperature):
     return greater(grains, lesser(cool, hot))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def opacities(begin, end, rho, temperature, out):
     """Bell & Lin's opacity (n,) in cm2/g."""
     for i in range(begin, end):
@@ -166,7 +165,7 @@ def shone(u, rate, dt, settled, column, omega, kappa, unit):
     return u
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def radiative(begin, end, pos, u, density, rate, dt, kappa, passive, star, softening, unit, out):
     """(2) for energies (n,) at surface densities (n,); kappa: a constant opacity, 0 for Bell & Lin's.
 

@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from discsim.kernels.inner import compiled
 from discsim.kernels.totals import LIMBS, SOME, add, carry
 
 
@@ -25,7 +25,7 @@ class Zones(NamedTuple):
     softening: float
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
     """Relax the particles `first` to `last`, of kind `kind` or of kind + species, over dt; returns the limbs (3, LIMBS)
     of the momentum x, y and the angular momentum that they lose.

@@ -20,7 +20,7 @@ from numba import njit
 
 from discsim.kernels.background import gas_at
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import gathering_sums, inner
+from discsim.kernels.inner import compiled, gathering_sums, inner
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.meeting import (
     BROUGHT,
@@ -197,7 +197,7 @@ def pack_given(begin, end, slots, order, density, given, pack):
         pack[PER_DENSITY * STRIDE + k] = 0.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def given_about(first, last, pos, disc, field):
     """The same columns of a given disc about the origin."""
     for i in range(first, last):
@@ -224,7 +224,7 @@ def slopes_of_time(law, grain, density, sound, star, own):
     return per * by_density, per * by_sound, per * by_omega
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def strengths(first, last, pos, centre, species, field, times, norm, fresh, stirring, strength, drift):
     """Write D (n,) and grad D + D grad ln S (n, d) of each grain, 0 where there is no gas or no drag.
 
@@ -285,7 +285,7 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
     return steepest
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def walk(first, last, pos, vel, ids, strength, drift, field, key, step, dt, circles, gained):
     """Eq. (2) over dt; `gained` (n,) are the angular momenta (per mass) that it gives, or has no entries.
 

@@ -19,12 +19,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from discsim.formulas.laws import CONSTANT
 from discsim.kernels.coupled import ROOM
 from discsim.kernels.frame import kepler, sense_at
-from discsim.kernels.inner import inner, lean
+from discsim.kernels.inner import compiled, inner, lean, subroutine
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.lines import (
     BX,
@@ -110,7 +109,7 @@ def leave_orbits(p, count, x0, y0, star, softening, sense):
         p[VY, k] -= omega * x
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def relax_slopes(one, rate, dim, dt, exponential, o):
     """Change the slopes of gas and population `one` such that I_0 G_0 + I_1 G_1 stays: angular momentum within the
     block is kept. The difference relaxes at the means' rate.
@@ -237,7 +236,7 @@ def kick_freely(kind, first, last, dt):
             kind.vel[kind.order[k], a] += dt * kind.acc[kind.order[k], a]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def free_kick(members, vel, acc, dt):
     for i in members:
         for a in range(vel.shape[1]):
@@ -383,7 +382,7 @@ def most_in(block_from, block_to, gas, dust):
     return most
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def relax_blocks(block_from, block_to, gas, dust, blocks, law, linear, nonlinear, several, frame, times, heat):
     """The kick of all blocks: accelerations and drag together, velocities in place; that of dust alone if one-way.
 

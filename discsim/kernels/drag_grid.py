@@ -4,14 +4,14 @@ Rows of `cells` (5, n) as in `kernels/ppm.py`. A cell without dust is left alone
 """
 
 import numpy as np
-from numba import njit
 
+from discsim.kernels.inner import compiled
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.ppm import DUST_MASS, DUST_MOMENTUM, ENERGY, MASS, MOMENTUM
 from discsim.kernels.relax import relax_pair
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def stopping_times(law, grain, density, dust_density, sound):
     """Of the dust in each cell (n,)."""
     out = np.empty(len(density))
@@ -20,7 +20,7 @@ def stopping_times(law, grain, density, dust_density, sound):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def relax_together(law, grain, sound, start, middle, after, dt, exponential, adiabatic, heating):
     """Gas and dust of `after`, moved from `start` over dt without drag, with the drag of the densities in `middle`."""
     for i in range(after.shape[1]):
@@ -43,7 +43,7 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
                 after[ENERGY, i] += dust * gained * slip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def relax_apart(law, grain, sound, cells, dt, adiabatic, heating):
     """Each species towards the other's old velocity."""
     for i in range(cells.shape[1]):

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from discsim.kernels.inner import compiled, subroutine
 from discsim.kernels.rows import root
 
 
@@ -19,14 +19,14 @@ class Frame(NamedTuple):
     sense: np.ndarray
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def kepler(r2, star, softening):
     """Omega about a softened star at squared radius r2, or a row of them."""
     d2 = r2 + softening * softening
     return root(star / (d2 * root(d2)))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def sense_at(r2, frame):
     """sigma at squared radius r2, between the middles of rings."""
     sense = frame.sense

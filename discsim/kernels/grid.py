@@ -11,6 +11,7 @@ all nodes about the particles; an axis of which it has them all goes round where
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import WITHIN, compiled, inner, subroutine
 from discsim.kernels.zcurve import place_of
 
 ONE, TWO = np.uint64(1), np.uint64(2)
@@ -31,7 +32,7 @@ _STENCILS = np.array(
 )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def cell_of(x, origin, inverse, count, periodic):
     """Index of the cell that holds x; outside an open axis, or where x is not finite, -1."""
     s = (x - origin) * inverse
@@ -42,7 +43,7 @@ def cell_of(x, origin, inverse, count, periodic):
     return int(s) if 0.0 <= s < count else -1
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
     """Place (n,) of the cell that holds each particle along rows of tiles, within a tile along a Z-curve: what is near
     in space is near in memory. One beyond the last off the grid.
@@ -59,7 +60,7 @@ def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
         out[i] = place if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def _wrapped(s, count):
     if not 0.0 <= s < count:
         s -= count * np.floor(s / count)
@@ -68,7 +69,7 @@ def _wrapped(s, count):
     return s
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def stencil(x, origin, inverse, count, periodic):
     """The two nodes about x and the weight of the second; (-1, -1, 0) where they are not on the grid."""
     s = (x - origin) * inverse - 0.5
@@ -80,7 +81,7 @@ def stencil(x, origin, inverse, count, periodic):
     return low, low + 1 if low + 1 < count else 0, s - low
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def _stencil_y(pos, p, origin, inverse, count, periodic):
     # A run of one dimension has one row of nodes along y, and no weight beyond it.
     if pos.shape[1] == 1:
@@ -88,7 +89,7 @@ def _stencil_y(pos, p, origin, inverse, count, periodic):
     return stencil(pos[p, 1], origin[1], inverse, count, periodic)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     """Strip of 2^shift rows that holds each particle's first node (n,); STRIPS for particles off the grid."""
     if pos.shape[1] == 2 and not periodic:
@@ -104,7 +105,7 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
         key[p] = low >> shift if inside else STRIPS  # a shift: dividing took longer than all the rest
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def runs_of(key, first, last):
     """Where runs of particles in one strip begin and end, and the strip of each (runs,): of the rows from `first` up
     to `last` (pieces,), one piece after the other, of which none is empty.
@@ -129,7 +130,7 @@ def runs_of(key, first, last):
     return (begin, end), strip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def deposit_strips(
     begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
 ):
@@ -175,7 +176,7 @@ def deposit_strips(
             beyond[s, j] = sums[own, j]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def join_strips(shift, part, beyond, out):
     """Add each strip's last row to the next strip, in a fixed order."""
     nx = part[0]
@@ -186,13 +187,13 @@ def join_strips(shift, part, beyond, out):
                 out[row, j] += beyond[s, j]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
     low = w00 * field[ix, iy, c] + w01 * field[ix, jy, c]
     return low + w10 * field[jx, iy, c] + w11 * field[jx, jy, c]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
     """Field (a `part`, c <= 2) at the particles into out (n, c) with the deposit's weights; 0 off the grid."""
     nx, ny, first_x, first_y = part
@@ -209,7 +210,7 @@ def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
                 out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
 
 
-@njit(cache=True, fastmath={"contract"}, forceinline=True)
+@njit(**WITHIN, fastmath={"contract"})
 def _between(flat, low, along_x, along_y, wx, wy):
     high = low + along_x
     first = flat[low] + wy * (flat[low + along_y] - flat[low])
@@ -217,7 +218,7 @@ def _between(flat, low, along_x, along_y, wx, wy):
     return first + wx * (second - first)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+@inner
 def _find(pos, p, number, origin, inverse, nx, ny, periodic, xs, ys):
     # Places of particles from the pth on in cells from the first node. Loops as simple as these are vectorised.
     flat, ox, oy = pos.reshape(-1), origin[0], origin[1]
@@ -233,7 +234,7 @@ def _find(pos, p, number, origin, inverse, nx, ny, periodic, xs, ys):
             xs[j], ys[j] = _wrapped(xs[j], nx), _wrapped(ys[j], ny)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc, largest, missing):
     """acc -= field (a `part`, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
     many particles are off the grid, (chunks,) each.
@@ -275,7 +276,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
         largest[chunk], missing[chunk] = most, lost
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
     """True (n,) for particles whose nodes are not all on the grid."""
     for p in range(begin, end):
@@ -284,7 +285,7 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
         outside[p] = x < 0 or y < 0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def extent(begin, end, pos, origin, inverse, shape, periodic):
     """Least and largest first node about the particles along x and y, and how many particles are off the grid."""
     x0, x1, y0, y1, off = shape[0], -1, shape[1], -1, 0
@@ -298,7 +299,7 @@ def extent(begin, end, pos, origin, inverse, shape, periodic):
     return x0, x1, y0, y1, off
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def _place(i, count, periodic):
     # Where the five nodes about node i begin, and which of them i is.
     first = i - 2
@@ -307,7 +308,7 @@ def _place(i, count, periodic):
     return first, i - first
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def gradient(begin, end, potential, cell, periodic, out):
     """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges.
 
@@ -337,7 +338,7 @@ def gradient(begin, end, potential, cell, periodic, out):
                 row[j, 1] += scale * _STENCILS[place, k] * line[(first + k) % ny]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def largest_norm(vectors):
     """The largest length of the vectors (n, c); 0 without any."""
     largest = 0.0

@@ -15,13 +15,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from discsim.formulas import growth
 from discsim.formulas.laws import COLUMN, SIZE, THERMAL, VALUE
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import compiled, inner
 from discsim.kernels.laws import stopping_time
 
 register_jitable(error_model="numpy")(growth.layer)  # which another calls
@@ -121,7 +120,7 @@ def grown_size(start, most, dt, grains, at, k):
     return max(start, math.exp(log))  # which rounding may put below it
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, mass, size, wanted):
     """Write the `size` (n,) of each grain after dt, and what mass (n,) it is to gain by (3), `wanted` (n,).
 

@@ -9,6 +9,7 @@ from numba import njit
 
 from discsim.kernels.blocks import LEVELS
 from discsim.kernels.grid import stencil
+from discsim.kernels.inner import compiled, subroutine
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
 from discsim.kernels.zcurve import place_of
 
@@ -18,7 +19,7 @@ EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
 SOME = np.uint64(4096)  # particles that are looked through before there has to be room for more of them
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
     """The cells (cells,) of the grids `others`, whose lower corner is `away` (2,) from that of `grids`, that may hold
     anybody within reach of the cells `filled` of these; `flat` in one dimension.
@@ -56,7 +57,7 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def _sum_up(corners, begin, out):
     nx, ny = corners.shape[0] - 1, corners.shape[1] - 1
     for i in range(nx):
@@ -67,7 +68,7 @@ def _sum_up(corners, begin, out):
             out[begin + i * ny + j] = corners[i, j] > 0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def _mark(x0, x1, y0, y1, grid, periodic, corners):
     # Cells x0 to x1 and y0 to y1 of the whole of a grid, those that its part has: in each turn of a periodic box.
     nx, ny, all_x, all_y = int(grid[NX]), int(grid[NX + 1]), int(grid[ALL_X]), int(grid[ALL_X + 1])
@@ -85,14 +86,14 @@ def _mark(x0, x1, y0, y1, grid, periodic, corners):
                 corners[right, high] += 1
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def _span(i, side, away, per, reach):
     # Cells of side `per` along an axis, the first of them `away`, within reach of the i-th of a `side`.
     low, high = (i - EDGE) * side - away - reach, (i + 1 + EDGE) * side - away + reach
     return math.floor(low / per), math.floor(high / per)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def mark_blocks(own, home, about, near, rings, out):
     """Mark in `out` (blocks,) those that the nodes about the blocks `own` hang on, `rings` of nodes beyond these.
     `home`, `about` and `near` as `kernels/levels.py` has them.
@@ -124,7 +125,7 @@ def _tile_of(pos, i, tiles):
     return tile
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def tiles_of(first, last, pos, tiles, out):
     """The tile (n,) of each place (n, d), or the nearest: `tiles` begin at `low`, are 1 / `per_tile` wide, and `along`
     many along each axis.
@@ -133,7 +134,7 @@ def tiles_of(first, last, pos, tiles, out):
         out[i] = _tile_of(pos, i, tiles)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def in_marked(first, last, pos, tiles, marked):
     """The places from `first` to `last` of (n, d) whose tile, or the nearest one, is `marked` (tiles,)."""
     low, per_tile, along = tiles
@@ -153,7 +154,7 @@ def in_marked(first, last, pos, tiles, marked):
     return out[: np.int64(count)]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def _with_room(rows, count):
     # Behind the first `count` of them for SOME more.
     if count + SOME <= np.uint64(len(rows)):
@@ -163,7 +164,7 @@ def _with_room(rows, count):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def pieces_of(place, held, loose, others):
     """Rows in the order of their `place` (n,): from first up to last (pieces,) one piece after the other; and whether
     that is their order. Of the first `held` rows places rise but for the `loose` ones, which come in rising order;
@@ -192,7 +193,7 @@ def pieces_of(place, held, loose, others):
     return first[:count], last[:count], rises
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
     """Of `some` particles those about which another than `rank` owns a node, once for each such, and who: (m,) each.
 
@@ -223,7 +224,7 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
     return rows[:count], whose[:count]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def leave_own(first, last, x, y, owner, rank, out):
     """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of."""
     for i in range(first, last):
@@ -233,7 +234,7 @@ def leave_own(first, last, x, y, owner, rank, out):
                 row[j] = 0.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def number_runs(first, last, out):
     """Write to `out` (cells + 1,), all 0, how many cells before each are in the runs that go from `first` up to `last`
     (runs,).
@@ -247,7 +248,7 @@ def number_runs(first, last, out):
         count += here
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def in_runs(first, last, key, of, number):
     """The particles from `first` to `last` whose cells are in the runs that `number` has counted.
 
@@ -263,14 +264,14 @@ def in_runs(first, last, key, of, number):
     return out[: np.int64(count)]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def mark_held(first, last, key, of, out):
     """Mark in `out` (cells,) those `of` the keys (n,) of particles."""
     for i in range(np.uint64(first), np.uint64(last)):
         out[np.uint64(of[key[i]])] = True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def sides_held(leaf, own, out):
     """Mark in `out` (2, x, y) the largest blocks in which any of the `own` (blocks,) blocks is, and any of the others;
     leaf (blocks, 2): the first of each.
@@ -279,7 +280,7 @@ def sides_held(leaf, own, out):
         out[0 if own[block] else 1, leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS] = True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def blocks_in(leaf, marked):
     """The blocks in the largest ones that are `marked` (x, y)."""
     out, count = np.empty(len(leaf), np.int64), 0
@@ -289,7 +290,7 @@ def blocks_in(leaf, marked):
     return out[:count]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def along_curve(leaf, level, first, rows, begin, end):
     """Write what numbers blocks have, from `begin` up to `end` (blocks,), in a whole lattice with `rows` largest blocks
     along y, of which a part begins at the leaf `first` (2,): by largest blocks, and in these along a Z-curve.
@@ -304,7 +305,7 @@ def along_curve(leaf, level, first, rows, begin, end):
         end[block] = begin[block] + (np.int64(1) << 2 * np.int64(level[block]))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def all_there(some, cells, there):
     """Of `some` cells, which reach no other one (cells,) than those that are `there`, and nothing beyond a part."""
     grids, bounds, low = cells.grids, cells.bounds, cells.low
@@ -339,7 +340,7 @@ def _inside(index, count):
     return min(max(index, 0), int(count) - 1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def held_blocks(first, last, gas, dust, side, out):
     """Mark in `out` (x, y) the blocks of `side` by `side` leaves in which any gas or dust (nx, ny) is."""
     nx, ny = gas.shape
@@ -354,7 +355,7 @@ def held_blocks(first, last, gas, dust, side, out):
                     break
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def cut_blocks(blocks, leaves, k, out):
     """Copy `blocks` (n, 2), by their places along x and y, of a table of leaves to `out` (n, tables, side, side)."""
     side = out.shape[2]
@@ -365,7 +366,7 @@ def cut_blocks(blocks, leaves, k, out):
                 out[n, k, i, j] = leaves[x + i, y + j]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def add_blocks(blocks, given, k, leaves):
     """Add what is `given` (n, tables, side, side) to `blocks` (n, 2) of the kth table of leaves."""
     side = given.shape[2]

@@ -13,24 +13,25 @@ from numba import njit
 
 from discsim.kernels.inlining import Compiler, SingleCompiler
 
+# Without what lets C call them by their address: nothing does, and it would take a thirtieth of their compilation.
+KERNEL: Any = {"nogil": True, "cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+LEAN: Any = {**KERNEL, "_nrt": False}
 # Called by compiled code alone: what lets Python call them would take a third of their compilation.
-WITHIN: Any = {
-    "cache": True, "error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
-    "_nrt": False,
-}  # fmt: skip
+CALLED: Any = {"no_cpython_wrapper": True}
+WITHIN: Any = {**LEAN, **CALLED, "forceinline": True}
 
+compiled = njit(**KERNEL)
+subroutine = njit(**KERNEL, **CALLED)  # not forced into what calls it
 inner = njit(**WITHIN)
-lean = njit(nogil=True, cache=True, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)  # type: ignore[call-overload]
+lean = njit(**LEAN)
 # Sums over neighbours: their terms may be taken in any order. No 'nnan'/'ninf': a run that goes wrong must still be
 # seen to. With Python's error_model a division may raise, and no loop with one is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-SUMS: Any = {
-    "nogil": True, "cache": True, "error_model": "numpy", "fastmath": FAST, "no_cfunc_wrapper": True, "_nrt": False,
-}  # fmt: skip
+SUMS: Any = {**LEAN, "fastmath": FAST}
 lean_sums = njit(**SUMS, pipeline_class=Compiler)
 lean_sums_in_single = njit(**SUMS, pipeline_class=SingleCompiler)
 # Other loops over neighbours, which make arrays and inline nearly all that they call.
-GATHERING: Any = {"nogil": True, "cache": True, "error_model": "numpy", "pipeline_class": Compiler}
+GATHERING: Any = {**KERNEL, "pipeline_class": Compiler}
 gathering = njit(**GATHERING)
 gathering_sums = njit(**GATHERING, fastmath=FAST)
-making = njit(nogil=True, cache=True, error_model="numpy", _nrt=True)  # type: ignore[call-overload]
+making = njit(**{**KERNEL, "_nrt": True})

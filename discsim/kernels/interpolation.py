@@ -8,10 +8,10 @@ With the pairs of `kernels/pairs.py`, V = m / rho and weights W(r_ja, h_a):
 Divided by the weights' sums, a uniform velocity is seen as it is.
 """
 
-from numba import njit
+from discsim.kernels.inner import compiled
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def seen_by_dust(first, last, start, gas, part, gvel, other):
     """Write the velocity of the gas (n, d) at each dust particle, from parts that sum to one."""
     for j in range(first, last):
@@ -22,7 +22,7 @@ def seen_by_dust(first, last, start, gas, part, gvel, other):
             other[j, i] = total
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dvel, rho, rate, pull):
     """Add the rate of one population's drag (n,) and rate times its velocity (n, d) at each gas particle."""
     for a in range(first, last):
@@ -41,7 +41,7 @@ def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dve
                 pull[a, i] += mine * part * dvel[dust[k], i]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def follow(first, last, rate, other, now, acc, dt, implicit, vel, heat):
     """Kick over dt with drag of `now` towards `other` (n, d) at `rate` (n,), explicitly or implicitly.
 

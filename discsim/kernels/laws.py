@@ -1,22 +1,22 @@
 """The laws of the stopping time (`formulas/laws.py`), compiled."""
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from discsim.formulas import laws
+from discsim.kernels.inner import compiled, inner
 
 for formula in laws.volume_density, laws.quickening, laws.hastened:  # which the others call
     register_jitable(nogil=True, error_model="numpy")(formula)
-stopping_time = njit(nogil=True, cache=True, error_model="numpy")(laws.stopping_time)
-hastening = njit(nogil=True, cache=True, error_model="numpy")(laws.hastening)
-quickening = njit(cache=True, error_model="numpy", forceinline=True)(laws.quickening)
-hastened = njit(cache=True, error_model="numpy", forceinline=True)(laws.hastened)
-steepness = njit(cache=True, error_model="numpy", forceinline=True)(laws.steepness)
-unhastened = njit(cache=True, error_model="numpy", forceinline=True)(laws.unhastened)
+stopping_time = compiled(laws.stopping_time)
+hastening = compiled(laws.hastening)
+quickening = inner(laws.quickening)
+hastened = inner(laws.hastened)
+steepness = inner(laws.steepness)
+unhastened = inner(laws.unhastened)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def stopping_times(law, grain, mass_ratio, density, sound, omega):
     """`stopping_time` for arrays of density, sound speed and Omega (n,)."""
     out = np.empty(len(density))

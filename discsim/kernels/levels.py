@@ -7,9 +7,8 @@ has a border of nodes all round, and joins itself where space is periodic and wh
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import inner, lean
+from discsim.kernels.inner import compiled, inner, lean
 
 
 class Levels(NamedTuple):
@@ -87,7 +86,7 @@ def link_nodes(total, levels, flat, at, index, place, near, about, blocks):
             blocks[n, k] = at[node] if node >= 0 else -1
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def list_nodes(level, leaf, levels, flat):
     """The nodes in reach of blocks: of each block its own, and of each node its level and place on its lattice (n, 3),
     the nodes about it (n, 9) and the blocks about it (n, 9), -1 where there is none. `leaf` (blocks, 2): the first.

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import WITHIN, inner
+from discsim.kernels.inner import WITHIN, inner, subroutine
 
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
 # callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
@@ -21,7 +21,7 @@ PLACE, VELOCITY, SOURCE = X, VX, BX
 INERTIA, MOMENT, MOMENT_SOURCE, SLOPE, SLOPE_SOURCE, CHANGE, SLOPE_CHANGE, NUMBERS = 7, 10, 14, 18, 22, 26, 28, 32
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def clip01(x):
     return min(max(x, 0.0), 1.0)
 
@@ -106,7 +106,7 @@ def solve_in(o, s, xx, xy, yy, f, out, dim, factor):
     return found
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def fit_line(o, s, dim, fade):
     """Slopes of velocity and source times `fade`; returns it, or 0 and leaves no slope where there is none."""
     xx, xy, yy = o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2]
@@ -118,7 +118,7 @@ def fit_line(o, s, dim, fade):
     return 0.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def fit_slopes(bound, dim, two_way, o):
     """Slopes of velocity and source: pooled within species (of the gas alone for one-way drag), and each species' own.
 

@@ -1,10 +1,11 @@
 """Kick and drift: y += dt x, the wrap into a periodic box, and reordering. For `discsim.numerics.threads.share`."""
 
 import numpy as np
-from numba import njit
+
+from discsim.kernels.inner import compiled
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def take_rows(begin, end, source, index, out):
     """out[i] = source[index[i]] for arrays (n, d)."""
     if out.shape[1] == 2:
@@ -16,7 +17,7 @@ def take_rows(begin, end, source, index, out):
             out[i, k] = source[index[i], k]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def add_scaled(begin, end, y, x, dt):
     """y += dt x for arrays (n, d)."""
     out, source, dim = y.reshape(-1), x.reshape(-1), y.shape[1]  # one loop: vectorised
@@ -24,7 +25,7 @@ def add_scaled(begin, end, y, x, dt):
         out[i] += dt * source[i]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def wrap(begin, end, pos, size):
     """Bring positions (n, d) back into [0, size)."""
     for i in range(begin, end):

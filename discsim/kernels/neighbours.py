@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import inner, making
+from discsim.kernels.inner import compiled, inner, making
 
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held. A grid
 # may be a part of one, near some of the particles: its first column and row in the whole, and how many that has.
@@ -55,7 +55,7 @@ class Candidates(NamedTuple):
     turned: np.ndarray
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def extremes(first, last, values):
     """Least and largest (2, columns) of each column of values (n, columns), of those that are numbers."""
     columns = values.shape[1]
@@ -77,7 +77,7 @@ def extremes(first, last, values):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def size_classes(first, last, h, extent, edges, out):
     """Class of each support radius, `extent` times h: out (n,). `edges` (MAX_CLASSES,) are the largest of each.
 
@@ -94,7 +94,7 @@ def size_classes(first, last, h, extent, edges, out):
     return found
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def cell_keys(first, last, pos, classes, grids, low, out):
     """Write the cell of each particle to `out` (n,)."""
     dim = pos.shape[1]
@@ -108,7 +108,7 @@ def cell_keys(first, last, pos, classes, grids, low, out):
         out[i] = int(grids[g, FIRST]) + ix * int(grids[g, NY]) + iy
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
     """Positions and support radii in the order of the cells, and the bounds of each cell."""
     dim = pos.shape[1]
@@ -124,7 +124,7 @@ def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
         bounds[c, 2], bounds[c, 3], bounds[c, 4] = 0.5 * (x1 - x0), 0.5 * (y1 - y0), reach
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def widen(some, extent, h, cells):
     """Let the support radii of the particles in `some` cells be `extent` h (n,), in place."""
     for cell in some:

@@ -1,9 +1,8 @@
 """Gather: what the particles of each cell give to its nine nodes, and eq. (1) of `kernels/nodes.py`."""
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import inner, lean
+from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.nodes import BX, BY, FIELDS, NORM, ONE, RHO, VX, VY, X, Y
 from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, most_in, take, weigh
 from discsim.kernels.rows import LANES, empty_row, lane, load, store, sums_of
@@ -136,7 +135,7 @@ def square_of(block, n, begin, column, room, square):
     square[block, 8] = lane(sums_of(i, i, i, i), 0)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, square):
     """The columns of each population in the blocks, `column` from element FIELDS `begin` on (segments,); what each cell
     gives, into its part of `cells.given`, and its own moments; of the gas also what it gives of m x^2, `square`

@@ -8,9 +8,8 @@ moments of each class and the second ones of all its dust together: those about 
 """
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import inner, lean
+from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.nodes import BY_Y, FIELDS, MASS, ONE, X, Y
 from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
@@ -83,7 +82,7 @@ def gather_block(block, kind, cells, nodes, frame, law, row, share, column, room
         first = last
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, share):
     """The dust of the blocks in its order as `row` (n, FIELDS), and the moments of cells; `share` (n,): mass of a grain
     over the sum of its weights on nodes that have gas.

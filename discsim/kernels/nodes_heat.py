@@ -1,9 +1,8 @@
 """Heat of the drag between nodes: what the particles of a cell lose, and where it goes."""
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import inner, lean
+from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.nodes import BX, BY, DX, FIELDS, MASS, ONE, VX, VY, X, Y
 from discsim.kernels.nodes_columns import filled
 from discsim.kernels.nodes_weights import brought, to_polynomial, value_at
@@ -113,7 +112,7 @@ def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
         heat[kind.order[first + p]] = brought(table, 0, column[at + X * n + p], column[at + Y * n + p])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def spread(block_from, block_to, kind, cells, nodes, node_heats, begin, column, heat):
     """Heat per mass of each gas particle from that of the nodes."""
     table = np.empty((9, LANES))

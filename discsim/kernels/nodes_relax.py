@@ -3,12 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from discsim.formulas.laws import CONSTANT, EPSTEIN
 from discsim.kernels.coupled import ROOM
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import inner, lean
+from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.nodes import BX, ONE, RHO, VX, WHOLE, XX, YX, X, Y
 from discsim.kernels.nonlinear import relax_by_speed
@@ -139,7 +138,7 @@ def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, ow
                 change.mass[n, s] *= gas / (gas + own.mass[s])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def relax(node_from, node_to, nodes, slopes, sourced, sound, law, frame, several, change):
     """Relax the slip at each node: eq. (3) and what goes with it, `change`.
 

@@ -1,9 +1,8 @@
 """Scatter: what a particle gets of the nodes about it, eq. (3) of `kernels/nodes.py`; what is left beside its line."""
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import compiled, inner
 from discsim.kernels.lines import solve
 from discsim.kernels.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
 from discsim.kernels.nodes_columns import filled, most_in
@@ -267,7 +266,7 @@ def scatter_block(block, kind, cells, nodes, sharp, begin, column, held, dt, exp
         )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def scatter(block_from, block_to, kind, cells, nodes, sharp, begin, column, dt, exponential, met):
     """The kick of the particles in each block: free motion, eq. (3), the gas's rotation, eq. (4) taken back, and the
     decay of what is left beside the line; columns as `gather` leaves them. Writes the mean rate of each population in
@@ -298,7 +297,7 @@ def times_in(block, part, kind, cells, nodes, value, begin, column, table, time)
         time[kind.order[first + p]] = 1.0 / rate if rate > 0.0 else np.inf
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def stopping_times(block_from, block_to, kind, cells, nodes, value, begin, column, time):
     """Stopping time of each dust particle, one over the rate that the nodes bring it; inf where there is none."""
     held, table = (

@@ -11,9 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import making
+from discsim.kernels.inner import compiled, making, subroutine
 from discsim.kernels.laws import hastened, quickening, unhastened
 from discsim.kernels.relax import relax_means
 
@@ -48,7 +47,7 @@ class Work(NamedTuple):
     room: np.ndarray  # of `relax_coupled`
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def slip2_of(y, s):
     total = 0.0
     for c in range(y.shape[1]):
@@ -56,7 +55,7 @@ def slip2_of(y, s):
     return total
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def advance(them, work, y, at, dt, out):
     """`y` over dt by the stopping times at the slips of `at`."""
     n, dim = y.shape
@@ -71,13 +70,13 @@ def advance(them, work, y, at, dt, out):
             out[s, c] = y[s, c] + dt * them.b[s, c] + work.change[s, c]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def next_step(error):
     """The next sub-step over this one, whose `error` is in units of the tolerance; it grows with its fourth power."""
     return min(4.0, max(0.1, 0.9 * (error + 1e-30) ** -0.25))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def sub_step(them, work, now, step):
     """Velocities `now` after a sub-step, in `work.best`; its error in units of the tolerance."""
     # Arrays are copied by loops: assigning slices would cost seconds of compilation.
@@ -108,7 +107,7 @@ def sub_step(them, work, now, step):
     return error / scale / TOLERANCE if scale > 0.0 else 0.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def is_linear(them, y, dt):
     """Whether no slip during dt changes the drag: drag alone never widens the range of the velocities."""
     reach = 0.0

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import gathering, lean
+from discsim.kernels.inner import compiled, gathering, lean
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.relax import response
@@ -92,7 +92,7 @@ def weight_driver(kernel: int, dim: int, hump: bool):
     return weigh
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def gather(first, last, start, gas, weight, value, out):
     """out_j = sum over the pairs of dust j of W value_a."""
     for j in range(first, last):
@@ -150,7 +150,7 @@ def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlin
             rate[j] += pairs.part[k] / pairs.time[k]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
     """Rate at which the pairs of a gas particle change its velocity, sum_j (m_j / m_a) part / time, added to `out`."""
     for a in range(first, last):
@@ -159,7 +159,7 @@ def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
             out[a] += dmass[dust[k]] / mass[a] * part[k] / time[k]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, gvel, dt, impulse):
     """Impulse of each pair on its dust particle over dt, along the line of sight (`drag/mk.py`)."""
     dim = offset.shape[1]
@@ -223,7 +223,7 @@ def push_by_relaxing(
                 impulse[k, i] = factor * dim * (f * y + g * b) / r2 * offset[k, i]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def shares(first, last, begin, order, offset, pull, mass, share):
     """Largest share of its slip that a particle's pairs take from it, if all are of one slip: that of the direction
     in which they take most. Pairs of particle i are order[begin[i] : begin[i + 1]], in turn where `order` is empty.
@@ -244,7 +244,7 @@ def shares(first, last, begin, order, offset, pull, mass, share):
         share[i] = (0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)) / mass[i]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def most_shares(first, last, begin, order, mine, one, other, both):
     """The largest sum of the shares of a particle and of its partner: `one` (n,) of these particles, `other` of
     theirs, whose numbers are `mine` (pairs,).
@@ -256,7 +256,7 @@ def most_shares(first, last, begin, order, mine, one, other, both):
             both[i] = max(both[i], one[i] + other[mine[k]])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def hold_back(first, last, start, gas, both, gas_both, impulse):
     """Scale impulses down to where no energy of motion can come of them (`drag/lab14.py`)."""
     for j in range(first, last):
@@ -266,7 +266,7 @@ def hold_back(first, last, start, gas, both, gas_both, impulse):
                 impulse[k, i] *= scale
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def pull_dust(first, last, start, impulse, mass, vel):
     """Add the impulses of its pairs to each dust particle."""
     for j in range(first, last):
@@ -277,7 +277,7 @@ def pull_dust(first, last, start, impulse, mass, vel):
             vel[j, i] += total / mass[j]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
     """Take the impulses of its pairs from each gas particle."""
     for a in range(first, last):
@@ -288,7 +288,7 @@ def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
             vel[a, i] -= total / mass[a]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def warm(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
     """Heat per mass that the pairs of a gas particle leave it: impulse . slip, of velocities halfway through the kick.
 

@@ -7,9 +7,8 @@ whatever order and by however many threads they are made, and nothing has to be 
 import math
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import compiled, inner, subroutine
 
 MASK, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 FIRST, SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)  # multipliers
@@ -45,7 +44,7 @@ def normal_pair(key, counter):
     return length * math.cos(angle), length * math.sin(angle)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def words_of(first, last, key, ids, step, out):
     """Write the words (n, 4) of the counters (id, step)."""
     for i in range(first, last):
@@ -53,7 +52,7 @@ def words_of(first, last, key, ids, step, out):
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = a, b, c, d
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def normals_of(first, last, key, ids, step, out):
     """Write the normal numbers (n, 2) of the counters (id, step)."""
     for i in range(first, last):

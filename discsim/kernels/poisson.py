@@ -4,12 +4,12 @@ A tile (nx, TILE) is contiguous: rows are put into tiles, and tiles turned into 
 Buffers are wider than what they hold, so that their rows do not share their place in the cache.
 """
 
-from numba import njit
+from discsim.kernels.inner import compiled
 
 TILE = 8  # columns: two lines of the cache
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def rows_to_tiles(rows, first, tiles):
     """Rows (batch, tiles TILE) into rows first, first + 1, ... of `tiles` (tiles, nx, TILE)."""
     for t in range(tiles.shape[0]):
@@ -18,7 +18,7 @@ def rows_to_tiles(rows, first, tiles):
                 tiles[t, first + i, c] = rows[i, t * TILE + c]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def tiles_to_rows(tiles, first, rows):
     """The reverse of `rows_to_tiles`."""
     for t in range(tiles.shape[0]):
@@ -27,7 +27,7 @@ def tiles_to_rows(tiles, first, rows):
                 rows[i, t * TILE + c] = tiles[t, first + i, c]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def load_columns(tiles, t, length, columns):
     """Columns of a tile into `columns` (TILE, >= length), padded with zeros to `length`."""
     for i in range(tiles.shape[1]):
@@ -38,7 +38,7 @@ def load_columns(tiles, t, length, columns):
             columns[c, i] = 0.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def store_columns(columns, t, tiles):
     """The reverse of `load_columns`."""
     for i in range(tiles.shape[1]):
@@ -46,7 +46,7 @@ def store_columns(columns, t, tiles):
             tiles[t, i, c] = columns[c, i]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def multiply_columns(columns, quadrant, first, length):
     """Multiply by the kernel's transform: `quadrant` (ky, kx) has half of the kx, for it is even.
 

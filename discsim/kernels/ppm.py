@@ -17,7 +17,8 @@ momentum, energy; dust mass, momentum, each over the length of a cell.
 import math
 
 import numpy as np
-from numba import njit
+
+from discsim.kernels.inner import compiled, subroutine
 
 GHOSTS = 4  # cells beyond each end that a face's flux looks at
 DENSITY, VELOCITY, PRESSURE, DUST_DENSITY, DUST_VELOCITY = range(5)
@@ -27,7 +28,7 @@ MOST = 0.75  # share of a cell's dust that its parabola may give away in a step
 STEEP, SHOCKED, SLOPE, LEAST_JUMP = 0.75, 10.0, 2.0, 0.33  # omega_1, omega_2, of (1.8), epsilon of A.2
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def limited_slope(left, centre, right):
     """(1.7), (1.8)."""
     down, up = centre - left, right - centre
@@ -37,7 +38,7 @@ def limited_slope(left, centre, right):
     return math.copysign(min(abs(middle), SLOPE * abs(down), SLOPE * abs(up)), middle)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def monotone(left, centre, right):
     """The ends of a cell's parabola between which it has no extremum (1.10)."""
     if (right - centre) * (centre - left) <= 0.0:
@@ -50,7 +51,7 @@ def monotone(left, centre, right):
     return left, right
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def parabolas(mean, flatness, left, right):
     """Values at the left and right ends of each cell but two at either end (A.2, 1.6, 4.1, 1.10)."""
     n = len(mean)
@@ -65,7 +66,7 @@ def parabolas(mean, flatness, left, right):
         left[i], right[i] = monotone(low, mean[i], high)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def flattening(velocity, pressure):
     """How far the parabola of each cell is drawn to its mean: 1 in a shock of one or two cells (A.2)."""
     n = len(pressure)
@@ -82,7 +83,7 @@ def flattening(velocity, pressure):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def gas_flux(left, right, gamma, flux):
     """HLLC's flux of mass, momentum and energy between two states; HLL's of mass and momentum with gamma = 0.
 
@@ -120,7 +121,7 @@ def gas_flux(left, right, gamma, flux):
         flux[ENERGY] = 0.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def through_faces(state, gamma):
     """Flux through the faces of cells with their ghosts, state (5, n + 2 ghosts).
 
@@ -144,7 +145,7 @@ def through_faces(state, gamma):
     return gas, rightward, leftward
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
     """Let no more leave a cell than it has, and that with its own velocity: dust in voids.
 

@@ -2,10 +2,10 @@
 
 import math
 
-from numba import njit
+from discsim.kernels.inner import compiled
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def push(begin, end, pos, species, strength, softening, acc):
     """Add it to the accelerations (n, 2) of grains whose populations have the strengths beta G M (populations,)."""
     for i in range(begin, end):

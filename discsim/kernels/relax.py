@@ -6,13 +6,11 @@ alone, those of `kernels/coupled.py`. Increments are those beyond free motion, s
 
 import math
 
-from numba import njit
-
 from discsim.kernels.coupled import relax_coupled
-from discsim.kernels.inner import lean
+from discsim.kernels.inner import compiled, lean, subroutine
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def response(rate, dt, exponential):
     """What dy/dt = b - rate y does beyond the free y + b dt: (f, g) of y' = y + b dt + f y + g b."""
     x = rate * dt
@@ -25,7 +23,7 @@ def response(rate, dt, exponential):
     return f, -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     """Increments of two coupled velocities of weights w0, w1 beyond their free motion."""
     f, g = response(rate, dt, exponential)
@@ -52,7 +50,7 @@ def relax_apart(mass, time, y, b, two_way, dt, exponential, room, slip, drive):
                 slip[s, c], drive[s, c] = f * (y[s, c] - y[0, c]), g * (b[s, c] - b[0, c])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def relax_means(mass, time, y, b, two_way, dt, exponential, several, room, change):
     """Both changes together. `several` is None where there is one population: without it numba leaves out the coupling
     of many, seconds of compilation.

@@ -1,7 +1,8 @@
 """Counting sort in parts: part p of `parts` has the keys from n p / parts on. For `discsim.numerics.threads.share`."""
 
 import numpy as np
-from numba import njit
+
+from discsim.kernels.inner import compiled
 
 ONE = np.uint32(1)
 GAPS = (
@@ -11,7 +12,7 @@ GAPS = (
 FEW = 8  # members, of whom each is put straight where it belongs
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def count_keys(part_from, part_to, key, parts, place):
     """Count the keys (n,) of each part in `place` (1 + keys parts,), by key, within it by part, after a 0."""
     for part in range(part_from, part_to):
@@ -19,7 +20,7 @@ def count_keys(part_from, part_to, key, parts, place):
             place[key[i] * parts + part + 1] += ONE
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def put_in_order(part_from, part_to, key, parts, place, order):
     """Put the numbers of the particles where `place` has them, which ends where the next one has its first."""
     for part in range(part_from, part_to):
@@ -29,7 +30,7 @@ def put_in_order(part_from, part_to, key, parts, place, order):
             place[k] += ONE
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def find_behind(first, last, ids, order, out):
     """Write to `out` (n,) of each in an order, but for the first of all, whether its `ids` is below that before it."""
     if first == last:
@@ -41,7 +42,7 @@ def find_behind(first, last, ids, order, out):
         before = here
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def sort_members(first, last, some, start, ids, order):
     """Put the members of `some` keys, order[start[key]:start[key + 1]], in the order of their `ids` (n,).
 

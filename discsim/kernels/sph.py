@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import lean_sums, lean_sums_in_single
+from discsim.kernels.inner import compiled, lean_sums, lean_sums_in_single
 from discsim.kernels.neighbours import place, whole
 from discsim.kernels.smoothing import MEAN_Q2, NORM, factors, terms
 from discsim.kernels.sph_packs import (
@@ -58,7 +58,7 @@ MOST_UNEVEN = 4.0
 NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def force_columns(
     first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, scale, order, columns
 ):  # fmt: skip
@@ -267,7 +267,7 @@ def force_driver(
     return forces
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def step_limit(first, last, lengths, squeezed, sound, acc, before, divergence, alpha, beta):
     """The least of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) and sqrt(h / |a|), a = acc - before.
 

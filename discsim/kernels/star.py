@@ -8,12 +8,13 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.inner import KERNEL, compiled
 from discsim.kernels.totals import LIMBS, SOME, add_some
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def attract(begin, end, pos, acc, mass, softening, x0, y0):
     """acc -= G M d / (d^2 + s^2)^(3/2), arrays (n, 2), d the way from (x0, y0)."""
     flat, out = pos.reshape(-1), acc.reshape(-1)  # steps of two and unsigned numbers: vectorised
@@ -25,7 +26,7 @@ def attract(begin, end, pos, acc, mass, softening, x0, y0):
         out[TWO * i + ONE] -= f * y
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def add(begin, end, vectors, x, y):
     """Add (x, y) to vectors (n, 2)."""
     out = vectors.reshape(-1)
@@ -34,7 +35,7 @@ def add(begin, end, vectors, x, y):
         out[TWO * i + ONE] += y
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def pull_of(begin, end, pos, mass, softening, x0, y0):
     """What particles give to a point at (x0, y0): the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
@@ -52,7 +53,7 @@ def pull_of(begin, end, pos, mass, softening, x0, y0):
     return limbs
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def attract_both(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0):
     """`attract` by a mass `pull` that moves with (vx0, vy0), and `pull_of`, at once.
 
@@ -81,7 +82,7 @@ def attract_both(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, 
     return limbs, (nearest2, crossing2)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+@njit(**KERNEL, fastmath={"nnan", "nsz"})
 def nearest(begin, end, pos, x0, y0):
     """Least squared distance of positions (n, 2) from (x0, y0), inf where there are none; they must be numbers."""
     least = np.inf
@@ -92,7 +93,7 @@ def nearest(begin, end, pos, x0, y0):
     return least
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+@njit(**KERNEL, fastmath={"nnan", "nsz"})
 def divide(begin, end, pos, squared, inside, x0, y0):
     """Note which positions (n, 2) are nearer to (x0, y0) than a distance that is given squared; returns the least
     squared distance of the others.

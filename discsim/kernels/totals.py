@@ -5,7 +5,8 @@ LIMBS limbs of 32 bits each, without any rounding: sums depend on no order, and 
 """
 
 import numpy as np
-from numba import njit
+
+from discsim.kernels.inner import compiled, inner, subroutine
 
 LIMBS = 67  # of which the last counts what is not finite
 NOT_FINITE = LIMBS - 1
@@ -15,7 +16,7 @@ HIDDEN, LOW, HALF = np.int64(1 << 52), np.int64(0xFFFFFFFF), np.int64(1 << 51)
 CUT = 41  # bits of a number that are summed as one: SOME of them stay below 2^53
 
 
-@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+@inner
 def add(bits, limbs):
     """Add a number, given as the bits of it (int64), to `limbs` (LIMBS,)."""
     e, m, sign = bits >> 52 & EXPONENT, bits & MANTISSA, bits >> 63
@@ -29,7 +30,7 @@ def add(bits, limbs):
     _add_whole(m, e, sign, limbs)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+@inner
 def _add_whole(m, e, sign, limbs):
     """Add m 2^e, m below 2^53; subtract it where `sign` is -1, not 0."""
     k, shift = np.uint64(e >> 5), e & 31
@@ -37,7 +38,7 @@ def _add_whole(m, e, sign, limbs):
     limbs[k + np.uint64(1)] += (m >> 32 - shift ^ sign) - sign
 
 
-@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+@inner
 def carry(limbs):
     """Take what is beyond 32 bits of each limb to the next one, which leaves room for SOME numbers more."""
     for k in range(NOT_FINITE - 1):
@@ -45,7 +46,7 @@ def carry(limbs):
         limbs[k] &= LOW
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@subroutine
 def add_some(number, values, spare, limbs):
     """Add the first `number`, at most SOME, of values (SOME,) to `limbs` (LIMBS,); spare: (2, SOME), overwritten.
 
@@ -86,7 +87,7 @@ def add_some(number, values, spare, limbs):
     carry(limbs)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def add_columns(first, last, values):
     """Limbs (columns, LIMBS) of the sums over the rows `first` to `last` of numbers (n, columns)."""
     limbs, spare = np.zeros((values.shape[1], LIMBS), np.int64), np.empty((3, SOME))

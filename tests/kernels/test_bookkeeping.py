@@ -1,0 +1,66 @@
+"""What takes the place of two functions of numba's compiler gives what those give."""
+
+import importlib.util
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numba.core import compiler, ir
+from numba.core.targetconfig import TargetConfig
+
+from discsim.kernels import bookkeeping, neighbours, nodes_relax, philox
+
+
+def loaded(module, name):
+    """The same source as another module."""
+    spec = importlib.util.spec_from_file_location(name, module.__file__)
+    other = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(other)
+    return other
+
+
+settings = st.dictionaries(st.sampled_from(["nrt", "boundscheck", "no_cfunc_wrapper", "forceinline"]), st.booleans())
+
+
+def options(values):
+    flags = compiler.Flags()
+    for name, value in values.items():
+        setattr(flags, name, value)
+    return flags
+
+
+@given(settings, settings)
+def test_options_are_equal_where_numba_says_so(one, other):
+    one, other = options(one), options(other)
+    assert (one == other) == (one.values() == other.values())  # as numba compares them
+    assert one != other or hash(one) == hash(other)
+    assert one == one.copy() and one != "options"
+    assert hash(one) == hash(tuple(sorted(one.values())))  # numba's
+
+
+def test_variables_are_those_that_numba_finds():
+    numbas = loaded(ir, "numbas_own")
+    numbas.Var, numbas.Inst = ir.Var, ir.Inst
+    look = numbas.Stmt._rec_list_vars
+    seen = 0
+    for kernel in (neighbours.find_runs, nodes_relax.relax_node, philox.words_of):
+        for block in compiler.run_frontend(kernel.py_func).blocks.values():
+            for statement in block.body:
+                assert statement.list_vars() == look(statement, vars(statement))
+                seen += len(statement.list_vars())
+    assert seen > 100
+    x, y = (ir.Var(None, name, ir.Loc("", 0)) for name in "xy")
+    held = [{"a": x}, 1, None, "text", ((y,),)]
+    assert bookkeeping.variables_in(held) == [x, y]
+
+
+@pytest.mark.parametrize("where, name", [(TargetConfig, "options"), (ir.Inst, "_rec_list_vars")])
+def test_a_numba_that_is_another_is_left_alone(monkeypatch, where, name):
+    before = TargetConfig.__eq__, TargetConfig.__hash__
+    with monkeypatch.context() as gone:
+        gone.delattr(where, name)
+        other = loaded(bookkeeping, "another_bookkeeping")
+        other.take_over()
+        assert name not in vars(where)
+    assert bookkeeping.known_inside and not other.known_inside
+    assert (TargetConfig.__eq__, TargetConfig.__hash__) == before
