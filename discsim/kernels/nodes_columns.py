@@ -72,8 +72,7 @@ def take_line(first, count, n, kind, dense, begin, column):
 def wrap(f, n, corner, period, begin, column):
     """Places in a periodic space beyond the corner of the cell."""
     for at in range(begin + f * n, begin + (f + 1) * n):
-        x = column[at] - corner
-        column[at] = corner + (x - period * math.floor(x / period))
+        column[at] -= period * math.floor((column[at] - corner) / period)
 
 
 @inner

@@ -3,74 +3,50 @@
 import numpy as np
 
 from discsim.kernels.inner import compiled, inner, lean
-from discsim.kernels.nodes import BX, BY, FIELDS, NORM, ONE, RHO, VX, VY, X, Y
+from discsim.kernels.nodes import FIELDS, NORM, ONE, VX, X, Y
 from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, most_in, take, weigh
 from discsim.kernels.rows import LANES, empty_row, lane, load, store, sums_of
 
 
 @inner
-def sum_places(n, k, begin, column, room, given, at):
-    """What a cell gives of mass, places and density to the nodes k, k + 1 and k + 2."""
+def sum_columns(half, n, k, begin, column, room, given, at):
+    """What a cell gives to the nodes k, k + 1 and k + 2: mass, places and density, or velocities and sources, as `half`
+    is ONE or VX.
+    """
     a, b, c, d = empty_row(), empty_row(), empty_row(), empty_row()
     e, f, g, h = empty_row(), empty_row(), empty_row(), empty_row()
     i, j, l, m = empty_row(), empty_row(), empty_row(), empty_row()
     for p in range(0, n, LANES):
         u, v, w = load(room, k * n + p), load(room, (k + 1) * n + p), load(room, (k + 2) * n + p)
-        a += u
-        e += v
-        i += w
-        one = load(column, begin + X * n + p)
-        b += u * one
-        f += v * one
-        j += w * one
-        one = load(column, begin + Y * n + p)
-        c += u * one
-        g += v * one
-        l += w * one
-        one = load(column, begin + RHO * n + p)
-        d += u * one
-        h += v * one
-        m += w * one
-    store(given, at + k * FIELDS, sums_of(a, b, c, d))
-    store(given, at + (k + 1) * FIELDS, sums_of(e, f, g, h))
-    store(given, at + (k + 2) * FIELDS, sums_of(i, j, l, m))
-
-
-@inner
-def sum_motion(n, k, begin, column, room, given, at):
-    """The same of velocities and sources."""
-    a, b, c, d = empty_row(), empty_row(), empty_row(), empty_row()
-    e, f, g, h = empty_row(), empty_row(), empty_row(), empty_row()
-    i, j, l, m = empty_row(), empty_row(), empty_row(), empty_row()
-    for p in range(0, n, LANES):
-        u, v, w = load(room, k * n + p), load(room, (k + 1) * n + p), load(room, (k + 2) * n + p)
-        one = load(column, begin + VX * n + p)
+        one = empty_row() + 1.0  # the mass is in the weights
+        if half != ONE:
+            one = load(column, begin + half * n + p)
         a += u * one
         e += v * one
         i += w * one
-        one = load(column, begin + VY * n + p)
+        one = load(column, begin + (half + 1) * n + p)
         b += u * one
         f += v * one
         j += w * one
-        one = load(column, begin + BX * n + p)
+        one = load(column, begin + (half + 2) * n + p)
         c += u * one
         g += v * one
         l += w * one
-        one = load(column, begin + BY * n + p)
+        one = load(column, begin + (half + 3) * n + p)
         d += u * one
         h += v * one
         m += w * one
-    store(given, at + LANES + k * FIELDS, sums_of(a, b, c, d))
-    store(given, at + LANES + (k + 1) * FIELDS, sums_of(e, f, g, h))
-    store(given, at + LANES + (k + 2) * FIELDS, sums_of(i, j, l, m))
+    store(given, at + half + k * FIELDS, sums_of(a, b, c, d))
+    store(given, at + half + (k + 1) * FIELDS, sums_of(e, f, g, h))
+    store(given, at + half + (k + 2) * FIELDS, sums_of(i, j, l, m))
 
 
 @inner
 def give(n, begin, column, room, given, at):
     """What a cell gives to its nine nodes: sums of its particles with their weights."""
-    for k in range(0, 9, 3):
-        sum_places(n, k, begin, column, room, given, at)
-        sum_motion(n, k, begin, column, room, given, at)
+    for k in range(0, 9, 3):  # each literal given to a function would compile anew
+        sum_columns(np.int64(ONE), n, k, begin, column, room, given, at)
+        sum_columns(np.int64(VX), n, k, begin, column, room, given, at)
 
 
 @inner

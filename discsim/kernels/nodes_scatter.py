@@ -11,8 +11,6 @@ from discsim.kernels.nodes_weights import brought, to_polynomial
 from discsim.kernels.relax import response
 from discsim.kernels.rows import LANES, empty_row, fetch, lane, load, store, sums_of
 
-V = np.int64(0)  # each literal given to a function would compile anew
-
 
 @inner
 def values_about(block, s, cells, nodes, value, turns, table):
@@ -175,14 +173,14 @@ def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
     """Turn the velocity in `new` into what the decay of what is left beside the own line changes; returns the mean of
     the velocity.
     """
-    x0, y0, u, v, uu, uv, vu, vv = own_line(count, n, begin, column, V, new, x0, y0, pooled, dim)
+    motion, even, source = np.int64(0), (0.0, 0.0, 0.0, 0.0), begin + BX * n  # a literal would compile anew
+    x0, y0, u, v, uu, uv, vu, vv = own_line(count, n, begin, column, motion, new, x0, y0, pooled, dim)
     if not sources:
         for p in range(0, n, LANES):
             x, y = load(column, begin + X * n + p) - x0, load(column, begin + Y * n + p) - y0
             store(new, p, f * (load(new, p) - u - uu * x - vu * y))
             store(new, p + n, f * (load(new, p + n) - v - uv * x - vv * y))
         return u, v
-    even, source = (0.0, 0.0, 0.0, 0.0), begin + BX * n
     _, _, a, b, au, av, bu, bv = own_line(count, n, begin, column, source, column, x0, y0, even, dim)
     for p in range(0, n, LANES):
         x, y = load(column, begin + X * n + p) - x0, load(column, begin + Y * n + p) - y0

@@ -1,12 +1,15 @@
-"""What takes the place of two functions of numba's compiler gives what those give."""
+"""What takes the place of three functions of numba's compiler gives what those give."""
 
 import importlib.util
+import operator
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba.core import compiler, ir
-from numba.core.targetconfig import TargetConfig
+from numba.core import compiler, ir, types
+from numba.core.registry import cpu_target
+from numba.core.targetconfig import ConfigStack, TargetConfig
+from numba.core.types.functions import BaseFunction
 
 from discsim.kernels import bookkeeping, neighbours, nodes_relax, philox
 
@@ -54,13 +57,40 @@ def test_variables_are_those_that_numba_finds():
     assert bookkeeping.variables_in(held) == [x, y]
 
 
+def test_calls_mean_what_numba_finds_under_the_options_of_their_caller(monkeypatch):
+    """The least of two numbers is compiled once for each set of options; of texts numba is asked each time."""
+    asked, numbas = [], bookkeeping.as_numba_resolves
+    monkeypatch.setattr(bookkeeping, "as_numba_resolves", lambda *given: asked.append(given[2]) or numbas(*given))
+    context, text = cpu_target.typing_context, types.unicode_type
+    context.refresh()
+    least = context.resolve_value_type(min)
+    for pair in ((types.float64, types.int64), (types.float64, types.float64)):
+        found = []
+        for nrt in (False, True, False, True):
+            with ConfigStack().enter(options({"nrt": nrt, "boundscheck": True})):  # with which nothing else is compiled
+                signature = bookkeeping.signature_of(least, context, pair, {})
+                found.append(least.get_impl_key(signature))
+                assert numbas(least, context, pair, {}) == signature and least.get_impl_key(signature) is found[-1]
+        assert found[0] is found[2] is not found[1] is found[3]
+        assert asked.count(pair) == 2
+    for _ in range(2):
+        bookkeeping.signature_of(context.resolve_value_type(operator.add), context, (text, text), {})
+    assert asked.count((text, text)) == 2
+
+
+@pytest.mark.parametrize("one", [types.unicode_type, types.ListType(types.int64), types.undefined])
+def test_what_may_become_known_later_is_not_kept(one):
+    assert not bookkeeping.is_plain(one) and not bookkeeping.is_plain(types.Tuple([types.int64, types.Tuple([one])]))
+    assert bookkeeping.is_plain(types.Tuple([types.int64, types.UniTuple(types.float64[:, :], 2)]))
+
+
 @pytest.mark.parametrize("where, name", [(TargetConfig, "options"), (ir.Inst, "_rec_list_vars")])
 def test_a_numba_that_is_another_is_left_alone(monkeypatch, where, name):
-    before = TargetConfig.__eq__, TargetConfig.__hash__
+    before = TargetConfig.__eq__, TargetConfig.__hash__, BaseFunction.get_call_type
     with monkeypatch.context() as gone:
         gone.delattr(where, name)
         other = loaded(bookkeeping, "another_bookkeeping")
         other.take_over()
         assert name not in vars(where)
     assert bookkeeping.known_inside and not other.known_inside
-    assert (TargetConfig.__eq__, TargetConfig.__hash__) == before
+    assert (TargetConfig.__eq__, TargetConfig.__hash__, BaseFunction.get_call_type) == before
