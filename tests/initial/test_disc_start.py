@@ -5,11 +5,12 @@ import tomllib
 import numpy as np
 import pytest
 from runs import DISC
+from scipy.interpolate import make_interp_spline
 
 from discsim import Simulation, load_scene
 from discsim.exact import nsh
 from discsim.initial import balance
-from discsim.initial.rings import perturbed
+from discsim.initial.rings import perturbed, spline
 from discsim.physics import profile
 from discsim.run.start import begin
 
@@ -113,6 +114,14 @@ def test_the_start_is_held_by_the_pressure_of_its_tapers():
     expected = -slope / profile.surface_density(scene, r)
     # Of the difference, step^2, and its rounding, 1e-16 / step.
     np.testing.assert_allclose(profile.pressure_acceleration(scene, r), expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("nodes", [5, 10])
+def test_phases_of_a_perturbation_are_a_spline(nodes):
+    values = 2.0 * np.pi * np.random.default_rng(1).random(nodes)
+    x = np.linspace(0.3, 25.0, 1001)
+    expected = make_interp_spline(np.linspace(0.3, 25.0, nodes), values, k=3)(x)
+    np.testing.assert_allclose(spline((0.3, 25.0), values, x), expected, atol=1e-13)  # rounding of values to 2 pi
 
 
 def test_a_perturbation_is_that_of_the_density():
