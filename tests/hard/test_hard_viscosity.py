@@ -37,7 +37,11 @@ def test_a_disc_of_alpha_one_stays_smooth(courant):
 
 
 # Artificial viscosity of no strength is none, with sums that other tests have.
-@pytest.mark.parametrize("gas", [{"kernel": "cubic"}, {"kernel": "wendland-c4", "viscosity": {"alpha": 0, "beta": 0}}])
+@pytest.mark.parametrize(
+    "gas",
+    [{"kernel": "cubic"}, {"kernel": "wendland-c4", "viscosity": {"alpha": 0, "beta": 0}}],
+    ids=["cubic", "wendland-c4"],
+)
 def test_neighbours_do_not_swing_in_steps_of_the_whole_limit(gas):
     """Random velocities on a lattice, whose stiffest wave is of two particles, after 100 steps of 1 / (25 W(0) nu)."""
     n = 16
