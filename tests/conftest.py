@@ -9,6 +9,7 @@ import gc
 import os
 import signal
 import tempfile
+from collections import Counter
 
 from hypothesis import settings
 
@@ -20,3 +21,15 @@ gc.set_threshold(*RARELY)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same-every-time", derandomize=True, deadline=None)
 settings.load_profile("same-every-time")
+
+
+SECOND = "test_forces.py"  # of gravity: long, with kernels of its own
+
+
+def pytest_collection_modifyitems(items):
+    """Files with most tests first: processes that each take the next one then end together. The second process begins
+    with a file without runs, as else it would compile what all runs need at the same time as the first.
+    """
+    tests = Counter(item.path for item in items)
+    first = max(tests, key=tests.get, default=None)
+    items.sort(key=lambda item: (item.path != first, item.path.name != SECOND, -tests[item.path]))

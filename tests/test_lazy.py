@@ -1,9 +1,8 @@
-"""Only what a scene names is imported: looked at in the modules of a fresh process."""
+"""Only what a scene names is imported: looked at in the modules of a process that has imported what runs scenes."""
 
 import json
-import subprocess
-import sys
 
+import fresh
 import pytest
 from runs import DISC, SHOCK, WAVE
 
@@ -11,18 +10,18 @@ RUN = """
 import json, sys
 from pathlib import Path
 from types import SimpleNamespace
-if sys.argv[3] == "undrawn":
+if sys.argv[2] == "undrawn":
     sys.modules["discsim.output.figure"] = SimpleNamespace(last_state_figure=lambda snapshot, figure: figure.touch())
 from discsim.run.runner import run_scene
 from discsim.scene import load_scene
-assert run_scene(load_scene(sys.argv[1], [], sys.argv[4:]), Path(sys.argv[2]), quiet=True) == 0
+scene = load_scene(sys.argv[1], ["run.until=0.01"], sys.argv[3:])
+assert run_scene(scene, Path("out"), quiet=True) == 0
 print(json.dumps(list(sys.modules)))
 """
 
 START = """
 import json, sys
 from discsim import Simulation, load_scene
-import discsim.run.runner
 Simulation(load_scene(sys.argv[1], [], sys.argv[2:]))
 print(json.dumps(list(sys.modules)))
 """
@@ -121,17 +120,26 @@ star.mass = 1
 """
 
 
-def modules(code, *arguments):
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return set(json.loads(done.stdout.splitlines()[-1]))
+@pytest.fixture(scope="module")
+def running():
+    """A process that can run scenes and has not: what all of them import is there once."""
+    with fresh.after("import discsim.run.runner, astropy.units") as run:
+        yield run
+
+
+@pytest.fixture(scope="module")
+def commanded():
+    with fresh.after("import discsim.cli") as run:
+        yield run
 
 
 @pytest.fixture
 def path(tmp_path):
     return tmp_path / "a.toml"
+
+
+def modules(printed):
+    return set(json.loads(printed.splitlines()[-1]))
 
 
 # The figure takes half of such a run: one of a map and one of lines are enough, of scenes with the least.
@@ -147,25 +155,25 @@ def path(tmp_path):
         (TUBE, (), "undrawn", GRID, OF_PARTICLES | OTHER_SCHEME | {"discsim.drag.sios_ppm"}),
     ],
 )
-def test_a_whole_run_imports_only_the_effects_named(tmp_path, path, text, without, figure, there, absent):
+def test_a_whole_run_imports_only_the_effects_named(running, tmp_path, path, text, without, figure, there, absent):
     path.write_text(text)
-    found = modules(RUN, path, tmp_path / "out", figure, *without)
+    found = modules(running(tmp_path, RUN, path, figure, *without))
     assert there <= found
     assert not (absent | RANKS | {"rich"}) & found  # rich draws on terminals
     assert ("matplotlib" in found) == (figure == "drawn")
 
 
-def test_a_start_waits_for_nothing_that_it_does_not_need(path):
+def test_a_start_waits_for_nothing_that_it_does_not_need(running, tmp_path, path):
     path.write_text(DISC)
-    found = modules(START, path, "self_gravity")
+    found = modules(running(tmp_path, START, path, "self_gravity"))
     assert "numba" in found
     unneeded = {"matplotlib", "discsim.output.figure", "scipy.interpolate", "scipy.ndimage", "scipy.spatial"}
     assert not (unneeded | GRAVITY) & found
 
 
 @pytest.mark.parametrize("arguments", [["check"], ["effects"], ["--help"]])
-def test_checking_imports_nothing_slow(path, arguments):
+def test_checking_imports_nothing_slow(commanded, tmp_path, path, arguments):
     path.write_text(DISC)
     if arguments == ["check"]:
         arguments = ["check", path]
-    assert not SLOW & modules(COMMAND, *arguments)
+    assert not SLOW & modules(commanded(tmp_path, COMMAND, *arguments))

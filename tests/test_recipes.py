@@ -1,20 +1,16 @@
 """The recipes of the documentation, followed to the letter: each as a package of its own beside discsim.
 
 Of each page the files are written as they stand there, found by an entry point, and taken through `discsim effects`,
-`check`, a run, its resume and the page's own test, in a process that knows nothing else.
+`check`, a run, its resume and the page's own test, in a process that knows of no parts before, nor of other recipes.
 """
 
-import os
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
+import fresh
 import pytest
 from recipes import PAGES, files_of, write_package
-
-import discsim
 
 NAMES = sorted(path.stem for path in PAGES.glob("*.md") if path.stem != "index")
 IN_FIGURES = ("field", "start")  # parts that figures ask; to draw one takes as long as such a run
@@ -66,21 +62,23 @@ print("done", len(done))
 """
 
 
+@pytest.fixture(scope="module")
+def following():
+    imports = "import astropy.units, discsim.cli, discsim.kernels.drag, discsim.kernels.sph, discsim.run.runner"
+    with fresh.after(imports) as run:
+        yield run
+
+
 @pytest.mark.parametrize("recipe", NAMES)
-def test_a_recipe_can_be_followed(tmp_path, recipe):
+def test_a_recipe_can_be_followed(following, tmp_path, recipe):
     files = files_of((PAGES / f"{recipe}.md").read_text(encoding="utf-8"))
     name = write_package(tmp_path, files)
     (scene,) = (file for file in files if file.endswith(".toml") and file != "pyproject.toml")
     (code,) = (text for file, text in files.items() if file == f"{Path(scene).stem}.py")
     keys = re.findall(r"^    (\w+): .* = Field", code, re.M)
-    home = os.path.dirname(os.path.dirname(discsim.__file__))
-    done = subprocess.run(
-        [sys.executable, "-c", FOLLOW, scene, name, ",".join(keys), "drawn" if recipe in IN_FIGURES else "undrawn"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{home}"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
-    assert done.stdout.splitlines()[-1] == "done 1"
+    figure = "drawn" if recipe in IN_FIGURES else "undrawn"
+    printed = following(tmp_path, FOLLOW, scene, name, ",".join(keys), figure)
+    assert printed.splitlines()[-1] == "done 1"
 
 
 def test_there_is_a_recipe_for_each_kind_of_part():

@@ -279,13 +279,13 @@ def test_stopped_twice_on_an_output(tmp_path, monkeypatch, straight):
 @pytest.mark.parametrize("integrator", ["kdk", "euler"])
 def test_a_longer_run_goes_on_from_a_finished_one(tmp_path, integrator):
     chosen = f"run.integrator={integrator}"
-    whole = scene_of(tmp_path, DISC, chosen)
+    whole = scene_of(tmp_path, DISC, chosen, "run.until=1")
     short = scene_of(tmp_path, DISC, chosen, "run.until=0.5", "title=short")
     assert run_scene(whole, tmp_path / "one", quiet=True) == 0
     assert run_scene(short, tmp_path / "two", quiet=True) == 0
     assert run_scene(whole, tmp_path / "two", resume=True, quiet=True) == 0
     assert_same_run(tmp_path / "one", tmp_path / "two")
-    assert load_scene(tmp_path / "two" / "scene.toml").run.until == 2.5
+    assert load_scene(tmp_path / "two" / "scene.toml").run.until == 1.0
 
 
 def test_what_came_after_the_checkpoint_is_dropped(tmp_path, monkeypatch, straight):

@@ -1,6 +1,7 @@
 """`discsim cost --error`: the search with real runs of a small wave, its files and messages, and with fakes."""
 
 import json
+from functools import cache
 
 import pytest
 from test_cost import WAVE, invoke
@@ -91,18 +92,18 @@ def test_faults_are_one_line_and_write_nothing(wave, tmp_path, arguments, words)
 
 def fake(monkeypatch, price=1e-3, most=None):
     """Runs that take price * n seconds of CPU, whose exact error is 0.4 / n; `most` of them until Ctrl-C."""
-    made = []
+    made, scene_at = [], cache(load_scene)
 
     def one_run(path, overrides, without, limits, say=None):
         if most is not None and len(made) == most:
             raise KeyboardInterrupt
-        scene = load_scene(path, overrides, without)
-        n = scene.gas.particles
+        scene, changed = scene_at(path), dict(each.split("=", 1) for each in overrides)
+        n = int(changed.get("gas.particles", scene.gas.particles))
         made.append(overrides)
-        cpu = price * n * 0.3 / scene.run.courant
+        cpu = price * n * 0.3 / float(changed.get("run.courant", scene.run.courant))
         if limits.cpu < cpu:
             return {"stopped": "given up", "cpu": limits.cpu, "most": limits.cpu}
-        off = 0.4 / n * (1.0 + 0.2 * ((scene.run.seed * 7919) % 11 - 5) / 5)
+        off = 0.4 / n * (1.0 + 0.2 * ((int(changed.get("run.seed", scene.run.seed)) * 7919) % 11 - 5) / 5)
         profile = {"gas": [1.0 - off, off], "dust": [1.0 - 2.0 * off, 2.0 * off]}
         drifts = {"momentum": 0.0, "energy": 0.0}
         errors = {"errors": {"gas": off}}
@@ -110,6 +111,12 @@ def fake(monkeypatch, price=1e-3, most=None):
 
     monkeypatch.setattr(study_runs, "one_run", one_run)
     return made
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Drawing takes longer than such a search; others here draw."""
+    monkeypatch.setattr("discsim.study.frontier.frontier_figure", lambda study, path: None)
 
 
 def test_against_a_finer_run_with_the_scatter_between_seeds_as_floor(wave, tmp_path, monkeypatch):
@@ -129,7 +136,7 @@ def test_against_a_finer_run_with_the_scatter_between_seeds_as_floor(wave, tmp_p
     assert "is below what seeds scatter by" in (tmp_path / "s" / "cost.log").read_text()
 
 
-def test_the_scenes_own_error_may_be_the_goal(wave, tmp_path, monkeypatch):
+def test_the_scenes_own_error_may_be_the_goal(wave, tmp_path, monkeypatch, undrawn):
     fake(monkeypatch)
     found = Cheapest(wave, tmp_path / "s", Wanted(None))
     assert found.make("wave")
@@ -138,7 +145,7 @@ def test_the_scenes_own_error_may_be_the_goal(wave, tmp_path, monkeypatch):
     assert found.found.cpu < 0.5 * found.scene.cpu and load_scene(tmp_path / "s" / "cheapest.toml").run.courant > 1.0
 
 
-def test_a_search_goes_on_where_ctrl_c_ended_it(wave, tmp_path, monkeypatch):
+def test_a_search_goes_on_where_ctrl_c_ended_it(wave, tmp_path, monkeypatch, undrawn):
     fake(monkeypatch, most=9)
     stopped = invoke(wave, "--error", "1%", *FEW, "-o", tmp_path / "s")
     assert stopped.exit_code == 130 and "the same command goes on" in stopped.output
@@ -160,7 +167,7 @@ def test_what_is_not_reached_is_told_with_the_best_found(wave, tmp_path, monkeyp
     assert "no setting that was tried reaches it; nearest is gas.particles = 120, dust.particles = 120" in line
 
 
-def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch):
+def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
     made = fake(monkeypatch)
     once = study_runs.one_run
 
