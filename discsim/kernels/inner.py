@@ -1,10 +1,11 @@
-"""What kernels are made of: functions that are forced into them, and kernels that make no arrays.
+"""What kernels are made of: `compiled` functions, each a `subroutine` where none but compiled code calls it; functions
+that are forced into others, `inner`; and kernels that make no arrays, `lean`.
 
-A process that compiles may else call another copy of a function than one that loads it, and differ in the last bits.
-Neither counts references to arrays: numba counts one at each look into a tuple of arrays, an atomic operation that
-costs more than what is done with a particle. So these make no arrays and return none; a kernel that does makes them
-once for all of its piece. Functions that need arrays of their own and are called by such are `making` (a function takes
-after its caller unless told).
+A process that compiles may else call another copy of a function than one that loads it, and differ in the last bits:
+hence `inner`. Neither it nor `lean` counts references to arrays: numba counts one at each look into a tuple of arrays,
+an atomic operation that costs more than what is done with a particle. So these make no arrays and return none; a kernel
+that does makes them once for all of its piece. Functions that need arrays of their own and are called by such are
+`making` (a function takes after its caller unless told).
 """
 
 from typing import Any
