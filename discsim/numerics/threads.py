@@ -13,6 +13,7 @@ A step of 80 loops is as many tasks, and one that a pool hands out piece by piec
 import os
 from collections.abc import Callable
 from contextvars import Context, copy_context
+from itertools import accumulate, chain
 from itertools import count as numbers
 from threading import Lock, Thread
 from typing import Any
@@ -41,42 +42,54 @@ def share(
     With `each`, what this returned for the same count and `least`, its own part of that is the third argument.
     """
     threads = numba.get_num_threads()
-    edges = pieces(count, least, threads)
-    parts = [(*edges[k : k + 2], *([] if each is None else [each[k]])) for k in range(len(edges) - 1)]
+    runs = pieces(count, least, threads)
+    spans = [span for run in runs for span in run]
+    parts = [(*span, *([] if each is None else [each[k]])) for k, span in enumerate(spans)]
     if len(parts) == 1:
         return [kernel(*parts[0], *arguments)]
-    return _together(_Loop(kernel, parts, arguments), threads - 1)
+    return _together(_Loop(kernel, parts, arguments, [len(run) for run in runs]), threads - 1)
 
 
-def pieces(count: int, least: int, threads: int) -> list[int]:
-    """Where pieces of [0, count) begin, and the last ends: half of what is left to all threads, and so on.
-
-    Large ones first cost little, small ones last leave little to wait for.
+def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
+    """Pieces (first, last) of [0, count), by the thread that begins with them: half of its part, half of the rest, and
+    so on. Large ones first cost little, small ones last leave little to wait for.
     """
-    if threads == 1 or count < 2 * least:
-        return [0, count]
+    parts = max(1, min(threads, count // least))
     smallest = max(least, -(-count // (SMALLEST * threads)))
-    edges = [0]
-    while (left := count - edges[-1]) >= 2 * smallest:
-        size = max(smallest, left // (2 * threads))
-        edges += [edges[-1] + size * k for k in range(1, threads + 1) if size * k <= left - smallest]
-    return [*edges, count]
+    runs = []
+    for k in range(parts):
+        first, end = k * count // parts, (k + 1) * count // parts
+        run = []
+        while parts > 1 and end - first >= 2 * smallest:
+            last = first + (end - first) // 2
+            run.append((first, last))
+            first = last
+        runs.append([*run, (first, end)])
+    return runs
 
 
 class _Loop:
     """A kernel and the pieces of its range; what they returned, and what they raised, by number."""
 
-    def __init__(self, kernel: Callable[..., Any], parts: list[tuple[Any, ...]], arguments: tuple[Any, ...]) -> None:
+    def __init__(
+        self, kernel: Callable[..., Any], parts: list[tuple[Any, ...]], arguments: tuple[Any, ...], runs: list[int]
+    ) -> None:
         self.kernel, self.parts, self.arguments = kernel, parts, arguments
         self.returned: list[Any] = [None] * len(parts)
         self.raised: dict[int, BaseException] = {}
-        self.begun, self.ended = numbers(), numbers(1)  # the interpreter gives each number to one thread
+        # Numbers of the pieces of each thread's own. The interpreter gives each number to one thread.
+        self.left = [iter(range(end - run, end)) for run, end in zip(runs, accumulate(runs), strict=True)]
+        self.ended = numbers(1)
         self.done = Lock()
         self.done.acquire()
 
-    def take(self) -> None:
-        """Run pieces until none is left. Whoever ends the last one says so."""
-        while (k := next(self.begun)) < len(self.parts):
+    def take(self, thread: int) -> None:
+        """Run pieces until none is left, a thread's own ones first: it has their data at hand from the loops before.
+
+        Whoever ends the last one says so.
+        """
+        own = thread % len(self.left)
+        for k in chain(*self.left[own:], *self.left[:own]):
             if not self.raised or k < min(self.raised):  # the first to raise is the same on any number of threads
                 try:
                     self.returned[k] = self.kernel(*self.parts[k], *self.arguments)
@@ -116,7 +129,7 @@ class _Crew:
             lock.acquire()
             task = self.task
             if task is not None:
-                task[1][number].run(task[0].take)
+                task[1][number].run(task[0].take, number + 1)
             del task  # and with it the arrays
 
 
@@ -134,7 +147,7 @@ def _together(loop: _Loop, helpers: int) -> list[Any]:
         crew = _Crew(helpers)
     try:
         crew.wake(loop)
-        loop.take()
+        loop.take(0)
         loop.done.acquire()
     except BaseException as fault:  # Ctrl-C between two pieces
         loop.raised[-1] = fault  # no more of them

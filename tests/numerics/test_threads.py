@@ -78,12 +78,18 @@ def cover(first, last, seen):
 @pytest.mark.parametrize("threads", [1, 2, 3, 8])
 def test_pieces_cover_a_range_once_and_none_is_too_small(threads, least):
     for count in [*range(200), 511, 512, 513, 4096]:
-        sizes = np.diff(pieces(count, least, threads))
-        assert sizes.sum() == count
+        runs = pieces(count, least, threads)
+        spans = [span for run in runs for span in run]
+        assert spans[0][0] == 0 and spans[-1][1] == count
+        assert [a for a, _ in spans[1:]] == [b for _, b in spans[:-1]]
+        sizes = np.diff(spans)[:, 0]
         if len(sizes) > 1:
             assert sizes.min() >= least
             # What the last piece leaves the others to wait for: a sixteenth of a thread's share, twice where it ends.
             assert sizes[-1] < 2 * max(least, np.ceil(count / (8 * threads)))
+            # No thread's part is larger than another's by more than one, or there are fewer parts as they are too small.
+            assert len(runs) == min(threads, count // least)
+            assert np.ptp([run[-1][1] - run[0][0] for run in runs]) <= 1
         assert len(sizes) == 1 or count >= 2 * least
 
 
@@ -104,6 +110,23 @@ def test_loops_are_shared_among_the_caller_and_the_same_helpers(four_cores):
     found = threads_of_a_loop()
     assert threading.get_ident() in found and len(found) == 4
     assert all(threads_of_a_loop() == found for _ in range(20))
+
+
+def test_a_thread_begins_with_its_own_part_of_a_range(four_cores):
+    """The same in each loop, so what it needs is in its cache; and then it takes what others have not begun."""
+    caller, took = threading.get_ident(), []
+
+    def note(first, last):
+        took.append((threading.get_ident(), first))
+        time.sleep(0.05 if threading.get_ident() != caller else 0.0)
+
+    for _ in range(3):
+        took.clear()
+        share(note, 64, least=1)
+        begun = {thread: first for thread, first in reversed(took)}
+        assert begun[caller] == 0 and set(begun.values()) == {0, 16, 32, 48}
+        assert len(took) == sum(map(len, pieces(64, 1, 4)))
+        assert sum(thread == caller for thread, _ in took) > len(pieces(64, 1, 4)[0])
 
 
 def test_loops_of_few_pieces_take_helpers_that_are_there(four_cores):
