@@ -23,7 +23,7 @@ from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, members_of
 from discsim.kernels.drag import free_kick
 from discsim.kernels.frame import Frame
 from discsim.kernels.kinds import Law, Species
-from discsim.kernels.nodes import FIELDS, Cells, Change, Nodes, Sharp, Slopes
+from discsim.kernels.nodes import BX, FIELDS, Cells, Change, Nodes, Sharp, Slopes
 from discsim.kernels.rows import LANES
 from discsim.numerics import world
 from discsim.numerics.threads import share
@@ -148,8 +148,8 @@ def _gather(drag: Drag, kind: Species, cells: Cells, nodes: Nodes, about_star: F
         share(nodes_grains.collect_grains, len(nodes.near), kind, nodes, row, cells.share, least=LEAST)
         return np.empty(0, np.int64), row.ravel()
     rows = (np.diff(kind.start[: count * kind.number + 1]) + LANES - 1) // LANES
-    begin = np.append(0, np.cumsum(LANES * rows))
-    column = _kept(drag, f"columns of {name}", FIELDS * int(begin[-1]))
+    begin = (FIELDS if len(kind.own) > 0 else BX) * LANES * np.append(0, np.cumsum(rows))
+    column = _kept(drag, f"columns of {name}", int(begin[-1]))
     square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
     share(nodes_gather.gather, count, kind, cells, nodes, about_star, law, begin, column, square, least=LEAST)
     share(nodes_gather.collect, len(nodes.near), kind, cells, nodes, square, least=LEAST)

@@ -1,8 +1,9 @@
 """Particles of a cell as its nodes see them (`kernels/nodes.py`), in columns: LANES particles at once.
 
 The FIELDS of a population in a block are columns of n entries one after the other, n the number of its particles filled
-up to whole rows: what fills up is as the last particle, and has no mass. Loops are few, as a block may have few
-particles: where a loop ends is what a processor guesses wrong.
+up to whole rows: what fills up is as the last particle, and has no mass. What a population lacks has no column, sources,
+or one that is not touched, as columns are more than the processor's caches hold. Loops are few, as a block may have
+few particles: where a loop ends is what a processor guesses wrong.
 """
 
 import math
@@ -76,18 +77,13 @@ def wrap(f, n, corner, period, begin, column):
 
 
 @inner
-def to_cell(block, n, cells, flat, sources, dense, begin, column):
-    """Places from the middle of the cell, in sides; 0 for what is absent."""
+def to_cell(block, n, cells, flat, begin, column):
+    """Places from the middle of the cell, in sides."""
     inverse, x0, y0 = 1.0 / cells.side[block], cells.corner[block, 0], cells.corner[block, 1]
     for at in range(begin, begin + n, LANES):
         store(column, at + X * n, inverse * (load(column, at + X * n) - x0) - 0.5)
         if not flat:
             store(column, at + Y * n, inverse * (load(column, at + Y * n) - y0) - 0.5)
-        if not sources:
-            store(column, at + BX * n, empty_row())
-            store(column, at + BY * n, empty_row())
-        if not dense:
-            store(column, at + RHO * n, empty_row())
 
 
 @inner
@@ -124,7 +120,7 @@ def take(block, first, count, n, kind, cells, frame, law, begin, column, room):
         wrap(X, n, cells.corner[block, 0], cells.period[0], begin, column)
         if not flat:
             wrap(Y, n, cells.corner[block, 1], cells.period[1], begin, column)
-    to_cell(block, n, cells, flat, len(kind.own) > 0, dense, begin, column)
+    to_cell(block, n, cells, flat, begin, column)
     if frame.star > 0.0:
         leave_orbits(block, n, cells, frame, begin, column, room)
 

@@ -9,9 +9,9 @@ from discsim.kernels.rows import LANES, empty_row, lane, load, store, sums_of
 
 
 @inner
-def sum_columns(half, n, k, begin, column, room, given, at):
+def sum_columns(half, more, n, k, begin, column, room, given, at):
     """What a cell gives to the nodes k, k + 1 and k + 2: mass, places and density, or velocities and sources, as `half`
-    is ONE or VX.
+    is ONE or VX; density or sources only if there are any, `more`.
     """
     a, b, c, d = empty_row(), empty_row(), empty_row(), empty_row()
     e, f, g, h = empty_row(), empty_row(), empty_row(), empty_row()
@@ -28,25 +28,27 @@ def sum_columns(half, n, k, begin, column, room, given, at):
         b += u * one
         f += v * one
         j += w * one
-        one = load(column, begin + (half + 2) * n + p)
-        c += u * one
-        g += v * one
-        l += w * one
-        one = load(column, begin + (half + 3) * n + p)
-        d += u * one
-        h += v * one
-        m += w * one
+        if half == ONE or more:
+            one = load(column, begin + (half + 2) * n + p)
+            c += u * one
+            g += v * one
+            l += w * one
+        if more:
+            one = load(column, begin + (half + 3) * n + p)
+            d += u * one
+            h += v * one
+            m += w * one
     store(given, at + half + k * FIELDS, sums_of(a, b, c, d))
     store(given, at + half + (k + 1) * FIELDS, sums_of(e, f, g, h))
     store(given, at + half + (k + 2) * FIELDS, sums_of(i, j, l, m))
 
 
 @inner
-def give(n, begin, column, room, given, at):
-    """What a cell gives to its nine nodes: sums of its particles with their weights."""
+def give(n, dense, sources, begin, column, room, given, at):
+    """What a cell gives to its nine nodes: sums of its particles with their weights, 0 of what they lack."""
     for k in range(0, 9, 3):  # each literal given to a function would compile anew
-        sum_columns(np.int64(ONE), n, k, begin, column, room, given, at)
-        sum_columns(np.int64(VX), n, k, begin, column, room, given, at)
+        sum_columns(np.int64(ONE), dense, n, k, begin, column, room, given, at)
+        sum_columns(np.int64(VX), sources, n, k, begin, column, room, given, at)
 
 
 @inner
@@ -82,11 +84,12 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, r
     for again in range(2 if ragged else 1):
         if again:
             leave_out(home, n, nodes.about, nodes.sums, begin, column, room)
-        give(n, begin, column, room, cells.given, cell * 9 * FIELDS)
+        give(n, len(kind.density) > 0, len(kind.own) > 0, begin, column, room, cells.given, cell * 9 * FIELDS)
         if not again:  # of all weights
             own_moments(cells.given, cell * 9 * FIELDS, cells.own, cell * 3 * FIELDS)
-    for at in range(0, n, LANES):
-        store(column, begin + NORM * n + at, load(room, NORMS * n + at) if ragged else empty_row() + 1.0)
+    if ragged:
+        for at in range(0, n, LANES):
+            store(column, begin + NORM * n + at, load(room, NORMS * n + at))
 
 
 @inner
@@ -113,14 +116,14 @@ def square_of(block, n, begin, column, room, square):
 
 @compiled
 def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, square):
-    """The columns of each population in the blocks, `column` from element FIELDS `begin` on (segments,); what each cell
+    """The columns of each population in the blocks, `column` from element `begin` on (segments,); what each cell
     gives, into its part of `cells.given`, and its own moments; of the gas also what it gives of m x^2, `square`
     (blocks, 9), if that has entries.
     """
     room = np.empty(ROOM * most_in(block_from, block_to, kind))
     for block in range(block_from, block_to):
         for part in range(kind.number):
-            at = FIELDS * begin[block * kind.number + part]
+            at = begin[block * kind.number + part]
             gather_species(block, part, kind, cells, nodes, frame, law, at, column, room, square)
 
 

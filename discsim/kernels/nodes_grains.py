@@ -10,7 +10,7 @@ moments of each class and the second ones of all its dust together: those about 
 import numpy as np
 
 from discsim.kernels.inner import compiled, inner, lean
-from discsim.kernels.nodes import BY_Y, FIELDS, MASS, ONE, X, Y
+from discsim.kernels.nodes import BX, BY_Y, FIELDS, MASS, ONE, RHO, X, Y
 from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
 
@@ -60,7 +60,8 @@ def take_rows(block, first, count, kind, cells, nodes, frame, law, row, share, c
     for at in range(count):
         share[first + at] = column[MASS * n + at]
         for f in range(FIELDS):
-            row[first + at, f] = column[f * n + at]
+            there = f < BX and (f != RHO or len(kind.density) > 0)  # by grain, where none has sources
+            row[first + at, f] = column[f * n + at] if there else 0.0
         row[first + at, ONE] = 1.0
     if is_ragged(home, flat, nodes.about, nodes.sums):
         weigh(n, flat, 0, column, room)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from discsim.kernels.inner import compiled, inner, lean
-from discsim.kernels.nodes import BX, BY, DX, FIELDS, MASS, ONE, VX, VY, X, Y
+from discsim.kernels.nodes import BX, BY, DX, MASS, ONE, VX, VY, X, Y
 from discsim.kernels.nodes_columns import filled
 from discsim.kernels.nodes_weights import brought, to_polynomial, value_at
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
@@ -63,20 +63,21 @@ def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
     the same momentum is not the same energy. (u, v) is the mean that what is left of a particle decays to: the changes
     by the decay have no mean, and what is common to the cell does no work.
     """
-    lost = 0.0
+    lost, sources = 0.0, len(kind.own) > 0
     for p in range(count):
         i, at = kind.order[first + p], begin + p
         m, x, y = column[at + MASS * n], column[at + X * n], column[at + Y * n]
         if turns:
             does, idle = value_at(work, 0, x, y), value_at(work, 9 * LANES, x, y)
             along, across = lane(does, SPIN_Y) - lane(does, 0) * y, lane(does, 0) * x - lane(does, SPIN_X)
-            done = along * (column[at + VX * n] + 0.5 * dt * column[at + BX * n])
-            done += across * (column[at + VY * n] + 0.5 * dt * column[at + BY * n])
+            half_x = 0.5 * dt * column[at + BX * n] if sources else 0.0
+            half_y = 0.5 * dt * column[at + BY * n] if sources else 0.0
+            done = along * (column[at + VX * n] + half_x) + across * (column[at + VY * n] + half_y)
             done += y * lane(idle, U) - x * lane(idle, V) - lane(idle, TURN)
             lost -= m * done
         for c in range(kind.vel.shape[1]):
             more, change, mean = new[c * n + p], new[(2 + c) * n + p], u if c == 0 else v
-            relative, source = column[at + (VX + c) * n], column[at + (BX + c) * n]
+            relative, source = column[at + (VX + c) * n], column[at + (BX + c) * n] if sources else 0.0
             frame = kind.vel[i, c] - relative + 0.5 * dt * (kind.acc[i, c] - source)
             lost -= m * change * (0.5 * change + frame)
             lost -= m * more * (relative + change - mean + frame + 0.5 * (dt * source + more))
@@ -106,7 +107,7 @@ def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
         store(table, k * LANES, empty_row())
         table[k, 0] = node_heats[node] / nodes.sums[node, 0, ONE] if there else 0.0
     to_polynomial(table, 0, kind.pos.shape[1] == 1)
-    first, count, at = kind.start[block], kind.start[block + 1] - kind.start[block], FIELDS * begin[block]
+    first, count, at = kind.start[block], kind.start[block + 1] - kind.start[block], begin[block]
     n = filled(count)
     for p in range(count):
         heat[kind.order[first + p]] = brought(table, 0, column[at + X * n + p], column[at + Y * n + p])

@@ -5,7 +5,7 @@ import numpy as np
 from discsim.kernels.inner import compiled, inner
 from discsim.kernels.lines import solve
 from discsim.kernels.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
-from discsim.kernels.nodes_columns import filled, most_in
+from discsim.kernels.nodes_columns import filled, is_ragged, most_in
 from discsim.kernels.nodes_heat import loss, turns_about
 from discsim.kernels.nodes_weights import brought, to_polynomial
 from discsim.kernels.relax import response
@@ -33,7 +33,7 @@ def place_of(block, part, kind, cells, begin, column, held):
     """
     seat = block * kind.number + part
     if not by_grain(kind, cells):
-        return FIELDS * begin[seat]
+        return begin[seat]
     first, count = kind.start[seat], kind.start[seat + 1] - kind.start[seat]
     n = filled(count)
     for at in range(n):
@@ -48,6 +48,14 @@ def place_of(block, part, kind, cells, begin, column, held):
 @inner
 def by_grain(kind, cells):
     return kind.first > 0 and len(cells.total) > 0
+
+
+@inner
+def has_norms(block, kind, cells, nodes):
+    """Whether the weights of particles in a block do not add up to 1."""
+    return kind.first > 0 and (
+        by_grain(kind, cells) or is_ragged(cells.home[block], kind.pos.shape[1] == 1, nodes.about, nodes.sums)
+    )
 
 
 @inner
@@ -146,7 +154,7 @@ def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
 
 
 @inner
-def add_changes(n, begin, column, table, turns, bend, new):
+def add_changes(n, begin, column, table, turns, normed, bend, new):
     """`new`, columns from 0 on: velocity of each particle with what the nodes bring, less its quadratic part (2), and
     what they bring (2).
     """
@@ -158,7 +166,7 @@ def add_changes(n, begin, column, table, turns, bend, new):
         if turns:
             spin = brought(table, SPIN, x, y)
             dx, dy = dx - spin * y, dy + spin * x
-        else:
+        elif normed:
             norm = load(column, at + NORM * n)
             dx, dy = norm * dx, norm * dy
         u, v = load(column, at + VX * n) + dx, load(column, at + VY * n) + dy
@@ -232,7 +240,7 @@ def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, e
         rate = rate_of(count, n, begin, column, table)
     else:
         rate = rate_in(block, s, cells, nodes, sharp.value)
-    add_changes(n, begin, column, table, turns, bend, new)
+    add_changes(n, begin, column, table, turns, has_norms(block, kind, cells, nodes), bend, new)
     u, v = 0.0, 0.0
     if rate > 0.0:
         pooled = (sharp.slope[home, 0], sharp.slope[home, 1], sharp.slope[home, 2], sharp.slope[home, 3])
@@ -289,9 +297,12 @@ def times_in(block, part, kind, cells, nodes, value, begin, column, table, time)
     first = kind.start[block * kind.number + part]
     count = kind.start[block * kind.number + part + 1] - first
     n = filled(count)
+    normed = has_norms(block, kind, cells, nodes)
     for p in range(count):
         at = begin + p
-        rate = column[at + NORM * n] * brought(table, RATE, column[at + X * n], column[at + Y * n])
+        rate = brought(table, RATE, column[at + X * n], column[at + Y * n])
+        if normed:
+            rate *= column[at + NORM * n]
         time[kind.order[first + p]] = 1.0 / rate if rate > 0.0 else np.inf
 
 

@@ -104,7 +104,7 @@ def given_by(place, mass, fields, flat):
     column[MASS, :count], column[1, :count], column[2, :count] = mass, place[:, 0], place[:, 1]
     weigh(n, flat, 0, column.ravel(), room)
     out, own = np.empty((9, FIELDS)), np.empty((3, FIELDS))
-    give(n, 0, column.ravel(), room, out, 0)
+    give(n, True, True, 0, column.ravel(), room, out, 0)
     own_moments(out, 0, own, 0)
     column[MASS] = 1.0  # ONE, to the nodes
     return column[:, :count].T.copy(), out, own
