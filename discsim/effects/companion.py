@@ -206,7 +206,7 @@ class Effect(base.Effect):
         self.scene = scene
         self.companions = scene.table("companion")
         self.orbits = Orbits(scene)
-        self._near: dict[str, np.ndarray] = {}  # (companions, 2), as `kernels.attract_both`
+        self._near: dict[str, np.ndarray] = {}  # (companions, 2), as `kernels.attract_moving`
         self._lengths = np.zeros(len(self.companions))  # softenings
         self._places = np.zeros((len(self.companions), 2))
         self._dt = 0.0
@@ -269,7 +269,7 @@ class Effect(base.Effect):
             self._near[name] = np.full((len(self.companions), 2), np.inf)
             for k in range(len(self.companions)):
                 given = bodies.mass[k + 1], self._lengths[k], *bodies.pos[k + 1].tolist(), *bodies.vel[k + 1].tolist()
-                found = share(kernels.attract_both, p.count, p.pos, p.vel, p.acc, p.mass, *given)
+                found = share(kernels.attract_moving, p.count, p.pos, p.vel, p.acc, p.mass, *given)
                 bodies.pulled[k + 1, SPECIES.index(name)] = rounded(sum(limbs for limbs, _ in found))
                 self._near[name][k] = np.min([near for _, near in found], axis=0)
         self.orbits.accelerate(bodies)

@@ -19,6 +19,7 @@ from pydantic import Field, StrictBool
 from discsim.effects import base
 from discsim.effects.accretion import swallow, taken_from
 from discsim.numerics import world
+from discsim.numerics.bodies import SPECIES
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.numerics.totals import rounded, total, totals
@@ -105,14 +106,15 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         self._place = place = state.star_place
-        for p in state.species.values():
-            share(kernels.attract, p.count, p.pos, p.acc, state.star_mass, self.star.softening, *place)
-        bodies = state.bodies
+        bodies, given = state.bodies, (state.star_mass, self.star.softening, *place)
+        for name, p in state.species.items():
+            if bodies is None or name not in self.counted:
+                share(kernels.attract, p.count, p.pos, p.acc, *given)
+            else:
+                limbs = share(kernels.attract_mutually, p.count, p.pos, p.acc, p.mass, *given)
+                bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         if bodies is None:
             return
-        for number, name in enumerate(("gas", "dust")):
-            if name in self.counted:
-                bodies.pulled[0, number] = pull_of(state.species[name], self.star.softening, place)
         if not self.orbits.inertial:
             pull = self.orbits.pull_on_star(bodies, beyond_drift=not self.all_in_kick)
             for p in state.species.values():
@@ -181,8 +183,3 @@ class Effect(base.Effect):
             distance = np.sqrt(((p.pos - place) ** 2).sum(axis=1) + self.star.softening**2)
             energy -= total(p.mass * state.star_mass / distance)
         return energy
-
-
-def pull_of(particles: Particles, softening: float, place: tuple[float, float]) -> np.ndarray:
-    """What particles give to a point at `place` (2,), softened."""
-    return rounded(sum(share(kernels.pull_of, particles.count, particles.pos, particles.mass, softening, *place)))

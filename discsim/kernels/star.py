@@ -36,26 +36,29 @@ def add(begin, end, vectors, x, y):
 
 
 @compiled
-def pull_of(begin, end, pos, mass, softening, x0, y0):
-    """What particles give to a point at (x0, y0): the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
+def attract_mutually(begin, end, pos, acc, mass, pull, softening, x0, y0):
+    """`attract` by a mass `pull`; returns what particles give to it: limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
-    flat = pos.reshape(-1)
+    flat, out = pos.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):
         number, start = min(SOME, end - block), np.uint64(block)
         for k in range(np.uint64(number)):
             i = start + k
             x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
             d2 = x * x + y * y + softening * softening
-            f = mass[i] / (d2 * math.sqrt(d2))
-            terms[0, k], terms[1, k] = f * x, f * y
+            d3 = d2 * math.sqrt(d2)
+            f, g = pull / d3, mass[i] / d3
+            terms[0, k], terms[1, k] = g * x, g * y
+            out[TWO * i] -= f * x
+            out[TWO * i + ONE] -= f * y
         for column in range(2):
             add_some(number, terms[column], spare, limbs[column])
     return limbs
 
 
 @compiled
-def attract_both(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0):
-    """`attract` by a mass `pull` that moves with (vx0, vy0), and `pull_of`, at once.
+def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0):
+    """`attract_mutually` by a mass that moves with (vx0, vy0).
 
     Returns the limbs of that, and the least d^2 and the least (d^2 + s^2) / v^2, v the relative velocity.
     """
@@ -100,9 +103,20 @@ def divide(begin, end, pos, squared, inside, x0, y0):
     """
     least = np.inf
     flat = pos.reshape(-1)
-    for i in range(np.uint64(begin), np.uint64(end)):
-        x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
-        d2 = x * x + y * y
-        inside[i] = d2 < squared
-        least = min(least, d2 if d2 >= squared else np.inf)
+    for block in range(begin, end, SOME):
+        first, last = np.uint64(block), np.uint64(min(block + SOME, end))
+        here = np.inf
+        for i in range(first, last):
+            x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
+            here = min(here, x * x + y * y)
+        inside[first:last] = False
+        if here < squared:  # of few blocks; the loop above is vectorised
+            here = np.inf
+            for i in range(first, last):
+                x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
+                d2 = x * x + y * y
+                inside[i] = d2 < squared
+                if d2 >= squared:
+                    here = min(here, d2)
+        least = min(least, here)
     return least
