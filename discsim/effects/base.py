@@ -83,7 +83,11 @@ class Effect:
     from_start: tuple[str, ...] = ()
     slow_kernels = False  # whether its kick takes so long to compile that a second process is to help (run/ahead.py)
     softer = ""  # what to change so that `limit_of` is longer
-    uncoupled = 0.0  # share of the dust mass that it should have coupled to gas at the last kick, and could not
+
+    @property
+    def uncoupled(self) -> float:
+        """Share of the dust mass that it should have coupled to gas at the last kick, and could not."""
+        return 0.0
 
     def __init__(self, scene: Scene, state: State) -> None:
         """The effect of a run of `scene` from the start `state`. Raises ValueError where the two make none."""

@@ -155,6 +155,10 @@ def _heating(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "heating"), "one-way drag leaves the gas alone; expected false"
 
 
+def _moving_mass(dust: Dust) -> np.ndarray:
+    return dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
+
+
 class Effect(base.Effect):
     keys = Keys
     is_kick = needs_grid = slow_kernels = lists_schemes = True
@@ -162,7 +166,7 @@ class Effect(base.Effect):
     rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell, _heating)
 
     def __init__(self, scene: Scene, state: State) -> None:
-        self.scene, self.drag = scene, scene.drag
+        self.scene, self.drag, self.state = scene, scene.drag, state
         self.two_way = self.drag.direction == "two-way"
         self.dim = scene.space.dimensions
         self.scheme: Scheme = SCHEMES[self.drag.scheme]
@@ -174,7 +178,7 @@ class Effect(base.Effect):
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size
-        self.uncoupled = 0.0  # share of the dust mass in enlarged cells or without gas, at the last kick
+        self._mass_alone = 0.0  # of the dust in enlarged cells or without gas, at the last kick
         self.alone = NOBODY  # numbers of the dust that has no gas to relax with, at the last kick
         self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
         self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
@@ -211,12 +215,12 @@ class Effect(base.Effect):
     def stopping_times(self, times: np.ndarray | Callable[[], np.ndarray]) -> None:
         self.found_times = times
 
-    def _share_alone(self, dust: Dust) -> float:
-        """The share of the dust mass that is uncoupled."""
-        if world.together.most(len(self.alone)) == 0:
-            return 0.0
-        mass = dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
-        return total(mass[self.alone]) / total(mass)
+    @property
+    def uncoupled(self) -> float:
+        """Share of the dust mass in enlarged cells or without gas, at the last kick. A sum over all dust: not in each
+        step, which would pay a hundredth of its time for it.
+        """
+        return self._mass_alone / total(_moving_mass(self.state.dust)) if self._mass_alone > 0.0 else 0.0
 
     def limit(self, state: State) -> float:
         if self.limit_by is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:
@@ -234,7 +238,7 @@ class Effect(base.Effect):
         else:
             share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt)
             share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt)
-            self.uncoupled = 1.0 if dust.everywhere > 0 else 0.0
+            self._mass_alone = total(_moving_mass(dust))
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
             kick_gas(state, dt)
@@ -280,6 +284,7 @@ class Effect(base.Effect):
             self.star = (state.central_mass, state.scene.star.softening)
         with state.about_centre(gas_vel):
             self.relax_by(self, state, dt, gas_vel, heat)
-        self.uncoupled = self._share_alone(dust)
+        there = world.together.most(len(self.alone)) > 0
+        self._mass_alone = total(_moving_mass(dust)[self.alone]) if there else 0.0
         if resting is not None:
             dust.vel[dust.immobile] = resting

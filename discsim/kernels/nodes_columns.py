@@ -1,9 +1,9 @@
 """Particles of a cell as its nodes see them (`kernels/nodes.py`), in columns: LANES particles at once.
 
 The FIELDS of a population in a block are columns of n entries one after the other, n the number of its particles filled
-up to whole rows: what fills up is as the last particle, and has no mass. What a population lacks has no column, sources,
-or one that is not touched, as columns are more than the processor's caches hold. Loops are few, as a block may have
-few particles: where a loop ends is what a processor guesses wrong.
+up to whole rows: what fills up is as the last particle, and has no mass. Columns of all blocks are more than caches
+hold: a population without sources has none for them, and that of a density or norm is touched only where there is one.
+Loops are few, as a block may have few particles: where a loop ends is what a processor guesses wrong.
 """
 
 import math

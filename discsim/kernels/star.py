@@ -37,7 +37,7 @@ def add(begin, end, vectors, x, y):
 
 @compiled
 def attract_mutually(begin, end, pos, acc, mass, pull, softening, x0, y0):
-    """`attract` by a mass `pull`; returns what particles give to it: limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
+    """`attract` by a mass `pull`, and back: returns the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     flat, out = pos.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):

@@ -87,7 +87,7 @@ def test_pieces_cover_a_range_once_and_none_is_too_small(threads, least):
             assert sizes.min() >= least
             # What the last piece leaves the others to wait for: a sixteenth of a thread's share, twice where it ends.
             assert sizes[-1] < 2 * max(least, np.ceil(count / (8 * threads)))
-            # No thread's part is larger than another's by more than one, or there are fewer parts as they are too small.
+            # Parts are equal, and fewer than threads only where they would be too small.
             assert len(runs) == min(threads, count // least)
             assert np.ptp([run[-1][1] - run[0][0] for run in runs]) <= 1
         assert len(sizes) == 1 or count >= 2 * least
@@ -123,7 +123,7 @@ def test_a_thread_begins_with_its_own_part_of_a_range(four_cores):
     for _ in range(3):
         took.clear()
         share(note, 64, least=1)
-        begun = {thread: first for thread, first in reversed(took)}
+        begun = dict(reversed(took))
         assert begun[caller] == 0 and set(begun.values()) == {0, 16, 32, 48}
         assert len(took) == sum(map(len, pieces(64, 1, 4)))
         assert sum(thread == caller for thread, _ in took) > len(pieces(64, 1, 4)[0])
