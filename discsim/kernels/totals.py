@@ -50,10 +50,10 @@ def carry(limbs):
 def add_some(number, values, spare, limbs):
     """Add the first `number`, at most SOME, of values (SOME,) to `limbs` (LIMBS,); spare: (2, SOME), overwritten.
 
-    Each is cut into three whole numbers of at most 2^CUT units, which are added as such. y + b - b, of a b so large
-    that its last bit is the unit, is y to whole units (Rump et al. 2008, SIAM J. Sci. Comput. 31, 189, algorithm 3.2),
-    and the bits of y + b less those of b are their number. No loop has a branch: they are vectorised. What is not 0
-    after that, of numbers far smaller than the largest, is added one by one.
+    Each is cut into whole numbers of at most 2^CUT units, two as a rule and three at most, which are added as such.
+    y + b - b, of a b so large that its last bit is the unit, is y to whole units (Rump et al. 2008, SIAM J. Sci.
+    Comput. 31, 189, algorithm 3.2), and the bits of y + b less those of b are their number. No loop has a branch: they
+    are vectorised. What is not 0 after that, of numbers far smaller than the largest, is added one by one.
     """
     bits, left, sums = values.view(np.int64), spare[0], spare[1]
     rest, sum_bits = left.view(np.int64), sums.view(np.int64)
@@ -70,17 +70,17 @@ def add_some(number, values, spare, limbs):
     for _ in range(3):
         sum_bits[0] = bound_bits = e << 52 | HALF
         bound = sums[0]
-        whole = np.int64(0)
+        whole = missed = np.int64(0)
         for k in range(np.uint64(number)):
             sums[k] = left[k] + bound
             left[k] -= sums[k] - bound
             whole += sum_bits[k] - bound_bits
+            missed |= rest[k] << 1
         sign = whole >> 63
         _add_whole((whole ^ sign) - sign, e, sign, limbs)
+        if missed == 0:
+            break
         e -= CUT
-    missed = np.int64(0)
-    for k in range(np.uint64(number)):
-        missed |= rest[k] << 1
     if missed != 0:
         for k in range(np.uint64(number)):
             add(rest[k], limbs)
