@@ -220,7 +220,8 @@ class Effect(base.Effect):
         """Share of the dust mass in enlarged cells or without gas, at the last kick. A sum over all dust: not in each
         step, which would pay a hundredth of its time for it.
         """
-        return self._mass_alone / total(_moving_mass(self.state.dust)) if self._mass_alone > 0.0 else 0.0
+        whole = total(_moving_mass(self.state.dust)) if self._mass_alone > 0.0 else 0.0
+        return self._mass_alone / whole if whole > 0.0 else 0.0
 
     def limit(self, state: State) -> float:
         if self.limit_by is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:

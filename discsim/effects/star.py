@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.star")
 
-PULL = 6.0  # CPU nanoseconds of a particle in a step, and again of one whose pull on the star counts
+PULL = 5.0  # CPU nanoseconds of a particle in a step, and again of one whose pull on the star counts
 
 
 class Keys(Table):

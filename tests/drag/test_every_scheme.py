@@ -29,6 +29,17 @@ def dragged(dimensions, law, **drag):
     return scene({"kind": "wave", "amplitude": 0.1}, dust=dust | {"grain_size": 0.1}, drag=drag)
 
 
+SIZES = {"smallest": 0.01, "largest": 1.0}
+KEEPING = {  # dimensions, law, and what is laid over tables of the scene
+    "line": (1, "stopping-time", {}),
+    "disc": (2, "stokes-number", {}),
+    "one-way": (2, "stokes-number", {"drag": {"direction": "one-way"}}),
+    "heated": (1, "epstein", {"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}}}),
+    "grain by grain": (1, "epstein", {"dust": {"grain_size": SIZES}}),
+    "of few sizes": (1, "epstein", {"dust": {"grain_size": SIZES | {"bins": 2}, "particles": 2000}}),
+}
+
+
 def test_every_drag_law_is_stepped_here():
     assert set(LAWS) == set(choices(TABLES["drag"], "law"))
     # Those of the fixed grid are in tests/numerics/test_ppm.py.
@@ -78,3 +89,24 @@ def test_one_way_drag_leaves_the_gas_alone(dimensions, law, scheme):
     for name, array in alone.gas.arrays().items():
         np.testing.assert_array_equal(getattr(sim.gas, name), array, err_msg=name)
     assert np.abs(sim.dust.vel - start).max() > 0
+
+
+@pytest.mark.parametrize(("dimensions", "law", "tables"), KEEPING.values(), ids=KEEPING)
+def test_what_kept_arrays_hold_from_the_kick_before_does_not_matter(dimensions, law, tables):
+    """They are as they were left, and of what particles lack they hold anything."""
+    ends = []
+    for left in (0.0, np.nan):
+        given = dragged(dimensions, law, scheme="tsc")
+        for name, more in tables.items():
+            given[name] = given[name] | more
+        sim = Simulation(given)
+        drag = sim.effects["drag"]
+        for _ in range(3):
+            sim.step()
+            assert drag.buffers
+            times = drag.stopping_times.copy()
+            for kept in drag.buffers.values():
+                kept[:] = left
+        assert_sane(sim)
+        ends.append(np.concatenate([sim.gas.vel, sim.dust.vel, times[:, None]], axis=None))
+    np.testing.assert_array_equal(*ends)

@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 
 from discsim.kernels import rows
-from discsim.kernels.nodes import FIELDS, MASS
+from discsim.kernels.nodes import BX, BY, FIELDS, MASS, RHO
 from discsim.kernels.nodes_columns import NORMS, ROOM, filled, leave_out, weigh
 from discsim.kernels.nodes_gather import give, own_moments
 from discsim.kernels.nodes_weights import cloud, to_polynomial, value_at
@@ -96,7 +96,7 @@ def test_polynomials_bring_what_the_weights_do(flat):
 
 
 @njit
-def given_by(place, mass, fields, flat):
+def given_by(place, mass, fields, flat, dense, sources):
     count = len(mass)
     n = filled(count)
     column, room = np.zeros((FIELDS, n)), np.empty(ROOM * n)
@@ -104,21 +104,28 @@ def given_by(place, mass, fields, flat):
     column[MASS, :count], column[1, :count], column[2, :count] = mass, place[:, 0], place[:, 1]
     weigh(n, flat, 0, column.ravel(), room)
     out, own = np.empty((9, FIELDS)), np.empty((3, FIELDS))
-    give(n, True, True, 0, column.ravel(), room, out, 0)
+    give(n, dense, sources, 0, column.ravel(), room, out, 0)
     own_moments(out, 0, own, 0)
     column[MASS] = 1.0  # ONE, to the nodes
     return column[:, :count].T.copy(), out, own
 
 
+@pytest.mark.parametrize(("dense", "sources"), [(True, True), (False, True), (True, False), (False, False)])
 @pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("count", [0, 1, 2, 4, 13])
-def test_what_a_cell_gives_is_the_sum_over_its_particles(count, flat):
-    """Of any number of them, none too; and its own moments follow from that, as weights reproduce places."""
+def test_what_a_cell_gives_is_the_sum_over_its_particles(count, flat, dense, sources):
+    """Of any number of them, none too; and its own moments follow from that, as weights reproduce places. Columns of
+    what particles lack are not looked at.
+    """
     rng = np.random.default_rng(4)
     place, mass = rng.uniform(-0.5, 0.5, (count, 2)), rng.random(count)
     if flat:
         place[:, 1] = 0.0
-    fields, given, own = given_by(place, mass, rng.normal(size=(count, FIELDS)), flat)
+    fields = rng.normal(size=(count, FIELDS))
+    lacked = [RHO] * (not dense) + [BX, BY] * (not sources)
+    fields[:, lacked] = np.nan
+    fields, given, own = given_by(place, mass, fields, flat, dense, sources)
+    fields[:, lacked] = 0.0
     weights = np.array([nine(x, y, flat) for x, y in place]).reshape(count, 9)
     np.testing.assert_allclose(given, (mass[:, None] * weights).T @ fields, rtol=0, atol=1e-14)
     moments = np.column_stack([np.ones(count), place]) * mass[:, None]

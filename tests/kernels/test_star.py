@@ -1,0 +1,41 @@
+"""Passes over particles about a star."""
+
+import math
+
+import numpy as np
+import pytest
+
+from discsim.kernels import star
+from discsim.kernels.totals import SOME
+from discsim.numerics.totals import rounded
+
+NUMBER = 3 * SOME + 7
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.02, 0.3, 3.0])
+def test_positions_are_divided_by_their_distance(radius):
+    """Also where some blocks of them have none within it."""
+    rng = np.random.default_rng(5)
+    pos = rng.uniform(-1.0, 1.0, (NUMBER, 2))
+    pos[SOME : 2 * SOME] += np.where(rng.random(SOME) < 0.5, -1.5, 1.5)[:, None]
+    inside, first, last = np.ones(NUMBER, bool), 3, NUMBER - 1
+    least = star.divide(first, last, pos, radius**2, inside, 0.1, 0.0)
+    distance2 = (pos[:, 0] - 0.1) ** 2 + pos[:, 1] ** 2
+    np.testing.assert_array_equal(inside[first:last], distance2[first:last] < radius**2)
+    assert inside[:first].all() and inside[last:].all()
+    outside = distance2[first:last][~inside[first:last]]
+    assert least == pytest.approx(outside.min(initial=np.inf), rel=1e-14)
+
+
+def test_a_star_pulls_as_it_is_pulled():
+    """The same bits as of a star that feels nothing, and momentum is exact: both sums are of the same forces."""
+    rng = np.random.default_rng(6)
+    pos, mass, given = rng.normal(size=(NUMBER, 2)), rng.random(NUMBER), (2.0, 0.05, 0.1, -0.2)
+    one, both = np.zeros((2, NUMBER, 2))
+    star.attract(0, NUMBER, pos, one, *given)
+    pulled = rounded(star.attract_mutually(0, NUMBER, pos, both, mass, *given))
+    np.testing.assert_array_equal(one, both)
+    for c in range(2):
+        forces = mass * both[:, c]
+        # Rounding of each term, some 4 units in the last place of it.
+        assert abs(2.0 * pulled[c] + math.fsum(forces)) < 1e-15 * np.abs(forces).sum()
