@@ -26,6 +26,7 @@ from discsim.kernels.kinds import Law, Species
 from discsim.kernels.nodes import BX, FIELDS, Cells, Change, Nodes, Sharp, Slopes
 from discsim.kernels.rows import LANES
 from discsim.numerics import world
+from discsim.numerics.room import aligned
 from discsim.numerics.threads import share
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def _kept(drag: Drag, name: str, *shape: int) -> Array:
     """An array that is kept from kick to kick, as it was left: fresh memory costs as much as what is done with it."""
     size, buffer = math.prod(shape), drag.buffers.get(name, NONE)
     if len(buffer) < size:
-        buffer = drag.buffers[name] = np.empty(size + size // 16)
+        buffer = drag.buffers[name] = aligned((size + size // 16,))
     return buffer[:size].reshape(shape)
 
 
@@ -118,7 +119,7 @@ def _places(drag: Drag, blocks: Blocks, by_grain: bool) -> tuple[Cells, Nodes]:
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
         Cells(blocks.corners, blocks.sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
-        Nodes(about, near, centre, np.empty((len(near), species, FIELDS)), square),
+        Nodes(about, near, centre, aligned((len(near), species, FIELDS)), square),
     )
 
 
@@ -172,10 +173,10 @@ def _relax_nodes(
 ) -> Sharp:
     total, species = nodes.sums.shape[:2]
     sourced = np.array([len(state.own_acc["gas"]) > 0] + [len(state.own_acc["dust"]) > 0] * (species - 1))
-    slopes = Slopes(np.empty((total, 4)), np.empty((total, species, 4)), np.zeros((total, species), bool))
+    slopes = Slopes(aligned((total, 4)), aligned((total, species, 4)), np.zeros((total, species), bool))
     share(nodes_fit.fit, total, cells, nodes, drag.dim, drag.two_way, sourced, slopes, least=LEAST)
     sound = _mean_sound(state, blocks, cells, nodes) if drag.law.nonlinear else None
-    change = Change(*np.empty((2, total, species, 2)), *np.empty((2, total, species)))
+    change = Change(*aligned((2, total, species, 2)), *aligned((2, total, species)))
     share(
         nodes_relax.relax,
         total,
@@ -190,7 +191,7 @@ def _relax_nodes(
         least=LEAST,
     )
     sharp = Sharp(
-        np.empty((total, species, LANES)), np.empty((total, 4)), np.empty(total if heating else 0),
+        aligned((total, species, LANES)), aligned((total, 4)), np.empty(total if heating else 0),
         np.empty((total if heating and len(nodes.square) > 0 else 0, 2, LANES)),
     )  # fmt: skip
     share(nodes_sharpen.sharpen, total, nodes, slopes.pooled, change, drag.two_way, law.dt, sharp, least=LEAST)

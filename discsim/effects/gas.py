@@ -18,7 +18,7 @@ from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import room
 from discsim.numerics.state import Gas, State
-from discsim.numerics.threads import copied, fill, share
+from discsim.numerics.threads import blocks, copied, fill, share
 from discsim.parts import EOS, Lazy
 from discsim.physics import viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
-kernels = Lazy("discsim.kernels.sph")
 growth = Lazy("discsim.physics.growth")
 sums = Lazy("discsim.numerics.sph")
 AnyEos: Any = kinds_of(EOS.values())
@@ -176,8 +175,8 @@ class Effect(base.Effect):
             fill(gas.nu, lambda piece: self._diffusivity(gas, pos, piece))
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
-        before = copied(gas.acc)
-        divergence, conduction = self.sph.forces(gas, vel, u, gas.pressure)
+        before = None if gas.pressure_acc is None else copied(gas.acc)
+        self._limit = self.sph.forces(gas, vel, u, gas.pressure)
         if gas.pressure_acc is not None:
             gas.pressure_acc[:] = gas.acc - before
             gas.pressure_vel[:] = vel
@@ -185,20 +184,17 @@ class Effect(base.Effect):
             gas.acc[gas.immobile] = 0.0
             if gas.heating_rate is not None:
                 gas.heating_rate[gas.immobile] = 0.0
-        # In a step of 1 / conduction a particle would take the mean energy of those that it meets; in a longer one,
-        # beside heavier ones, more than there is.
-        self._limit = min(self._step_limit(gas, before, divergence), 1.0 / conduction if conduction > 0.0 else np.inf)
 
     def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         gas, pos = state.gas, state.from_centre(state.gas.pos)
         out = room.like(gas.pressure), room.like(gas.sound_speed)
 
         def part(first: int, last: int) -> None:
-            within = slice(first, last)
-            energy, density = None if u is None else u[within], gas.density[within]
-            if gas.small is not None and energy is None:  # which has no pressure; energies are of all the mass
-                density = density * growth.gas_share(self.scene, gas, within)
-            out[0][within], out[1][within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
+            for within in blocks(first, last):
+                energy, density = None if u is None else u[within], gas.density[within]
+                if gas.small is not None and energy is None:  # which has no pressure; energies are of all the mass
+                    density = density * growth.gas_share(self.scene, gas, within)
+                out[0][within], out[1][within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
 
         share(part, gas.count)
         return out
@@ -227,11 +223,6 @@ class Effect(base.Effect):
         self.sph.density(gas, vel)
         self.sph.forces(gas, vel, u, np.zeros(gas.count))
         return gas.acc
-
-    def _step_limit(self, gas: Gas, before: np.ndarray, divergence: np.ndarray) -> float:
-        alpha, beta = (self.sph.viscosity.alpha, self.sph.viscosity.beta) if self.sph.viscosity else (0.0, 0.0)
-        given = gas.h, self.sph.squeezed, gas.sound_speed, gas.acc, before, divergence, alpha, beta
-        return float(np.min(share(kernels.step_limit, gas.count, *given)))
 
     def limit(self, state: State) -> float:
         return self._limit

@@ -19,13 +19,14 @@ of (1) and (2) are in `sph_density.py`.
 
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import compiled, lean_sums, lean_sums_in_single
 from discsim.kernels.neighbours import place, whole
-from discsim.kernels.smoothing import MEAN_Q2, NORM, factors, terms
+from discsim.kernels.smoothing import MEAN_Q2, NORM, SQUEEZED, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
     ENERGY,
@@ -56,6 +57,16 @@ from discsim.kernels.sph_packs import (
 # then resolve, have this many times that mean at most; even gas has 1, and that of equal masses needs no such bound.
 MOST_UNEVEN = 4.0
 NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
+# Halves of the means over a pair, taken out of its sums.
+ALPHA, BETA = 1.0 / 16.0, 1.0 / 8.0
+
+
+class Strengths(NamedTuple):
+    """Of artificial viscosity, alpha and beta, and of conductivity."""
+
+    alpha: float
+    beta: float
+    conductivity: float
 
 
 @compiled
@@ -77,7 +88,7 @@ def force_columns(
         if viscous != NO_VISCOSITY or energetic or len(nu) > 0:
             columns[k, VX], columns[k, VY] = vel[i, 0] * per_speed, vel[i, 1] * per_speed if dim == 2 else 0.0
         if viscous != NO_VISCOSITY:
-            columns[k, SOUND], columns[k, SWITCH] = alpha * sound[i] * per_speed, 1.0
+            columns[k, SOUND], columns[k, SWITCH] = ALPHA * alpha * sound[i] * per_speed, 1.0
             if len(div) > 0:
                 columns[k, SWITCH] = div[i] / (div[i] + curl[i] + 1e-4 * sound[i] * inv_h)
         if conductive:
@@ -165,8 +176,8 @@ def force_sums(
         u_i, p_i = real(columns[i, ENERGY]), real(columns[i, P])
     if shearing:
         fluidity = real(columns[i, FLUIDITY])
-    beta = real(strengths[0])
-    conducted = real(0.25 * math.sqrt(0.5) * strengths[1])  # with the halves of the means over a pair, as is `beta`
+    beta = real(strengths.beta * BETA)
+    conducted = real(0.25 * math.sqrt(0.5) * strengths.conductivity)  # with the halves of the means over a pair
     sheared = real(2.0 * dim / MEAN_Q2[kernel] / unit) * inv_rho_i
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
@@ -210,6 +221,12 @@ def force_sums(
     return ax, ay, rate, -div * norm * inv_rho_i, conduction
 
 
+@njit(inline="always")
+def most(a, b):
+    """The larger of two; what is no number stays none."""
+    return a if a >= b or a != a else b
+
+
 @functools.cache
 def force_driver(
     kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool, single: bool
@@ -217,75 +234,68 @@ def force_driver(
     """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ; `single`: packs are of
     single precision.
 
-    Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); writes the velocity divergence, and the rate of
-    conduction where there is any. Takes the cells whose `met` is `now` alone.
+    Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); returns the largest rates at which h is crossed,
+    c_s (1 + 1.2 alpha) / h + (1 + 1.2 beta) max(0, -div v), and fallen through, sqrt(|a| / h), and that of conduction.
+    Takes the cells whose `met` is `now` alone.
     """
     rubbing = viscous != NO_VISCOSITY
     moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
+    squeezed = SQUEEZED[kernel]
 
     @lean_sums_in_single if single else lean_sums
-    def forces(first, last, part, columns, acc, rate, div, conduction, strengths, scale, cells, met, now):
+    def forces(first, last, part, columns, sound, immobile, acc, rate, strengths, scale, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part
         begin, slots = lists.begin, lists.slots
-        pack = work.pack
+        pack, sums = work.pack, work.sums
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         of_rate = scale.speed / scale.length
         of_acc, of_heat = scale.speed * of_rate, scale.speed * scale.speed * of_rate
+        crossing, pulling, conduction = 0.0, 0.0, 0.0
+        signals = (1.0 + 1.2 * strengths.alpha) / scale.speed
         for c in range(first, last):
             cell = cells.filled[c]
             if met[cell] != now:
                 continue
             ox, oy, per_unit, own = bounds[cell, 0], bounds[cell, 1], 1.0 / bounds[cell, 4], start[cell]
             ux, uy = (columns[own, VX], columns[own, VY]) if moving else (0.0, 0.0)
-            unit = bounds[cell, 4] / scale.length
+            unit, members = bounds[cell, 4] / scale.length, start[cell + 1] - own
             frame = unit, ux, uy
+            for p in range(members):
+                for k in range(5):
+                    sums[p, k] = 0.0
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                 n = pack_columns(
                     dim, moving, rubbing, conductive, shearing, slots[listed:end], norm, frame, columns, pack
                 )
-                for k in range(own, start[cell + 1]):
-                    i, x, y = order[k], (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
+                for p in range(members):
+                    k = own + p
+                    x, y = (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
                     pack_distances(single, x, y, n, pack)
                     pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, pack)
-                    ax, ay, r, d, passed = force_sums(
+                    ax, ay, heat, div, passed = force_sums(
                         kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, k, columns,
                         strengths, n, pack,
                     )  # fmt: skip
-                    acc[i, 0] += of_acc * ax
-                    if dim == 2:
-                        acc[i, 1] += of_acc * ay
-                    if energetic:
-                        rate[i] += of_heat * r
-                    if moving:
-                        div[i] += of_rate * d
-                    if conductive:
-                        conduction[i] += of_rate * passed
+                    sums[p, 0] += ax
+                    sums[p, 1] += ay
+                    sums[p, 2] += heat
+                    sums[p, 3] += div
+                    sums[p, 4] += passed
+            for p in range(members):
+                i, inv_h, moved = order[own + p], columns[own + p, INV_H] * squeezed, sums[p]
+                acc[i, 0] += of_acc * moved[0]
+                if dim == 2:
+                    acc[i, 1] += of_acc * moved[1]
+                if energetic:
+                    rate[i] += of_heat * moved[2]
+                closing = (1.0 + 1.2 * strengths.beta) * max(0.0, -moved[3])
+                pulled = (moved[0] * moved[0] + moved[1] * moved[1]) * inv_h * inv_h
+                crossing = most(crossing, sound[i] * signals * inv_h + closing)
+                pulling = most(pulling, 0.0 if len(immobile) > 0 and immobile[i] else pulled)
+                conduction = max(conduction, moved[4])
+        return of_rate * crossing, of_rate * math.sqrt(math.sqrt(pulling)), of_rate * conduction
 
     return forces
-
-
-@compiled
-def step_limit(first, last, lengths, squeezed, sound, acc, before, divergence, alpha, beta):
-    """The least of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) and sqrt(h / |a|), a = acc - before.
-
-    h is `lengths` (n,) over `squeezed`, which says how much longer the kernel's own are than others mean theirs.
-    """
-    limit = np.inf
-    for i in range(first, last):
-        h = lengths[i] / squeezed
-        closing = h * (1.0 + 1.2 * beta) * max(0.0, -divergence[i])
-        limit = least(limit, h / (sound[i] * (1.0 + 1.2 * alpha) + closing))
-        strength2 = 0.0
-        for axis in range(acc.shape[1]):
-            strength2 += (acc[i, axis] - before[i, axis]) ** 2
-        limit = least(limit, math.sqrt(h / math.sqrt(strength2)))
-    return limit
-
-
-@njit(inline="always")
-def least(a, b):
-    """The smaller of two; what is no number stays none."""
-    return a if a <= b or a != a else b

@@ -137,7 +137,8 @@ def cells_in(
     """
     key = keys_in(grids, classes, pos) if key is None else key
     order, start = counting_sort(key, grids.cells, place)
-    x, y, radius = np.zeros((3, len(pos) + LANES))  # as much as loops over whole vectors look at
+    x, y, radius = laid = np.empty((3, len(pos) + LANES))  # as much as loops over whole vectors look at
+    laid[:, len(pos) :] = 0.0
     bounds = np.empty((grids.cells, 5))
     share(kernels.lay_out, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)
     filled = np.flatnonzero(np.diff(start))

@@ -11,10 +11,10 @@ import numpy as np
 
 from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
-from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, force_columns, force_driver
+from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, Strengths, force_columns, force_driver
 from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE, Scale
-from discsim.numerics import world
+from discsim.numerics import room, world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
 from discsim.numerics.threads import share
 from discsim.numerics.totals import mean
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Gas
     from discsim.scene import Scene
 
-NONE = np.empty(0)
+NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
 # Over the density of an even gas of the mean h, where h stops. Of particles at one place, or as near as nothing, m W(0)
 # h^d is more than m eta^d at any h: without a limit h and the step would fall to nothing. Codes with gravity have it at
 # a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
@@ -189,48 +189,54 @@ class Sph:
     def parts(self, lists: list[Any]) -> list[Any]:
         """Lists with what the sums of each work in: kernels that make arrays would count references in their loops."""
         most, real = int(np.diff(self.cells.start).max()), np.float32 if self.single else np.float64
-        return [(part, Work(np.zeros(ROWS * STRIDE, real), np.empty((3, most)), np.empty((most, 7)))) for part in lists]
+        packs = room.aligned((len(lists), ROWS * STRIDE), real)
+        packs[:] = 0.0
+        return [(part, Work(packs[k], np.empty((3, most)), np.empty((most, 7)))) for k, part in enumerate(lists)]
 
-    def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> tuple[np.ndarray, float]:
-        """Add to `acc` (and `heating_rate`); return what limits the step: the velocity divergence (n,) and the largest
-        rate of conduction.
-        """
+    def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> float:
+        """Add to `acc` (and `heating_rate`); return the longest step that these allow."""
         terms = self.pairs, u is not None, self.conductivity is not None
         both, found = self.both, self.found
         for array in (found.rho, found.gradh, *(self.shear if self.balsara else ())):
             both.refresh(array)  # on processes without particles too: all call
-        optional = [array for array in (u, gas.nu) if array is not None]
+        optional = [array for array in (u, gas.immobile, gas.nu) if array is not None]
         moving, mass, pressure, sound, *rest = both.of_all([vel, gas.mass, pressure, gas.sound_speed, *optional])
         energy, nu = NONE if u is None else rest[0], NONE if gas.nu is None else rest[-1]
-        # Halves of the means over a pair are taken out of its sums.
-        alpha, beta = (self.viscosity.alpha / 16.0, self.viscosity.beta / 8.0) if self.viscosity else (0.0, 0.0)
+        immobile = NOBODY if gas.immobile is None else rest[u is not None]
+        viscosity, conductivity = self.viscosity, self.conductivity
+        strengths = Strengths(
+            viscosity.alpha if viscosity else 0.0, viscosity.beta if viscosity else 0.0,
+            conductivity.alpha if conductivity else 0.0,
+        )  # fmt: skip
         scale = Scale(binade(mass), binade(found.h), binade(sound))
-        columns = self._columns(len(mass), self.conductivity is not None or len(nu) > 0)
+        columns = self._columns(len(mass), conductivity is not None or len(nu) > 0)
         share(
-            force_columns, len(mass), Given(gas.pos, moving, mass), found, pressure, sound, energy, nu, *terms, alpha,
-            scale, self.cells.order, columns,
+            force_columns, len(mass), Given(gas.pos, moving, mass), found, pressure, sound, energy, nu, *terms,
+            strengths.alpha, scale, self.cells.order, columns,
         )  # fmt: skip
         acc, rate = both.beside(gas.acc), NONE if u is None else both.beside(gas.heating_rate)
-        divergence, conduction = np.zeros(len(mass)), np.zeros(len(mass) if self.conductivity else 0)
         driver, filled = self.driver(u, nu, self._uneven(gas)), self.cells.filled
         met = self.cells._replace(filled=filled[self.met[filled]])
-        strengths = beta, self.conductivity.alpha if self.conductivity else 0.0
+        rates = []
         for cells, again in ((self.cells, False), (met, True)):
             lists = self.parts(candidates(cells, cells, mutual=True)) if again else self.lists
-            share(
-                driver, len(cells.filled), columns, acc, rate, divergence, conduction, strengths, scale, cells,
+            rates += share(
+                driver, len(cells.filled), columns, sound, immobile, acc, rate, strengths, scale, cells,
                 self.met, again, least=LEAST, each=lists,
             )  # fmt: skip
         both.keep(gas.acc, acc)
         if u is not None:
             both.keep(gas.heating_rate, rate)
-        return divergence[both.own], float(conduction[both.own].max(initial=0.0)) if self.conductivity else 0.0
+        # That of conduction: in a step of 1 / it a particle would take the mean energy of those that it meets; in a
+        # longer one, beside heavier ones, more than there is.
+        fastest = np.max(rates)
+        return 1.0 / float(fastest) if fastest != 0.0 else np.inf
 
     def _columns(self, count: int, many: bool) -> np.ndarray:
         """Memory for the columns of forces, which is kept: new memory costs as much as what is written to it."""
         if len(self.columns) < count:
             spare = min(len(self.columns), count // 16)  # that it has to grow once will not be all
-            self.columns = np.empty((count + spare, FLUIDITY + 1 if many else ENERGY))
+            self.columns = room.aligned((count + spare, FLUIDITY + 1 if many else ENERGY))
         return self.columns[:count]
 
     def _uneven(self, gas: Gas) -> bool:

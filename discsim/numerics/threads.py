@@ -11,7 +11,7 @@ A step of 80 loops is as many tasks, and one that a pool hands out piece by piec
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextvars import Context, copy_context
 from itertools import accumulate, chain
 from itertools import count as numbers
@@ -25,6 +25,7 @@ from discsim.parts import Lazy
 
 numba = Lazy("numba")
 
+BLOCK = 8192  # entries of an array that numpy goes through at once
 SMALLEST = 8  # a thread has as many of the smallest pieces, or fewer: what others may wait for at the end
 
 
@@ -174,6 +175,13 @@ def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None
     """out[:] = values in pieces, each the values of a slice of the first axis."""
 
     def part(first: int, last: int) -> None:
-        out[first:last] = values(slice(first, last))
+        for piece in blocks(first, last):
+            out[piece] = values(piece)
 
     share(part, len(out))
+
+
+def blocks(first: int, last: int) -> Iterator[slice]:
+    """[first, last) in slices so short that what numpy makes of one on the way to its result stays in the cache."""
+    for begin in range(first, last, BLOCK):
+        yield slice(begin, min(begin + BLOCK, last))

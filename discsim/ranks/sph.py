@@ -50,7 +50,7 @@ class DividedSph(Sph):
         self.room = max(HALO, MORE * max(self._found))
         return True
 
-    def forces(self, gas: Gas, vel: Array, u: Array | None, pressure: Array) -> tuple[Array, float]:
+    def forces(self, gas: Gas, vel: Array, u: Array | None, pressure: Array) -> float:
         """As `Sph` has it. What is left of neighbours is let go of: a kick takes its memory."""
         found = super().forces(gas, vel, u, pressure)
         del self.both, self.cells, self.lists, self.found, self.shear, self.met
