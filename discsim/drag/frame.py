@@ -18,10 +18,12 @@ from discsim.numerics import world
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
+    from discsim.numerics.state import Particles, State
 
 Array = np.ndarray
 RINGS = 16
+NOBODY = np.empty(0, np.int64)
+Samples = dict[str, tuple[Array, int, Array]]  # by species: ids (n,), how many there are in the whole run, and rows
 SAMPLE = 4096  # particles of a species, of whom a few tell the sense: of ids that are whole multiples of a power of two
 
 
@@ -30,11 +32,11 @@ def frame(drag: Drag, state: State) -> Frame:
     mass, softening = drag.star
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
-    return drag.agree("frame", lambda: _about_star(state, mass, softening))
+    return drag.agree("frame", lambda: _about_star(drag.samples, state, mass, softening))
 
 
-def _about_star(state: State, mass: float, softening: float) -> Frame:
-    few = [_sample(p.ids, p.everywhere) for p in state.species.values()]
+def _about_star(samples: Samples, state: State, mass: float, softening: float) -> Frame:
+    few = [_sample(samples, name, p) for name, p in state.species.items()]
     parts = [
         world.together.sample(np.column_stack([p.mass[part], p.pos[part], p.vel[part]]), p.place, part)
         for p, part in zip(state.species.values(), few, strict=True)
@@ -59,10 +61,15 @@ def _about_star(state: State, mass: float, softening: float) -> Frame:
     return Frame(mass, softening, low, per_ring, sense[:1] if np.ptp(sense) == 0.0 else sense)
 
 
-def _sample(ids: Array, count: int) -> Array:
-    """Which particles to look at, of `ids` (n,), of `count` in the whole run."""
-    every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
-    return np.flatnonzero(ids & (every - 1) == 0)
+def _sample(samples: Samples, name: str, particles: Particles) -> Array:
+    """Which particles of a species to look at; noted in `samples` until its rows are others."""
+    ids, count = particles.ids, particles.everywhere
+    seen, number, rows = samples.get(name, (None, 0, NOBODY))
+    if seen is not ids or number != count:  # what changes rows makes new arrays (`Particles`)
+        every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
+        rows = np.flatnonzero(ids & (every - 1) == 0)
+        samples[name] = ids, count, rows
+    return rows
 
 
 def clockwise(about_star: Frame) -> bool:

@@ -16,6 +16,7 @@ from pydantic import Field, StrictBool
 from discsim.drag import cautions
 from discsim.drag.base import Scheme
 from discsim.drag.classes import Classes, classes_of
+from discsim.drag.frame import Samples
 from discsim.drag.known import Known
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
@@ -181,6 +182,7 @@ class Effect(base.Effect):
         self._mass_alone = 0.0  # of the dust in enlarged cells or without gas, at the last kick
         self.alone = NOBODY  # numbers of the dust that has no gas to relax with, at the last kick
         self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
+        self.samples: Samples = {}  # whom the frame looks at
         self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
         self.agree = Known()
         self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)

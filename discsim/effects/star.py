@@ -87,7 +87,7 @@ def _frame(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_at_the_centre, _who_pulls, _frame)
-    shared = marks_centre = True
+    shared = marks_centre = writes_first = True
     softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -109,9 +109,9 @@ class Effect(base.Effect):
         bodies, given = state.bodies, (state.star_mass, self.star.softening, *place)
         for name, p in state.species.items():
             if bodies is None or name not in self.counted:
-                share(kernels.attract, p.count, p.pos, p.acc, *given)
+                share(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given)
             else:
-                limbs = share(kernels.attract_mutually, p.count, p.pos, p.acc, p.mass, *given)
+                limbs = share(kernels.attract_mutually, p.count, p.pos, p.acc, name in state.blank, p.mass, *given)
                 bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         if bodies is None:
             return

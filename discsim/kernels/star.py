@@ -15,15 +15,22 @@ ONE, TWO = np.uint64(1), np.uint64(2)
 
 
 @compiled
-def attract(begin, end, pos, acc, mass, softening, x0, y0):
-    """acc -= G M d / (d^2 + s^2)^(3/2), arrays (n, 2), d the way from (x0, y0)."""
+def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
+    """acc -= G M d / (d^2 + s^2)^(3/2), arrays (n, 2), d the way from (x0, y0); the `first` to write to acc begins with
+    0: as it does so block by block, that memory is looked at once.
+    """
     flat, out = pos.reshape(-1), acc.reshape(-1)  # steps of two and unsigned numbers: vectorised
-    for i in range(np.uint64(begin), np.uint64(end)):
-        x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
-        d2 = x * x + y * y + softening * softening
-        f = mass / (d2 * math.sqrt(d2))
-        out[TWO * i] -= f * x
-        out[TWO * i + ONE] -= f * y
+    for block in range(begin, end, SOME):
+        number, start = np.uint64(min(SOME, end - block)), np.uint64(block)
+        if first:
+            out[TWO * start : TWO * (start + number)] = 0.0
+        for k in range(number):
+            i = start + k
+            x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
+            d2 = x * x + y * y + softening * softening
+            f = mass / (d2 * math.sqrt(d2))
+            out[TWO * i] -= f * x
+            out[TWO * i + ONE] -= f * y
 
 
 @compiled
@@ -36,12 +43,14 @@ def add(begin, end, vectors, x, y):
 
 
 @compiled
-def attract_mutually(begin, end, pos, acc, mass, pull, softening, x0, y0):
+def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0):
     """`attract` by a mass `pull`, and back: returns the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     flat, out = pos.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):
         number, start = min(SOME, end - block), np.uint64(block)
+        if first:
+            out[TWO * start : TWO * (start + np.uint64(number))] = 0.0
         for k in range(np.uint64(number)):
             i = start + k
             x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0

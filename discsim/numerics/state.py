@@ -192,6 +192,7 @@ class State:
     lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
+    blank: set[str] = field(default_factory=set)  # species whose `acc` is of another time, for who writes it first
     ledger: Ledger = field(default_factory=Ledger)
     pace: Pace | None = None  # of an effect that comes once in some steps
     # Where gas cools: its energies (n,) after a time at `kick_rate`. Kicks of u, and foreseen ones, take it.

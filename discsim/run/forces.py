@@ -37,9 +37,15 @@ def kick_owner(effects: Effects) -> str | None:
 
 def accelerate(state: State, effects: Effects, costs: Costs) -> None:
     """Accelerations of all effects; of what gas and dust at one place do not both feel a copy for the kick's owner."""
-    for p in state.species.values():
-        fill(p.acc, lambda piece: 0.0)
     own = {name: effect.acts_on for name, effect in effects.items() if not effect.shared}
+    order = [*own, *(name for name in effects if name not in own)]
+    state.blank.clear()
+    for species, p in state.species.items():
+        first = next((name for name in order if species in effects[name].acts_on), None)
+        if first is not None and effects[first].writes_first:
+            state.blank.add(species)
+        else:
+            fill(p.acc, lambda piece: 0.0)
     for name in own:
         _add(state, effects[name], name, costs)
     owner = kick_owner(effects)
@@ -47,9 +53,8 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
         alone = {name for acts_on in own.values() for name in acts_on}
         with costs(owner):
             state.own_acc = {name: copied(p.acc) if name in alone else p.acc[:0] for name, p in state.species.items()}
-    for name in effects:
-        if name not in own:
-            _add(state, effects[name], name, costs)
+    for name in order[len(own) :]:
+        _add(state, effects[name], name, costs)
 
 
 def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
@@ -58,6 +63,7 @@ def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
             effect.accelerate(state)
     except FloatingPointError as fault:
         raise PhysicsError(str(fault)) from fault
+    state.blank.difference_update(effect.acts_on)
     for p in state.species.values():
         if p.immobile is not None:
             p.acc[p.immobile] = 0.0

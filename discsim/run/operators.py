@@ -16,7 +16,7 @@ from discsim.run.forces import Limits, PhysicsError
 class Operators:
     """What the effects of a run do to its state, each at its cost, with a guard behind what they make.
 
-    limits: the steps that the last forces allow.
+    limits: the steps that the last forces allow. shown: whether somebody had the arrays since the last kick.
     """
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
@@ -24,11 +24,14 @@ class Operators:
         self.operating = [name for name in effects if type(effects[name]).operate is not Effect.operate]
         self.costs = Costs(effects)
         self.limits = Limits()
+        self.shown = True
 
     def kick(self, dt: float) -> None:
         """Velocities and energies over dt, by the effect that owns the kick, or by each species' own."""
-        if guards.coupled(self.state):
+        # What forces and kicks make is checked where it is made. This takes a fiftieth of a step.
+        if guards.coupled(self.state) and (self.shown or self.operating):
             self._check(guards.check_inputs)
+        self.shown = False
         owner = forces.kick_owner(self.effects)
         try:
             for name in [owner] if owner is not None else self.effects:

@@ -203,6 +203,7 @@ class Simulation:
             yield state
         finally:
             self.costs = kept_costs
+            self.operators.shown = True
             state.lag, state.bodies = lag, bodies
             for particles, arrays in saved:
                 for name, array in arrays.items():
@@ -315,6 +316,7 @@ class Simulation:
         use_threads(self.scene.run.threads)
         if self._in_midst:
             raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
+        self.operators.shown = True
         if not self._fresh or not guards.coupled(self.state):
             guards.check_inputs(self.state, self.effects)
         if not self._fresh:
