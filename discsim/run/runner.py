@@ -128,7 +128,7 @@ class Run:
         for t in times:
             if self._must_stop():
                 break
-            self.sim.evolve(t, self._after_step)
+            self.sim.evolve(t, self._after_step, only_looks=True)
             if self.sim.time >= t:
                 self._output()
         self._save()  # the closing kick is still open: a longer run goes on as if it had not stopped here

@@ -156,7 +156,7 @@ class Simulation:
         with watch:
             for time in watch.times:
                 try:
-                    if not self.evolve(time, watch.after_step):
+                    if not self.evolve(time, watch.after_step, only_looks=True):  # a callback in `synchronised`
                         break
                 except KeyboardInterrupt:
                     if not self._in_midst:
@@ -173,16 +173,22 @@ class Simulation:
         rows = [("time", now), ("step", self.state.step), *self.scene.facts]
         return html.table(self.scene.title or "A simulation", rows)
 
-    def evolve(self, until: float, after_step: Callable[[], bool] | None = None) -> bool:
-        """Step to `until`, leaving the closing kick open; ends early (False) where `after_step` returns True."""
+    def evolve(self, until: float, after_step: Callable[[], bool] | None = None, only_looks: bool = False) -> bool:
+        """Step to `until`, leaving the closing kick open; ends early (False) where `after_step` returns True.
+
+        only_looks: `after_step` changes nothing, so that what it was shown need not be checked before the next step.
+        """
         self._prepare()
         while self.state.time < until:
             dt = self._next_step(until)
             self._check_dust_step(dt)
             with self._whole():
                 self._advance(dt, until)
-            if after_step is not None and after_step():
+            if after_step is None:
+                continue
+            if after_step():
                 return False
+            self.operators.shown |= not only_looks
         return True
 
     @contextmanager

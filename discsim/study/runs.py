@@ -126,7 +126,7 @@ def one_run(
                 say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of the time")
             return time.process_time() - begun > limits.cpu
 
-        if not sim.evolve(scene.run.until, count):
+        if not sim.evolve(scene.run.until, count, only_looks=True):
             words = f"given up after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
             return {"stopped": words, "cpu": limits.cpu, "most": limits.cpu}
         sim.run(scene.run.until)  # closes the last kick
