@@ -25,7 +25,7 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import compiled, lean_sums, lean_sums_in_single
-from discsim.kernels.neighbours import place, whole
+from discsim.kernels.neighbours import LANES, per_slab, place, whole, window
 from discsim.kernels.smoothing import MEAN_Q2, NORM, SQUEEZED, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
@@ -100,7 +100,7 @@ def force_columns(
 @njit(inline="always")
 def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame, columns, pack):
     """Pack what the sums of a scene read of the candidates `slots`, h in the unit and velocities less that of their
-    cell's `frame` (unit, ux, uy); how many with the filling.
+    cell's `frame` (unit, ux, uy).
     """
     unit, ux, uy = frame
     count, norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
@@ -120,10 +120,8 @@ def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame,
             pack[ENERGY * STRIDE + k], pack[P * STRIDE + k] = columns[j, ENERGY], columns[j, P]
         if shearing:
             pack[FLUIDITY * STRIDE + k] = columns[j, FLUIDITY]
-    n = whole(len(slots))
-    for k in range(count, np.uint64(n)):
+    for k in range(count, np.uint64(whole(len(slots)) + LANES)):  # and what a window is filled up with
         pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
-    return n
 
 
 @njit(inline="always")
@@ -260,24 +258,25 @@ def force_driver(
             ox, oy, per_unit, own = bounds[cell, 0], bounds[cell, 1], 1.0 / bounds[cell, 4], start[cell]
             ux, uy = (columns[own, VX], columns[own, VY]) if moving else (0.0, 0.0)
             unit, members = bounds[cell, 4] / scale.length, start[cell + 1] - own
-            frame = unit, ux, uy
+            frame, per_length = (unit, ux, uy), per_slab(bounds[cell, 2], bounds[cell, 4])
             for p in range(members):
                 for k in range(5):
                     sums[p, k] = 0.0
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
-                n = pack_columns(
-                    dim, moving, rubbing, conductive, shearing, slots[listed:end], norm, frame, columns, pack
-                )
+                pack_columns(dim, moving, rubbing, conductive, shearing, slots[listed:end], norm, frame, columns, pack)
                 for p in range(members):
                     k = own + p
                     x, y = (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
-                    pack_distances(single, x, y, n, pack)
-                    pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, pack)
+                    reach = max(cells.radius[k], lists.widest[c - first])
+                    near, n = window(c - first, cells.x[k] - ox, reach, per_length, listed, end, lists)
+                    some = pack[near:]
+                    pack_distances(single, x, y, n, some)
+                    pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, some)
                     ax, ay, heat, div, passed = force_sums(
                         kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, k, columns,
-                        strengths, n, pack,
+                        strengths, n, some,
                     )  # fmt: skip
                     sums[p, 0] += ax
                     sums[p, 1] += ay

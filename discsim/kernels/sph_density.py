@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import FAST, WITHIN, lean_sums, lean_sums_in_single
-from discsim.kernels.neighbours import place, whole
+from discsim.kernels.neighbours import LANES, per_slab, place, whole, window
 from discsim.kernels.smoothing import NORM, SUPPORT, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
@@ -174,9 +174,7 @@ def begin_cell(wanted, own, members, order, h, low, high, settled):
 
 @njit(inline="always")
 def pack_masses(dim, shear, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
-    """Pack masses, and with `shear` velocities less (ux, uy), of the candidates from `begin` to `end`; how many with
-    the filling.
-    """
+    """Pack masses, and with `shear` velocities less (ux, uy), of the candidates from `begin` to `end`."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]
     for k in range(count):
@@ -186,10 +184,8 @@ def pack_masses(dim, shear, begin, end, slots, order, vel, mass, ux, uy, per_mas
             vx[k] = vel[j, 0] - ux
             if dim == 2:
                 vy[k] = vel[j, 1] - uy
-    n = whole(end - begin)
-    for k in range(count, np.uint64(n)):
+    for k in range(count, np.uint64(whole(end - begin) + LANES)):  # and what a window is filled up with
         masses[k] = 0.0
-    return n
 
 
 @functools.cache
@@ -213,7 +209,7 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
         for c in range(first, last):
             cell = filled[c]
             ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
-            per_unit = 1.0 / unit
+            per_unit, per_length = 1.0 / unit, per_slab(bounds[cell, 2], unit)
             own, members = start[cell], start[cell + 1] - start[cell]
             ux, uy = (vel[order[own], 0], vel[order[own], 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
             begin_cell(wanted, own, members, order, h, low, high, settled)
@@ -224,13 +220,16 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
                     place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
-                    n = pack_masses(dim, shear, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
+                    pack_masses(dim, shear, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
                     for p in range(members):
                         i = order[own + p]
                         if settled[p] == 0.0:
+                            k = own + p
+                            near, n = window(c - first, cells.x[k] - ox, radius[k], per_length, listed, end, lists)
+                            some = pack[near:]
                             x, y = relative(dim, pos, i, ox, oy, per_unit)
                             vx, vy = relative(dim, vel, i, ux, uy, 1.0) if shear else (0.0, 0.0)
-                            add_density(single, kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack, sums[p])
+                            add_density(single, kernel, dim, shear, x, y, vx, vy, unit / h[i], n, some, sums[p])
                 # Apart from the sums, whose loop need not wait for all these divisions.
                 left = False
                 for p in range(members):

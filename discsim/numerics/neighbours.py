@@ -108,16 +108,20 @@ def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Arra
 
 
 def grids_of(
-    pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool, together: Any = ALONE
-) -> tuple[Grids, Array]:
-    """The grids of the particles of all processes `together`, and the class (n,) of each of this one's."""
+    pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool, together: Any = ALONE,
+    stretch: float = 1.0,
+) -> tuple[Grids, Array]:  # fmt: skip
+    """The grids of the particles of all processes `together`, and the class (n,) of each of this one's.
+
+    Cells are `stretch` times as long along x, and as much narrower along y.
+    """
     smallest, largest = _extremes(h[:, None])
     least, most = (extent * float(h[0]) for h in (together.least(smallest), together.most(largest)))
     edges = (1.0 + 1e-12) * max(2.0 * least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
     found = np.array(share(kernels.size_classes, len(pos), h, extent, edges, classes))
     members, reach = together.sum(found[:, 0].sum(axis=0)), together.most(found[:, 1].max(axis=0))
-    table, count = _lay_grids(members, reach, low, width, periodic)
+    table, count = _lay_grids(members, reach, low, width, periodic, stretch)
     return Grids(table, count, edges, extent, low, width, periodic), classes
 
 
@@ -158,7 +162,9 @@ def _extremes(values: Array) -> tuple[Array, Array]:
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
 
 
-def _lay_grids(members: Array, reach: Array, low: Array, width: Array, periodic: bool) -> tuple[Array, int]:
+def _lay_grids(
+    members: Array, reach: Array, low: Array, width: Array, periodic: bool, stretch: float
+) -> tuple[Array, int]:
     """The table of grids over the box [low, low + width], with at most some cells a particle, and how many cells."""
     count = int(np.flatnonzero(members)[-1]) + 1
     grids = np.zeros((count, 10))
@@ -174,10 +180,10 @@ def _lay_grids(members: Array, reach: Array, low: Array, width: Array, periodic:
             area = max(sides[0], side) * max(sides[1], side)
             side = max(side, math.sqrt(area / most), sides[0] / most, sides[1] / most)
         grids[k, FIRST] = first
-        for axis in range(2):
-            along = sides[axis] / side
+        for axis, own in enumerate((side * stretch, side / stretch)):
+            along = sides[axis] / own
             n = math.floor(along) if along >= 1.0 else 1  # also of places that are no numbers: a kick will say so
             grids[k, NX + axis] = grids[k, ALL_X + axis] = n
-            grids[k, SIDE_X + axis] = max(sides[axis] / n, 1e-300) if periodic or n > 1 else max(sides[axis], side)
+            grids[k, SIDE_X + axis] = max(sides[axis] / n, 1e-300) if periodic or n > 1 else max(sides[axis], own)
         first += int(grids[k, NX] * grids[k, NX + 1])
     return grids, first

@@ -30,6 +30,7 @@ NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
 # a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
 DENSEST = 4096.0
 PASSES = 4  # a first guess of h may be too large by DENSEST^((PASSES - 1) / d)
+STRETCH = 2.0  # of cells along x: the longer, the fewer of a cell's candidates a particle looks at (`window`)
 ROOM = 1.03  # how far h may grow in a step without looking for candidates again
 
 
@@ -105,7 +106,8 @@ class Sph:
     def grids_of(self, points: Points) -> tuple[Grids, np.ndarray]:
         """Grids of the points of all processes, with some room for h to grow, and the size class (n,) of each."""
         extent = (1.0 if self.fixed else ROOM) * self.support
-        return grids_of(points.pos, points.h, extent, *self.box_of(points), self.periodic, world.together)
+        box = self.box_of(points)
+        return grids_of(points.pos, points.h, extent, *box, self.periodic, world.together, STRETCH)
 
     def cells_of(self, points: Points) -> Cells:
         """Cells of all points, which one process has."""

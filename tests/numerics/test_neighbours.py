@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from discsim.kernels.halo import EITHER, OWN, THEIRS, mark_cells
-from discsim.kernels.neighbours import FIRST, NX, REACH, SIDE_X
-from discsim.numerics.neighbours import candidates, corners_of_cells, grids_of, keys_in, sort_into_cells
+from discsim.kernels.neighbours import FIRST, LANES, NX, REACH, SIDE_X, per_slab, window
+from discsim.numerics.neighbours import candidates, cells_in, corners_of_cells, grids_of, keys_in, sort_into_cells
 
 
 @pytest.mark.parametrize("h", [0.02, 0.2])  # 0.2: a thousand candidates a cell, so that lists have to grow
@@ -23,6 +23,35 @@ def test_candidates_hold_every_neighbour_of_every_image(h):
                 t = np.array(turn) - 1
                 near = np.flatnonzero(np.hypot(*(pos + t - pos[i]).T) < h)
                 assert {(k, *t.tolist()) for k in near.tolist()} <= have
+
+
+@pytest.mark.parametrize("stretch", [1.0, 2.0])
+@pytest.mark.parametrize("periodic", [False, True])
+def test_windows_hold_all_that_are_within_reach_along_x(periodic, stretch):
+    """However a cell's candidates are divided; in long cells they hold little more, so that sums have less to do."""
+    rng = np.random.default_rng(5)
+    pos, h = rng.random((2000, 2)), 0.03 * 2.0 ** rng.uniform(0.0, 2.0, 2000)
+    grids = grids_of(pos, h, 1.0, np.zeros(2), np.ones(2), periodic, stretch=stretch)
+    cells = cells_in(*grids, pos, h)
+    (listed,) = candidates(cells, cells, mutual=True)
+    looked_at = most = 0
+    for n, cell in enumerate(cells.filled):
+        first, last = listed.begin[n : n + 2]
+        slots, (ox, _, half, _, reach) = listed.slots[first:last], cells.bounds[cell]
+        x = cells.x[slots] - ox + (listed.turned[0, first:last] if listed.crossing[n] else 0.0)
+        assert listed.slabs[n, 0] == 0 and np.all(np.diff(listed.slabs[n]) >= 0)
+        assert listed.widest[n] == cells.radius[slots].max()
+        middle = first + (last - first) // 3
+        for k in range(cells.start[cell], cells.start[cell + 1]):
+            dx, far = cells.x[k] - ox, max(cells.radius[k], listed.widest[n])
+            within = np.zeros(last - first, bool)
+            for begin, end in ((first, middle), (middle, last)):
+                some, count = window(n, dx, far, per_slab.py_func(half, reach), begin, end, listed)
+                assert some % 4 == 0 and count % LANES == 0  # whole vectors
+                within[begin - first + some : min(begin - first + some + count, end - first)] = True
+            assert within[np.abs(x - dx) <= far].all()
+            looked_at, most = looked_at + within.sum(), most + len(within)
+    assert looked_at < (0.85 if stretch == 2.0 else 1.0) * most
 
 
 def grids_about(periodic):
