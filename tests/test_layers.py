@@ -90,4 +90,4 @@ def test_nothing_is_long():
                 taken = len([*given.posonlyargs, *given.args, *given.kwonlyargs])
                 if length > 60 or taken > 15:
                     long.append(f"{name}.{node.name}: {length} lines, {taken} arguments")
-    assert long == []
+    assert long == [], "\n".join(long)

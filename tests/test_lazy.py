@@ -75,6 +75,7 @@ GAS = {
     "discsim.kernels.sph_packs",
     "discsim.numerics.neighbours",
     "discsim.kernels.neighbours",
+    "discsim.kernels.candidates",
 }
 GRID = {
     "discsim.numerics.ppm",

@@ -16,7 +16,6 @@ from pydantic import Field, StrictBool
 from discsim.drag import cautions
 from discsim.drag.base import Scheme
 from discsim.drag.classes import Classes, classes_of
-from discsim.drag.frame import Samples
 from discsim.drag.known import Known
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
@@ -33,6 +32,7 @@ from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, 
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
+    from discsim.drag.frame import Samples
     from discsim.physics.local import Local
     from discsim.scene import Scene
 

@@ -9,8 +9,9 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.candidates import place
 from discsim.kernels.inner import WITHIN
-from discsim.kernels.neighbours import place, whole
+from discsim.kernels.neighbours import whole
 from discsim.kernels.smoothing import NORM, shape
 from discsim.kernels.sph_packs import STRIDE
 

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.kernels.candidates import most_of, place
 from discsim.kernels.frame import kepler
 from discsim.kernels.inner import compiled, gathering, lean
 from discsim.kernels.laws import hastening, stopping_time
-from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.relax import response
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
 

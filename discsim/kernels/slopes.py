@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.candidates import most_of, place
 from discsim.kernels.inner import FAST, GATHERING
 from discsim.kernels.lines import solve
-from discsim.kernels.neighbours import most_of, place
 from discsim.kernels.smoothing import SUPPORT, shape
 
 

@@ -24,8 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.kernels.candidates import per_slab, place, window
 from discsim.kernels.inner import compiled, lean_sums, lean_sums_in_single
-from discsim.kernels.neighbours import LANES, per_slab, place, whole, window
+from discsim.kernels.neighbours import LANES, whole
 from discsim.kernels.smoothing import MEAN_Q2, NORM, SQUEEZED, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
@@ -49,6 +50,7 @@ from discsim.kernels.sph_packs import (
     R,
     X,
     Y,
+    clear,
     inverse_root,
 )
 
@@ -62,11 +64,12 @@ ALPHA, BETA = 1.0 / 16.0, 1.0 / 8.0
 
 
 class Strengths(NamedTuple):
-    """Of artificial viscosity, alpha and beta, and of conductivity."""
+    """beta of artificial viscosity, alpha of conductivity; for the limit of the step 1 + 1.2 alpha and 1 + 1.2 beta."""
 
-    alpha: float
     beta: float
     conductivity: float
+    signal: float
+    closing: float
 
 
 @compiled
@@ -225,6 +228,38 @@ def most(a, b):
     return a if a >= b or a != a else b
 
 
+@njit(inline="always")
+def add(found, sums):
+    """Add five sums over some candidates to those of a particle."""
+    sums[0] += found[0]
+    sums[1] += found[1]
+    sums[2] += found[2]
+    sums[3] += found[3]
+    sums[4] += found[4]
+
+
+@njit(inline="always")
+def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate):
+    """Add a cell's sums to acc and rate; the largest rate at which h is crossed, fourth power of that at which it is
+    fallen through, |a|^2 / h^2, and rate of conduction, in units of the pack.
+    """
+    of_acc, of_heat, per_speed = units
+    crossing, pulling, conduction = 0.0, 0.0, 0.0
+    for p in range(members):
+        i, inv_h, found = order[own + p], columns[own + p, INV_H] * squeezed, sums[p]
+        acc[i, 0] += of_acc * found[0]
+        if dim == 2:
+            acc[i, 1] += of_acc * found[1]
+        if energetic:
+            rate[i] += of_heat * found[2]
+        closing = strengths.closing * max(0.0, -found[3])
+        pulled = (found[0] * found[0] + found[1] * found[1]) * inv_h * inv_h
+        crossing = most(crossing, sound[i] * per_speed * strengths.signal * inv_h + closing)
+        pulling = most(pulling, 0.0 if len(still) > 0 and still[i] else pulled)
+        conduction = max(conduction, found[4])
+    return crossing, pulling, conduction
+
+
 @functools.cache
 def force_driver(
     kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool, single: bool
@@ -241,16 +276,15 @@ def force_driver(
     squeezed = SQUEEZED[kernel]
 
     @lean_sums_in_single if single else lean_sums
-    def forces(first, last, part, columns, sound, immobile, acc, rate, strengths, scale, cells, met, now):
+    def forces(first, last, part, columns, sound, still, acc, rate, strengths, scale, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part
         begin, slots = lists.begin, lists.slots
         pack, sums = work.pack, work.sums
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         of_rate = scale.speed / scale.length
-        of_acc, of_heat = scale.speed * of_rate, scale.speed * scale.speed * of_rate
+        units = scale.speed * of_rate, scale.speed * scale.speed * of_rate, 1.0 / scale.speed
         crossing, pulling, conduction = 0.0, 0.0, 0.0
-        signals = (1.0 + 1.2 * strengths.alpha) / scale.speed
         for c in range(first, last):
             cell = cells.filled[c]
             if met[cell] != now:
@@ -259,9 +293,7 @@ def force_driver(
             ux, uy = (columns[own, VX], columns[own, VY]) if moving else (0.0, 0.0)
             unit, members = bounds[cell, 4] / scale.length, start[cell + 1] - own
             frame, per_length = (unit, ux, uy), per_slab(bounds[cell, 2], bounds[cell, 4])
-            for p in range(members):
-                for k in range(5):
-                    sums[p, k] = 0.0
+            clear(members, sums)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
@@ -271,30 +303,19 @@ def force_driver(
                     x, y = (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
                     reach = max(cells.radius[k], lists.widest[c - first])
                     near, n = window(c - first, cells.x[k] - ox, reach, per_length, listed, end, lists)
-                    some = pack[near:]
-                    pack_distances(single, x, y, n, some)
-                    pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, some)
-                    ax, ay, heat, div, passed = force_sums(
+                    seen = pack[near:]
+                    pack_distances(single, x, y, n, seen)
+                    pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, seen)
+                    found = force_sums(
                         kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, k, columns,
-                        strengths, n, some,
+                        strengths, n, seen,
                     )  # fmt: skip
-                    sums[p, 0] += ax
-                    sums[p, 1] += ay
-                    sums[p, 2] += heat
-                    sums[p, 3] += div
-                    sums[p, 4] += passed
-            for p in range(members):
-                i, inv_h, moved = order[own + p], columns[own + p, INV_H] * squeezed, sums[p]
-                acc[i, 0] += of_acc * moved[0]
-                if dim == 2:
-                    acc[i, 1] += of_acc * moved[1]
-                if energetic:
-                    rate[i] += of_heat * moved[2]
-                closing = (1.0 + 1.2 * strengths.beta) * max(0.0, -moved[3])
-                pulled = (moved[0] * moved[0] + moved[1] * moved[1]) * inv_h * inv_h
-                crossing = most(crossing, sound[i] * signals * inv_h + closing)
-                pulling = most(pulling, 0.0 if len(immobile) > 0 and immobile[i] else pulled)
-                conduction = max(conduction, moved[4])
+                    add(found, sums[p])
+            crossed, pulled, passed = write_sums(
+                own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate
+            )
+            crossing, pulling = most(crossing, crossed), most(pulling, pulled)
+            conduction = max(conduction, passed)
         return of_rate * crossing, of_rate * math.sqrt(math.sqrt(pulling)), of_rate * conduction
 
     return forces

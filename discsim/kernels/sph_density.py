@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.kernels.candidates import per_slab, place, window
 from discsim.kernels.inner import FAST, WITHIN, lean_sums, lean_sums_in_single
-from discsim.kernels.neighbours import LANES, per_slab, place, whole, window
+from discsim.kernels.neighbours import LANES, whole
 from discsim.kernels.smoothing import NORM, SUPPORT, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
@@ -25,6 +26,7 @@ from discsim.kernels.sph_packs import (
     R,
     X,
     Y,
+    clear,
     inverse_root,
     relative,
 )
@@ -34,6 +36,7 @@ ITERATIONS = 60
 # Where nearly all of rho is that of particles at one place, h hangs on the edge of its support: pressure felt through
 # it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
 LEAST_OMEGA = 0.05
+OUTGROWN = -1.0  # in place of Omega, where h is still to be found with a longer list
 
 
 class Given(NamedTuple):
@@ -164,12 +167,15 @@ def improve(dim, m, h, wanted, low, high, rho, slope, curve):
 
 
 @njit(inline="always")
-def begin_cell(wanted, own, members, order, h, low, high, settled):
-    """Let the search for h begin within its limits."""
+def begin_cell(wanted, own, members, order, again, h, gradh, low, high, settled):
+    """Let the search for h begin within its limits: `again` of those alone that outgrew their list. What others of
+    their cell find does not hang on them.
+    """
     for p in range(members):
-        settled[p], low[p], high[p] = 0.0, 0.0, np.inf
-        if not wanted.fixed:
-            h[order[own + p]] = min(max(h[order[own + p]], wanted.least), wanted.most)
+        i = order[own + p]
+        settled[p], low[p], high[p] = 1.0 if again and gradh[i] != OUTGROWN else 0.0, 0.0, np.inf
+        if not wanted.fixed and settled[p] == 0.0:
+            h[i] = min(max(h[i], wanted.least), wanted.most)
 
 
 @njit(inline="always")
@@ -193,12 +199,12 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
     """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|.
 
     With `single` packs are of single precision, with masses in units of `unit_mass`, a power of two.
-    `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for.
+    `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for: `again`.
     """
     support = SUPPORT[kernel]
 
     @lean_sums_in_single if single else lean_sums
-    def density(first, last, part, filled, given, found, wanted, unit_mass, cells, outgrown):
+    def density(first, last, part, filled, given, found, wanted, unit_mass, cells, again, outgrown):
         order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
         pos, vel, mass = given.pos, given.vel, given.mass
         h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
@@ -212,24 +218,21 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
             per_unit, per_length = 1.0 / unit, per_slab(bounds[cell, 2], unit)
             own, members = start[cell], start[cell + 1] - start[cell]
             ux, uy = (vel[order[own], 0], vel[order[own], 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
-            begin_cell(wanted, own, members, order, h, low, high, settled)
+            begin_cell(wanted, own, members, order, again, h, gradh, low, high, settled)
             for _ in range(ITERATIONS):
-                for p in range(members):
-                    for k in range(7):
-                        sums[p, k] = 0.0
+                clear(members, sums)
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
                     place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                     pack_masses(dim, shear, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
                     for p in range(members):
-                        i = order[own + p]
-                        if settled[p] == 0.0:
-                            k = own + p
-                            near, n = window(c - first, cells.x[k] - ox, radius[k], per_length, listed, end, lists)
-                            some = pack[near:]
-                            x, y = relative(dim, pos, i, ox, oy, per_unit)
-                            vx, vy = relative(dim, vel, i, ux, uy, 1.0) if shear else (0.0, 0.0)
-                            add_density(single, kernel, dim, shear, x, y, vx, vy, unit / h[i], n, some, sums[p])
+                        if settled[p] > 0.0:
+                            continue
+                        k, i = own + p, order[own + p]
+                        near, n = window(c - first, cells.x[k] - ox, radius[k], per_length, listed, end, lists)
+                        x, y = relative(dim, pos, i, ox, oy, per_unit)
+                        vx, vy = relative(dim, vel, i, ux, uy, 1.0) if shear else (0.0, 0.0)
+                        add_density(single, kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack[near:], sums[p])
                 # Apart from the sums, whose loop need not wait for all these divisions.
                 left = False
                 for p in range(members):
@@ -246,7 +249,7 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
                     if shear:
                         div[i], curl[i] = abs(div_v + step * more_div) * per_h, abs(curl_v + step * more_curl) * per_h
                     if support * h[i] > radius[own + p]:
-                        outgrown[c], settled[p] = True, 1.0
+                        outgrown[c], settled[p], gradh[i] = True, 1.0, OUTGROWN
                     left |= settled[p] == 0.0
                 if not left:
                     break

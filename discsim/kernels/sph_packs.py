@@ -47,3 +47,11 @@ def inverse_root(single, x):
 def relative(dim, vector, i, ox, oy, factor):
     """The vector (n, d) of particle i, less (ox, oy) and times a factor; y is 0 in one dimension."""
     return (vector[i, 0] - ox) * factor, (vector[i, 1] - oy) * factor if dim == 2 else 0.0
+
+
+@njit(inline="always")
+def clear(members, sums):
+    """Let the sums (members, ...) of a cell's particles begin with 0."""
+    for p in range(members):
+        for k in range(sums.shape[1]):
+            sums[p, k] = 0.0

@@ -1,4 +1,4 @@
-"""Cells of particles and lists of candidates: what `kernels/neighbours.py` does, shared among threads."""
+"""Cells of particles and lists of candidates: `kernels/neighbours.py` and `candidates.py`, shared among threads."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.kernels import neighbours as kernels
+from discsim.kernels.candidates import list_candidates
 from discsim.kernels.neighbours import (
     ALL_X,
     CELL_OVER_REACH,
@@ -153,7 +154,7 @@ def cells_in(
 def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -> list[Any]:
     """Of each cell of `points`, particles of `among` within `extent` times its reach; by the pieces of `share`."""
     given = points.filled, points.bounds, extent, mutual, among
-    return share(kernels.list_candidates, len(points.filled), *given, least=LEAST)
+    return share(list_candidates, len(points.filled), *given, least=LEAST)
 
 
 def _extremes(values: Array) -> tuple[Array, Array]:

@@ -30,7 +30,9 @@ NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
 # a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
 DENSEST = 4096.0
 PASSES = 4  # a first guess of h may be too large by DENSEST^((PASSES - 1) / d)
-STRETCH = 2.0  # of cells along x: the longer, the fewer of a cell's candidates a particle looks at (`window`)
+# Of cells along x: the longer, the fewer of a cell's candidates a particle looks at (`window`). Beyond twice its reach
+# from the middle of a cell, which longer ones have, single precision rounds places twice as much.
+STRETCH = 1.5
 ROOM = 1.03  # how far h may grow in a step without looking for candidates again
 
 
@@ -159,10 +161,10 @@ class Sph:
         found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), *self.shear)
         given = Given(pos, both.of(vel) if self.balsara else vel, mass)
         wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed), binade(mass)
-        left = cells.filled
+        left, again = cells.filled, False
         while True:
             outgrown = np.zeros(len(left), np.bool_)
-            share(driver, len(left), left, given, found, wanted, unit, cells, outgrown, least=LEAST, each=lists)
+            share(driver, len(left), left, given, found, wanted, unit, cells, again, outgrown, least=LEAST, each=lists)
             both.refresh(h)
             left = left[outgrown]
             some = self.outgrown(left)
@@ -176,7 +178,7 @@ class Sph:
                 self.met[cells.key[cells.order[part.slots[: part.begin[-1]]]]] = True
             if len(left) < len(some):
                 lists = candidates(cells._replace(filled=left), cells, mutual=True)
-            lists = self.parts(lists)
+            lists, again = self.parts(lists), True
         for own, found_ones in ((gas.h, h), (gas.density, found.rho), (gas.gradh, found.gradh)):
             both.keep(own, found_ones)
         return True
@@ -206,15 +208,13 @@ class Sph:
         energy, nu = NONE if u is None else rest[0], NONE if gas.nu is None else rest[-1]
         immobile = NOBODY if gas.immobile is None else rest[u is not None]
         viscosity, conductivity = self.viscosity, self.conductivity
-        strengths = Strengths(
-            viscosity.alpha if viscosity else 0.0, viscosity.beta if viscosity else 0.0,
-            conductivity.alpha if conductivity else 0.0,
-        )  # fmt: skip
+        alpha, beta = (viscosity.alpha, viscosity.beta) if viscosity else (0.0, 0.0)
+        strengths = Strengths(beta, conductivity.alpha if conductivity else 0.0, 1.0 + 1.2 * alpha, 1.0 + 1.2 * beta)
         scale = Scale(binade(mass), binade(found.h), binade(sound))
         columns = self._columns(len(mass), conductivity is not None or len(nu) > 0)
         share(
             force_columns, len(mass), Given(gas.pos, moving, mass), found, pressure, sound, energy, nu, *terms,
-            strengths.alpha, scale, self.cells.order, columns,
+            alpha, scale, self.cells.order, columns,
         )  # fmt: skip
         acc, rate = both.beside(gas.acc), NONE if u is None else both.beside(gas.heating_rate)
         driver, filled = self.driver(u, nu, self._uneven(gas)), self.cells.filled
