@@ -11,7 +11,7 @@ from numba.core.registry import cpu_target
 from numba.core.targetconfig import ConfigStack, TargetConfig
 from numba.core.types.functions import BaseFunction
 
-from discsim.kernels import bookkeeping, neighbours, nodes_relax, philox
+from discsim.kernels import bookkeeping, candidates, nodes_relax, philox
 
 
 def loaded(module, name):
@@ -46,7 +46,7 @@ def test_variables_are_those_that_numba_finds():
     numbas.Var, numbas.Inst = ir.Var, ir.Inst
     look = numbas.Stmt._rec_list_vars
     seen = 0
-    for kernel in (neighbours.find_runs, nodes_relax.relax_node, philox.words_of):
+    for kernel in (candidates.find_runs, nodes_relax.relax_node, philox.words_of):
         for block in compiler.run_frontend(kernel.py_func).blocks.values():
             for statement in block.body:
                 assert statement.list_vars() == look(statement, vars(statement))

@@ -56,3 +56,11 @@ def test_particles_that_come_take_the_room():
     held.replace(np.arange(0), come)
     assert not np.shares_memory(held.pos, before) and held.count == 15
     np.testing.assert_array_equal(held.pos, np.concatenate([expected["pos"], come["pos"]]))
+
+
+def test_aligned_arrays_begin_with_a_cache_line():
+    for count in range(1, 40):
+        array = room.aligned((count, 3), np.float32)
+        assert array.ctypes.data % room.LINE == 0 and array.shape == (count, 3) and array.dtype == np.float32
+        array[:] = count  # all of it is there
+        assert array.sum() == 3 * count**2
