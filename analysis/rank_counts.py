@@ -17,9 +17,8 @@ from discsim.kernels.blocks import LEVELS
 from discsim.kernels.halo import EITHER, mark_blocks, mark_cells
 from discsim.kernels.poisson import TILE
 from discsim.numerics.grid import Grid
-from discsim.numerics.neighbours import grids_of, keys_in
+from discsim.numerics.neighbours import keys_in
 from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
-from discsim.numerics.sph import ROOM
 from discsim.numerics.world import Needed
 from discsim.ranks.division import Division
 from discsim.ranks.drag import numbers_of
@@ -70,8 +69,7 @@ class Cells(NamedTuple):
 def cells_of_gas(sim: Simulation) -> Cells:
     """Those of neighbours, before forces are made."""
     sph, gas = sim.effects["gas"].sph, sim.gas
-    extent = (1.0 if sph.fixed else ROOM) * sph.support
-    grids, classes = grids_of(gas.pos, gas.h, extent, *sph.box_of(gas), sph.periodic)
+    grids, classes = sph.grids_of(gas)
 
     def mark(mine: Array, out: Array) -> None:
         out |= mark_cells(mine, grids.table, np.zeros(2), grids.table, EITHER, HALO, sph.dim == 1, sph.periodic)
