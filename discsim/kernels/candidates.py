@@ -24,8 +24,8 @@ class Candidates(NamedTuple):
     """Candidates of some cells, by their places in the order of the cells: those of the n-th from begin[n] on.
 
     Where it is `crossing` an edge of a periodic box, they are `turned` (2, candidates) times the box away.
-    They come slab by slab along x (`slab_of`): those of the k-th slab of the n-th cell from begin[n] + slabs[n, k] on.
-    No support of them is longer than widest[n].
+    Those for windows come slab by slab along x (`slab_of`): those of the k-th slab of the n-th cell from begin[n] +
+    slabs[n, k] on. No support of them is longer than widest[n].
     """
 
     begin: np.ndarray
@@ -107,10 +107,10 @@ def slab_of(dx, per_length):
 
 
 @inner
-def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, some):
+def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, some):
     """Particles of `count` runs that are within `reach` of the box or, with `mutual`, meet it; how many.
 
-    Writes them to `some`, with the slab of each and, where they are `crossing`, its run. `block` is overwritten.
+    Writes them to `slots`, the slab of each and, where they are `crossing`, its run. `block` is overwritten.
     """
     x, y, radius = cells.x, cells.y, cells.radius
     ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
@@ -131,7 +131,7 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, some):
                 block.slab[k] = slab_of(from_x, per_length)
             at = np.uint64(found)
             for k in range(many):
-                some.slots[at], some.slabs[at] = begin + k, block.slab[k]
+                slots[at], some.slabs[at] = begin + k, block.slab[k]
                 at += np.uint64(block.keep[k] <= 0.0)
             found = np.int64(at)
         if crossing:
@@ -178,7 +178,13 @@ def count_slabs(found, slab, begin):
 
 
 @inner
-def list_some(at, first, last, filled, bounds, extent, mutual, cells, listed, work):
+def turn(turns, run, turned, to):
+    """Write by how much the box is turned for a candidate of a run."""
+    turned[0, to], turned[1, to] = turns[run, 0], turns[run, 1]
+
+
+@inner
+def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, work):
     """List candidates of the cells from `at` on, as far as there is room for them.
 
     Returns the cell that there is no room for, or `last`, and how much it needs: runs and candidates.
@@ -194,31 +200,36 @@ def list_some(at, first, last, filled, bounds, extent, mutual, cells, listed, wo
             return c, count, held, begin + held
         crossing = crosses(turns, count)
         listed.crossing[c - first] = crossing
-        found = scan(runs, turns, count, crossing, box, reach, mutual, cells, block, some)
-        widest = longest(found, some.slots, cells.radius)
-        slabs = listed.slabs[c - first]
-        count_slabs(found, some.slabs, slabs)
-        for k in range(np.uint64(found)):
-            slab, to = np.uint64(some.slabs[k]) + ONE, np.uint64(begin)
-            to += np.uint64(slabs[slab])
-            slabs[slab] += ONE_MORE
-            listed.slots[to] = some.slots[k]
-            if crossing:
-                run = some.runs[k]
-                listed.turned[0, to], listed.turned[1, to] = turns[run, 0], turns[run, 1]
-        listed.begin[c - first + 1], listed.widest[c - first] = begin + found, widest
+        slots = some.slots if in_slabs else listed.slots[begin:]
+        found = scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, some)
+        listed.begin[c - first + 1] = begin + found
+        if in_slabs:
+            listed.widest[c - first] = longest(found, slots, cells.radius)
+            slabs = listed.slabs[c - first]
+            count_slabs(found, some.slabs, slabs)
+            for k in range(np.uint64(found)):
+                slab, to = np.uint64(some.slabs[k]) + ONE, np.uint64(begin)
+                to += np.uint64(slabs[slab])
+                slabs[slab] += ONE_MORE
+                listed.slots[to] = slots[k]
+                if crossing:
+                    turn(turns, some.runs[k], listed.turned, to)
+        elif crossing:
+            for k in range(found):
+                turn(turns, some.runs[k], listed.turned, np.uint64(begin + k))
     return last, 0, 0, 0
 
 
 @making
-def list_candidates(first, last, filled, bounds, extent, mutual, cells):
+def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells):
     """Candidates of the cells `filled` of some particles with `bounds` among those of `cells`.
 
     They reach as far as `extent` times their supports; with `mutual` there are also those whose own support meets a
-    cell.
+    cell. `in_slabs`: for sums that look at windows of them.
     """
     begin, crossing = np.zeros(last - first + 1, np.int64), np.zeros(last - first, np.bool_)
-    slabs, widest = np.empty((last - first, SLABS + 2), np.int32), np.empty(last - first)
+    windowed = last - first if in_slabs else 0
+    slabs, widest = np.empty((windowed, SLABS + 2), np.int32), np.empty(windowed)
     room, images = 1024 + USUAL * (last - first), 1 if cells.periodic else 0
     listed = Candidates(
         begin, np.empty(room, np.uint32), crossing, np.empty((2, images * room), np.int32), slabs, widest
@@ -229,7 +240,7 @@ def list_candidates(first, last, filled, bounds, extent, mutual, cells):
     at = first
     while at < last:
         at, count, held, room = list_some(
-            at, first, last, filled, bounds, extent, mutual, cells, listed, (runs, turns, block, some)
+            at, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, (runs, turns, block, some)
         )
         if count > len(runs):
             runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
@@ -258,13 +269,13 @@ def most_of(begin):
 
 
 @njit(nogil=True, inline="always")
-def window(c, dx, reach, per_length, begin, end, listed):
-    """Candidates from `begin` to `end` of the c-th cell that may be within `reach` of dx from its middle along x: from
-    which on, counted from `begin`, and where they end when filled up to whole vectors.
+def window(n, dx, reach, per_length, begin, end, listed):
+    """Candidates from `begin` to `end` of the n-th cell that may be within `reach` of dx from its middle along x: from
+    which on, counted from `begin`, and how many when filled up to whole vectors.
     """
-    slabs, start = listed.slabs, listed.begin[c]
-    first = start + slabs[c, slab_of(dx - reach, per_length)] - begin
-    last = start + slabs[c, slab_of(dx + reach, per_length) + 1] - begin
+    slabs, start = listed.slabs, listed.begin[n]
+    first = start + slabs[n, slab_of(dx - reach, per_length)] - begin
+    last = start + slabs[n, slab_of(dx + reach, per_length) + 1] - begin
     first, last = min(max(first, 0), end - begin), min(max(last, 0), end - begin)
     first &= -ALIGNED
     return first, whole(last - first)

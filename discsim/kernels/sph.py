@@ -301,8 +301,10 @@ def force_driver(
                 for p in range(members):
                     k = own + p
                     x, y = (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
-                    reach = max(cells.radius[k], lists.widest[c - first])
-                    near, n = window(c - first, cells.x[k] - ox, reach, per_length, listed, end, lists)
+                    near, n = 0, whole(end - listed)
+                    if not single:
+                        reach = max(cells.radius[k], lists.widest[c - first])
+                        near, n = window(c - first, cells.x[k] - ox, reach, per_length, listed, end, lists)
                     seen = pack[near:]
                     pack_distances(single, x, y, n, seen)
                     pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, seen)

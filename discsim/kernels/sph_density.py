@@ -208,15 +208,13 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
         order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
         pos, vel, mass = given.pos, given.vel, given.mass
         h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
-        lists, work = part
-        begin, slots = lists.begin, lists.slots
+        (lists, work), begin, slots = part, part[0].begin, part[0].slots
         pack, sums, low, high, settled = work.pack, work.sums, work.search[0], work.search[1], work.search[2]
         cx, cy, per_mass = pack[X * STRIDE :], pack[Y * STRIDE :], 1.0 / unit_mass
         for c in range(first, last):
             cell = filled[c]
-            ox, oy, unit = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4]
-            per_unit, per_length = 1.0 / unit, per_slab(bounds[cell, 2], unit)
-            own, members = start[cell], start[cell + 1] - start[cell]
+            ox, oy, unit, own = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4], start[cell]
+            per_unit, per_length, members = 1.0 / unit, per_slab(bounds[cell, 2], unit), start[cell + 1] - own
             ux, uy = (vel[order[own], 0], vel[order[own], 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
             begin_cell(wanted, own, members, order, again, h, gradh, low, high, settled)
             for _ in range(ITERATIONS):
@@ -229,7 +227,9 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
                         if settled[p] > 0.0:
                             continue
                         k, i = own + p, order[own + p]
-                        near, n = window(c - first, cells.x[k] - ox, radius[k], per_length, listed, end, lists)
+                        near, n = 0, whole(end - listed)
+                        if not single:
+                            near, n = window(c - first, cells.x[k] - ox, radius[k], per_length, listed, end, lists)
                         x, y = relative(dim, pos, i, ox, oy, per_unit)
                         vx, vy = relative(dim, vel, i, ux, uy, 1.0) if shear else (0.0, 0.0)
                         add_density(single, kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack[near:], sums[p])

@@ -151,9 +151,11 @@ def cells_in(
     return Cells(filled, key, table, order, start, x, y, radius, bounds, grids.low, grids.width, grids.periodic)
 
 
-def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0) -> list[Any]:
-    """Of each cell of `points`, particles of `among` within `extent` times its reach; by the pieces of `share`."""
-    given = points.filled, points.bounds, extent, mutual, among
+def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0, in_slabs: bool = False) -> list[Any]:
+    """Of each cell of `points`, particles of `among` within `extent` times its reach, `in_slabs` for windows; by the
+    pieces of `share`.
+    """
+    given = points.filled, points.bounds, extent, mutual, in_slabs, among
     return share(list_candidates, len(points.filled), *given, least=LEAST)
 
 

@@ -30,8 +30,7 @@ NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
 # a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
 DENSEST = 4096.0
 PASSES = 4  # a first guess of h may be too large by DENSEST^((PASSES - 1) / d)
-# Of cells along x: the longer, the fewer of a cell's candidates a particle looks at (`window`). Beyond twice its reach
-# from the middle of a cell, which longer ones have, single precision rounds places twice as much.
+# Of cells along x: the longer, the fewer of a cell's candidates a particle looks at (`window`), and the more there are.
 STRETCH = 1.5
 ROOM = 1.03  # how far h may grow in a step without looking for candidates again
 
@@ -109,7 +108,9 @@ class Sph:
         """Grids of the points of all processes, with some room for h to grow, and the size class (n,) of each."""
         extent = (1.0 if self.fixed else ROOM) * self.support
         box = self.box_of(points)
-        return grids_of(points.pos, points.h, extent, *box, self.periodic, world.together, STRETCH)
+        return grids_of(
+            points.pos, points.h, extent, *box, self.periodic, world.together, 1.0 if self.single else STRETCH
+        )
 
     def cells_of(self, points: Points) -> Cells:
         """Cells of all points, which one process has."""
@@ -123,6 +124,10 @@ class Sph:
     def around(self, points: Points) -> Around:
         """The points and all that their sums may meet."""
         return Around(world.Whole(), points.pos, points.h, points.mass, self.cells_of(points))
+
+    def listed(self, cells: Cells, some: np.ndarray) -> list[Any]:
+        """Candidates of `some` cells; in single precision sums take less time than what would sort these."""
+        return candidates(cells._replace(filled=some), cells, mutual=True, in_slabs=not self.single)
 
     def outgrown(self, own: np.ndarray) -> np.ndarray:
         """All cells that hold a particle whose h has outgrown their lists; of those with own particles, `own`."""
@@ -155,7 +160,7 @@ class Sph:
         driver = density_driver(self.kernel, self.dim, self.balsara, self.single)
         both, pos, h, mass, cells = self.around(gas)
         self.both, self.cells = both, cells
-        lists = self.lists = self.parts(candidates(cells, cells, mutual=True))
+        lists = self.lists = self.parts(self.listed(cells, cells.filled))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(len(h) if self.balsara else 0) for _ in range(2)]
         found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), *self.shear)
@@ -173,11 +178,11 @@ class Sph:
             widen(some, 1.2 * self.support, h, cells)
             if not self.meets_all(some):
                 return False
-            lists = candidates(cells._replace(filled=some), cells, mutual=True)
+            lists = self.listed(cells, some)
             for part in lists:
                 self.met[cells.key[cells.order[part.slots[: part.begin[-1]]]]] = True
             if len(left) < len(some):
-                lists = candidates(cells._replace(filled=left), cells, mutual=True)
+                lists = self.listed(cells, left)
             lists, again = self.parts(lists), True
         for own, found_ones in ((gas.h, h), (gas.density, found.rho), (gas.gradh, found.gradh)):
             both.keep(own, found_ones)
@@ -221,7 +226,7 @@ class Sph:
         met = self.cells._replace(filled=filled[self.met[filled]])
         rates = []
         for cells, again in ((self.cells, False), (met, True)):
-            lists = self.parts(candidates(cells, cells, mutual=True)) if again else self.lists
+            lists = self.parts(self.listed(cells, cells.filled)) if again else self.lists
             rates += share(
                 driver, len(cells.filled), columns, sound, immobile, acc, rate, strengths, scale, cells,
                 self.met, again, least=LEAST, each=lists,
