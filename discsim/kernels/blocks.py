@@ -69,7 +69,7 @@ def block_keys(first, last, key, number, species, populations):
 
     `number` is each leaf's block; `species` is read where there are several populations.
     """
-    for i in range(first, last):
+    for i in range(np.uint64(first), np.uint64(last)):
         block = number[key[i]]
         key[i] = block * populations + species[i] if populations > 1 else block
 

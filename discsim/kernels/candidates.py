@@ -122,7 +122,7 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, 
         # time. Signed numbers may be indices from the end, and would keep loops from being vectorised.
         for first in range(runs[run, 0], runs[run, 1], BLOCK):
             begin, many = np.uint64(first), np.uint64(min(runs[run, 1] - first, BLOCK))
-            for k in range(whole(many)):  # beyond the end is whatever comes next
+            for k in range(np.uint64(whole(many))):  # beyond the end is whatever comes next
                 i = begin + k
                 from_x = x[i] + sx
                 dx, dy = max(abs(from_x) - half_x, 0.0), max(abs(y[i] + sy) - half_y, 0.0)

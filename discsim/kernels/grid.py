@@ -120,8 +120,8 @@ def runs_of(key, first, last):
     run = 0
     for piece in range(len(first)):
         begin[run], strip[run] = first[piece], key[first[piece]]
-        for p in range(first[piece] + 1, last[piece]):
-            if key[p] != key[p - 1]:
+        for p in range(np.uint64(first[piece]) + ONE, np.uint64(last[piece])):
+            if key[p] != key[p - ONE]:
                 end[run] = p
                 run += 1
                 begin[run], strip[run] = p, key[p]

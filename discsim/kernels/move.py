@@ -9,7 +9,7 @@ from discsim.kernels.inner import compiled
 def take_rows(begin, end, source, index, out):
     """out[i] = source[index[i]] for arrays (n, d)."""
     if out.shape[1] == 2:
-        for i in range(begin, end):
+        for i in range(np.uint64(begin), np.uint64(end)):
             out[i, 0], out[i, 1] = source[index[i], 0], source[index[i], 1]
         return
     for i in range(begin, end):

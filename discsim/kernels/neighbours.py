@@ -69,7 +69,7 @@ def size_classes(first, last, h, extent, edges, out):
     Returns (2, MAX_CLASSES): how many are in each class, and its largest radius.
     """
     found = np.zeros((2, MAX_CLASSES))
-    for i in range(first, last):
+    for i in range(np.uint64(first), np.uint64(last)):
         radius, k = extent * h[i], 0
         while radius > edges[k] and k < MAX_CLASSES - 1:
             k += 1
@@ -80,17 +80,16 @@ def size_classes(first, last, h, extent, edges, out):
 
 
 @compiled
-def cell_keys(first, last, pos, classes, grids, low, out):
-    """Write the cell of each particle to `out` (n,)."""
-    dim = pos.shape[1]
-    for i in range(first, last):
+def cell_keys(first, last, pos, classes, grids, per_side, low, out):
+    """Write the cell of each particle to `out` (n,); per_side (grids, 2): cells in a length along x and y."""
+    for i in range(np.uint64(first), np.uint64(last)):
         g = classes[i]
-        ix = int((pos[i, 0] - low[0]) / grids[g, SIDE_X]) - int(grids[g, FROM_X])
-        ix, iy = min(max(ix, 0), int(grids[g, NX]) - 1), 0
-        if dim == 2:
-            iy = int((pos[i, 1] - low[1]) / grids[g, SIDE_Y]) - int(grids[g, FROM_Y])
-            iy = min(max(iy, 0), int(grids[g, NY]) - 1)
-        out[i] = int(grids[g, FIRST]) + ix * int(grids[g, NY]) + iy
+        x, y = (pos[i, 0] - low[0]) * per_side[g, 0] - grids[g, FROM_X], 0.0
+        if pos.shape[1] == 2:
+            y = (pos[i, 1] - low[1]) * per_side[g, 1] - grids[g, FROM_Y]
+        x = min(x if x > 0.0 else 0.0, grids[g, NX] - 1.0)  # also what is not a number
+        y = min(y if y > 0.0 else 0.0, grids[g, NY] - 1.0)
+        out[i] = int(grids[g, FIRST]) + int(x) * int(grids[g, NY]) + int(y)
 
 
 @compiled
@@ -99,7 +98,7 @@ def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
     dim = pos.shape[1]
     for c in range(first, last):
         x0, x1, y0, y1, reach = np.inf, -np.inf, np.inf, -np.inf, 0.0
-        for k in range(start[c], start[c + 1]):
+        for k in range(np.uint64(start[c]), np.uint64(start[c + 1])):
             i = order[k]
             x[k], y[k], radius[k] = pos[i, 0], pos[i, 1] if dim == 2 else 0.0, extent * h[i]
             x0, x1 = min(x0, x[k]), max(x1, x[k])

@@ -4,7 +4,7 @@ import numpy as np
 
 from discsim.kernels.inner import compiled
 
-ONE = np.uint32(1)
+ONE, TWO, THREE = np.uint32(1), np.uint64(2), np.uint64(3)
 GAPS = (
     16764929, 9427969, 4188161, 2354689, 1045505, 587521, 260609, 146305, 64769, 36289, 16001, 8929, 3905, 2161, 929,
     505, 209, 109, 41, 19, 5, 1,
@@ -15,17 +15,28 @@ FEW = 8  # members, of whom each is put straight where it belongs
 @compiled
 def count_keys(part_from, part_to, key, parts, place):
     """Count the keys (n,) of each part in `place` (1 + keys parts,), by key, within it by part, after a 0."""
+    # Neighbours have the same key as a rule, and an addition would wait for the one before to be written: so they come
+    # from four places in turn. Unsigned numbers are no indices from the end, which would have to be asked for.
+    stride = np.uint64(parts)
     for part in range(part_from, part_to):
-        for i in range(len(key) * part // parts, len(key) * (part + 1) // parts):
-            place[key[i] * parts + part + 1] += ONE
+        first, end = len(key) * part // parts, len(key) * (part + 1) // parts
+        quarter, at = np.uint64((end - first) // 4), np.uint64(part + 1)
+        for i in range(np.uint64(first), np.uint64(first) + quarter):
+            place[key[i] * stride + at] += ONE
+            place[key[i + quarter] * stride + at] += ONE
+            place[key[i + TWO * quarter] * stride + at] += ONE
+            place[key[i + THREE * quarter] * stride + at] += ONE
+        for i in range(np.uint64(end - (end - first) % 4), np.uint64(end)):
+            place[key[i] * stride + at] += ONE
 
 
 @compiled
 def put_in_order(part_from, part_to, key, parts, place, order):
     """Put the numbers of the particles where `place` has them, which ends where the next one has its first."""
+    stride = np.uint64(parts)
     for part in range(part_from, part_to):
-        for i in range(len(key) * part // parts, len(key) * (part + 1) // parts):
-            k = key[i] * parts + part
+        for i in range(np.uint64(len(key) * part // parts), np.uint64(len(key) * (part + 1) // parts)):
+            k = key[i] * stride + np.uint64(part)
             order[place[k]] = i
             place[k] += ONE
 

@@ -83,7 +83,7 @@ def force_columns(
     dim = vel.shape[1]
     per_mass, per_speed, density = 1.0 / scale.mass, 1.0 / scale.speed, scale.mass / scale.length**dim
     per_pressure = per_speed * per_speed / density
-    for k in range(first, last):
+    for k in range(np.uint64(first), np.uint64(last)):
         i = order[k]
         inv_h, inv_rho, press = 1.0 / h[i], density / rho[i], pressure[i] * per_pressure
         columns[k, MASS], columns[k, INV_H], columns[k, INV_RHO] = mass[i] * per_mass, scale.length * inv_h, inv_rho

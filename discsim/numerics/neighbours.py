@@ -129,7 +129,8 @@ def grids_of(
 def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
     """The cell of each particle (n,)."""
     key = np.empty(len(pos), np.uint32)
-    share(kernels.cell_keys, len(pos), pos, classes, grids.table, grids.low, key)
+    per_side = 1.0 / grids.table[:, SIDE_X : SIDE_X + 2]
+    share(kernels.cell_keys, len(pos), pos, classes, grids.table, per_side, grids.low, key)
     return key
 
 

@@ -31,7 +31,7 @@ NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
 DENSEST = 4096.0
 PASSES = 4  # a first guess of h may be too large by DENSEST^((PASSES - 1) / d)
 # Of cells along x: the longer, the fewer of a cell's candidates a particle looks at (`window`), and the more there are.
-STRETCH = 1.5
+STRETCH = 2.0
 ROOM = 1.03  # how far h may grow in a step without looking for candidates again
 
 

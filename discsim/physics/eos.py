@@ -287,7 +287,10 @@ def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -
 
 def radius(pos: Array) -> Array:
     """Distance from the origin (n,)."""
-    return np.sqrt(sum(axis * axis for axis in pos.T))
+    square = pos[:, 0] * pos[:, 0]
+    for k in range(1, pos.shape[1]):
+        square += pos[:, k] * pos[:, k]
+    return np.sqrt(square, out=square)
 
 
 def _speed_of_start(scene: Scene, r: Array) -> Array | None:
