@@ -26,7 +26,6 @@ from discsim.kernels.sph_packs import (
     R,
     X,
     Y,
-    clear,
     inverse_root,
     relative,
 )
@@ -37,6 +36,14 @@ ITERATIONS = 60
 # it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
 LEAST_OMEGA = 0.05
 OUTGROWN = -1.0  # in place of Omega, where h is still to be found with a longer list
+# Of a cell's particles: sums, what the search for h goes on from, and what it finds. Of each TILE of them they are one
+# row after the other, so that loops over them are vectorised.
+TILE, ROWS, SUMS = 64, 15, 7
+TOTAL, FIRST, SECOND, DIV, CURL, MORE_DIV, MORE_CURL, M, REACH, LOW, HIGH, STATE, H, RHO, OMEGA = (
+    np.uint64(row * TILE) for row in range(ROWS)
+)
+SEARCHED, FOUND, NOT_ASKED = 0.0, 1.0, 2.0
+IN_ALL, LAST = np.uint64(ROWS), np.uint64(TILE - 1)
 
 
 class Given(NamedTuple):
@@ -58,12 +65,12 @@ class Found(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What sums over candidates work in: their pack, and of a cell's particles the search for h (3, members), which is
-    its bounds and whether it has settled (1 or 0), and sums (members, 7).
+    """What sums over candidates work in: their pack, the rows of a cell's particles by tiles, `members`, and sums of
+    forces (members, 5).
     """
 
     pack: np.ndarray
-    search: np.ndarray
+    members: np.ndarray
     sums: np.ndarray
 
 
@@ -77,8 +84,8 @@ class Wanted(NamedTuple):
 
 
 @njit(inline="always")
-def add_density(single, kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
-    """Add n packed candidates' share of what `in_units_of_density` takes to `sums` (7,)."""
+def add_density(single, kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, members, at):
+    """Add n packed candidates' share of what `in_units_of_density` takes to the sums of the member at `at`."""
     real = pack.dtype.type
     x, y, vx, vy, inv_h = real(x), real(y), real(vx), real(vy), real(inv_h)
     total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -106,14 +113,14 @@ def add_density(single, kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, sums):
             more_curl += ddw * across
     # Factors, and those of q = r / h, are taken in at the end.
     of_w, of_dw, of_ddw = factors(kernel)
-    sums[0] += of_w * total
-    sums[1] += of_dw * inv_h * first
-    sums[2] += of_ddw * inv_h * inv_h * second
+    members[at + TOTAL] += of_w * total
+    members[at + FIRST] += of_dw * inv_h * first
+    members[at + SECOND] += of_ddw * inv_h * inv_h * second
     if shear:
-        sums[3] += of_dw * div
-        sums[4] += of_dw * curl
-        sums[5] += of_ddw * inv_h * more_div
-        sums[6] += of_ddw * inv_h * more_curl
+        members[at + DIV] += of_dw * div
+        members[at + CURL] += of_dw * curl
+        members[at + MORE_DIV] += of_ddw * inv_h * more_div
+        members[at + MORE_CURL] += of_ddw * inv_h * more_curl
 
 
 # These are of double precision whatever the packs are.
@@ -121,61 +128,123 @@ in_double = njit(**WITHIN, fastmath=FAST)
 
 
 @in_double
-def in_units_of_density(kernel, dim, sums):
+def in_units_of_density(kernel, dim, shear, total, first, second, div, curl, more_div, more_curl):
     """Of a particle's sums: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
 
     The last two values are those two's slopes, as much of the velocity's derivatives per relative change of h.
     """
-    rate = 1.0 / sums[0]
-    first, div, curl = sums[1] * rate, sums[3] * rate, sums[4] * rate
-    slope = -(dim + first)
-    curve = dim * (dim + 1) + 2 * (dim + 1) * first + sums[2] * rate
-    more_div, more_curl = (first - 1.0) * div - sums[5] * rate, (first - 1.0) * curl - sums[6] * rate
-    return NORM[dim - 1][kernel] * sums[0], slope, curve, div, curl, more_div, more_curl
+    rate = 1.0 / total
+    first *= rate
+    curve = dim * (dim + 1) + 2 * (dim + 1) * first + second * rate
+    if shear:
+        div, curl = div * rate, curl * rate
+        more_div, more_curl = (first - 1.0) * div - more_div * rate, (first - 1.0) * curl - more_curl * rate
+    return NORM[dim - 1][kernel] * total, -(dim + first), curve, div, curl, more_div, more_curl
 
 
 @in_double
 def improve(dim, m, h, wanted, low, high, rho, slope, curve):
-    """(settled, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
+    """(found, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
 
-    Where it is short enough, rho and Omega are taken along by their series. `step` is relative to h.
+    Where it is short enough, rho and Omega are taken along by their series. `step` is relative to h. All that may
+    come of it is worked out, and then chosen from: so the loop around it is vectorised.
     """
     inv_h, eta, h_least, h_most = 1.0 / h, wanted.eta, wanted.least, wanted.most
     # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
     t = eta * inv_h * (m / rho if dim == 1 else math.sqrt(m / rho))
-    # A lone particle, or a crowd at one place, where (1) has no root: h stays at its limit, as if fixed.
-    if (t >= 1.0 and h >= h_most) or (t <= 1.0 and h <= h_least):
-        return True, 0.0, h, rho, 1.0, low, high
     rise = 1.0 + t * slope / dim
     step = (t - 1.0) / rise
-    if step != step:  # no number: h stays rather than grow to its limit, and the step's limit will see it
-        return True, 0.0, h, rho, 1.0, low, high
-    if abs(step) <= TOLERANCE and h + h * step > h_least:
-        step *= 1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise
-        step = min(step, h_most * inv_h - 1.0)
-        grown = 1.0 + step * (slope + 0.5 * step * curve)
-        omega = 1.0 + (1.0 + step) * (slope + step * curve) / (dim * grown)
-        return True, step, h * (1.0 + step), rho * grown, max(omega, LEAST_OMEGA), low, high
-    if t < 1.0:
-        high = h
-    else:
-        low = h
+    # A lone particle, or a crowd at one place, where (1) has no root: h stays at its limit, as if fixed. So it does
+    # where the step is not a number, rather than grow to its limit; the step's limit will see it.
+    stays = ((t >= 1.0) & (h >= h_most)) | ((t <= 1.0) & (h <= h_least)) | (step != step) | wanted.fixed
+    near = (abs(step) <= TOLERANCE) & (h + h * step > h_least)
+    last = step * (1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise)
+    last = 0.0 if stays else min(last, h_most * inv_h - 1.0)
+    grown = 1.0 + last * (slope + 0.5 * last * curve)
+    omega = max(1.0 + (1.0 + last) * (slope + last * curve) / (dim * grown), LEAST_OMEGA)
+    low, high = (low if t < 1.0 else h), (h if t < 1.0 else high)
     new = min(max(h + h * min(max(step, -0.3), 0.5), h_least), h_most)
-    if not low < new < high:
-        new = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
-    return False, 0.0, new, rho, 1.0 + slope / dim, low, high
+    half = 0.5 * (low + high) if high < np.inf else min(1.5 * low, h_most)
+    new = new if (low < new) & (new < high) else half
+    found = stays | near
+    h, rho = (h * (1.0 + last), rho * grown) if found else (new, rho)
+    return found, last, h, rho, 1.0 if stays else omega if near else 1.0 + slope / dim, low, high
+
+
+@in_double
+def improve_all(kernel, dim, shear, wanted, unit_mass, support, n, some):
+    """A step of the search for h of n members, from their sums in the rows `some`: |div v| and |curl v| take the place
+    of these. Returns how many of them go on, and how many want an h that their list does not reach for.
+    """
+    left, beyond = 0.0, 0.0
+    for k in range(np.uint64(n)):
+        searched, h = some[k + STATE] == SEARCHED, some[k + H]
+        per_h = 1.0 / h
+        total, slope, curve, div, curl, more_div, more_curl = in_units_of_density(
+            kernel, dim, shear, some[k + TOTAL], some[k + FIRST], some[k + SECOND], some[k + DIV], some[k + CURL],
+            some[k + MORE_DIV], some[k + MORE_CURL],
+        )  # fmt: skip
+        rho = total * unit_mass * (per_h * per_h if dim == 2 else per_h)
+        found, step, new, rho, omega, low, high = improve(
+            dim, some[k + M], h, wanted, some[k + LOW], some[k + HIGH], rho, slope, curve
+        )
+        outgrown = support * new > some[k + REACH]
+        some[k + LOW], some[k + HIGH] = low, high
+        some[k + H] = new if searched else h
+        some[k + RHO] = rho if searched else some[k + RHO]
+        some[k + OMEGA] = (OUTGROWN if outgrown else omega) if searched else some[k + OMEGA]
+        if shear:
+            some[k + DIV] = abs(div + step * more_div) * per_h if searched else some[k + DIV]
+            some[k + CURL] = abs(curl + step * more_curl) * per_h if searched else some[k + CURL]
+        goes_on = searched & (not (found | outgrown))
+        some[k + STATE] = FOUND if searched & (not goes_on) else some[k + STATE]
+        left += 1.0 if goes_on else 0.0
+        beyond += 1.0 if searched & outgrown else 0.0
+    return left, beyond
 
 
 @njit(inline="always")
-def begin_cell(wanted, own, members, order, again, h, gradh, low, high, settled):
+def seat(p):
+    """Where the p-th member of a cell is in its rows."""
+    lane = np.uint64(p) & LAST
+    return (np.uint64(p) - lane) * IN_ALL + lane
+
+
+@njit(inline="always")
+def begin_cell(wanted, own, count, cells, again, mass, h, gradh, members):
     """Let the search for h begin within its limits: `again` of those alone that outgrew their list. What others of
     their cell find does not hang on them.
     """
-    for p in range(members):
-        i = order[own + p]
-        settled[p], low[p], high[p] = 1.0 if again and gradh[i] != OUTGROWN else 0.0, 0.0, np.inf
-        if not wanted.fixed and settled[p] == 0.0:
-            h[i] = min(max(h[i], wanted.least), wanted.most)
+    for p in range(whole(count)):
+        at, k = seat(p), own + min(p, count - 1)
+        i = cells.order[k]
+        members[at + STATE] = NOT_ASKED if p >= count or (again and gradh[i] != OUTGROWN) else SEARCHED
+        members[at + M], members[at + REACH], members[at + H] = mass[i], cells.radius[k], h[i]
+        members[at + LOW], members[at + HIGH] = 0.0, np.inf
+        if not wanted.fixed:
+            members[at + H] = min(max(h[i], wanted.least), wanted.most)
+
+
+@njit(inline="always")
+def clear_sums(count, members):
+    """Let the sums of members that are searched begin with 0."""
+    for p in range(count):
+        at = seat(p)
+        if members[at + STATE] == SEARCHED:
+            for row in range(SUMS):
+                members[at + np.uint64(row * TILE)] = 0.0
+
+
+@njit(inline="always")
+def end_cell(shear, own, count, order, found, members):
+    """Write what was found for the members of a cell."""
+    for p in range(count):
+        at, i = seat(p), order[own + p]
+        if members[at + STATE] == NOT_ASKED:
+            continue
+        found.h[i], found.rho[i], found.gradh[i] = members[at + H], members[at + RHO], members[at + OMEGA]
+        if shear:
+            found.div[i], found.curl[i] = members[at + DIV], members[at + CURL]
 
 
 @njit(inline="always")
@@ -205,53 +274,41 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
 
     @lean_sums_in_single if single else lean_sums
     def density(first, last, part, filled, given, found, wanted, unit_mass, cells, again, outgrown):
-        order, start, radius, bounds = cells.order, cells.start, cells.radius, cells.bounds
-        pos, vel, mass = given.pos, given.vel, given.mass
-        h, rho, gradh, div, curl = found.h, found.rho, found.gradh, found.div, found.curl
-        (lists, work), begin, slots = part, part[0].begin, part[0].slots
-        pack, sums, low, high, settled = work.pack, work.sums, work.search[0], work.search[1], work.search[2]
+        order, start, bounds = cells.order, cells.start, cells.bounds
+        vel, mass, h, (lists, work) = given.vel, given.mass, found.h, part
+        begin, slots, pack, members = lists.begin, lists.slots, work.pack, work.members
         cx, cy, per_mass = pack[X * STRIDE :], pack[Y * STRIDE :], 1.0 / unit_mass
         for c in range(first, last):
             cell = filled[c]
             ox, oy, unit, own = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4], start[cell]
-            per_unit, per_length, members = 1.0 / unit, per_slab(bounds[cell, 2], unit), start[cell + 1] - own
+            per_unit, per_length, count = 1.0 / unit, per_slab(bounds[cell, 2], unit), start[cell + 1] - own
             ux, uy = (vel[order[own], 0], vel[order[own], 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
-            begin_cell(wanted, own, members, order, again, h, gradh, low, high, settled)
+            begin_cell(wanted, own, count, cells, again, mass, h, found.gradh, members)
             for _ in range(ITERATIONS):
-                clear(members, sums)
+                clear_sums(count, members)
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
                     place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                     pack_masses(dim, shear, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
-                    for p in range(members):
-                        if settled[p] > 0.0:
+                    for p in range(count):
+                        at, k, near, n = seat(p), own + p, 0, whole(end - listed)
+                        if members[at + STATE] != SEARCHED:
                             continue
-                        k, i = own + p, order[own + p]
-                        near, n = 0, whole(end - listed)
+                        from_x, from_y = cells.x[k] - ox, cells.y[k] - oy
                         if not single:
-                            near, n = window(c - first, cells.x[k] - ox, radius[k], per_length, listed, end, lists)
-                        x, y = relative(dim, pos, i, ox, oy, per_unit)
-                        vx, vy = relative(dim, vel, i, ux, uy, 1.0) if shear else (0.0, 0.0)
-                        add_density(single, kernel, dim, shear, x, y, vx, vy, unit / h[i], n, pack[near:], sums[p])
+                            near, n = window(c - first, from_x, members[at + REACH], per_length, listed, end, lists)
+                        x, y, per_h = from_x * per_unit, from_y * per_unit, unit / members[at + H]
+                        vx, vy = relative(dim, vel, order[k], ux, uy, 1.0) if shear else (0.0, 0.0)
+                        add_density(single, kernel, dim, shear, x, y, vx, vy, per_h, n, pack[near:], members, at)
                 # Apart from the sums, whose loop need not wait for all these divisions.
-                left = False
-                for p in range(members):
-                    if settled[p] > 0.0:
-                        continue
-                    i = order[own + p]
-                    per_h, step = 1.0 / h[i], 0.0
-                    total, slope, curve, div_v, curl_v, more_div, more_curl = in_units_of_density(kernel, dim, sums[p])
-                    rho[i], gradh[i], settled[p] = total * unit_mass * per_h**dim, 1.0, 1.0
-                    if not wanted.fixed:
-                        settled[p], step, h[i], rho[i], gradh[i], low[p], high[p] = improve(
-                            dim, mass[i], h[i], wanted, low[p], high[p], rho[i], slope, curve
-                        )
-                    if shear:
-                        div[i], curl[i] = abs(div_v + step * more_div) * per_h, abs(curl_v + step * more_curl) * per_h
-                    if support * h[i] > radius[own + p]:
-                        outgrown[c], settled[p], gradh[i] = True, 1.0, OUTGROWN
-                    left |= settled[p] == 0.0
-                if not left:
+                left = 0.0
+                for p in range(0, count, TILE):
+                    n, some = whole(min(TILE, count - p)), members[seat(p) :]
+                    going, beyond = improve_all(kernel, dim, shear, wanted, unit_mass, support, n, some)
+                    left += going
+                    outgrown[c] |= beyond > 0.0
+                if left == 0.0:
                     break
+            end_cell(shear, own, count, order, found, members)
 
     return density

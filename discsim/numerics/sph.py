@@ -12,7 +12,8 @@ import numpy as np
 from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, Strengths, force_columns, force_driver
-from discsim.kernels.sph_density import Found, Given, Wanted, Work, density_driver
+from discsim.kernels.sph_density import ROWS as MEMBER_ROWS
+from discsim.kernels.sph_density import TILE, Found, Given, Wanted, Work, density_driver
 from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE, Scale
 from discsim.numerics import room, world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
@@ -200,7 +201,8 @@ class Sph:
         most, real = int(np.diff(self.cells.start).max()), np.float32 if self.single else np.float64
         packs = room.aligned((len(lists), ROWS * STRIDE), real)
         packs[:] = 0.0
-        return [(part, Work(packs[k], np.empty((3, most)), np.empty((most, 7)))) for k, part in enumerate(lists)]
+        members = (most + TILE - 1) // TILE * TILE * MEMBER_ROWS
+        return [(part, Work(packs[k], np.zeros(members), np.empty((most, 5)))) for k, part in enumerate(lists)]
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> float:
         """Add to `acc` (and `heating_rate`); return the longest step that these allow."""
