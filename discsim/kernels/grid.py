@@ -12,9 +12,10 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import WITHIN, compiled, inner, subroutine
+from discsim.kernels.rows import fetch, lane, load
 from discsim.kernels.zcurve import place_of
 
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE, TWO, LINE = np.uint64(1), np.uint64(2), np.uint64(8)  # numbers in a line of the cache
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
 BATCH = 128  # particles whose places are found before any of them is used, by vectorised code
 CHUNK = 4096  # particles of which `pull` notes what it found
@@ -130,6 +131,41 @@ def runs_of(key, first, last):
     return (begin, end), strip
 
 
+@inner
+def _take(pos, value, p, number, filled, batch):
+    # Places and values of particles from the pth on, behind those that the batch has.
+    (xs, ys, values), plane = batch, pos.shape[1] == 2
+    for j in range(np.uint64(number)):
+        xs[filled + j], values[filled + j] = pos[p + j, 0], value[p + j]
+        if plane:
+            ys[filled + j] = pos[p + j, 1]
+
+
+@inner
+def _add_batch(number, batch, place, shares, origin, inverse, scale, grid, corner, flat):
+    # To the rows of a strip that begins with the node `corner`. Shares first: such a loop is vectorised.
+    (xs, ys, values), (s00, s01, s10, s11), (nx, ny, periodic, plane, length) = batch, shares, grid
+    ox, oy, first, first_y, width = origin[0], origin[1], np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
+    for j in range(np.uint64(number)):
+        x, y = (xs[j] - ox) * inverse - 0.5, (ys[j] - oy) * inverse - 0.5 if plane else 0.0
+        if periodic:
+            x, y = _wrapped(x, nx), _wrapped(y, ny)
+        ix, iy = np.int32(x), np.int32(y)
+        place[j] = (ix - first) * width + (iy - first_y)
+        v = values[j] * scale
+        v1 = v * (x - ix)
+        v0 = v - v1
+        s01[j], s11[j] = v0 * (y - iy), v1 * (y - iy)
+        s00[j], s10[j] = v0 - s01[j], v1 - s11[j]
+    for j in range(np.uint64(number)):
+        low = np.uint64(place[j])
+        high = low + length
+        flat[low] += s00[j]
+        flat[low + ONE] += s01[j]
+        flat[high] += s10[j]
+        flat[high + ONE] += s11[j]
+
+
 @compiled
 def deposit_strips(
     begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
@@ -141,30 +177,25 @@ def deposit_strips(
     """
     nx, ny, first_x, first_y = part
     (held, wide), (run_begin, run_end) = out.shape, runs
-    ox, oy, rows, plane = origin[0], origin[1], 1 << shift, pos.shape[1] == 2
+    rows, plane, length = 1 << shift, pos.shape[1] == 2, np.uint64(wide + 1)
     sums = np.empty((rows + 1, wide + 1))  # one column more, which is the first where space is periodic
-    flat, row_length = sums.reshape(-1), np.uint64(wide + 1)
+    flat, grid = sums.reshape(-1), (nx, ny, periodic, plane, length)
+    batch, place, shares = np.zeros((3, BATCH)), np.empty(BATCH, np.int32), np.empty((4, BATCH))
     for s in range(begin, end):
         if start[s] == start[s + 1]:
             continue
-        first = s * rows
+        first, filled = s * rows, 0
         flat[:] = 0.0
         for k in range(start[s], start[s + 1]):
-            for p in range(np.uint64(run_begin[order[k]]), np.uint64(run_end[order[k]])):
-                x, y = (pos[p, 0] - ox) * inverse - 0.5, (pos[p, 1] - oy) * inverse - 0.5 if plane else 0.0
-                if periodic:
-                    x, y = _wrapped(x, nx), _wrapped(y, ny)
-                ix, iy = int(x), int(y)
-                low = np.uint64((ix - first) * (wide + 1) + iy - first_y)
-                high = low + row_length
-                v = value[p] * scale
-                v1 = v * (x - ix)
-                v0 = v - v1
-                v01, v11 = v0 * (y - iy), v1 * (y - iy)
-                flat[low] += v0 - v01
-                flat[low + ONE] += v01
-                flat[high] += v1 - v11
-                flat[high + ONE] += v11
+            p, last = run_begin[order[k]], run_end[order[k]]
+            while p < last:
+                number = min(last - p, BATCH - filled)
+                _take(pos, value, np.uint64(p), number, np.uint64(filled), batch)
+                p, filled = p + number, filled + number
+                if filled == BATCH:
+                    _add_batch(filled, batch, place, shares, origin, inverse, scale, grid, (first, first_y), flat)
+                    filled = 0
+        _add_batch(filled, batch, place, shares, origin, inverse, scale, grid, (first, first_y), flat)
         own = max(0, min(rows, nx - first))
         for r in range(own + 1):
             sums[r, 0] += sums[r, wide]
@@ -213,9 +244,18 @@ def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
 @njit(**WITHIN, fastmath={"contract"})
 def _between(flat, low, along_x, along_y, wx, wy):
     high = low + along_x
-    first = flat[low] + wy * (flat[low + along_y] - flat[low])
-    second = flat[high] + wy * (flat[high + along_y] - flat[high])
-    return first + wx * (second - first)
+    first = flat[low] + wx * (flat[high] - flat[low])
+    second = flat[low + along_y] + wx * (flat[high + along_y] - flat[low + along_y])
+    return first + wy * (second - first)
+
+
+@njit(**WITHIN, fastmath={"contract"})
+def _both_between(flat, low, along_x, wx, wy):
+    # Both components at once, where the next node along y is the next one in memory.
+    left = load(flat, low)
+    both = left + wx * (load(flat, low + along_x) - left)
+    x, y = lane(both, 0), lane(both, 1)
+    return x + wy * (lane(both, 2) - x), y + wy * (lane(both, 3) - y)
 
 
 @inner
@@ -256,6 +296,10 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 x, y = xs[j] if inside else -1.0, ys[j] if inside else 0.0
                 ixs[j], iys[j] = np.int32(x), np.int32(y)
                 xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
+            # The next batch: as arrays are gone through a bit at a time, processors do not foresee it.
+            for q in range(dim * (p + np.uint64(BATCH)), dim * (p + np.uint64(2 * BATCH)), LINE):
+                fetch(pos, q)
+                fetch(pulls, q)
             for j in range(number):
                 ix, iy = int(ixs[j]), int(iys[j])
                 if ix < 0:
@@ -265,14 +309,15 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 along_x = np.uint64(2 * wide if ix + 1 < nx else -2 * wide * ix)
                 along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
                 q = dim * (p + j)
-                x = _between(flat, low, along_x, along_y, xs[j], ys[j])
+                if iy + 1 < ny:
+                    x, y = _both_between(flat, low, along_x, xs[j], ys[j])
+                else:
+                    x = _between(flat, low, along_x, along_y, xs[j], ys[j])
+                    y = _between(flat, low + ONE, along_x, along_y, xs[j], ys[j]) if plane else 0.0
                 pulls[q] -= x
-                square = x * x
                 if plane:
-                    y = _between(flat, low + ONE, along_x, along_y, xs[j], ys[j])
                     pulls[q + ONE] -= y
-                    square += y * y
-                most = max(most, square)
+                most = max(most, x * x + y * y)
         largest[chunk], missing[chunk] = most, lost
 
 

@@ -13,13 +13,14 @@ import numpy as np
 from discsim.formulas.laws import EPSTEIN
 from discsim.kernels.frame import kepler, sense_at
 from discsim.kernels.inner import inner
-from discsim.kernels.nodes import BX, BY, MASS, ONE, RHO, VX, VY, X, Y
+from discsim.kernels.nodes import BX, BY, FIELDS, MASS, ONE, RHO, VX, VY, X, Y
 from discsim.kernels.nodes_weights import cloud
-from discsim.kernels.rows import LANES, empty_row, load, store
+from discsim.kernels.rows import LANES, empty_row, fetch, load, store
 
 # Columns that a block has while it is summed: the weights on the nine nodes times the mass; which way orbits turn, then
 # norms of weights.
 SENSE, NORMS, ROOM = 9, 9, 10
+LINE = np.uint64(8)  # numbers in a line of the cache
 
 
 @inner
@@ -56,6 +57,16 @@ def take_plane(first, count, n, kind, dense, begin, column):
 
 
 @inner
+def fetch_next(first, count, kind):
+    """What `take` goes through next, for as many particles as of the block before: they lie here and there."""
+    start, end, dim = np.uint64(first), np.uint64(min(first + count, len(kind.order))), np.uint64(kind.vel.shape[1])
+    for k in range(start, end):
+        i = dim * kind.order[k]
+        fetch(kind.pos, i)
+        fetch(kind.vel, i)
+
+
+@inner
 def take_line(first, count, n, kind, dense, begin, column):
     """The same in one dimension, where second components are 0."""
     for at in range(n):
@@ -67,6 +78,14 @@ def take_line(first, count, n, kind, dense, begin, column):
             column[into + BX * n], column[into + BY * n] = kind.own[i, 0], 0.0
         if dense:
             column[into + RHO * n] = kind.density[i]
+
+
+@inner
+def fetch_columns(n, sources, begin, column):
+    """Ask memory for what comes after the columns of a block, as much as these: those of the next one."""
+    first, fields = begin + (FIELDS if sources else BX) * n, BX if not sources else FIELDS
+    for at in range(np.uint64(first), np.uint64(first + fields * n), LINE):
+        fetch(column, at)
 
 
 @inner

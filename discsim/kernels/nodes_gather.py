@@ -4,7 +4,7 @@ import numpy as np
 
 from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.nodes import FIELDS, NORM, ONE, VX, X, Y
-from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, most_in, take, weigh
+from discsim.kernels.nodes_columns import NORMS, ROOM, fetch_columns, fetch_next, filled, is_ragged, leave_out, most_in, take, weigh
 from discsim.kernels.rows import LANES, empty_row, lane, load, store, sums_of
 
 
@@ -77,6 +77,8 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, r
     n = filled(count)
     if count > 0:  # a block without gas has a slot of it
         take(block, first, count, n, kind, cells, frame, law, begin, column, room)
+        fetch_columns(n, len(kind.own) > 0, begin, column)
+        fetch_next(first + count, count, kind)
         weigh(n, flat, begin, column, room)
     if len(square) > 0:
         square_of(block, n, begin, column, room, square)

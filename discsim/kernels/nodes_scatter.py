@@ -5,7 +5,7 @@ import numpy as np
 from discsim.kernels.inner import compiled, inner
 from discsim.kernels.lines import solve
 from discsim.kernels.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
-from discsim.kernels.nodes_columns import filled, is_ragged, most_in
+from discsim.kernels.nodes_columns import fetch_columns, filled, is_ragged, most_in
 from discsim.kernels.nodes_heat import loss, turns_about
 from discsim.kernels.nodes_weights import brought, to_polynomial
 from discsim.kernels.relax import response
@@ -232,8 +232,9 @@ def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, e
     count = kind.start[block * kind.number + part + 1] - first
     if count == 0:
         return 0.0
-    fetch_motion(first, count, kind)
     n, turns = filled(count), len(nodes.square) > 0 and s == 0
+    fetch_motion(first, count, kind)
+    fetch_columns(n, len(kind.own) > 0, begin, column)
     values_about(block, s, cells, nodes, sharp.value, turns, table)
     to_polynomial(table, 0, dim == 1)
     if by_grain(kind, cells):

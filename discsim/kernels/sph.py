@@ -27,6 +27,7 @@ from numba import njit
 from discsim.kernels.candidates import per_slab, place, window
 from discsim.kernels.inner import compiled, lean_sums, lean_sums_in_single
 from discsim.kernels.neighbours import LANES, whole
+from discsim.kernels.rows import fetch
 from discsim.kernels.smoothing import MEAN_Q2, NORM, SQUEEZED, factors, terms
 from discsim.kernels.sph_packs import (
     CHUNK,
@@ -125,6 +126,13 @@ def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame,
             pack[FLUIDITY * STRIDE + k] = columns[j, FLUIDITY]
     for k in range(count, np.uint64(whole(len(slots)) + LANES)):  # and what a window is filled up with
         pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
+
+
+@njit(inline="always")
+def fetch_columns(slots, columns):
+    """What `pack_columns` goes through: some of the candidates of a cell were not those of the cell before."""
+    for k in range(np.uint64(len(slots))):
+        fetch(columns, slots[k] * np.uint64(columns.shape[1]))
 
 
 @njit(inline="always")
@@ -294,6 +302,8 @@ def force_driver(
             unit, members = bounds[cell, 4] / scale.length, start[cell + 1] - own
             frame, per_length = (unit, ux, uy), per_slab(bounds[cell, 2], bounds[cell, 4])
             clear(members, sums)
+            if c + 1 < last:
+                fetch_columns(slots[begin[c - first + 1] : begin[c - first + 2]], columns)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
