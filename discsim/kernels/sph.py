@@ -129,10 +129,11 @@ def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame,
 
 
 @njit(inline="always")
-def fetch_columns(slots, columns):
-    """What `pack_columns` goes through: some of the candidates of a cell were not those of the cell before."""
-    for k in range(np.uint64(len(slots))):
-        fetch(columns, slots[k] * np.uint64(columns.shape[1]))
+def fetch_columns(begin, slots, columns):
+    """Ask memory for what `pack_columns` reads of the next cell's candidates, if there is one; `begin` from it on."""
+    if len(begin) > 1:
+        for k in range(np.uint64(begin[0]), np.uint64(begin[1])):
+            fetch(columns, slots[k] * np.uint64(columns.shape[1]))
 
 
 @njit(inline="always")
@@ -287,8 +288,7 @@ def force_driver(
     def forces(first, last, part, columns, sound, still, acc, rate, strengths, scale, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part
-        begin, slots = lists.begin, lists.slots
-        pack, sums = work.pack, work.sums
+        begin, slots, pack, sums = lists.begin, lists.slots, work.pack, work.sums
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         of_rate = scale.speed / scale.length
         units = scale.speed * of_rate, scale.speed * scale.speed * of_rate, 1.0 / scale.speed
@@ -302,8 +302,7 @@ def force_driver(
             unit, members = bounds[cell, 4] / scale.length, start[cell + 1] - own
             frame, per_length = (unit, ux, uy), per_slab(bounds[cell, 2], bounds[cell, 4])
             clear(members, sums)
-            if c + 1 < last:
-                fetch_columns(slots[begin[c - first + 1] : begin[c - first + 2]], columns)
+            fetch_columns(begin[c - first + 1 :], slots, columns)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
