@@ -4,7 +4,18 @@ import numpy as np
 
 from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.nodes import FIELDS, NORM, ONE, VX, X, Y
-from discsim.kernels.nodes_columns import NORMS, ROOM, fetch_columns, fetch_next, filled, is_ragged, leave_out, most_in, take, weigh
+from discsim.kernels.nodes_columns import (
+    NORMS,
+    ROOM,
+    fetch_columns,
+    fetch_next,
+    filled,
+    is_ragged,
+    leave_out,
+    most_in,
+    take,
+    weigh,
+)
 from discsim.kernels.rows import LANES, empty_row, lane, load, store, sums_of
 
 
