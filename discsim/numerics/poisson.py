@@ -40,7 +40,7 @@ from discsim.numerics.threads import share
 
 Array = np.ndarray
 ALL = slice(None)
-ROWS = 8  # that a plan transforms at once: more would leave the cache between its steps
+ROWS = 16  # that a plan transforms at once: more would leave the cache between its steps
 
 
 @dataclass(frozen=True)
@@ -186,10 +186,11 @@ class Worker:
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
         border, (count, width) = self.border, potential.shape
-        for i in range(min(ROWS, count - first)):
-            row, found = potential[(first + i + shift) % count], self.rows_back[i]
-            row[border:] = found[: width - border]
-            row[:border] = found[len(found) - border :]
+        begin, number = (first + shift) % count, min(ROWS, count - first)
+        split = min(number, count - begin)  # what is beyond the last row comes first
+        for out, found in ((potential[begin:], self.rows_back[:split]), (potential, self.rows_back[split:number])):
+            out[: len(found), border:] = found[:, : width - border]
+            out[: len(found), :border] = found[:, found.shape[1] - border :]
 
 
 def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
