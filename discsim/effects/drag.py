@@ -23,7 +23,7 @@ from discsim.effects.stopping import stopping_columns
 from discsim.numerics import world
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
-from discsim.numerics.threads import copied, fill, share
+from discsim.numerics.threads import copied, share
 from discsim.numerics.totals import mean, total
 from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
 from discsim.physics.grains import has_sizes
@@ -247,7 +247,7 @@ class Effect(base.Effect):
             kick_gas(state, dt)
             return
         if gas.kick_acc is not None:
-            fill(gas.kick_acc, lambda piece: (gas.vel[piece] - before[piece]) / dt)
+            share(moves.rate_of_change, gas.count, gas.vel, before, dt, gas.kick_acc)
         if gas.u is not None:
             gas.kick_rate[:] = gas.heating_rate
             if len(heat) > 0:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
+eos_kernels = Lazy("discsim.kernels.eos")
 moves = Lazy("discsim.kernels.move")
 growth = Lazy("discsim.physics.growth")
 sums = Lazy("discsim.numerics.sph")
@@ -187,7 +188,10 @@ class Effect(base.Effect):
 
     def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         gas, pos = state.gas, state.from_centre(state.gas.pos)
-        out = room.like(gas.pressure), room.like(gas.sound_speed)
+        out, roots = (room.like(gas.pressure), room.like(gas.sound_speed)), eos_of(self.scene).roots(self.scene)
+        if roots is not None and gas.small is None:  # the usual disc, in half of the time
+            share(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out)
+            return out
 
         def part(first: int, last: int) -> None:
             for within in blocks(first, last):
@@ -243,7 +247,7 @@ def kick_gas(state: State, dt: float) -> None:
     gas = state.gas
     share(moves.add_scaled, gas.count, gas.vel, gas.acc, dt)
     if gas.kick_acc is not None:
-        fill(gas.kick_acc, lambda piece: gas.acc[piece])
+        share(moves.assign, gas.count, gas.kick_acc, gas.acc)
     if gas.u is not None:
         gas.kick_rate[:] = gas.heating_rate
         kick_energy(state, dt)

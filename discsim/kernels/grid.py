@@ -297,9 +297,9 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 ixs[j], iys[j] = np.int32(x), np.int32(y)
                 xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
             # The next batch: as arrays are gone through a bit at a time, processors do not foresee it.
-            for q in range(dim * (p + np.uint64(BATCH)), dim * (p + np.uint64(2 * BATCH)), LINE):
-                fetch(pos, q)
-                fetch(pulls, q)
+            for ahead in range(dim * (p + np.uint64(BATCH)), dim * (p + np.uint64(2 * BATCH)), LINE):
+                fetch(pos, ahead)
+                fetch(pulls, ahead)
             for j in range(number):
                 ix, iy = int(ixs[j]), int(iys[j])
                 if ix < 0:

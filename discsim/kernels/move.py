@@ -1,4 +1,6 @@
-"""Kick and drift: y += dt x, the wrap into a periodic box, and reordering. For `discsim.numerics.threads.share`."""
+"""Kick and drift: y += dt x, the wrap into a periodic box, copies and reordering; rates of change. For
+`discsim.numerics.threads.share`.
+"""
 
 import numpy as np
 
@@ -15,6 +17,30 @@ def take_rows(begin, end, source, index, out):
     for i in range(begin, end):
         for k in range(out.shape[1]):
             out[i, k] = source[index[i], k]
+
+
+@compiled
+def assign(begin, end, out, source):
+    """out = source for arrays (n, ...)."""
+    to, of, width = out.reshape(-1), source.reshape(-1), max(1, out.size // max(1, len(out)))
+    for i in range(np.uint64(begin * width), np.uint64(end * width)):
+        to[i] = of[i]
+
+
+@compiled
+def blank(begin, end, out):
+    """out = 0 for an array (n, d)."""
+    to, width = out.reshape(-1), out.shape[1]
+    for i in range(np.uint64(begin * width), np.uint64(end * width)):
+        to[i] = 0.0
+
+
+@compiled
+def rate_of_change(begin, end, after, before, dt, out):
+    """out = (after - before) / dt for arrays (n, d)."""
+    to, new, old, dim = out.reshape(-1), after.reshape(-1), before.reshape(-1), out.shape[1]
+    for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
+        to[i] = (new[i] - old[i]) / dt
 
 
 @compiled

@@ -10,10 +10,11 @@ from functools import cached_property
 import numba
 import numpy as np
 
+from discsim.kernels import move as moves
 from discsim.numerics.grid import BORDER, ORIGIN, Grid, Node
 from discsim.numerics.poisson import Kernel, Poisson
 from discsim.numerics.state import Particles
-from discsim.numerics.threads import fill
+from discsim.numerics.threads import share
 
 Array = np.ndarray
 
@@ -54,7 +55,7 @@ class Mesh:
 
         Raises ValueError as `Poisson`.
         """
-        fill(self.density, lambda piece: 0.0)
+        share(moves.blank, len(self.density), self.density, least=64)
         for name in sources:
             self._deposit(species[name])
         self._poisson.solve(self.density, out=self._potential)

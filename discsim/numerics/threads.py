@@ -23,7 +23,7 @@ import numpy as np
 from discsim.numerics import room
 from discsim.parts import Lazy
 
-numba = Lazy("numba")
+numba, moves = Lazy("numba"), Lazy("discsim.kernels.move")
 
 BLOCK = 8192  # entries of an array that numpy goes through at once
 SMALLEST = 8  # a thread has as many of the smallest pieces, or fewer: what others may wait for at the end
@@ -165,9 +165,9 @@ def _together(loop: _Loop, helpers: int) -> list[Any]:
 
 
 def copied(array: np.ndarray) -> np.ndarray:
-    """A copy, made in pieces, with as much room behind it."""
+    """A copy of an array (n, ...), with as much room behind it."""
     out = room.like(array)
-    fill(out, lambda piece: array[piece])
+    share(moves.assign, len(out), out, array)
     return out
 
 

@@ -94,6 +94,10 @@ def _q_of_the_mass(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 
+Roots = tuple[float, float, bool]  # c_s at a radius, that radius, and whether the root is taken twice
+TWICE = {0.5: True, 1.0: False}  # by q of c_s ~ r^(-q/2)
+
+
 class Eos:
     """An equation of state, here P = c_s^2 rho with c_s a function of radius; others override what differs.
 
@@ -151,6 +155,10 @@ class Eos:
         speed = self.thermal_speed(scene, radius(pos))
         return speed * speed * density, speed
 
+    def roots(self, scene: Scene) -> Roots | None:
+        """What `kernels.eos` takes, where the speed of sound is given by the radius and roots of it."""
+        return None
+
     def initial_energy(self, scene: Scene, r: Array) -> Array | None:
         """Specific internal energy at the start; None for gas that holds none."""
         return None
@@ -184,6 +192,12 @@ class LocallyIsothermalGas(Eos):
     keys = LocallyIsothermal
     takes_temperature = True
     rules = (_needs_star,)
+
+    def roots(self, scene: Scene) -> Roots | None:
+        eos, start = scene.gas.eos, scene.initial
+        if eos.temperature_index not in TWICE or (start and STARTS[start.kind].thermal_speed is not None):
+            return None
+        return _speed_at(scene, eos.reference_radius), eos.reference_radius, TWICE[eos.temperature_index]
 
     def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
         q, r0 = eos.temperature_index, eos.reference_radius
@@ -308,8 +322,11 @@ def _speed_of_temperature(scene: Scene, r: Array) -> Array:
     if getattr(eos, "aspect_ratio", None) is None:
         return np.full(r.shape, eos.sound_speed)
     r0 = eos.reference_radius
-    at_r0 = eos.aspect_ratio * np.sqrt(central_mass(scene) / r0)
-    return at_r0 * _power(np.maximum(r, 1e-12 * r0) / r0, -0.5 * eos.temperature_index)
+    return _speed_at(scene, r0) * _power(np.maximum(r, 1e-12 * r0) / r0, -0.5 * eos.temperature_index)
+
+
+def _speed_at(scene: Scene, r0: float) -> float:
+    return float(scene.gas.eos.aspect_ratio * np.sqrt(central_mass(scene) / r0))
 
 
 def _power(x: Array, exponent: float) -> Array:

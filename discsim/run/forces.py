@@ -11,8 +11,11 @@ import numpy as np
 from discsim.effects.base import Effect
 from discsim.numerics import world
 from discsim.numerics.state import State
-from discsim.numerics.threads import copied, fill
+from discsim.numerics.threads import copied, share
+from discsim.parts import Lazy
 from discsim.run.costs import Costs
+
+moves = Lazy("discsim.kernels.move")
 
 Effects = Mapping[str, Effect]
 
@@ -45,7 +48,7 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
         if first is not None and effects[first].writes_first:
             state.blank.add(species)
         else:
-            fill(p.acc, lambda piece: 0.0)
+            share(moves.blank, p.count, p.acc)
     for name in own:
         _add(state, effects[name], name, costs)
     owner = kick_owner(effects)

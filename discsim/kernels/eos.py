@@ -1,0 +1,20 @@
+"""Pressure and sound speed of gas whose temperature hangs on the radius by square roots."""
+
+import math
+
+import numpy as np
+
+from discsim.kernels.inner import compiled
+
+ONE, TWO = np.uint64(1), np.uint64(2)
+
+
+@compiled
+def by_roots(begin, end, pos, density, speed, r0, twice, pressure, sound):
+    """c_s = `speed` (r / r0)^(-1/2), or `twice` the root, (r / r0)^(-1/4), and P = c_s^2 rho, at positions (n, 2)."""
+    flat, least = pos.reshape(-1), 1e-12 * r0
+    for i in range(np.uint64(begin), np.uint64(end)):  # steps of two and unsigned numbers: vectorised
+        r = math.sqrt(flat[TWO * i] * flat[TWO * i] + flat[TWO * i + ONE] * flat[TWO * i + ONE])
+        root = math.sqrt((least if r < least else r) / r0)
+        c = speed * (1.0 / (math.sqrt(root) if twice else root))
+        pressure[i], sound[i] = c * c * density[i], c
