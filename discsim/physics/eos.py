@@ -195,7 +195,9 @@ class LocallyIsothermalGas(Eos):
 
     def roots(self, scene: Scene) -> Roots | None:
         eos, start = scene.gas.eos, scene.initial
-        if eos.temperature_index not in TWICE or (start and STARTS[start.kind].thermal_speed is not None):
+        if type(self) is not LocallyIsothermalGas or eos.temperature_index not in TWICE:
+            return None
+        if start and STARTS[start.kind].thermal_speed is not None:
             return None
         return _speed_at(scene, eos.reference_radius), eos.reference_radius, TWICE[eos.temperature_index]
 

@@ -70,7 +70,7 @@ def test_throughput_of_the_main_job_is_told_by_pass(step_cost):
     tables["gas"]["particles"], tables["dust"]["particles"] = 3000, 6000
     found = step_cost.measure(tables)
     passes = found["passes"]
-    assert {"forces", "pull", "attract_mutually", "fill"} <= set(passes) and min(passes.values()) >= 0.0
+    assert {"forces", "pull", "attract_mutually", "sum"} <= set(passes) and min(passes.values()) >= 0.0
     # Each loop once: all of them are most of a step, and no more than it.
     assert 0.5 * found["cpu"] < sum(passes.values()) <= found["cpu"]
     text = io.StringIO()

@@ -11,6 +11,7 @@ from discsim import Simulation
 from discsim.effects.stopping import stopping_columns
 from discsim.exact import riemann, sheet
 from discsim.numerics.state import State
+from discsim.physics.eos import eos_of, pressure_and_sound_speed
 from discsim.preview.derived import local
 from discsim.study.errors import totals
 
@@ -35,6 +36,22 @@ def phase_speed(sim, k):
     sim.run()
     turned = -np.angle(amplitude(sim.gas, k) / start)
     return turned / np.linalg.norm(k) / sim.time
+
+
+@pytest.mark.parametrize("index", [0.5, 1.0])
+def test_pressure_of_the_usual_disc_is_that_of_its_equation_of_state(index):
+    """To the last bit: what is made of square roots alone has a loop of its own; any other temperature has none."""
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.1, "temperature_index": index}
+    start = {"kind": "disc", "mass": 0.01, "inner": 1.0, "outer": 2.0}
+    tables = {"space": {"size": 6.0}, "star": {"mass": 1.0}}
+    sim = Simulation(scene(start, {"particles": 500, "eos": eos}, 1.0, dimensions=2, boundary="open", **tables))
+    sim.step()
+    with sim.synchronised() as state:
+        gas = state.gas
+        pressure, sound = pressure_and_sound_speed(sim.scene, gas.pos, gas.density, None)
+    assert eos_of(sim.scene).roots(sim.scene) is not None
+    np.testing.assert_array_equal(gas.pressure, pressure)
+    np.testing.assert_array_equal(gas.sound_speed, sound)
 
 
 # Waves: A sin(k x) in density and velocity is a wave that runs to the right where c_s = 1.

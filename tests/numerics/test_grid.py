@@ -72,6 +72,18 @@ def test_gather_is_the_transpose_of_the_deposit(grid):
     assert (mass * grid.gather(field, pos)).sum() == pytest.approx(on_nodes, rel=ROUNDING)
 
 
+@pytest.mark.parametrize("grid", [OPEN, PERIODIC, LINE])
+def test_what_is_pulled_is_what_is_gathered(grid):
+    """Up to the last nodes of a periodic box, beyond which the first ones are next."""
+    pos, _ = particles(grid)
+    field = np.random.default_rng(4).normal(size=(*grid.shape, 2))
+    acc = np.zeros(pos.shape)
+    strongest, missing = grid.pull(field, pos, acc)
+    expected = grid.gather(field if pos.shape[1] == 2 else field[:, :, :1], pos)
+    np.testing.assert_allclose(acc, -expected.reshape(acc.shape), atol=ROUNDING)
+    assert strongest == pytest.approx(np.linalg.norm(acc, axis=1).max()) and missing == 0
+
+
 def test_gather_is_exact_for_linear_fields():
     pos, _ = particles(OPEN)
     x, y = np.meshgrid(OPEN.nodes(0), OPEN.nodes(1), indexing="ij")
