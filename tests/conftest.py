@@ -14,10 +14,12 @@ from collections import Counter
 from hypothesis import settings
 
 from discsim import RARELY
+from discsim.numerics import threads
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="discsim-tests-")
 gc.set_threshold(*RARELY)
+threads.LIGHT = 64  # where a test has several threads, they share what they share in runs of many particles
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same-every-time", derandomize=True, deadline=None)
 settings.load_profile("same-every-time")

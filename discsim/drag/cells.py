@@ -165,9 +165,9 @@ def sort_into_blocks(drag: Drag, state: State, layout: Layout) -> Blocks:
     # What lies outside the lattice meets nobody: a block of its own for each species.
     count, population = len(level), drag.classes.number
     number[-1] = count
-    share(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1)
+    share(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1, light=True)
     number[-1] = count + 1
-    share(kernels.block_keys, len(dust_key), dust_key, number, drag.classes.of, population)
+    share(kernels.block_keys, len(dust_key), dust_key, number, drag.classes.of, population, light=True)
     gas = counting_sort(gas_key, count + 2, state.gas.place)
     dust = counting_sort(dust_key, (count + 2) * population, state.dust.place)
     return Blocks(*gas, *dust, first_leaf, level, enlarged, lattice)
@@ -228,7 +228,7 @@ def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
     key = np.empty(len(pos), np.uint32)
     share(
         kernels.leaf_keys, len(pos), pos, part.origin, shift, low, high, 1.0 / part.side,
-        part.whole, part.first, part.shape, part.periodic, key,
+        part.whole, part.first, part.shape, part.periodic, key, light=True,
     )  # fmt: skip
     return key
 

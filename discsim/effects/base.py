@@ -177,9 +177,9 @@ class Effect:
 def drift(scene: Scene, particles: Particles, dt: float) -> None:
     """Move at constant velocity over dt; immobile particles stay."""
     if particles.immobile is None:
-        share(moves.add_scaled, particles.count, particles.pos, particles.vel, dt)
+        share(moves.add_scaled, particles.count, particles.pos, particles.vel, dt, light=True)
     else:
         free = ~particles.immobile
         particles.pos[free] += dt * particles.vel[free]
     if scene.space.boundary == "periodic":
-        share(moves.wrap, particles.count, particles.pos, np.array(scene.space.size))
+        share(moves.wrap, particles.count, particles.pos, np.array(scene.space.size), light=True)

@@ -239,15 +239,15 @@ class Effect(base.Effect):
             # One-way: the gas is kicked below as it is without dust, to the last bit.
             self._relax(state, dt, gas.vel if two_way else before, heat)
         else:
-            share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt)
-            share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt)
+            share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
+            share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt, light=True)
             self._mass_alone = total(_moving_mass(dust))
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
             kick_gas(state, dt)
             return
         if gas.kick_acc is not None:
-            share(moves.rate_of_change, gas.count, gas.vel, before, dt, gas.kick_acc)
+            share(moves.rate_of_change, gas.count, gas.vel, before, dt, gas.kick_acc, light=True)
         if gas.u is not None:
             gas.kick_rate[:] = gas.heating_rate
             if len(heat) > 0:

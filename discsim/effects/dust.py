@@ -95,7 +95,7 @@ class Effect(base.Effect):
         return MOVED * counts.dust
 
     def kick(self, state: State, dt: float) -> None:
-        share(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt)
+        share(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt, light=True)
 
     def move(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.dust, dt)

@@ -190,7 +190,7 @@ class Effect(base.Effect):
         gas, pos = state.gas, state.from_centre(state.gas.pos)
         out, roots = (room.like(gas.pressure), room.like(gas.sound_speed)), eos_of(self.scene).roots(self.scene)
         if roots is not None and gas.small is None:  # the usual disc, in half of the time
-            share(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out)
+            share(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out, light=True)
             return out
 
         def part(first: int, last: int) -> None:
@@ -216,7 +216,7 @@ class Effect(base.Effect):
         gas = state.gas
         vel = gas.vel if gas.kick_acc is None else copied(gas.vel)
         if gas.kick_acc is not None:
-            share(moves.add_scaled, gas.count, vel, gas.kick_acc, state.lag)
+            share(moves.add_scaled, gas.count, vel, gas.kick_acc, state.lag, light=True)
         return vel, None if gas.u is None else _energy_after(state, state.lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
@@ -245,9 +245,9 @@ class Effect(base.Effect):
 def kick_gas(state: State, dt: float) -> None:
     """Velocities and energies over dt at constant rates."""
     gas = state.gas
-    share(moves.add_scaled, gas.count, gas.vel, gas.acc, dt)
+    share(moves.add_scaled, gas.count, gas.vel, gas.acc, dt, light=True)
     if gas.kick_acc is not None:
-        share(moves.assign, gas.count, gas.kick_acc, gas.acc)
+        share(moves.assign, gas.count, gas.kick_acc, gas.acc, light=True)
     if gas.u is not None:
         gas.kick_rate[:] = gas.heating_rate
         kick_energy(state, dt)

@@ -109,7 +109,7 @@ class Effect(base.Effect):
         bodies, given = state.bodies, (state.star_mass, self.star.softening, *place)
         for name, p in state.species.items():
             if bodies is None or name not in self.counted:
-                share(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given)
+                share(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given, light=True)
             else:
                 limbs = share(kernels.attract_mutually, p.count, p.pos, p.acc, name in state.blank, p.mass, *given)
                 bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
@@ -118,7 +118,7 @@ class Effect(base.Effect):
         if not self.orbits.inertial:
             pull = self.orbits.pull_on_star(bodies, beyond_drift=not self.all_in_kick)
             for p in state.species.values():
-                share(kernels.add, p.count, p.acc, *(-pull).tolist())
+                share(kernels.add, p.count, p.acc, *(-pull).tolist(), light=True)
         if bodies.count == 1:
             self.orbits.accelerate(bodies)
 
@@ -128,7 +128,9 @@ class Effect(base.Effect):
 
     def limit_of(self, state: State, name: str) -> float:
         p = state.species[name]
-        distance2 = self._nearest.pop(name, None) or min(share(kernels.nearest, p.count, p.pos, *state.star_place))
+        distance2 = self._nearest.pop(name, None) or min(
+            share(kernels.nearest, p.count, p.pos, *state.star_place, light=True)
+        )
         return ((distance2 + self.star.softening**2) ** 1.5 / state.star_mass) ** 0.5
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
@@ -143,7 +145,7 @@ class Effect(base.Effect):
         for p in state.species.values():
             for vectors, moved in ((p.pos, off), (p.vel, turned)):
                 if p.immobile is None:
-                    share(kernels.add, p.count, vectors, *(-moved).tolist())
+                    share(kernels.add, p.count, vectors, *(-moved).tolist(), light=True)
                 else:
                     vectors[~p.immobile] -= moved
 
@@ -161,7 +163,7 @@ class Effect(base.Effect):
     def _accrete(self, state: State, name: str, particles: Particles, place: tuple[float, float]) -> None:
         squared = self.star.accretion_radius**2
         inside = np.empty(particles.count, bool)
-        found = share(kernels.divide, particles.count, particles.pos, squared, inside, *place)
+        found = share(kernels.divide, particles.count, particles.pos, squared, inside, *place, light=True)
         self._nearest[name] = min(found)
         gone = np.flatnonzero(inside)
         if world.together.most(len(gone)) == 0:

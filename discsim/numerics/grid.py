@@ -83,7 +83,7 @@ class Grid:
         shift = ((self.shape[0] - 1) // kernels.STRIPS).bit_length()  # STRIPS times 2^shift rows hold nx
         inverse = 1.0 / self.cell
         key = np.empty(len(pos), np.uint8)
-        share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key)
+        share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key, light=True)
         runs, strips = kernels.runs_of(key, *pieces)
         order, start = counting_sort(strips, kernels.STRIPS + 1)
         beyond, part = np.zeros((kernels.STRIPS, out.shape[1])), (*self.shape, *first)

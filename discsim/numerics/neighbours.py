@@ -120,7 +120,7 @@ def grids_of(
     least, most = (extent * float(h[0]) for h in (together.least(smallest), together.most(largest)))
     edges = (1.0 + 1e-12) * max(2.0 * least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
-    found = np.array(share(kernels.size_classes, len(pos), h, extent, edges, classes))
+    found = np.array(share(kernels.size_classes, len(pos), h, extent, edges, classes, light=True))
     members, reach = together.sum(found[:, 0].sum(axis=0)), together.most(found[:, 1].max(axis=0))
     table, count = _lay_grids(members, reach, low, width, periodic, stretch)
     return Grids(table, count, edges, extent, low, width, periodic), classes
@@ -130,7 +130,7 @@ def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
     """The cell of each particle (n,)."""
     key = np.empty(len(pos), np.uint32)
     per_side = 1.0 / grids.table[:, SIDE_X : SIDE_X + 2]
-    share(kernels.cell_keys, len(pos), pos, classes, grids.table, per_side, grids.low, key)
+    share(kernels.cell_keys, len(pos), pos, classes, grids.table, per_side, grids.low, key, light=True)
     return key
 
 
@@ -162,7 +162,7 @@ def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0, i
 
 def _extremes(values: Array) -> tuple[Array, Array]:
     # Least and largest of each column of values (n, columns), of those that are numbers.
-    found = np.array(share(kernels.extremes, len(values), np.ascontiguousarray(values)))
+    found = np.array(share(kernels.extremes, len(values), np.ascontiguousarray(values), light=True))
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
 
 

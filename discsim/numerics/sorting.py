@@ -7,6 +7,7 @@ import numba
 import numpy as np
 
 from discsim.kernels import sorting as kernels
+from discsim.numerics import threads
 from discsim.numerics.threads import share
 
 Array = np.ndarray
@@ -52,7 +53,7 @@ def counts(key: Array, count: int) -> Array:
 def _count(key: Array, count: int) -> tuple[Array, int]:
     # How many of each key each part has, after a 0: summed up, where they go. No more parts than that is small beside
     # the particles.
-    parts = max(1, min(numba.get_num_threads(), 4 * len(key) // max(count, 1024)))
+    parts = max(1, min(numba.get_num_threads(), len(key) // threads.LIGHT, 4 * len(key) // max(count, 1024)))
     place = np.zeros(count * parts + 1, np.uint32)
     share(kernels.count_keys, parts, key, parts, place, least=1)
     return place, parts

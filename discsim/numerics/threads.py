@@ -26,6 +26,7 @@ from discsim.parts import Lazy
 numba, moves = Lazy("numba"), Lazy("discsim.kernels.move")
 
 BLOCK = 8192  # entries of an array that numpy goes through at once
+LIGHT = 65536  # fewest particles of a piece, of some nanoseconds each: waking a thread for fewer gains nothing
 SMALLEST = 8  # a thread has as many of the smallest pieces, or fewer: what others may wait for at the end
 
 
@@ -36,14 +37,16 @@ def use_threads(number: int | None) -> None:
 
 
 def share(
-    kernel: Callable[..., Any], count: int, *arguments: Any, least: int = 4096, each: list[Any] | None = None
-) -> list[Any]:
-    """Run `kernel(first, last, *arguments)` over [0, count) in pieces of at least `least`; what each returned.
+    kernel: Callable[..., Any], count: int, *arguments: Any, least: int = 4096, light: bool = False,
+    each: list[Any] | None = None,
+) -> list[Any]:  # fmt: skip
+    """Run `kernel(first, last, *arguments)` over [0, count) in pieces of `least` or more, of LIGHT or more where it is
+    `light`; what each returned.
 
     With `each`, what this returned for the same count and `least`, its own part of that is the third argument.
     """
     threads = numba.get_num_threads()
-    runs = pieces(count, least, threads)
+    runs = pieces(count, LIGHT if light else least, threads)
     spans = [span for run in runs for span in run]
     parts = [(*span, *([] if each is None else [each[k]])) for k, span in enumerate(spans)]
     if len(parts) == 1:
@@ -167,7 +170,7 @@ def _together(loop: _Loop, helpers: int) -> list[Any]:
 def copied(array: np.ndarray) -> np.ndarray:
     """A copy of an array (n, ...), with as much room behind it."""
     out = room.like(array)
-    share(moves.assign, len(out), out, array)
+    share(moves.assign, len(out), out, array, light=True)
     return out
 
 

@@ -25,7 +25,7 @@ def total(values: Array) -> float:
 def totals(values: Array) -> Array:
     """The sum (columns,) of each column of values (n, columns); NaN where an entry is not finite."""
     values = np.ascontiguousarray(values, float)
-    return rounded(sum(share(kernels.add_columns, len(values), values)))
+    return rounded(sum(share(kernels.add_columns, len(values), values, light=True)))
 
 
 def mean(values: Array) -> float:

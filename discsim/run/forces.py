@@ -48,7 +48,7 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
         if first is not None and effects[first].writes_first:
             state.blank.add(species)
         else:
-            share(moves.blank, p.count, p.acc)
+            share(moves.blank, p.count, p.acc, light=True)
     for name in own:
         _add(state, effects[name], name, costs)
     owner = kick_owner(effects)

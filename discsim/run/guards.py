@@ -28,7 +28,7 @@ def check_inputs(state: State, effects: Effects) -> None:
     """That what somebody may have changed is finite, before a kick or a search for neighbours spreads it."""
     for name, p in state.species.items():
         arrays = {key: values for key in INPUTS if (values := getattr(p, key, None)) is not None}
-        if not math.isfinite(sum(share(partial(_sum, *arrays.values()), p.count))):
+        if not math.isfinite(sum(share(partial(_sum, *arrays.values()), p.count, light=True))):
             for key, values in arrays.items():
                 _check_finite(state, effects, name, values, f"in its {key} before the step", made_here=False)
 
@@ -94,7 +94,7 @@ def _check_finite(
 ) -> None:
     """That all `values` (n, ...) are finite; `made_here` says that it was an effect that made them."""
     # A sum is finite unless an entry is not (or they overflow, which is as bad), and costs a tenth.
-    if math.isfinite(sum(share(partial(_sum, values), len(values)))):
+    if math.isfinite(sum(share(partial(_sum, values), len(values), light=True))):
         return
     particles = state.species[name]
     rows = values.reshape(len(values), -1)
