@@ -12,10 +12,10 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.inner import WITHIN, compiled, inner, subroutine
-from discsim.kernels.rows import fetch, lane, load
+from discsim.kernels.rows import LINE, fetch, lane, load
 from discsim.kernels.zcurve import place_of
 
-ONE, TWO, LINE = np.uint64(1), np.uint64(2), np.uint64(8)  # numbers in a line of the cache
+ONE, TWO = np.uint64(1), np.uint64(2)
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
 BATCH = 128  # particles whose places are found before any of them is used, by vectorised code
 CHUNK = 4096  # particles of which `pull` notes what it found

@@ -15,12 +15,11 @@ from discsim.kernels.frame import kepler, sense_at
 from discsim.kernels.inner import inner
 from discsim.kernels.nodes import BX, BY, FIELDS, MASS, ONE, RHO, VX, VY, X, Y
 from discsim.kernels.nodes_weights import cloud
-from discsim.kernels.rows import LANES, empty_row, fetch, load, store
+from discsim.kernels.rows import LANES, LINE, empty_row, fetch, load, store
 
 # Columns that a block has while it is summed: the weights on the nine nodes times the mass; which way orbits turn, then
 # norms of weights.
 SENSE, NORMS, ROOM = 9, 9, 10
-LINE = np.uint64(8)  # numbers in a line of the cache
 
 
 @inner
@@ -58,7 +57,7 @@ def take_plane(first, count, n, kind, dense, begin, column):
 
 @inner
 def fetch_next(first, count, kind):
-    """What `take` goes through next, for as many particles as of the block before: they lie here and there."""
+    """What `take` goes through next, of as many particles as the block before has: they lie here and there."""
     start, end, dim = np.uint64(first), np.uint64(min(first + count, len(kind.order))), np.uint64(kind.vel.shape[1])
     for k in range(start, end):
         i = dim * kind.order[k]
@@ -82,9 +81,11 @@ def take_line(first, count, n, kind, dense, begin, column):
 
 @inner
 def fetch_columns(n, sources, begin, column):
-    """Ask memory for what comes after the columns of a block, as much as these: those of the next one."""
-    first, fields = begin + (FIELDS if sources else BX) * n, BX if not sources else FIELDS
-    for at in range(np.uint64(first), np.uint64(first + fields * n), LINE):
+    """Ask memory for what comes after the columns of a block, as much as these: those of the next one, which are more
+    than caches hold. Who writes them would wait as much as who reads.
+    """
+    length = (FIELDS if sources else BX) * n
+    for at in range(np.uint64(begin + length), np.uint64(begin + 2 * length), LINE):
         fetch(column, at)
 
 

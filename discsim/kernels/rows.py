@@ -22,6 +22,7 @@ from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infe
 from numba.extending import lower_builtin, models, register_model
 
 LANES = 4
+LINE = np.uint64(8)  # numbers in a line of the cache, which `fetch` asks for
 
 
 class RowType(types.Type):
