@@ -28,7 +28,6 @@ from discsim.kernels.meeting import (
     W,
     X,
     Y,
-    clear,
     most_members,
     pack_kernels,
     pack_own_weights,
@@ -39,7 +38,7 @@ from discsim.kernels.meeting import (
 from discsim.kernels.neighbours import whole
 from discsim.kernels.philox import counter_of, normal_pair
 from discsim.kernels.smoothing import NORM
-from discsim.kernels.sph_packs import CHUNK, STRIDE, relative
+from discsim.kernels.sph_packs import CHUNK, STRIDE, clear, relative
 
 # Columns of the gas about grains: S, the length over which a step must stay short, c^2; then d of grad ln S, and d of
 # grad ln c^2.

@@ -12,7 +12,6 @@ from discsim.kernels.meeting import (
     W,
     X,
     Y,
-    clear,
     most_members,
     pack_kernels,
     pack_own_weights,
@@ -21,7 +20,7 @@ from discsim.kernels.meeting import (
 )
 from discsim.kernels.neighbours import whole
 from discsim.kernels.smoothing import NORM
-from discsim.kernels.sph_packs import CHUNK, STRIDE, relative
+from discsim.kernels.sph_packs import CHUNK, STRIDE, clear, relative
 
 # Rows of packs: of grains what they take and give, factors of its shares and its velocity; of gas what it offers.
 TAKEN, GIVEN, BEND_X, BEND_Y, VX, VY = range(BROUGHT, BROUGHT + 6)

@@ -15,7 +15,6 @@ from discsim.kernels.meeting import (
     W,
     X,
     Y,
-    clear,
     farthest,
     most_members,
     pack_column,
@@ -26,7 +25,7 @@ from discsim.kernels.meeting import (
     weighed,
 )
 from discsim.kernels.smoothing import NORM
-from discsim.kernels.sph_packs import CHUNK, STRIDE, relative
+from discsim.kernels.sph_packs import CHUNK, STRIDE, clear, relative
 
 POSITIVE = 0.999  # of the length of b at which the least share would be nothing
 # Rows of packs: of grains their mass; of gas particles what is summed about a grain.

@@ -30,14 +30,6 @@ def most_members(first, last, filled, start):
 
 
 @njit(inline="always")
-def clear(sums, members):
-    """Let the sums (members, n) of a cell's particles begin at 0."""
-    for p in range(members):
-        for k in range(sums.shape[1]):
-            sums[p, k] = 0.0
-
-
-@njit(inline="always")
 def pack_places(c, begin, end, lists, ox, oy, cells, pack):
     """Pack where the candidates from `begin` to `end` of the c-th cell are; how many with the filling."""
     place(c, begin, end, lists, ox, oy, 1.0, cells, pack[X * STRIDE :], pack[Y * STRIDE :])

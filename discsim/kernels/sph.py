@@ -301,7 +301,7 @@ def force_driver(
             ux, uy = (columns[own, VX], columns[own, VY]) if moving else (0.0, 0.0)
             unit, members = bounds[cell, 4] / scale.length, start[cell + 1] - own
             frame, per_length = (unit, ux, uy), per_slab(bounds[cell, 2], bounds[cell, 4])
-            clear(members, sums)
+            clear(sums, members)
             fetch_columns(begin[c - first + 1 :], slots, columns)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])

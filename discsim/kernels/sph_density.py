@@ -47,9 +47,8 @@ IN_ALL, LAST = np.uint64(ROWS), np.uint64(TILE - 1)
 
 
 class Given(NamedTuple):
-    """Of n particles: positions and velocities (n, d), masses (n,)."""
+    """Of n particles: velocities (n, d) and masses (n,)."""
 
-    pos: np.ndarray
     vel: np.ndarray
     mass: np.ndarray
 

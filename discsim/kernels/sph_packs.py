@@ -50,8 +50,8 @@ def relative(dim, vector, i, ox, oy, factor):
 
 
 @njit(inline="always")
-def clear(members, sums):
-    """Let the sums (members, ...) of a cell's particles begin with 0."""
+def clear(sums, members):
+    """Let the sums (members, n) of a cell's particles begin at 0."""
     for p in range(members):
         for k in range(sums.shape[1]):
             sums[p, k] = 0.0

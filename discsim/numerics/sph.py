@@ -61,7 +61,6 @@ class Around(NamedTuple):
     """
 
     both: Fetched
-    pos: np.ndarray
     h: np.ndarray
     mass: np.ndarray
     cells: Cells
@@ -124,7 +123,7 @@ class Sph:
 
     def around(self, points: Points) -> Around:
         """The points and all that their sums may meet."""
-        return Around(world.Whole(), points.pos, points.h, points.mass, self.cells_of(points))
+        return Around(world.Whole(), points.h, points.mass, self.cells_of(points))
 
     def listed(self, cells: Cells, some: np.ndarray) -> list[Any]:
         """Candidates of `some` cells; in single precision sums take less time than what would sort these."""
@@ -159,13 +158,13 @@ class Sph:
     def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> bool:
         """`density` with h of no less than h_least; False where it has to begin anew, with more particles around."""
         driver = density_driver(self.kernel, self.dim, self.balsara, self.single)
-        both, pos, h, mass, cells = self.around(gas)
+        both, h, mass, cells = self.around(gas)
         self.both, self.cells = both, cells
         lists = self.lists = self.parts(self.listed(cells, cells.filled))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(len(h) if self.balsara else 0) for _ in range(2)]
         found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), *self.shear)
-        given = Given(pos, both.of(vel) if self.balsara else vel, mass)
+        given = Given(both.of(vel) if self.balsara else vel, mass)
         wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed), binade(mass)
         left, again = cells.filled, False
         while True:
@@ -220,7 +219,7 @@ class Sph:
         scale = Scale(binade(mass), binade(found.h), binade(sound))
         columns = self._columns(len(mass), conductivity is not None or len(nu) > 0)
         share(
-            force_columns, len(mass), Given(gas.pos, moving, mass), found, pressure, sound, energy, nu, *terms,
+            force_columns, len(mass), Given(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
         )  # fmt: skip
         acc, rate = both.beside(gas.acc), NONE if u is None else both.beside(gas.heating_rate)

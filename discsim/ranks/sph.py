@@ -76,7 +76,7 @@ class DividedSph(Sph):
         self.ghosts = np.flatnonzero(cells.order >= points.count)  # where they are in the order of the cells
         self.alone = needed
         self.alone[cells.key[cells.order[self.ghosts]]] = False
-        return Around(wide, pos, h, mass, cells._replace(filled=mine))
+        return Around(wide, h, mass, cells._replace(filled=mine))
 
     def outgrown(self, own: Array) -> Array:
         """Beside them those that only others have particles in."""
