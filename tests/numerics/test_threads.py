@@ -114,19 +114,30 @@ def test_loops_are_shared_among_the_caller_and_the_same_helpers(four_cores):
 
 def test_a_thread_begins_with_its_own_part_of_a_range(four_cores):
     """The same in each loop, so what it needs is in its cache; and then it takes what others have not begun."""
+    # Who is late finds its own part taken, so each waits in its first piece until all have begun; and helpers wait
+    # there until the caller has taken a piece of theirs, or it would find none.
     caller, took = threading.get_ident(), []
+    runs = pieces(64, 1, 4)
+    firsts = [run[0][0] for run in runs]
 
     def note(first, last):
-        took.append((threading.get_ident(), first))
-        time.sleep(0.05 if threading.get_ident() != caller else 0.0)
+        mine = threading.get_ident()
+        begins = all(thread != mine for thread, _ in took)
+        took.append((mine, first))
+        if begins:
+            begun.wait(30.0)
+        if mine != caller:
+            assert helped.wait(30.0)
+        elif first >= firsts[1]:
+            helped.set()
 
     for _ in range(3):
         took.clear()
+        begun, helped = threading.Barrier(4), threading.Event()
         share(note, 64, least=1)
-        begun = dict(reversed(took))
-        assert begun[caller] == 0 and set(begun.values()) == {0, 16, 32, 48}
-        assert len(took) == sum(map(len, pieces(64, 1, 4)))
-        assert sum(thread == caller for thread, _ in took) > len(pieces(64, 1, 4)[0])
+        began = dict(reversed(took))
+        assert began[caller] == 0 and sorted(began.values()) == firsts == [0, 16, 32, 48]
+        assert len(took) == sum(map(len, runs))
 
 
 def test_loops_of_few_pieces_take_helpers_that_are_there(four_cores):
