@@ -10,6 +10,25 @@ TILE = 8  # columns: two lines of the cache
 
 
 @compiled
+def load_rows(field, first, rows):
+    """Rows first, first + 1, ... of a field (nx, ny) into `rows` (batch, >= ny)."""
+    for i in range(min(rows.shape[0], field.shape[0] - first)):
+        rows[i, : field.shape[1]] = field[first + i]
+
+
+@compiled
+def store_rows(rows, first, shift, border, field):
+    """The reverse of `load_rows`, `shift` rows further on, from the last to the first; the last `border` nodes of a row
+    are put before its first.
+    """
+    count, held = field.shape[0], field.shape[1] - border
+    for i in range(min(rows.shape[0], count - first)):
+        out, row = field[(first + i + shift) % count], rows[i]
+        out[border:] = row[:held]
+        out[:border] = row[rows.shape[1] - border :]
+
+
+@compiled
 def rows_to_tiles(rows, first, tiles):
     """Rows (batch, tiles TILE) into rows first, first + 1, ... of `tiles` (tiles, nx, TILE)."""
     for t in range(tiles.shape[0]):
@@ -28,22 +47,24 @@ def tiles_to_rows(tiles, first, rows):
 
 
 @compiled
-def load_columns(tiles, t, length, columns):
-    """Columns of a tile into `columns` (TILE, >= length), padded with zeros to `length`."""
-    for i in range(tiles.shape[1]):
+def load_columns(tile, length, columns):
+    """Columns of a tile (nx, TILE) into `columns` (TILE, >= length), padded with zeros to `length`."""
+    for i in range(tile.shape[0]):
         for c in range(TILE):
-            columns[c, i] = tiles[t, i, c]
-    for c in range(TILE):
-        for i in range(tiles.shape[1], length):
-            columns[c, i] = 0.0
+            columns[c, i] = tile[i, c]
+    columns[:, tile.shape[0] : length] = 0.0
 
 
 @compiled
-def store_columns(columns, t, tiles):
-    """The reverse of `load_columns`."""
-    for i in range(tiles.shape[1]):
+def store_columns(columns, length, border, tile):
+    """The reverse of `load_columns`; the last `border` of a `length` are put after those before them."""
+    held = tile.shape[0] - border
+    for i in range(held):
         for c in range(TILE):
-            tiles[t, i, c] = columns[c, i]
+            tile[i, c] = columns[c, i]
+    for i in range(border):
+        for c in range(TILE):
+            tile[held + i, c] = columns[c, length - border + i]
 
 
 @compiled

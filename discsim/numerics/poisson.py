@@ -18,6 +18,7 @@ Rows and columns go through one-dimensional FFTW_ESTIMATE plans in batches of fi
 of threads.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
@@ -31,11 +32,14 @@ from scipy.special import erfcx, gamma, k0e, k1e
 from discsim.kernels.poisson import (
     TILE,
     load_columns,
+    load_rows,
     multiply_columns,
     rows_to_tiles,
     store_columns,
+    store_rows,
     tiles_to_rows,
 )
+from discsim.numerics import threads
 from discsim.numerics.threads import share
 
 Array = np.ndarray
@@ -143,7 +147,8 @@ class Workers:
             finally:
                 self._workers.append(worker)
 
-        share(part, batches, least=1)
+        # In a light loop a node takes a quarter of the time that a particle does.
+        share(part, batches, least=-(-batches * 4 * threads.LIGHT // math.prod(self._of[0])))
 
 
 class Worker:
@@ -159,6 +164,7 @@ class Worker:
         # Rows a power of two apart would share their place in the cache, and a transpose wait for it.
         self.columns = pyfftw.zeros_aligned((TILE, self.length + 4), complex)
         self.modes = pyfftw.zeros_aligned((TILE, self.length + 4), complex)
+        self.parts = self.modes.view(float)  # real and imaginary
         columns, modes, spectra = self.columns[:, : self.length], self.modes[:, : self.length], self.spectra[:, :count]
         self.along_y = _plan(self.rows, spectra, "FFTW_FORWARD")
         self.along_x = _plan(columns, modes, "FFTW_FORWARD")
@@ -166,31 +172,24 @@ class Worker:
         self.back_along_y = _plan(spectra, self.rows_back, "FFTW_BACKWARD", "FFTW_DESTROY_INPUT")
 
     def forward(self, surface_density: Array, first: int, tiles: Array) -> None:
-        batch = surface_density[first : first + ROWS]
-        self.rows[: len(batch), : batch.shape[1]] = batch
+        load_rows(surface_density, first, self.rows)
         self.along_y.execute()
         rows_to_tiles(self.spectra, first, tiles)
 
-    def convolve(self, tiles: Array, tile: int, kernel: Array) -> None:
-        load_columns(tiles, tile, self.length, self.columns)
+    def convolve(self, tiles: Array, number: int, kernel: Array) -> None:
+        tile = tiles[number]
+        load_columns(tile, self.length, self.columns)
         self.along_x.execute()
-        multiply_columns(self.modes.view(float), kernel, tile * TILE, self.length)
+        multiply_columns(self.parts, kernel, number * TILE, self.length)
         self.back_along_x.execute()
         # Nodes before the first are the last of the padded length; they are put after those beyond the end.
-        border, end = self.border, tiles.shape[1]
-        self.columns[:, end - border : end] = self.columns[:, self.length - border : self.length]
-        store_columns(self.columns, tile, tiles)
+        store_columns(self.columns, self.length, self.border, tile)
 
     def backward(self, tiles: Array, first: int, potential: Array, shift: int) -> None:
         """Rows of tiles into those of the potential, `shift` further on."""
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
-        border, (count, width) = self.border, potential.shape
-        begin, number = (first + shift) % count, min(ROWS, count - first)
-        split = min(number, count - begin)  # what is beyond the last row comes first
-        for out, found in ((potential[begin:], self.rows_back[:split]), (potential, self.rows_back[split:number])):
-            out[: len(found), border:] = found[:, : width - border]
-            out[: len(found), :border] = found[:, found.shape[1] - border :]
+        store_rows(self.rows_back, first, shift, self.border, potential)
 
 
 def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
