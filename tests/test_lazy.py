@@ -98,7 +98,7 @@ OF_PARTICLES = (
     }
     | {"discsim.numerics.grid", "discsim.kernels.grid"}
 )
-RANKS = {"mpi4py", "discsim.ranks", "discsim.kernels.halo"}
+RANKS = {"mpi4py", "discsim.ranks", "discsim.kernels.halo", "discsim.kernels.tiles"}
 SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}
 
 TUBE = """\

@@ -198,7 +198,8 @@ def _in_leaves(
 ) -> tuple[Array, Array, Array]:
     """Gas and dust in each leaf (leaves,) and the sum of the gas's h, of all processes."""
     unit = 2.0 ** (math.frexp(world.together.most(float(h.max(initial=0.0))))[1] - H_BITS)
-    held = np.bincount(key, np.rint(h / unit), len(n_gas)).astype(float, copy=False)  # of no gas whole numbers
+    held = np.zeros(len(n_gas))
+    kernels.add_in_units(key, h, 1.0 / unit, held)
     n_gas, n_dust, held = drag.agree.summed(part, n_gas, n_dust, held)
     return n_gas, n_dust, unit * held
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.kernels.frame import Frame
+from discsim.kernels.frame import Frame, multiples_of
 from discsim.numerics import world
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def _sample(samples: Samples, name: str, particles: Particles) -> Array:
     seen, number, rows = samples.get(name, (None, 0, NOBODY))
     if seen is not ids or number != count:  # what changes rows makes new arrays (`Particles`)
         every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
-        rows = np.flatnonzero(ids & (every - 1) == 0)
+        rows = multiples_of(ids, every - 1)
         samples[name] = ids, count, rows
     return rows
 

@@ -20,7 +20,7 @@ import numpy as np
 from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.zcurve import at_place
 
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE, TWO, FOUR = np.uint64(1), np.uint64(2), np.uint64(4)
 NOUGHT: Any = np.int64(0)  # a literal 0 given to a function would make a version of it
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 MOST = 1 << LEVELS
@@ -61,6 +61,18 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
         else:
             inside = low_x <= sx < high_x and low_y <= sy < high_y
         out[i] = np.uint32((int(sx) - begin_x) * shape[1] + int(sy) - begin_y) if inside else outside
+
+
+@compiled
+def add_in_units(key, values, per_unit, out):
+    """Add to `out` (keys,) the values (n,) of those of each key (n,), rounded to whole units."""
+    quarter = np.uint64(len(key)) // FOUR  # as in `count_keys`: an addition waits for the one before to the same place
+    for i in range(quarter):
+        for k in range(FOUR):
+            at = i + k * quarter
+            out[np.uint64(key[at])] += np.rint(values[at] * per_unit)
+    for i in range(FOUR * quarter, np.uint64(len(key))):
+        out[np.uint64(key[i])] += np.rint(values[i] * per_unit)
 
 
 @compiled

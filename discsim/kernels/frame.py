@@ -20,6 +20,20 @@ class Frame(NamedTuple):
 
 
 @compiled
+def multiples_of(ids, mask):
+    """Numbers of those of `ids` (n,) that have no bit of a `mask`: few."""
+    count = 0
+    for i in range(np.uint64(len(ids))):
+        count += (ids[i] & mask) == 0
+    out, count = np.empty(count, np.int64), 0
+    for i in range(np.uint64(len(ids))):
+        if (ids[i] & mask) == 0:
+            out[count] = i
+            count += 1
+    return out
+
+
+@compiled
 def kepler(r2, star, softening):
     """Omega about a softened star at squared radius r2, or a row of them."""
     d2 = r2 + softening * softening

@@ -1,6 +1,4 @@
-"""What a rank of several needs of others: cells of neighbours and blocks of drag that sums over own particles look at,
-and particles that give mass to other ranks' nodes of the grid.
-"""
+"""What a rank of several needs of others: cells of neighbours and blocks of drag that sums over its own look at."""
 
 import math
 
@@ -8,15 +6,14 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.blocks import LEVELS
-from discsim.kernels.grid import stencil
 from discsim.kernels.inner import compiled, subroutine
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
+from discsim.kernels.tiles import SOME, with_room
 from discsim.kernels.zcurve import place_of
 
 THEIRS, OWN, EITHER = range(3)
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE = np.uint64(1)
 EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
-SOME = np.uint64(4096)  # particles that are looked through before there has to be room for more of them
 
 
 @compiled
@@ -115,125 +112,6 @@ def mark_blocks(own, home, about, near, rings, out):
                     out[near[node, k]] = True
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def _tile_of(pos, i, tiles):
-    low, per_tile, along = tiles
-    tile = 0
-    for k in range(pos.shape[1]):
-        at = (pos[i, k] - low[k]) * per_tile
-        tile = tile * along + (int(min(at, along - 1.0)) if at > 0.0 else 0)  # also of what is no number
-    return tile
-
-
-@compiled
-def tiles_of(first, last, pos, tiles, out):
-    """The tile (n,) of each place (n, d), or the nearest: `tiles` begin at `low`, are 1 / `per_tile` wide, and `along`
-    many along each axis.
-    """
-    for i in range(first, last):
-        out[i] = _tile_of(pos, i, tiles)
-
-
-@compiled
-def in_marked(first, last, pos, tiles, marked):
-    """The places from `first` to `last` of (n, d) whose tile, or the nearest one, is `marked` (tiles,)."""
-    low, per_tile, along = tiles
-    flat, ox, oy, most = pos.reshape(-1), low[0], low[-1], along - 1.0  # no branches, unsigned numbers: faster
-    out, count = np.empty(SOME, np.int64), np.uint64(0)
-    for begin in range(np.uint64(first), np.uint64(last), SOME):
-        out = _with_room(out, count)
-        for i in range(begin, min(begin + SOME, np.uint64(last))):
-            if pos.shape[1] == 2:
-                x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
-                x, y = min(x, most) if x > 0.0 else 0.0, min(y, most) if y > 0.0 else 0.0
-                tile = np.uint64(np.int32(x) * along + np.int32(y))
-            else:
-                tile = np.uint64(_tile_of(pos, i, tiles))
-            out[count] = i
-            count += np.uint64(marked[tile])
-    return out[: np.int64(count)]
-
-
-@subroutine
-def _with_room(rows, count):
-    # Behind the first `count` of them for SOME more.
-    if count + SOME <= np.uint64(len(rows)):
-        return rows
-    out = np.empty(2 * len(rows), rows.dtype)
-    out[: np.int64(count)] = rows[: np.int64(count)]
-    return out
-
-
-@compiled
-def pieces_of(place, held, loose, others):
-    """Rows in the order of their `place` (n,): from first up to last (pieces,) one piece after the other; and whether
-    that is their order. Of the first `held` rows places rise but for the `loose` ones, which come in rising order;
-    `others`: these and all further rows, by their places.
-    """
-    most = 2 * len(others) + len(loose) + 1
-    first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
-    row, begin, skipped, before, rises = 0, 0, 0, np.uint64(0), True
-    for k in range(len(others) + 1):
-        while True:
-            stop = loose[skipped] if skipped < len(loose) else held
-            while row < stop and (k == len(others) or place[row] < place[others[k]]):
-                rises &= place[row] >= before
-                before = place[row]
-                row += 1
-            if row < stop or stop == held:
-                break
-            if begin < row:
-                first[count], last[count], count = begin, row, count + 1
-            row, begin, skipped = row + 1, row + 1, skipped + 1
-        if begin < row:
-            first[count], last[count], count = begin, row, count + 1
-            begin = row
-        if k < len(others):
-            first[count], last[count], count = others[k], others[k] + 1, count + 1
-    return first[:count], last[:count], rises
-
-
-@compiled
-def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
-    """Of `some` particles those about which another than `rank` owns a node, once for each such, and who: (m,) each.
-
-    A node has the `owner` (along x, along y) of its tile, which is that of `tiles`, (nx,) and (ny,).
-    """
-    (at_x, at_y), plane = tiles, pos.shape[1] == 2
-    nx, ny, found = len(at_x), len(at_y), np.empty(4, np.int64)
-    rows, whose, count = np.empty(4 * (last - first), np.int64), np.empty(4 * (last - first), np.int64), 0
-    for k in range(first, last):
-        p = some[k]
-        ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
-        iy, jy = 0, 0
-        if plane:
-            iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
-        if ix < 0 or iy < 0:
-            continue
-        x, y, beside, above = at_x[ix], at_y[iy], at_x[jx], at_y[jy]
-        found[0], found[1], found[2], found[3] = owner[x, y], owner[x, above], owner[beside, y], owner[beside, above]
-        if found[0] == rank and found[1] == rank and found[2] == rank and found[3] == rank:
-            continue
-        for node in range(4):
-            known = found[node] == rank
-            for before in range(node):
-                known |= found[before] == found[node]
-            if not known:
-                rows[count], whose[count] = p, found[node]
-                count += 1
-    return rows[:count], whose[:count]
-
-
-@compiled
-def leave_own(first, last, x, y, owner, rank, out):
-    """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of."""
-    for i in range(first, last):
-        row, whose = out[i], owner[x[i]]
-        for j in range(len(y)):
-            if whose[y[j]] != rank:
-                row[j] = 0.0
-
-
 @compiled
 def number_runs(first, last, out):
     """Write to `out` (cells + 1,), all 0, how many cells before each are in the runs that go from `first` up to `last`
@@ -256,7 +134,7 @@ def in_runs(first, last, key, of, number):
     """
     out, count = np.empty(SOME, np.int64), np.uint64(0)
     for begin in range(np.uint64(first), np.uint64(last), SOME):
-        out = _with_room(out, count)
+        out = with_room(out, count)
         for i in range(begin, min(begin + SOME, np.uint64(last))):
             cell = np.uint64(key[i] if of is None else of[key[i]])  # looked at once, by what compiles
             out[count] = i

@@ -17,6 +17,7 @@ from discsim.kernels.inner import compiled
 # may be a part of one, near some of the particles: its first column and row in the whole, and how many that has.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH, FROM_X, FROM_Y, ALL_X, ALL_Y = range(10)
 MAX_CLASSES = 24
+WIDE = np.uint64(32)  # four vectors that do not wait for each other
 LANES = 8  # candidates come in whole vectors, the last filled up with some of no mass: rests of a loop are slow
 
 # Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
@@ -42,22 +43,18 @@ class Cells(NamedTuple):
 
 @compiled
 def extremes(first, last, values):
-    """Least and largest (2, columns) of each column of values (n, columns), of those that are numbers."""
-    columns = values.shape[1]
-    out, flat, wide = np.empty((2, columns)), values.reshape(-1), LANES // columns * columns
-    least, most = np.full(LANES, np.inf), np.full(LANES, -np.inf)  # of entries that are whole vectors apart
-    begin, end = first * columns, last * columns
-    for row in range(begin, end - wide + 1, wide):
-        at = np.uint64(row)
-        for k in range(np.uint64(wide)):
-            value = flat[at + k]
+    """Least and largest (2, columns) of one or two columns of values (n, columns), of those that are numbers."""
+    columns, some = values.shape[1], values[first:last].reshape(-1)
+    out, least, most = np.empty((2, columns)), np.full(WIDE, np.inf), np.full(WIDE, -np.inf)  # of entries WIDE apart
+    count = np.uint64(len(some))
+    whole = count // WIDE * WIDE
+    for begin in range(np.uint64(0), count, WIDE):
+        for k in range(WIDE if begin < whole else count - whole):
+            value = some[begin + k]
             least[k], most[k] = value if value < least[k] else least[k], value if value > most[k] else most[k]
-    for i in range(end - (end - begin) % wide, end):
-        k, value = (i - begin) % columns, flat[i]
-        least[k], most[k] = value if value < least[k] else least[k], value if value > most[k] else most[k]
     for column in range(columns):
         out[0, column], out[1, column] = np.inf, -np.inf
-        for k in range(column, wide, columns):
+        for k in range(column, np.int64(WIDE), columns):
             out[0, column], out[1, column] = min(out[0, column], least[k]), max(out[1, column], most[k])
     return out
 

@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.ndimage import minimum_filter
 
-from discsim.kernels.halo import in_marked, tiles_of
+from discsim.kernels.tiles import in_marked, tiles_of
 from discsim.numerics import room
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import share

@@ -8,6 +8,7 @@ from dusty import ISOTHERMAL, scene
 
 from discsim import Simulation
 from discsim.exact import dustybox
+from discsim.kernels.blocks import add_in_units
 
 # Cells that lack a species
 
@@ -222,3 +223,15 @@ def test_stokes_number_law():
     coupled = np.isfinite(stokes)
     assert np.median(stokes[coupled]) == pytest.approx(0.1, rel=0.02)
     assert coupled.mean() > 0.9
+
+
+@pytest.mark.parametrize("count", [0, 3, 4, 1002])
+def test_sums_in_whole_units(count):
+    """Of each particle of a leaf once, rounded: whatever their order."""
+    rng = np.random.default_rng(6)
+    key, values = rng.integers(0, 5, count, np.uint32), rng.random(count)
+    out, order = np.zeros((2, 6)), rng.permutation(count)
+    add_in_units(key, values, 64.0, out[0])
+    add_in_units(key[order], values[order], 64.0, out[1])
+    np.testing.assert_array_equal(out[0], np.bincount(key, np.rint(64.0 * values), 6))
+    np.testing.assert_array_equal(out[0], out[1])

@@ -5,7 +5,7 @@ import pytest
 
 from discsim.kernels.candidates import per_slab, window
 from discsim.kernels.halo import EITHER, OWN, THEIRS, mark_cells
-from discsim.kernels.neighbours import FIRST, LANES, NX, REACH, SIDE_X
+from discsim.kernels.neighbours import FIRST, LANES, NX, REACH, SIDE_X, extremes
 from discsim.numerics.neighbours import candidates, cells_in, corners_of_cells, grids_of, keys_in, sort_into_cells
 
 
@@ -120,6 +120,17 @@ def test_all_that_is_marked_is_within_reach(reach_of):
     assert marked[(apart < -edge).any(axis=1)].all()
     assert not marked[(apart > edge).all(axis=1)].any()
     assert 0 < marked.sum() < grids.cells
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+@pytest.mark.parametrize(("first", "last"), [(0, 0), (3, 4), (1, 33), (0, 320), (7, 1000)])
+def test_extremes_of_columns(columns, first, last):
+    values = np.random.default_rng(5).normal(size=(1000, columns))
+    values[3], values[40] = np.nan, -np.inf
+    least, most = extremes(first, last, values)
+    some = values[first:last]
+    np.testing.assert_array_equal(least, np.fmin.reduce(some, initial=np.inf))
+    np.testing.assert_array_equal(most, np.fmax.reduce(some, initial=-np.inf))
 
 
 def test_places_that_are_no_numbers_leave_a_cell_of_each_grid():

@@ -19,13 +19,12 @@ from discsim.kernels.halo import (
     cut_blocks,
     held_blocks,
     in_runs,
-    leave_own,
     mark_blocks,
     mark_cells,
     number_runs,
-    others_about,
 )
 from discsim.kernels.neighbours import FIRST, widen
+from discsim.kernels.tiles import leave_own, others_about
 from discsim.numerics.grid import Grid
 from discsim.numerics.neighbours import sort_into_cells
 from discsim.numerics.state import Particles
@@ -45,6 +44,11 @@ def test_places_in_marked_tiles(dim):
     rng = np.random.default_rng(3)
     pos, marked = rng.uniform(-0.7, 0.7, (3000, dim)), rng.random(len(division.owner)) < 0.3
     pos[7], pos[8], pos[9] = np.nan, np.inf, -np.inf
+    np.testing.assert_array_equal(division.within(pos, marked), np.flatnonzero(marked[division.tile_of(pos)]))
+    # Rows in the order of their tiles, few of which are marked: most of them are not looked at one by one.
+    pos = pos[np.argsort(division.tile_of(pos), kind="stable")]
+    marked[:] = False
+    marked[division.tile_of(pos[[40, 1700]])] = True
     np.testing.assert_array_equal(division.within(pos, marked), np.flatnonzero(marked[division.tile_of(pos)]))
 
 
@@ -238,3 +242,20 @@ def test_rows_out_of_order_that_nobody_has_told_of():
     place = np.array([3, 9, 5, 7], np.uint64)
     first, last = _in_order(place, 3, np.empty(0, np.int64))
     assert first.tolist() == [0, 2, 3, 1] and last.tolist() == [1, 3, 4, 2]
+
+
+def test_rows_that_fall_where_one_is_out_of_order():
+    place = np.array([0, 10, 3, 5, 20], np.uint64)
+    first, last = _in_order(place, 5, np.array([2]))
+    rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
+    np.testing.assert_array_equal(rows, np.argsort(place))
+
+
+@pytest.mark.parametrize("row", [0, 1, 40, 98])
+def test_two_rows_that_have_changed_places(row):
+    place = np.arange(0, 300, 2, dtype=np.uint64)
+    place[100:] -= 141  # of others, between own ones
+    place[[row, row + 1]] = place[[row + 1, row]]
+    first, last = _in_order(place, 100, np.empty(0, np.int64))
+    rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
+    np.testing.assert_array_equal(rows, np.argsort(place))

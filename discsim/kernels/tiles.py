@@ -1,0 +1,177 @@
+"""Tiles of space, which ranks own: particles in some of them, and those that give mass to other ranks' nodes of the
+grid, with the order in which sums go through these.
+"""
+
+import numpy as np
+from numba import njit
+
+from discsim.kernels.grid import stencil
+from discsim.kernels.inner import compiled, inner, subroutine
+
+ONE, TWO = np.uint64(1), np.uint64(2)
+SOME = np.uint64(4096)  # particles that are looked through before there has to be room for more of them
+BATCH = np.uint64(128)  # places whose tiles are found at once
+
+
+@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _tile_of(pos, i, tiles):
+    low, per_tile, along = tiles
+    tile = 0
+    for k in range(pos.shape[1]):
+        at = (pos[i, k] - low[k]) * per_tile
+        tile = tile * along + (int(min(at, along - 1.0)) if at > 0.0 else 0)  # also of what is no number
+    return tile
+
+
+@compiled
+def tiles_of(first, last, pos, tiles, out):
+    """The tile (n,) of each place (n, d), or the nearest: `tiles` begin at `low`, are 1 / `per_tile` wide, and `along`
+    many along each axis.
+    """
+    for i in range(first, last):
+        out[i] = _tile_of(pos, i, tiles)
+
+
+@compiled
+def in_marked(first, last, pos, tiles, marked):
+    """The places from `first` to `last` of (n, d) whose tile, or the nearest one, is `marked` (tiles,)."""
+    out, count, tile = np.empty(SOME, np.int64), np.uint64(0), np.empty(BATCH, np.uint32)
+    for begin in range(np.uint64(first), np.uint64(last), BATCH):
+        n = min(BATCH, np.uint64(last) - begin)
+        if not _tiles_of_some(pos, begin, n, tiles, marked, tile):
+            continue
+        out = with_room(out, count)
+        for i in range(n):
+            out[count] = begin + i
+            count += np.uint64(marked[np.uint64(tile[i])])
+    return out[: np.int64(count)]
+
+
+@inner
+def _tiles_of_some(pos, begin, n, tiles, marked, out):
+    """Write the tiles of `n` places from `begin` on to `out`; whether any tile within their bounds is marked: rows of
+    arrays are sorted by place, and few batches have one.
+    """
+    low, per_tile, along = tiles
+    if pos.shape[1] == 1:
+        for i in range(n):
+            out[i] = _tile_of(pos, begin + i, tiles)
+        return True
+    # No branches, unsigned indices, and bounds in whole numbers: a loop of vectors.
+    flat, ox, oy, most = pos.reshape(-1)[TWO * begin : TWO * (begin + n)], low[0], low[-1], along - 1.0
+    x0, x1, y0, y1 = np.int32(along), np.int32(0), np.int32(along), np.int32(0)
+    for i in range(n):
+        x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
+        x, y = min(x, most) if x > 0.0 else 0.0, min(y, most) if y > 0.0 else 0.0
+        ix, iy = np.int32(x), np.int32(y)
+        out[i] = ix * np.int32(along) + iy
+        x0, x1, y0, y1 = min(x0, ix), max(x1, ix), min(y0, iy), max(y1, iy)
+    for column in range(x0, x1 + 1):
+        for row in range(y0, y1 + 1):
+            if marked[column * along + row]:
+                return True
+    return False
+
+
+@subroutine
+def with_room(rows, count):
+    # Behind the first `count` of them for SOME more.
+    if count + SOME <= np.uint64(len(rows)):
+        return rows
+    out = np.empty(2 * len(rows), rows.dtype)
+    out[: np.int64(count)] = rows[: np.int64(count)]
+    return out
+
+
+@compiled
+def pieces_of(place, held, loose, others):
+    """Rows in the order of their `place` (n,): from first up to last (pieces,) one piece after the other; and whether
+    that is their order. Of the first `held` rows places rise but for the `loose` ones, which come in rising order;
+    `others`: these and all further rows, by their places.
+    """
+    most = 2 * len(others) + len(loose) + 1
+    first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
+    row, begin, skipped, before, rises = 0, 0, 0, np.uint64(0), True
+    for k in range(len(others) + 1):
+        while True:
+            stop = loose[skipped] if skipped < len(loose) else held
+            found = stop if k == len(others) else _first_not_below(place, row, stop, place[others[k]])
+            if row < found:
+                rises &= place[row] >= before and _rise(place, row, found)
+                row, before = found, place[found - 1]
+            if row < stop or stop == held:
+                break
+            if begin < row:
+                first[count], last[count], count = begin, row, count + 1
+            row, begin, skipped = row + 1, row + 1, skipped + 1
+        if begin < row:
+            first[count], last[count], count = begin, row, count + 1
+            begin = row
+        if k < len(others):
+            first[count], last[count], count = others[k], others[k] + 1, count + 1
+    return first[:count], last[:count], rises
+
+
+@inner
+def _first_not_below(place, row, stop, least):
+    """The first from `row` on whose `place` is not below `least`, or `stop`: mostly near."""
+    step = 1
+    while row + step < stop and place[row + step] < least:
+        row, step = row + step, 2 * step
+    end = min(row + step, stop)
+    while row < end:
+        middle = (row + end) // 2
+        if place[middle] < least:
+            row = middle + 1
+        else:
+            end = middle
+    return row
+
+
+@inner
+def _rise(place, first, last):
+    some, falls = place[first:last], 0
+    for i in range(np.uint64(len(some) - 1)):
+        falls += some[i + ONE] < some[i]
+    return falls == 0
+
+
+@compiled
+def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
+    """Of `some` particles those about which another than `rank` owns a node, once for each such, and who: (m,) each.
+
+    A node has the `owner` (along x, along y) of its tile, which is that of `tiles`, (nx,) and (ny,).
+    """
+    (at_x, at_y), plane = tiles, pos.shape[1] == 2
+    nx, ny, found = len(at_x), len(at_y), np.empty(4, np.int64)
+    rows, whose, count = np.empty(4 * (last - first), np.int64), np.empty(4 * (last - first), np.int64), 0
+    for k in range(first, last):
+        p = some[k]
+        ix, jx, _ = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
+        iy, jy = 0, 0
+        if plane:
+            iy, jy, _ = stencil(pos[p, 1], origin[1], inverse, ny, periodic)
+        if ix < 0 or iy < 0:
+            continue
+        x, y, beside, above = at_x[ix], at_y[iy], at_x[jx], at_y[jy]
+        found[0], found[1], found[2], found[3] = owner[x, y], owner[x, above], owner[beside, y], owner[beside, above]
+        if found[0] == rank and found[1] == rank and found[2] == rank and found[3] == rank:
+            continue
+        for node in range(4):
+            known = found[node] == rank
+            for before in range(node):
+                known |= found[before] == found[node]
+            if not known:
+                rows[count], whose[count] = p, found[node]
+                count += 1
+    return rows[:count], whose[:count]
+
+
+@compiled
+def leave_own(first, last, x, y, owner, rank, out):
+    """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of."""
+    for i in range(first, last):
+        row, whose = out[i], owner[x[i]]
+        for j in range(len(y)):
+            if whose[y[j]] != rank:
+                row[j] = 0.0
