@@ -148,7 +148,7 @@ class Workers:
                 self._workers.append(worker)
 
         # In a light loop a node takes a quarter of the time that a particle does.
-        share(part, batches, least=-(-batches * 4 * threads.LIGHT // math.prod(self._of[0])))
+        share(part, batches, least=max(1, batches * 4 * threads.LIGHT // math.prod(self._of[0])))
 
 
 class Worker:

@@ -15,7 +15,14 @@ from discsim import SceneError, Simulation
 from discsim.effects.self_gravity import Effect
 from discsim.exact import maclaurin
 from discsim.numerics.grid import Grid
-from discsim.numerics.poisson import Plummer, Poisson
+from discsim.numerics.poisson import Plummer, Poisson, Workers
+
+
+@pytest.mark.parametrize("batches", [0, 1, 40])
+def test_each_batch_is_treated_once(batches):
+    seen = []
+    Workers((64, 64), 0, 1).each(lambda worker, batch: seen.append(batch), batches)  # a rank may have none
+    assert seen == list(range(batches))
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (20, 14), (7, 37), (33, 2)])
