@@ -9,7 +9,7 @@ those that it fetches, its part of the grid, and what it sends to how many other
         + bytes / bandwidth + runs s                                                                           (1)
 
 a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. c: of
-calls. They are fitted to short runs on 3 and 8 ranks of one thread (`rank_steps.py`), of two sizes, and compared with
+calls. They are fitted to short runs on 3 ranks of one thread (`rank_steps.py`), of two sizes, and compared with
 such runs on 2 and 4; what one rank takes is measured. Bytes: of rows that are sent, and of the runs of cells that all
 ranks say they need, in which each looks for its own, s seconds a run. Network: two examples, NETWORKS.
 
@@ -36,7 +36,7 @@ from scipy.optimize import nnls
 
 Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
-FITTED, CHECKED = (3, 8), (2, 4)
+FITTED, CHECKED = (3,), (2, 4)  # of more ranks than cores each has less of the caches
 SOME = 7  # a step
 RUN = 16  # bytes of one
 SEARCH = 1e-7  # CPU seconds of a run
@@ -254,7 +254,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--scheme", default="tsc")
     parser.add_argument("--size", default="1e6,1e7,2048", help="gas, dust and cells of the state that is cut")
-    parser.add_argument("--measure", default="1e6,1e7,2048", help="the same of the runs on 1 to 8 ranks")
+    parser.add_argument("--measure", default="1e6,1e7,2048", help="the same of the runs on 1 to 4 ranks")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     small, size = ([int(float(part)) for part in text.split(",")] for text in (given.measure, given.size))

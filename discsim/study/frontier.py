@@ -67,8 +67,9 @@ def _nearest(study: Cheapest, chosen: Trial | None) -> str:
 
 
 def _own(study: Cheapest, scene: Trial) -> str:
-    """What the scene's own error costs at least, of all that was tried."""
-    tried = (trial for trial in study.bench.trials.values() if trial.runs and trial.error <= scene.error)
+    """What the scene's own error costs at least, of all that was tried: one is as good within twice the scatter."""
+    most = scene.error + 2.0 * scene.scatter
+    tried = (trial for trial in study.bench.trials.values() if trial.runs and trial.error <= most)
     least = min(tried, key=lambda trial: trial.cpu)
     if least is scene:
         return "; nothing that was tried is as good for less"

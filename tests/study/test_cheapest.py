@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from types import SimpleNamespace
 
 import pytest
 from test_cost import WAVE, invoke
@@ -11,7 +12,7 @@ from discsim.preview.check import report
 from discsim.study import runs as study_runs
 from discsim.study.cheapest import Cheapest, Wanted
 from discsim.study.errors import measure_of
-from discsim.study.frontier import powers
+from discsim.study.frontier import _own, powers
 from discsim.study.runs import Late
 from discsim.study.trials import Measured, Trial
 
@@ -202,3 +203,12 @@ def test_powers_are_those_of_all_pairs():
     trials = [trial(a, b) for a, b in ((0, 0), (2, 0), (-2, 1), (1, 1), (5, 7))]
     assert powers(trials, 0, 2.0) == pytest.approx((-1.0, 1.5))
     assert powers(trials[:1], 0, 2.0) is None
+
+
+@pytest.mark.parametrize(("error", "words"), [(0.01015, "as good for 0.33 of that"), (0.0104, "nothing that was tried")])
+def test_what_the_scenes_own_error_costs(error, words):
+    """Seeds of the scene scatter by 1e-4: what is within twice that is as good."""
+    scene = Trial((0,), [Measured(3.0, value) for value in (0.0099, 0.01, 0.0101)])
+    cheap = Trial((1,), [Measured(1.0, error)])
+    study = SimpleNamespace(bench=SimpleNamespace(trials={(0,): scene, (1,): cheap}), words=lambda trial: "settings")
+    assert words in _own(study, scene)
