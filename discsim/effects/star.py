@@ -173,8 +173,10 @@ class Effect(base.Effect):
         _, own, small = taken_from(state, name, gone)
         setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + own)
         ledger.accreted_small += small
-        ledger.accreted_momentum += totals(mass[:, None] * vel)
-        ledger.accreted_angular_momentum += total(mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]))
+        turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
+        *momentum, angular_momentum = totals(mass[:, None] * np.column_stack([vel, turning]))
+        ledger.accreted_momentum += momentum
+        ledger.accreted_angular_momentum += float(angular_momentum)
         if state.bodies is not None:
             swallow(state, 0, name, gone, grows=self.star.grows, moves=self.orbits.inertial)
         particles.remove(inside)
