@@ -36,7 +36,7 @@ from scipy.optimize import nnls
 
 Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
-FITTED, CHECKED = (3,), (2, 4)  # of more ranks than cores each has less of the caches
+FITTED, CHECKED = (3,), (2, 4)  # few: where more ranks than cores share caches, each looks slower than it is
 SOME = 7  # a step
 RUN = 16  # bytes of one
 SEARCH = 1e-7  # CPU seconds of a run

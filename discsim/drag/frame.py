@@ -67,7 +67,7 @@ def _sample(samples: Samples, name: str, particles: Particles) -> Array:
     seen, number, rows = samples.get(name, (None, 0, NOBODY))
     if seen is not ids or number != count:  # what changes rows makes new arrays (`Particles`)
         every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
-        rows = multiples_of(ids, every - 1)
+        rows = multiples_of(ids, every)
         samples[name] = ids, count, rows
     return rows
 

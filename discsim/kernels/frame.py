@@ -20,9 +20,9 @@ class Frame(NamedTuple):
 
 
 @compiled
-def multiples_of(ids, mask):
-    """Numbers of those of `ids` (n,) that have no bit of a `mask`: few."""
-    count = 0
+def multiples_of(ids, every):
+    """Rows of those of `ids` (n,) that are whole multiples of `every`, a power of two: few."""
+    mask, count = every - 1, 0
     for i in range(np.uint64(len(ids))):
         count += (ids[i] & mask) == 0
     out, count = np.empty(count, np.int64), 0

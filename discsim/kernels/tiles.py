@@ -49,8 +49,8 @@ def in_marked(first, last, pos, tiles, marked):
 
 @inner
 def _tiles_of_some(pos, begin, n, tiles, marked, out):
-    """Write the tiles of `n` places from `begin` on to `out`; whether any tile within their bounds is marked: rows of
-    arrays are sorted by place, and few batches have one.
+    """Write the tiles of `n` places from `begin` on to `out`; whether any of them may be marked: one within their
+    bounds, or these are wide. Rows of arrays are sorted by place, so that most bounds are a few tiles.
     """
     low, per_tile, along = tiles
     if pos.shape[1] == 1:
@@ -66,6 +66,8 @@ def _tiles_of_some(pos, begin, n, tiles, marked, out):
         ix, iy = np.int32(x), np.int32(y)
         out[i] = ix * np.int32(along) + iy
         x0, x1, y0, y1 = min(x0, ix), max(x1, ix), min(y0, iy), max(y1, iy)
+    if (x1 - x0 + 1) * (y1 - y0 + 1) > n:  # one by one is cheaper
+        return True
     for column in range(x0, x1 + 1):
         for row in range(y0, y1 + 1):
             if marked[column * along + row]:
