@@ -23,7 +23,7 @@ def test_communication_has_lines_of_its_own(tmp_path):
     assert all(row["waiting"] == row["bytes"] == "" for name, row in rows.items() if name in effects)
     for name in told:
         row = rows[f"{name} communication"]
-        assert 0.0 <= float(row["waiting"]) < float(row["seconds"])
+        assert 0.0 <= float(row["waiting"]) <= float(row["seconds"])  # a part of them, both rounded
         # Calls of all ranks are at least one message each; rows to others some hundred bytes and more.
         assert int(row["messages"]) > 0 and int(row["bytes"]) > 100 * int(row["calls"])
     assert "busiest rank 1.0" in (tmp_path / "run" / "run.log").read_text()
