@@ -5,6 +5,7 @@ Rows of an exchange are particles; `rows[receiver, sender]` is a sparse matrix (
 
 from __future__ import annotations
 
+from functools import reduce
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -14,44 +15,56 @@ from scipy.sparse import csr_array
 from discsim import Simulation
 from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS
+from discsim.kernels.grid import BAND
 from discsim.kernels.halo import EITHER, mark_blocks, mark_cells
 from discsim.kernels.poisson import TILE
-from discsim.numerics.grid import Grid
+from discsim.numerics.grid import BORDER, Extent, Grid
 from discsim.numerics.neighbours import keys_in
 from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
 from discsim.numerics.world import Needed
 from discsim.ranks.division import Division
 from discsim.ranks.drag import numbers_of
 from discsim.ranks.exchange import runs_of
-from discsim.ranks.gravity import Nodes, Window
+from discsim.ranks.gravity import Nodes, nodes_of
 from discsim.ranks.slabs import Share
 from discsim.ranks.sph import HALO
+from discsim.ranks.windows import Windows, joined
 
 Array = np.ndarray
 EXCHANGES = ("sph gas", "drag gas", "drag dust", "grid gas", "grid dust")
+NODE = 32  # ranks of a machine of many, one after the other
 
 
 class Counts(NamedTuple):
-    """Of each rank: particles by species, rows by exchange, and of the grid nodes, bytes and messages."""
+    """Of each rank: particles by species, what it sends and receives by exchange, and its part of the grid."""
 
     particles: dict[str, Array]
-    rows: dict[str, csr_array]
+    rows: dict[str, csr_array]  # particles, [receiver, sender]
     runs: dict[str, Array]  # of the numbers of cells that each says it needs (ranks,), by exchange
     window: Array  # nodes (ranks,)
-    rows_of_grid: Array
-    bytes: dict[str, Array]  # that each sends, of the grid: by exchange
-    messages: dict[str, Array]
+    bytes: dict[str, Sent]  # of the grid, by exchange
 
     def received(self, name: str) -> Array:
         """Ghosts (ranks,) that an exchange brings."""
         return np.asarray(self.rows[name].sum(axis=1)).ravel()
 
-    def sent(self, name: str) -> Array:
-        return np.asarray(self.rows[name].sum(axis=0)).ravel()
 
-    def neighbours(self, name: str) -> Array:
-        """How many ranks each sends to."""
-        return np.bincount(self.rows[name].nonzero()[1], minlength=self.rows[name].shape[0])
+class Sent(NamedTuple):
+    """What each rank (ranks,) sends: in all, to ranks of other machines than its own, and to how many ranks."""
+
+    total: Array
+    away: Array
+    messages: Array
+
+    @classmethod
+    def of(cls, matrix: Any) -> Sent:
+        """Of a matrix [receiver, sender]."""
+        some = csr_array(matrix).tocoo()
+        total, away = (
+            np.bincount(some.col, some.data * mask, some.shape[0])
+            for mask in (1.0, some.row // NODE != some.col // NODE)
+        )
+        return cls(total, away, np.bincount(some.col[some.data > 0], minlength=some.shape[0]))
 
 
 class Cells(NamedTuple):
@@ -128,10 +141,12 @@ def nodes_about(grid: Grid, pos: Array) -> tuple[Array, Array]:
     return np.where(on[:, None], s, 0.0).astype(np.int32), on
 
 
-def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[csr_array, Array]:
-    """Rows that each rank needs to sum its nodes, and least and largest nodes (ranks, 4) about these and own ones."""
+def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[csr_array, list[Extent]]:
+    """Rows that each rank needs to sum its nodes, and where the first nodes about these and own ones are."""
     low, on = nodes_about(nodes.grid, pos)
-    extent = np.tile(np.array([1, 1, -1, -1]) * np.int64(1 << 40), (ranks, 1))
+    nx, ny = nodes.grid.shape
+    ends = np.tile([nx, -1], (ranks, 1)).T.copy()
+    bands = np.tile([ny, -1], (ranks, (nx - 1) // BAND + 1, 1)).T.copy()  # (2, bands, ranks)
     rows = csr_array((ranks, ranks))
     tiles, whose = nodes.tiles, nodes.owner
     needing = np.stack([whose[tiles[0][low[:, 0] + i], tiles[1][low[:, 1] + j]] for i in (0, 1) for j in (0, 1)])
@@ -141,38 +156,41 @@ def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[c
         if ranked is not owner:
             rows = rows + csr_array((np.ones(new.sum()), (ranked[new], owner[new])), (ranks, ranks))
             met = np.concatenate([met, ranked[None]])
-        for axis in (0, 1):
-            np.minimum.at(extent[:, axis], ranked[new], low[new, axis])
-            np.maximum.at(extent[:, axis + 2], ranked[new], low[new, axis])
-    return rows, extent
+        x, y = low[new].T
+        for k, furthest in enumerate((np.minimum, np.maximum)):
+            furthest.at(ends[k], ranked[new], x)
+            furthest.at(bands[k], (x // BAND, ranked[new]), y)
+    return rows, [Extent(*bands[:, :, rank], *ends[:, rank].tolist(), 0) for rank in range(ranks)]
 
 
-def of_windows(windows: list[Window], grid: Grid, ranks: int) -> tuple[dict[str, Array], dict[str, Array], Array]:
-    """Bytes and messages that each rank sends of density, potential and both transforms; its rows of the grid."""
-    border = 0 if grid.periodic else 2
-    count, padded = grid.shape[0] + 2 * border, padded_shape(grid.shape, grid.periodic)
-    rows, tiles = Share.of(count, ROWS, ranks), Share.of(tiles_of(padded), 1, ranks)
-    sent = {name: np.zeros(ranks) for name in ("density", "potential", "transforms")}
-    messages = {name: np.zeros(ranks) for name in sent}
-    edges, width = np.array(rows.edges), np.zeros(count + 1)
-    held, columns = np.diff(edges), np.diff(tiles.edges)
-    for rank, window in enumerate(windows):
-        own = window.own_rows(rows.span(rank))
-        sent["density"][rank] = 8 * window.shape[1] * (window.shape[0] - (own.stop - own.start))
-        for some, _ in window.rows(slice(0, count), count):
-            width[some.start] += window.ringed[1]
-            width[some.stop] -= window.ringed[1]
-            met = (held > 0) & (edges[1:] > some.start) & (edges[:-1] < some.stop)
-            met[rank] = False
-            messages["potential"] += met
-            messages["density"][rank] += met.sum()
-    of_row = np.cumsum(width[:-1])
-    for rank, window in enumerate(windows):
-        own = sum(some.stop - some.start for some, _ in window.rows(rows.span(rank), count))
-        sent["potential"][rank] = 8 * (of_row[rows.span(rank)].sum() - own * window.ringed[1])
-    sent["transforms"] = 16 * TILE * (held * (columns.sum() - columns) + columns * (held.sum() - held))
-    messages["transforms"] = 1.0 * (held > 0) * ((columns > 0).sum() - 1) + (columns > 0) * ((held > 0).sum() - 1)
-    return sent, messages, held
+def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent], Array]:
+    """Bytes of density and potential, and the nodes (ranks,) that each has the potential of."""
+    border = 0 if grid.periodic else BORDER
+    count = grid.shape[0] + 2 * border
+    edges = np.array(Share.of(count, ROWS, ranks).edges)
+    out, of_rank = {}, np.zeros(ranks)
+    for name, size in (("density", grid.shape[0]), ("potential", count)):
+        rows = nodes_of(np.arange(size), grid.shape[0], border)
+        begin, end = windows.columns(slice(None), rows, ring=name == "potential")
+        until = np.append(np.zeros((ranks, 1), np.int64), np.cumsum(end - begin, axis=1), axis=1)
+        of_slabs = 8 * np.diff(until[:, np.minimum(edges, size)], axis=1)
+        np.fill_diagonal(of_slabs, 0)
+        out[name] = Sent.of(of_slabs.T if name == "density" else of_slabs)
+        of_rank = until[:, -1]
+    return out, of_rank
+
+
+def of_transforms(shape: tuple[int, int], periodic: bool, ranks: int) -> tuple[dict[str, Sent], Array]:
+    """Bytes of both exchanges between the transforms, and rows of the grid (ranks,) that each transforms."""
+    count = shape[0] + (0 if periodic else 2 * BORDER)
+    padded, machine = padded_shape(shape, periodic), np.arange(ranks) // NODE
+    held, columns = (np.diff(Share.of(*of, ranks).edges) for of in ((count, ROWS), (tiles_of(padded), 1)))
+    out = {}
+    for name, mine, theirs in (("rows to columns", held, columns), ("columns to rows", columns, held)):
+        elsewhere = theirs.sum() - np.bincount(machine, theirs)[machine]
+        total, away = (16 * TILE * mine * others for others in (theirs.sum() - theirs, elsewhere))
+        out[name] = Sent(total, away, (mine > 0) * (np.count_nonzero(theirs) - (theirs > 0)))
+    return out, held
 
 
 def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int | None = None) -> Counts:
@@ -190,8 +208,8 @@ def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int |
     for name, p in species.items():
         rows[f"grid {name}"], extent = rows_of_nodes(nodes, p.pos, owners[name], ranks)
         extents.append(extent)
-    least, most = np.min(extents, axis=0)[:, :2], np.max(extents, axis=0)[:, 2:]
-    windows = [Window.about(*ends, grid) for ends in zip(least, most, strict=True)]
-    sent, messages, held = of_windows(windows, grid, ranks)
+    windows = Windows.about([reduce(joined, each) for each in zip(*extents, strict=True)], grid)
+    of_grid, window = of_windows(windows, grid, ranks)
+    of_grid |= of_transforms(grid.shape, grid.periodic, ranks)[0]
     particles = {name: np.bincount(owner, minlength=ranks) for name, owner in owners.items()}
-    return Counts(particles, rows, runs, np.array([np.prod(w.shape) for w in windows]), held, sent, messages)
+    return Counts(particles, rows, runs, window, of_grid)

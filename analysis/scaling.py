@@ -6,15 +6,18 @@ A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), wh
 those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
 
     T = sum over the parts of a step of max over ranks (a units + c) + calls latency log2 N + messages latency
-        + bytes / bandwidth + runs s                                                                           (1)
+        + sum over exchanges of (max over machines bytes / link + max over ranks bytes within / memory) + runs s (1)
 
 a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. c: of
 calls. They are fitted to short runs on 3 ranks of one thread (`rank_steps.py`), of two sizes, and compared with
 such runs on 2 and 4; what one rank takes is measured. Bytes: of rows that are sent, and of the runs of cells that all
-ranks say they need, in which each looks for its own, s seconds a run. Network: two examples, NETWORKS.
+ranks say they need, in which each looks for its own, s seconds a run. A machine has 32 ranks, next to each other on the
+curve: what they send to others shares its link, and what they send each other is copied in memory. Network: two
+examples, NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
-lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too.
+lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too. Transforms are those of
+its grid.
 
 OUT gets scaling.json and scaling.png. What was measured and counted is not made again.
 """
@@ -32,6 +35,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from rank_counts import (
+    EXCHANGES,
+    NODE,
+    Counts,
+    Sent,
+    blocks_of_drag,
+    cells_of_gas,
+    counts_of,
+    of_transforms,
+)
 from scipy.optimize import nnls
 
 Array = np.ndarray
@@ -44,17 +57,15 @@ BIG = (100.0, 16384)  # times the particles, and cells along a side
 
 
 class Network(NamedTuple):
-    """Of a rank: seconds of a message, and bytes a second, where 32 ranks of a node share its link."""
+    """Seconds of a message, and bytes a second of a machine's link."""
 
     name: str
     latency: float
-    bandwidth: float
+    link: float
 
 
-NETWORKS = (
-    Network("InfiniBand 200 Gb/s", 2e-6, 25e9 / 32),
-    Network("Ethernet 25 Gb/s", 20e-6, 3.1e9 / 32),
-)
+NETWORKS = (Network("InfiniBand 200 Gb/s", 2e-6, 25e9), Network("Ethernet 25 Gb/s", 20e-6, 3.1e9))
+MEMORY = 2e9  # bytes a second of a rank to others of its machine, while all 32 send
 # Of each part of a step: the species and the exchange that bring its units.
 PARTS = {
     "gas": (("gas",), "sph"), "drag": (("gas", "dust"), "drag"), "grid particles": (("gas", "dust"), "grid"),
@@ -68,7 +79,7 @@ def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int |
     usual = counts["side"]
     side = side or usual
     if part == "transforms":
-        return np.array(counts["rows"]) * side / usual * side * np.log2(2 * side)
+        return of_transforms((side, side), False, len(counts["window"]))[1] * side * np.log2(2 * side)
     if part == "windows":
         return np.array(counts["window"]) * (side / usual) ** 2
     species, exchange = PARTS[part]
@@ -112,7 +123,7 @@ def predict(
     side: int | None = None,
 ) -> dict[str, float]:
     """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
-    size, more = len(counts["rows"]), np.sqrt(particles)
+    size, more = len(counts["window"]), np.sqrt(particles)
     own = slowest = calls = 0.0
     for part, (a, c) in costs["fit" if size > 1 else "alone"].items():
         u = a * units(counts, part, particles, side)
@@ -127,37 +138,44 @@ def predict(
     out = {"own work": own - fetched, "fetched particles": fetched, "calls": calls, "lists of cells": SEARCH * runs}
     out["uneven load"] = slowest - own - calls
     if network is not None and size > 1:
-        wider = (side or counts["side"]) / counts["side"]
-        row, sends = costs["row"], costs["sends"]
-        sent = {name: more * row[name.split()[0]] * np.array(rows) for name, rows in counts["sent"].items()}
-        sent |= {name: wider**2 * np.array(each) for name, each in counts["bytes"].items()}
-        messages = sum(sends.get(name.split()[0], 1) * np.array(each) for name, each in counts["messages"].items())
-        out["bandwidth"] = sum(float(each.max()) for each in sent.values()) / network.bandwidth
-        out["lists of cells"] += RUN * runs / network.bandwidth
+        sent = _sent(counts, costs, more, side or counts["side"])
+        machines = np.arange(0, size, NODE)
+        out["bandwidth"] = sum(
+            np.add.reduceat(each.away, machines).max() / network.link + (each.total - each.away).max() / MEMORY
+            for each in sent.values()
+        )
+        out["lists of cells"] += RUN * runs * (1 / network.link + 1 / MEMORY)
+        messages = sum(costs["sends"].get(name.split()[0], 1) * each.messages for name, each in sent.items())
         out["latency"] = network.latency * (float(messages.max()) + costs["calls"] * np.log2(size))
     return out
 
 
-def counted(counts: Any, side: int) -> dict[str, Any]:
+def _sent(counts: dict[str, Any], costs: dict[str, Any], more: float, side: int) -> dict[str, Sent]:
+    """Bytes by exchange, where `more` times as many rows are sent and the grid has a side."""
+    out = of_transforms((side, side), False, len(counts["window"]))[0]
+    for name, each in counts["sent"].items():
+        factor = more * costs["row"][name.split()[0]] if name in EXCHANGES else (side / counts["side"]) ** 2
+        total, away, messages = (np.array(one) for one in each)
+        out[name] = Sent(factor * total, factor * away, messages)
+    return out
+
+
+def counted(counts: Counts, side: int) -> dict[str, Any]:
     """`Counts` as numbers that JSON takes."""
-    names = list(counts.rows)
+    sent = {name: Sent.of(rows) for name, rows in counts.rows.items()}
+    sent |= {name: counts.bytes[name] for name in ("density", "potential")}
     return {
         "side": side,
         "particles": {name: each.tolist() for name, each in counts.particles.items()},
         "runs": {name: each.tolist() for name, each in counts.runs.items()},
-        "received": {name: counts.received(name).tolist() for name in names},
-        "sent": {name: counts.sent(name).tolist() for name in names},
-        "rows": counts.rows_of_grid.tolist(),
+        "received": {name: counts.received(name).tolist() for name in counts.rows},
         "window": counts.window.tolist(),
-        "bytes": {name: each.tolist() for name, each in counts.bytes.items()},
-        "messages": {name: counts.neighbours(name).tolist() for name in names}
-        | {name: each.tolist() for name, each in counts.messages.items()},
+        "sent": {name: [one.tolist() for one in each] for name, each in sent.items()},
     }
 
 
 def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -> dict[int, Any]:
     """Counts of the disc at its start, for each number of ranks."""
-    from rank_counts import blocks_of_drag, cells_of_gas, counts_of
     from rank_steps import scene
 
     from discsim import Simulation
@@ -194,10 +212,12 @@ def costs_of(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, Any
     effects = {"sph": "gas", "drag": "drag", "grid": "self_gravity"}
     row, sends = {}, {}
     for exchange, effect in effects.items():
-        rows = sum(np.sum(each) for name, each in at_two["sent"].items() if name.startswith(exchange))
+        rows = sum(np.sum(each[0]) for name, each in at_two["sent"].items() if name.startswith(exchange))
         total = sum(rank["communication"][effect][4] for rank in two)
         if exchange == "grid":
-            total -= sum(np.sum(each) for each in at_two["bytes"].values())
+            of_grid = of_transforms((at_two["side"],) * 2, False, 2)[0].values()
+            total -= sum(each.total.sum() for each in of_grid)
+            total -= sum(np.sum(at_two["sent"][name][0]) for name in ("density", "potential"))
         total -= RUN * sum(np.sum(each) for name, each in at_two["runs"].items() if name.startswith(exchange))
         row[exchange] = total / rows  # with the little that other calls have
         sends[exchange] = two[0]["communication"][effect][5] / (1 if exchange == "sph" else 2)

@@ -19,6 +19,7 @@ ONE, TWO = np.uint64(1), np.uint64(2)
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
 BATCH = 128  # particles whose places are found before any of them is used, by vectorised code
 CHUNK = 4096  # particles of which `pull` notes what it found
+BAND = 16  # rows of nodes of which the particles' extent along y is found
 TILE = 6  # a tile of the order of particles in memory is 2^TILE cells wide
 
 # Weights of f at five nodes for 12 cell f' at the first, ..., the last of them: fourth order (Fornberg 1988).
@@ -331,17 +332,49 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
 
 
 @compiled
-def extent(begin, end, pos, origin, inverse, shape, periodic):
-    """Least and largest first node about the particles along x and y, and how many particles are off the grid."""
-    x0, x1, y0, y1, off = shape[0], -1, shape[1], -1, 0
-    for p in range(begin, end):
-        ix = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
-        iy = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
-        if ix >= 0 and iy >= 0:
-            x0, x1, y0, y1 = min(x0, ix), max(x1, ix), min(y0, iy), max(y1, iy)
-        else:
-            off += 1
-    return x0, x1, y0, y1, off
+def extents(begin, end, pos, origin, inverse, shape, periodic):
+    """The least and the largest first node along y about the particles whose first node along x is in each BAND of rows
+    (bands,), those along x of all, and how many particles are off the grid. Without any the least is the larger.
+    """
+    count = (shape[0] - 1) // BAND + 1
+    least, most, low, high, off = np.full(count, shape[1]), np.full(count, -1), shape[0], -1, 0
+    for first in range(begin, end, BATCH):
+        last = min(first + BATCH, end)
+        x0, x1, y0, y1 = _extent_of_some(pos, first, last, origin, inverse, shape)
+        if x0 >= 0 and x0 // BAND == x1 // BAND:  # rows of arrays are sorted by place: most are so
+            band = x0 // BAND
+            least[band], most[band] = min(least[band], y0), max(most[band], y1)
+            low, high = min(low, x0), max(high, x1)
+            continue
+        for p in range(first, last):
+            ix = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
+            iy = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
+            if ix >= 0 and iy >= 0:
+                band = ix // BAND
+                least[band], most[band] = min(least[band], iy), max(most[band], iy)
+                low, high = min(low, ix), max(high, ix)
+            else:
+                off += 1
+    return least, most, low, high, off
+
+
+@inner
+def _extent_of_some(pos, first, last, origin, inverse, shape):
+    """Least and largest first nodes along x and y about particles of the plane; -1 where any of them is at an edge."""
+    ox, oy = origin[0], origin[1]
+    x0, x1, y0, y1, inside = np.int32(shape[0]), np.int32(-1), np.int32(shape[1]), np.int32(-1), 0
+    if pos.shape[1] == 1:
+        return -1, -1, -1, -1
+    flat = pos.reshape(-1)[2 * first : 2 * last]  # as in `strip_of`: vectorised
+    for i in range(np.uint64(last - first)):
+        x, y = (flat[TWO * i] - ox) * inverse - 0.5, (flat[TWO * i + ONE] - oy) * inverse - 0.5
+        on = (x >= 0.0) & (x < shape[0] - 1) & (y >= 0.0) & (y < shape[1] - 1)
+        inside += on
+        ix, iy = np.int32(x if on else 0.0), np.int32(y if on else 0.0)
+        x0, x1, y0, y1 = min(x0, ix), max(x1, ix), min(y0, iy), max(y1, iy)
+    if inside < last - first:
+        return -1, -1, -1, -1
+    return np.int64(x0), np.int64(x1), np.int64(y0), np.int64(y1)
 
 
 @subroutine
@@ -354,8 +387,9 @@ def _place(i, count, periodic):
 
 
 @compiled
-def gradient(begin, end, potential, cell, periodic, out):
-    """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges.
+def gradient(begin, end, potential, cell, periodic, first_of, end_of, out):
+    """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges; in each row of columns from
+    `first_of` up to `end_of` (nx,), and at edges.
 
     And there too where the potential has two nodes more than `out` on either side of an axis.
     """
@@ -367,13 +401,16 @@ def gradient(begin, end, potential, cell, periodic, out):
         first, place = _place(i + border_x, nx, periodic)
         w = _STENCILS[place]
         w0, w1, w2, w3, w4 = scale * w[0], scale * w[1], scale * w[2], scale * w[3], scale * w[4]
-        r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]
-        r3, r4 = potential[(first + 3) % nx], potential[(first + 4) % nx]
-        line, row = potential[i + border_x], out[i, 2 - border :]
-        for j in range(ny - 4):  # both components in one loop, of which no index is negative: it is vectorised
+        low, high = max(first_of[i] + border - 2, 0), min(end_of[i] + border - 2, ny - 4)
+        r0, r1, r2 = potential[first % nx, low:], potential[(first + 1) % nx, low:], potential[(first + 2) % nx, low:]
+        r3, r4 = potential[(first + 3) % nx, low:], potential[(first + 4) % nx, low:]
+        line, row = potential[i + border_x, low:], out[i, 2 - border + low :]
+        for j in range(high - low):  # both components in one loop, of which no index is negative: it is vectorised
             row[j, 0] = w0 * r0[j + 2] + w1 * r1[j + 2] + w2 * r2[j + 2] + w3 * r3[j + 2] + w4 * r4[j + 2]
             row[j, 1] = a * (line[j + 3] - line[j + 1]) - b * (line[j + 4] - line[j])
-        row = out[i]
+        r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]
+        r3, r4 = potential[(first + 3) % nx], potential[(first + 4) % nx]
+        line, row = potential[i + border_x], out[i]
         for edge in range(0 if border else min(4, ny)):
             j = edge if edge < 2 else ny + 1 - edge
             first, place = _place(j, ny, periodic)

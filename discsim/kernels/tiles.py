@@ -170,10 +170,30 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
 
 
 @compiled
-def leave_own(first, last, x, y, owner, rank, out):
-    """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of."""
+def leave_own(first, last, x, y, owner, rank, begin, end, out):
+    """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of: in each
+    row from the column `begin` up to `end` (nx,).
+    """
     for i in range(first, last):
         row, whose = out[i], owner[x[i]]
-        for j in range(len(y)):
+        for j in range(begin[i], end[i]):
             if whose[y[j]] != rank:
                 row[j] = 0.0
+
+
+@compiled
+def take_spans(first, last, field, row, begin, end, start, out):
+    """Write to `out` (m,), from `start` (n + 1,) on, columns from `begin` up to `end` (n,) of a row (n,) of a field."""
+    for k in range(first, last):
+        out[start[k] : start[k + 1]] = field[row[k], begin[k] : end[k]]
+
+
+@compiled
+def put_spans(found, row, begin, end, start, add, field):
+    """The other way; to `add` them, or in place of what is there."""
+    for k in range(len(row)):
+        place, some = field[row[k], begin[k] : end[k]], found[start[k] : start[k + 1]]
+        if add:
+            place += some
+        else:
+            place[:] = some

@@ -7,13 +7,12 @@ them leave no particle a force on itself, and conserve momentum.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from discsim.kernels import grid as kernels
 from discsim.numerics.layout import grid_cells
-from discsim.numerics.neighbours import corners
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
 
@@ -24,6 +23,18 @@ Array = np.ndarray
 Node = tuple[int, int]
 ORIGIN: Node = (0, 0)
 BORDER = 2  # nodes beyond an open edge that a centred gradient at the last one wants
+
+
+class Extent(NamedTuple):
+    """Of the first nodes about particles on a grid the least and the largest along y (bands,), in each kernels.BAND of
+    rows, those along x, and how many particles are off it. Without any on it the least is the larger.
+    """
+
+    least: Array
+    most: Array
+    low: int
+    high: int
+    off: int
 
 
 @dataclass(frozen=True)
@@ -130,26 +141,17 @@ class Grid:
         share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
         return np.flatnonzero(outside)
 
-    def extent(self, pos: Array) -> tuple[Array, int]:
-        """The least and the largest (2, 2) first node about the particles along each axis, and how many are off the
-        grid. Without any on it the least is the larger.
-        """
-        ends = (np.stack(corners(pos)) - self.origin) * (1.0 / self.cell) - 0.5  # rounded as in kernels
-        if pos.shape[1] == 1:
-            ends[:, 1] = 0.0
-        last = np.maximum(np.array(self.shape) - 1, 1)
-        if len(pos) > 0 and np.all(ends >= 0.0) and np.all(ends < last):
-            return ends.astype(np.int64), 0  # all are on it, and none beyond the last node of a period
-        found = np.array(
-            share(kernels.extent, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic), np.int64
-        )
-        return np.stack([found[:, (0, 2)].min(axis=0), found[:, (1, 3)].max(axis=0)]), int(found[:, 4].sum())
+    def extent(self, pos: Array) -> Extent:
+        """Where the first nodes about particles on the grid are."""
+        where = self.origin, 1.0 / self.cell, self.shape, self.periodic
+        least, most, low, high, off = zip(*share(kernels.extents, len(pos), pos, *where), strict=True)
+        return Extent(np.min(least, axis=0), np.max(most, axis=0), min(low), max(high), sum(off))
 
-    def gradient(self, field: Array, out: Array | None = None) -> Array:
+    def gradient(self, field: Array, out: Array | None = None, columns: tuple[Array, Array] | None = None) -> Array:
         """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
 
         There too if `field` has a border of BORDER nodes more on every side: then no particle pulls itself. In `out`
-        if given, which may be of part of the grid.
+        if given, which may be of part of the grid; of each row from and up to `columns` (nx,), or whole.
 
         Raises ValueError for an open grid of fewer than five cells a side.
         """
@@ -157,7 +159,8 @@ class Grid:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
         out = np.empty((*self.shape, 2)) if out is None else out
         bordered = field.shape != out.shape[:2]
-        share(kernels.gradient, len(out), field, self.cell, self.periodic or bordered, out, least=16)
+        begin, end = columns or np.array([[0], [out.shape[1]]]).repeat(len(out), axis=1)
+        share(kernels.gradient, len(out), field, self.cell, self.periodic or bordered, begin, end, out, least=16)
         return out
 
     @staticmethod

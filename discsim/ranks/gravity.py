@@ -1,22 +1,21 @@
 """The field of a rank's particles beside those of others: `numerics/mesh.py` with the part of the grid that it needs.
 
 A node belongs to who owns its tile of space, who fetches the particles about it that others have, and sums it as one
-rank does. A rank has a window of nodes: those about its own particles and the fetched ones. Its own nodes go to the
-slabs that have their rows (`slabs.py`), and the potential of the window, with a ring for the gradient, comes back. In a
-periodic box a window that meets an edge has all nodes along that axis. A sheet in one dimension is solved by each rank.
+rank does. A rank has the nodes that its particles touch (`windows.py`): its own ones go to the slabs that have their
+rows (`slabs.py`), and the potential of all, with a ring for the gradient, comes back. A sheet in one dimension is
+solved by each rank.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
 from discsim.kernels.tiles import leave_own, others_about, pieces_of
-from discsim.numerics.grid import BORDER, Grid, Node
+from discsim.numerics.grid import Grid, Node
 from discsim.numerics.mesh import Mesh
 from discsim.numerics.poisson import Kernel
 from discsim.numerics.state import Particles
@@ -25,6 +24,7 @@ from discsim.ranks.comm import Route, by_rank
 from discsim.ranks.division import Division
 from discsim.ranks.exchange import Wide, joined
 from discsim.ranks.slabs import Slabs
+from discsim.ranks.windows import Rows, Windows
 
 Array = np.ndarray
 Pieces = tuple[Array, Array]  # of rows: their first ones and ends, as `Grid.deposit` has them
@@ -46,10 +46,10 @@ class Nodes:
         """Of each tile (along x, along y)."""
         return self.division.owner.reshape(self.division.along, -1)
 
-    def leave_own(self, density: Array, first: Node) -> None:
-        """Put 0 at the nodes of others, in a part of the grid."""
+    def leave_own(self, density: Array, first: Node, begin: Array, end: Array) -> None:
+        """Put 0 at the nodes of others, in a part of the grid: from the columns `begin` up to `end` (nx,) of it."""
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
-        share(leave_own, len(x), x, y, self.owner, self.comm.rank, density, least=16)
+        share(leave_own, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
 
     def about(self, particles: Particles) -> tuple[Array, Array, Pieces]:
         """Places and masses of own particles and of others about own nodes, and in which order sums go through them."""
@@ -75,53 +75,6 @@ def _in_order(place: Array, held: int, loose: Array) -> Pieces:
     return first, last
 
 
-class Window(NamedTuple):
-    """Part of a grid: its first node, how many it has along each axis, and how many more beyond on either side."""
-
-    first: Node
-    shape: tuple[int, int]
-    ring: tuple[int, int]
-
-    @classmethod
-    def about(cls, least: Array, most: Array, grid: Grid) -> Window:
-        """With the nodes from `least` (2,) to one beyond `most`."""
-        axes = []
-        for low, high, count in zip(least.tolist(), most.tolist(), grid.shape, strict=True):
-            if low > high:
-                axes.append((0, 0, 0))
-            elif grid.periodic and (low < BORDER or high + 1 + BORDER >= count):
-                axes.append((0, count, 0))
-            else:
-                axes.append((low, high + 2 - low, BORDER))
-        (x, nx, ring_x), (y, ny, ring_y) = axes
-        return cls((x, y), (nx, ny), (ring_x, ring_y))
-
-    @property
-    def ringed(self) -> tuple[int, int]:
-        """Its shape with its ring."""
-        return self.shape[0] + 2 * self.ring[0], self.shape[1] + 2 * self.ring[1]
-
-    def own_rows(self, rows: slice) -> slice:
-        """Of `rows` of the grid those that it has."""
-        return _overlap(slice(self.first[0], self.first[0] + self.shape[0]), rows)
-
-    def rows(self, rows: slice, count: int) -> Iterator[tuple[slice, int]]:
-        """Of `rows` of a slab those that it has with its ring, and which of its own the first of these is.
-
-        Nodes before the first are the last of `count`.
-        """
-        begin, end = self.first[0] - self.ring[0], self.first[0] + self.shape[0] + self.ring[0]
-        for shift in (0, count):
-            some = _overlap(slice(max(begin + shift, 0), min(end + shift, count)), rows)
-            if some.stop > some.start:
-                yield some, some.start - begin - shift
-
-
-def _overlap(one: slice, other: slice) -> slice:
-    first = max(one.start, other.start)
-    return slice(first, max(first, min(one.stop, other.stop)))
-
-
 class DividedMesh(Mesh):
     """`Mesh` of a rank, with the nodes of its window."""
 
@@ -135,23 +88,26 @@ class DividedMesh(Mesh):
 
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
         given = {name: self.nodes.about(species[name]) for name in sources}
-        windows, off = self._windows(given[name][0] if name in given else p.pos for name, p in species.items())
-        here = windows[self.comm.rank]
-        self.first, self.density = here.first, self._room("density", here.shape)
+        places = (given[name][0] if name in given else p.pos for name, p in species.items())
+        self.windows = windows = Windows.agreed(map(self.grid.extent, places), self.grid, self.comm)
+        x, y = windows.low[self.comm.rank].tolist()
+        self.first, self.density = (x, y), self._room("density", windows.shape(self.comm.rank))
         self.density[:] = 0.0
+        rows = self._rows()
         if self.density.size > 0:
             for pos, mass, pieces in given.values():
-                self.grid.deposit(pos, mass, self.density, here.first, pieces)
-            self.nodes.leave_own(self.density, here.first)
-        self._to_slabs(windows)
+                self.grid.deposit(pos, mass, self.density, self.first, pieces)
+            self.nodes.leave_own(self.density, self.first, rows.begin, rows.end)
+        self._to_slabs(rows)
         self.slabs.solve()
-        self._to_windows(windows)
-        self._sums = self._summed() if off else (np.zeros(0), np.zeros(0))
+        self._to_windows()
+        self._sums = self._summed() if windows.off else (np.zeros(0), np.zeros(0))
 
     def differentiate(self) -> None:
         self._gradient = self._room("gradient", (*self.density.shape, 2))
         if self._gradient.size > 0:
-            super().differentiate()
+            rows = self._rows()
+            self.grid.gradient(self._potential, self._gradient, (rows.begin, rows.end))
 
     def sums(self) -> tuple[Array, Array]:
         return self._sums
@@ -163,55 +119,40 @@ class DividedMesh(Mesh):
             self._kept[name] = np.empty(size)
         return self._kept[name][:size].reshape(shape)
 
-    def _windows(self, places: Iterable[Array]) -> tuple[list[Window], bool]:
-        """The window of each rank, and whether any particle of any of them is off the grid: none that is fetched is."""
-        found = [self.grid.extent(pos) for pos in places]
-        off = sum(number for _, number in found)
-        least = np.min([extent[0] for extent, _ in found], axis=0)
-        most = np.max([extent[1] for extent, _ in found], axis=0)
-        all_ranks = self.comm.gathered(np.array([*least, *most, off]))
-        windows = [Window.about(row[:2], row[2:4], self.grid) for row in all_ranks]
-        return windows, bool(all_ranks[:, 4].any())
+    def _rows(self) -> Rows:
+        """Those of this rank's window, without its ring."""
+        rank, (x, y) = self.comm.rank, self.first
+        rows = np.arange(x, x + self.density.shape[0])
+        begin, end = (ends[0] - y for ends in self.windows.columns(slice(rank, rank + 1), rows))
+        return Rows.of(rows - x, begin, end)
 
-    def _to_slabs(self, windows: list[Window]) -> None:
+    def _to_slabs(self, rows: Rows) -> None:
         """The density of the windows to the slabs: of each node one number, and zeros."""
-        rows, rank = self.slabs.rows, self.comm.rank
-        held = slice(rows.edges[rank], rows.edges[rank] + self.slabs.held)
-        mine = windows[rank]
-        given = [_length(mine.own_rows(rows.span(other))) * mine.shape[1] for other in range(self.comm.size)]
-        parts = [(window, window.own_rows(held)) for window in windows]
-        taken = [_length(some) * window.shape[1] for window, some in parts]
-        found = self.comm.deal(self.density.reshape(-1), np.array(given), np.array(taken))
-        density, begin = self.slabs.density, 0
-        density[:] = 0.0
-        for (window, some), size in zip(parts, taken, strict=True):
-            place = density[some.start - held.start : some.stop - held.start, _columns(window.first[1], window.shape)]
-            place += found[begin : begin + size].reshape(place.shape)
-            begin += size
+        slabs, first = self.slabs, self.slabs.rows.edges[self.comm.rank]
+        taken = self.windows.columns(slice(None), np.arange(first, first + slabs.held))
+        ends = np.clip(np.array(slabs.rows.edges) - self.first[0], 0, len(rows.row))
+        given = np.diff(rows.start[ends])
+        found = self.comm.deal(rows.take(self.density), given, (taken[1] - taken[0]).sum(axis=1))
+        slabs.density[:] = 0.0
+        of_all = np.tile(np.arange(slabs.held), self.comm.size)
+        Rows.of(of_all, *(each.ravel() for each in taken)).put(found, slabs.density, add=True)
 
-    def _to_windows(self, windows: list[Window]) -> None:
+    def _to_windows(self) -> None:
         """The potential of the slabs to the windows with their rings."""
-        rows, rank, count = self.slabs.rows, self.comm.rank, self.slabs.count
-        held, blocks, given = rows.span(rank), [], []
-        for window in windows:
-            some = _columns(window.first[1] - window.ring[1] + self.border, window.ringed)
-            parts = [part for part, _ in window.rows(held, count)]
-            blocks += [self.slabs.potential[part.start - held.start : part.stop - held.start, some] for part in parts]
-            given.append(sum(map(_length, parts)) * window.ringed[1])
-        out, begin = np.empty(sum(given)), 0
-        for block in blocks:
-            out[begin : begin + block.size].reshape(block.shape)[:] = block
-            begin += block.size
-        here = windows[rank]
-        places = [[*here.rows(rows.span(other), count)] for other in range(self.comm.size)]
-        wide = here.ringed[1]
-        taken = [sum(_length(part) for part, _ in parts) * wide for parts in places]
-        found = self.comm.deal(out, np.array(given), np.array(taken))
-        self._potential, begin = self._room("potential", here.ringed), 0
-        for part, place in (each for parts in places for each in parts):
-            number = _length(part)
-            self._potential[place : place + number] = found[begin : begin + number * wide].reshape(number, wide)
-            begin += number * wide
+        slabs, rank, size, border = self.slabs, self.comm.rank, self.comm.size, self.border
+        held = np.arange(*slabs.rows.edges[rank : rank + 2])
+        begin, end = self.windows.columns(slice(None), nodes_of(held, slabs.nx, border), ring=True)
+        given, of_all = (end - begin).sum(axis=1), np.tile(np.arange(len(held)), size)
+        rows = Rows.of(of_all, begin.ravel() + border, end.ravel() + border)
+        shape, (x, y) = self.windows.shape(rank, ring=True), (self.windows.low - self.windows.ring)[rank].tolist()
+        nodes = np.arange(x, x + shape[0])
+        nodes = nodes[np.argsort(nodes % slabs.count)]  # as slabs have them
+        here = self.windows.columns(slice(rank, rank + 1), nodes, ring=True)
+        come = Rows.of(nodes - x, *(each[0] - y for each in here))
+        ends = np.searchsorted(nodes % slabs.count, slabs.rows.edges)
+        found = self.comm.deal(rows.take(slabs.potential), given, np.diff(come.start[ends]))
+        self._potential = self._room("potential", shape)
+        come.put(found, self._potential)
 
     def _summed(self) -> tuple[Array, Array]:
         """Sums of the density along y and along x, with the bits of those of one array.
@@ -235,12 +176,9 @@ class DividedMesh(Mesh):
         return rows, columns
 
 
-def _length(rows: slice) -> int:
-    return int(rows.stop - rows.start)
-
-
-def _columns(first: int, shape: tuple[int, int]) -> slice:
-    return slice(first, first + shape[1])
+def nodes_of(rows: Array, nx: int, border: int) -> Array:
+    """The nodes (n,) along x of rows of slabs: those before the first of `nx`, `border` many, are the last ones."""
+    return np.where(rows < nx + border, rows, rows - nx - 2 * border)
 
 
 class DividedSheet(Mesh):
@@ -255,7 +193,7 @@ class DividedSheet(Mesh):
         for name in sources:
             pos, mass, pieces = self.nodes.about(species[name])
             self.grid.deposit(pos, mass, self.density, pieces=pieces)
-        self.nodes.leave_own(self.density, self.first)
+        self.nodes.leave_own(self.density, self.first, *np.array([[0], [1]]).repeat(len(self.density), axis=1))
         self.density[:] = self.comm.reduced(self.density, MPI.SUM)  # one number each, and zeros
         self._poisson.solve(self.density, out=self._potential)
 

@@ -12,7 +12,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "analysis"))
 
-from rank_counts import blocks_of_drag, cells_of_gas, counts_of
+from rank_counts import Sent, blocks_of_drag, cells_of_gas, counts_of
 from runs import DISC
 
 from discsim import Simulation
@@ -67,7 +67,7 @@ def exchanged(scene, comm):
     }
     # Density to slabs, there and back, potential from slabs: the last four of the effect.
     to_slabs, there, back, to_windows = dealt["self_gravity"][-4:]
-    grid = {"density": to_slabs, "transforms": tuple(np.add(there, back).tolist()), "potential": to_windows}
+    grid = {"density": to_slabs, "rows to columns": there, "columns to rows": back, "potential": to_windows}
     return rows, grid
 
 
@@ -78,9 +78,11 @@ def main():
     rows, grid = exchanged(scene, comm)
     r, wrong = comm.rank, []
     for name, number in rows.items():
-        wrong += [f"{name}: {counts.sent(name)[r]:.0f} for {number}"] if counts.sent(name)[r] != number else []
+        expected = int(Sent.of(counts.rows[name]).total[r])
+        wrong += [f"{name}: {expected} for {number}"] if expected != number else []
     for name, found in grid.items():
-        expected = int(counts.bytes[name][r]), int(counts.messages[name][r])
+        sent = counts.bytes[name]
+        expected = int(sent.total[r]), int(sent.messages[r])
         wrong += [f"{name}: {expected} for {found}"] if expected != found else []
     lines = comm.mpi.gather(f"{rows} {grid}; {', '.join(wrong) or 'as counted'}")
     if comm.rank == 0:

@@ -1,12 +1,13 @@
 """Deposit, gather and gradient on the grid."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from discsim import load_scene
-from discsim.kernels.grid import cell_of, largest_norm
+from discsim.kernels.grid import BAND, cell_of, largest_norm
 from discsim.numerics.grid import Grid
 from discsim.numerics.layout import leaves
 
@@ -224,22 +225,30 @@ def test_largest_norm():
 
 
 @pytest.mark.parametrize("grid", [OPEN, PERIODIC, LINE])
-@pytest.mark.parametrize("off", [False, True])
-def test_extent_is_that_of_the_first_nodes(grid, off):
-    """Where all are on the grid of the corners of space alone; with some beyond its edge, or the last node of a period,
-    of each particle.
+@pytest.mark.parametrize("ordered", [False, True])
+def test_extent_is_that_of_the_first_nodes(grid, ordered):
+    """In each band of rows, of particles in the order of space or none; with some beyond an edge, or the last node of a
+    period.
     """
-    pos, _ = particles(grid, 200)
-    pos = np.array(grid.origin[: pos.shape[1]]) + 0.3 * (pos - grid.origin[: pos.shape[1]]) + 2.3 * grid.cell
-    if off:
-        pos[7] = np.array(grid.origin[: pos.shape[1]]) + (np.array(grid.shape[: pos.shape[1]]) - 0.25) * grid.cell
-    first = np.floor((pos - grid.origin[: pos.shape[1]]) / grid.cell - 0.5).astype(int)
-    on = np.ones(200, bool)
-    on[7] = grid.periodic or not off
-    found, missing = grid.extent(pos)
-    expected = np.stack([first[on].min(axis=0), first[on].max(axis=0)])
-    np.testing.assert_array_equal(found[:, : pos.shape[1]], expected)
-    assert missing == np.count_nonzero(~on)
+    fine = replace(grid, cell=grid.cell / 8, shape=(8 * grid.shape[0], 8 * grid.shape[1] if grid is not LINE else 1))
+    pos, _ = particles(grid, 4000)
+    if ordered:
+        pos = pos[np.argsort(fine.places(pos)[0])]
+    dim = pos.shape[1]
+    pos[7] = np.array(fine.origin[:dim]) + (np.array(fine.shape[:dim]) - 0.25) * fine.cell
+    s = (pos - fine.origin[:dim]) * (1.0 / fine.cell) - 0.5
+    if fine.periodic:
+        s %= np.array(fine.shape[:dim])
+    first, last = s.astype(int), np.array(fine.shape[:dim]) - (0 if fine.periodic else 1)
+    on = np.all((s >= 0) & (s < last), axis=1)
+    x, y = first[on, 0], first[on, 1] if dim == 2 else np.zeros(on.sum(), int)
+    found = fine.extent(pos)
+    assert (found.low, found.high, found.off) == (x.min(), x.max(), np.count_nonzero(~on))
+    assert found.off > 0 or fine.periodic
+    assert len(found.least) == len(found.most) == -(-fine.shape[0] // BAND)
+    for band, ends in enumerate(zip(found.least, found.most, strict=True)):
+        here = y[x // BAND == band]
+        assert ends == ((here.min(), here.max()) if len(here) else (fine.shape[1], -1))
 
 
 @pytest.mark.parametrize("grid", [OPEN, PERIODIC, LINE])

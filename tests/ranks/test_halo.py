@@ -25,7 +25,7 @@ from discsim.kernels.halo import (
 )
 from discsim.kernels.neighbours import FIRST, widen
 from discsim.kernels.tiles import leave_own, others_about
-from discsim.numerics.grid import Grid
+from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import sort_into_cells
 from discsim.numerics.state import Particles
 from discsim.ranks.comm import by_rank
@@ -33,6 +33,7 @@ from discsim.ranks.division import Division
 from discsim.ranks.drag import _needed, numbers_of
 from discsim.ranks.gravity import _in_order
 from discsim.ranks.leaves import Leaves
+from discsim.ranks.windows import Windows, joined
 from discsim.ranks.world import _largest
 
 
@@ -201,10 +202,34 @@ def test_numbers_of_blocks_are_those_of_their_leaves():
 def test_density_of_own_nodes_stays():
     rng = np.random.default_rng(11)
     x, y, owner = np.sort(rng.integers(0, 4, 30)), np.sort(rng.integers(0, 5, 20)), rng.integers(0, 3, (4, 5))
-    density = rng.random((30, 20))
-    expected = np.where(owner[np.ix_(x, y)] == 1, density, 0.0)
-    leave_own(0, 30, x, y, owner, 1, density)
+    density, (begin, end) = rng.random((30, 20)), np.sort(rng.integers(0, 21, (2, 30)), axis=0)
+    others = (owner[np.ix_(x, y)] != 1) & (np.arange(20) >= begin[:, None]) & (np.arange(20) < end[:, None])
+    expected = np.where(others, 0.0, density)
+    leave_own(0, 30, x, y, owner, 1, begin, end, density)
     np.testing.assert_array_equal(density, expected)
+
+
+@pytest.mark.parametrize("ring", [False, True])
+def test_windows_have_the_nodes_about_particles(ring):
+    """And of their gradient; about two squares that touch at a corner little more than half of the rectangle."""
+    grid = Grid((0.0, 0.0), 1.0, (300, 200), periodic=False)
+    rng = np.random.default_rng(3)
+    squares = np.array([[130.0, 60.0], [60.0, 130.0]])
+    clouds = [rng.random((20000, 2)) * 70 + corner for corner in squares]
+    windows = Windows.about([joined(*map(grid.extent, clouds)), grid.extent(np.empty((0, 2)))], grid)
+    rows = np.arange(-BORDER, 300 + BORDER)
+    begin, end = windows.columns(slice(None), rows, ring)
+    assert np.array_equal(begin[1], end[1])  # a rank without particles
+    columns = np.arange(200)
+    found = (columns >= begin[0, :, None]) & (columns < end[0, :, None])
+    touched = np.zeros_like(found)
+    first = np.concatenate([np.floor(pos - 0.5).astype(int) for pos in clouds])
+    beyond = BORDER * ring
+    for i in range(-beyond, 2 + beyond):
+        for j in range(-beyond, 2 + beyond):
+            touched[first[:, 0] + BORDER + i, first[:, 1] + j] = True
+    assert np.all(found[touched])
+    assert found.sum() < 1.2 * touched.sum() < 0.7 * np.prod(windows.shape(0, ring))
 
 
 @pytest.mark.parametrize("number", [0, 1, 5, 400, 2000])
