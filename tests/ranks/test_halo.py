@@ -214,7 +214,7 @@ def test_windows_have_the_nodes_about_particles(ring):
     """And of their gradient; about two squares that touch at a corner little more than half of the rectangle."""
     grid = Grid((0.0, 0.0), 1.0, (300, 200), periodic=False)
     rng = np.random.default_rng(3)
-    squares = np.array([[130.0, 60.0], [60.0, 130.0]])
+    squares = np.array([[120.0, 50.0], [50.0, 120.0]])
     clouds = [rng.random((20000, 2)) * 70 + corner for corner in squares]
     windows = Windows.about([joined(*map(grid.extent, clouds)), grid.extent(np.empty((0, 2)))], grid)
     rows = np.arange(-BORDER, 300 + BORDER)
