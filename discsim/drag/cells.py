@@ -168,8 +168,8 @@ def sort_into_blocks(drag: Drag, state: State, layout: Layout) -> Blocks:
     share(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1, light=True)
     number[-1] = count + 1
     share(kernels.block_keys, len(dust_key), dust_key, number, drag.classes.of, population, light=True)
-    gas = counting_sort(gas_key, count + 2, state.gas.place)
-    dust = counting_sort(dust_key, (count + 2) * population, state.dust.place)
+    gas = counting_sort(gas_key, count + 2, state.gas.place, state.gas.loose)
+    dust = counting_sort(dust_key, (count + 2) * population, state.dust.place, state.dust.loose)
     return Blocks(*gas, *dust, first_leaf, level, enlarged, lattice)
 
 

@@ -75,6 +75,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
         share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
     alone = np.ones((len(met[1]) + 2, dust.number), bool)  # also of what lies outside
     alone[:-2] = (met[1] == 0.0) | blocks.enlarged[:, None]
+    alone[kicked:-2] = False  # of other processes
     drag.alone = members_of(dust.order, dust.start, alone.ravel())
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, packed[1])
 

@@ -19,7 +19,7 @@ ONE, TWO = np.uint64(1), np.uint64(2)
 STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
 BATCH = 128  # particles whose places are found before any of them is used, by vectorised code
 CHUNK = 4096  # particles of which `pull` notes what it found
-BAND = 16  # rows of nodes of which the particles' extent along y is found
+BAND = 32  # rows of nodes of which the particles' extent along y is found
 TILE = 6  # a tile of the order of particles in memory is 2^TILE cells wide
 
 # Weights of f at five nodes for 12 cell f' at the first, ..., the last of them: fourth order (Fornberg 1988).
@@ -347,8 +347,12 @@ def extents(begin, end, pos, origin, inverse, shape, periodic):
             low, high = min(low, x0), max(high, x1)
             continue
         for p in range(first, last):
-            ix = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
-            iy = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
+            if x0 >= 0:
+                ix = int((pos[p, 0] - origin[0]) * inverse - 0.5)
+                iy = int((pos[p, pos.shape[1] - 1] - origin[1]) * inverse - 0.5)
+            else:
+                ix = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
+                iy = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
             if ix >= 0 and iy >= 0:
                 band = ix // BAND
                 least[band], most[band] = min(least[band], iy), max(most[band], iy)

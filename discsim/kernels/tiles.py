@@ -33,6 +33,13 @@ def tiles_of(first, last, pos, tiles, out):
 
 
 @compiled
+def owners_of(first, last, some, pos, tiles, owner, out):
+    """The `owner` (tiles,) of the tile of each of `some` (n,) places, or of the nearest."""
+    for k in range(first, last):
+        out[k] = owner[_tile_of(pos, some[k], tiles)]
+
+
+@compiled
 def in_marked(first, last, pos, tiles, marked):
     """The places from `first` to `last` of (n, d) whose tile, or the nearest one, is `marked` (tiles,)."""
     out, count, tile = np.empty(SOME, np.int64), np.uint64(0), np.empty(BATCH, np.uint32)

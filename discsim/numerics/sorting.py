@@ -13,9 +13,12 @@ from discsim.numerics.threads import share
 Array = np.ndarray
 
 
-def counting_sort(key: Array, count: int, place: Array | None = None) -> tuple[Array, Array]:
+def counting_sort(
+    key: Array, count: int, place: Array | None = None, loose: Array | None = None
+) -> tuple[Array, Array]:
     """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,); n is below 2^32.
-    Those of one key are in the order of `place` (n,) where that is given.
+    Those of one key are in the order of `place` (n,) where that is given, which rises but for the rows `loose`, if
+    these are known.
     """
     ends, parts = _count(key, count)
     np.cumsum(ends, out=ends)
@@ -23,7 +26,7 @@ def counting_sort(key: Array, count: int, place: Array | None = None) -> tuple[A
     order = np.empty(len(key), np.uint32)
     share(kernels.put_in_order, parts, key, parts, ends, order, least=1)
     if place is not None:
-        some = _behind(key, place, order, start)
+        some = _behind(key, place, order, start) if loose is None else _keys_of(loose, key, count)
         share(kernels.sort_members, len(some), some, start, place, order)
     return order, start
 
@@ -37,6 +40,13 @@ def _behind(key: Array, place: Array, order: Array, start: Array) -> Array:
     another = np.ones(len(some), bool)
     another[1:] = some[1:] != some[:-1]
     return some[another]
+
+
+def _keys_of(rows: Array, key: Array, count: int) -> Array:
+    """The keys in [0, count) of some rows, each once."""
+    held = np.zeros(count, bool)
+    held[key[rows]] = True
+    return np.flatnonzero(held)
 
 
 def by_ids(key: Array, count: int, ids: Array) -> Array:

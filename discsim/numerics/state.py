@@ -120,7 +120,9 @@ class Particles:
         return both
 
     def copy(self) -> Self:
-        return type(self)(**{name: array.copy() for name, array in self.arrays().items()})
+        same = type(self)(**{name: array.copy() for name, array in self.arrays().items()})
+        same.loose = self.loose
+        return same
 
 
 @dataclass(kw_only=True)

@@ -7,13 +7,14 @@ mean. A particle off the grid belongs to the nearest tile.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+import weakref
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
 from scipy.ndimage import minimum_filter
 
-from discsim.kernels.tiles import in_marked, tiles_of
+from discsim.kernels.tiles import in_marked, owners_of, tiles_of
 from discsim.numerics import room
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import share
@@ -31,7 +32,7 @@ TOLERANCE = 0.1
 # At first arrays have room for a share of more entries: for arrivals and ghosts, which lie along a border. Of n own
 # particles of the species that has the fewest BORDER sqrt(n) are ghosts, and of others as large a part, at most SPARE.
 BORDER, SPARE = 64.0, 0.25
-TILES = 16  # along a side for each doubling of the ranks, at least
+TILES = 32  # along a side for each doubling of the ranks, at least
 
 
 class Division:
@@ -45,6 +46,9 @@ class Division:
         self.low = -0.5 * size.max() * np.ones(dim) if scene.centred else np.zeros(dim)
         self.per_tile = self.along / size.max()
         self.owner = np.zeros(self.along**dim, np.int64)
+        self.margin = 0.0  # within which of others' tiles particles are to be known
+        self._inside = self.owner[:0], 0.0, self.owner[:0]  # of which owners and margin, and what they are
+        self._near: list[tuple[Any, Array]] = []  # places and which of them are near others' tiles
         if dim == 2:
             x, y = np.divmod(np.arange(self.along**2), self.along)
             self.curve = np.argsort(hilbert(x, y, bits))
@@ -56,8 +60,16 @@ class Division:
         """As kernels take them."""
         return self.low, self.per_tile, self.along
 
-    def inside(self, margin: float) -> Array:
-        """Own tiles (tiles,) with no other's, and no edge of a periodic box, within a `margin`."""
+    @property
+    def inside(self) -> Array:
+        """Own tiles (tiles,) with no other's, and no edge of a periodic box, within the margin."""
+        owner, margin, found = self._inside
+        if owner is not self.owner or margin != self.margin:
+            found = self._find_inside(self.margin)
+            self._inside = self.owner, self.margin, found
+        return found
+
+    def _find_inside(self, margin: float) -> Array:
         own = (self.owner == self.comm.rank).reshape(self.along, -1)
         if self.scene.space.boundary == "periodic":
             size = np.array(self.scene.space.size)
@@ -74,6 +86,11 @@ class Division:
         share(tiles_of, len(pos), pos, self.tiles, out)
         return out
 
+    def near(self, pos: Array) -> Array:
+        """Numbers of the places (n, d) in tiles that are not inside, and maybe of some more."""
+        known = next((rows for of, rows in self._near if of() is pos), None)
+        return self.within(pos, ~self.inside) if known is None else known
+
     def within(self, pos: Array, marked: Array) -> Array:
         """Numbers of the places (n, d) that are in `marked` tiles (tiles,)."""
         return joined(share(in_marked, len(pos), pos, self.tiles, marked))
@@ -85,7 +102,7 @@ class Division:
             cost += COST[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
         if not whole:
             cost = self.comm.reduced(cost, MPI.SUM)  # whole numbers
-        cost += round(NODE * self._nodes(int(cost.sum())))
+        cost += round(NODE * self._nodes(int(cost.sum()))) * (cost > 0.0)  # nodes that nobody is near cost nothing
         if not whole:
             loads = np.bincount(self.owner, cost, self.comm.size)
             if loads.max() <= (1.0 + TOLERANCE) * loads.mean():
@@ -137,15 +154,24 @@ class Division:
             if name in state.own_acc and self.comm.mpi.allreduce(len(state.own_acc[name])) > 0:
                 state.own_acc[name] = route.send(state.own_acc[name])[order]
 
-    def migrate(self, particles: Particles) -> None:
-        """Bring particles to their owners."""
-        leaving = self.within(particles.pos, self.owner != self.comm.rank)
-        if not self.comm.reduced(len(leaving), MPI.MAX):
-            return
-        owner = self.owner[self.tile_of(particles.pos[leaving])]
-        route = Route(self.comm, by_rank(leaving, owner, self.comm.size))
-        arrays = particles.arrays()
-        particles.replace(leaving, dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
+    def settle(self, species: dict[str, Particles]) -> None:
+        """Bring particles to their owners, once they have moved."""
+        self._near.clear()
+        for particles in species.values():
+            self._migrate(particles)
+
+    def _migrate(self, particles: Particles) -> None:
+        near = self.within(particles.pos, ~self.inside)
+        owner = np.empty(len(near), np.int64)
+        share(owners_of, len(near), near, particles.pos, self.tiles, self.owner, owner)
+        away = owner != self.comm.rank
+        if self.comm.reduced(int(np.count_nonzero(away)), MPI.MAX):
+            route = Route(self.comm, by_rank(near[away], owner[away], self.comm.size))
+            arrays, known = particles.arrays(), len(particles.loose)
+            particles.replace(near[away], dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
+            near = near[~away]
+            near = np.concatenate([near[near < particles.count], particles.loose[known:]])
+        self._near.append((weakref.ref(particles.pos), near))
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:

@@ -229,4 +229,6 @@ def _made(particles: Any, wide: Any, both: dict[str, Array]) -> Any:
     for each in fields(particles):
         if each.default is MISSING:
             arrays.setdefault(each.name, getattr(particles, each.name)[:0])
-    return type(particles)(place=wide.place, **arrays)
+    made = type(particles)(place=wide.place, **arrays)
+    made.loose = wide.loose
+    return made

@@ -41,12 +41,20 @@ class Wide:
         self.count = self._held + route.count
         self._own_place = particles.place
         self._place: Array | None = None
+        self._own_loose = particles.loose if isinstance(particles, Particles) else None
         if isinstance(particles, Particles) and not lasting:
             particles.spare = max(particles.spare, route.count + route.count // SPARE)
 
     @property
     def own(self) -> slice:
         return slice(0, self._held)
+
+    @property
+    def loose(self) -> Array:
+        """Rows of arrays of both besides which places rise."""
+        assert self._own_loose is not None
+        own = self._own_loose[self._own_loose < self._held]
+        return np.concatenate([own, np.arange(self._held, self.count)])
 
     def own_among(self, some: Array) -> Array:
         """Of `some` rows of arrays of both those that are own: their numbers in own arrays."""

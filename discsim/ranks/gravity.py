@@ -35,6 +35,7 @@ class Nodes:
 
     def __init__(self, grid: Grid, division: Division) -> None:
         self.grid, self.division, self.comm = grid, division, division.comm
+        division.margin = grid.cell
         along = division.along - 1
         places = [np.clip((grid.nodes(axis) - division.low[0]) * division.per_tile, 0, along) for axis in range(2)]
         if grid.shape[1] == 1:
@@ -54,7 +55,7 @@ class Nodes:
     def about(self, particles: Particles) -> tuple[Array, Array, Pieces]:
         """Places and masses of own particles and of others about own nodes, and in which order sums go through them."""
         grid, pos = self.grid, particles.pos
-        some = self.division.within(pos, ~self.division.inside(grid.cell))
+        some = self.division.near(pos)
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
         found = share(others_about, len(some), some, pos, *where)  # few
         rows, whose = (joined([each[k] for each in found]) for k in range(2))

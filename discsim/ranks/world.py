@@ -61,8 +61,7 @@ class Ranks:
         self.forget()
         if to_sort(state.step):
             self.division.cut(state.species)
-        for particles in state.species.values():
-            self.division.migrate(particles)
+        self.division.settle(state.species)
         if to_sort(state.step):
             self._weigh(state)
 

@@ -23,14 +23,15 @@ def test_order_is_that_of_a_stable_sort(threads, number, most):
     np.testing.assert_array_equal(counts(key, most + 10), np.bincount(key, minlength=most + 10))
 
 
+@pytest.mark.parametrize("told", [False, True])
 @pytest.mark.parametrize("number", [0, 1, 9000])
-def test_members_of_a_key_are_in_the_order_of_their_places(threads, number):
+def test_members_of_a_key_are_in_the_order_of_their_places(threads, number, told):
     """Of which most are in rising order as they come; some have no key in common with anybody."""
     stream = np.random.default_rng(6)
     key, place = stream.integers(0, 3000, number).astype(np.uint32), np.arange(number, dtype=np.uint64)
     some = stream.permutation(number)[: number // 10]
     place[some] = np.roll(place[some], 1)
-    order, start = counting_sort(key, 3000, place)
+    order, start = counting_sort(key, 3000, place, np.append(some, some[:3]) if told else None)
     np.testing.assert_array_equal(order, np.lexsort((place, key)))
     np.testing.assert_array_equal(start, np.searchsorted(key[order], np.arange(3001)))
 

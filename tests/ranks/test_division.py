@@ -65,7 +65,8 @@ def test_inside_are_own_tiles_with_only_own_ones_about_them(boundary):
     own = division.owner.reshape(along, along) == 0
     expected = np.logical_and.reduce([np.roll(own, (i, j), (0, 1)) for i in range(-2, 3) for j in range(-2, 3)])
     beyond = 2 + 2 * (boundary == "periodic")  # nothing is known beyond the edge; of a box that goes on, of its edge
-    inside = division.inside(margin).reshape(along, along)
+    division.margin = margin
+    inside = division.inside.reshape(along, along)
     core = (slice(beyond, -beyond),) * 2
     np.testing.assert_array_equal(inside[core], expected[core])
     inside[core] = False

@@ -229,7 +229,7 @@ def test_windows_have_the_nodes_about_particles(ring):
         for j in range(-beyond, 2 + beyond):
             touched[first[:, 0] + BORDER + i, first[:, 1] + j] = True
     assert np.all(found[touched])
-    assert found.sum() < 1.2 * touched.sum() < 0.7 * np.prod(windows.shape(0, ring))
+    assert found.sum() < 1.35 * touched.sum() < 0.8 * np.prod(windows.shape(0, ring))  # rows are taken in bands
 
 
 @pytest.mark.parametrize("number", [0, 1, 5, 400, 2000])
