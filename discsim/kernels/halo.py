@@ -150,6 +150,13 @@ def mark_held(first, last, key, of, out):
 
 
 @compiled
+def number_anew(first, last, number, anew):
+    """Put in place of each `number` (n,) its new one of `anew`, whose last one is that of -1."""
+    for i in range(first, last):
+        number[i] = anew[number[i]]
+
+
+@compiled
 def sides_held(leaf, own, out):
     """Mark in `out` (2, x, y) the largest blocks in which any of the `own` (blocks,) blocks is, and any of the others;
     leaf (blocks, 2): the first of each.

@@ -88,7 +88,7 @@ class Particles:
         Where other processes have some of the particles all call it, with what goes of theirs.
         """
         if self.place is not None:
-            self.loose = np.append(self.loose, world.together.close_up(self.place, gone))
+            self.loose = np.append(self.loose, world.together.close_up(self.place, gone, self.loose))
         self.replace(np.flatnonzero(gone))
 
     def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:

@@ -116,9 +116,10 @@ class Alone:
     def settle(self, state: State) -> None:
         """Bring particles to the processes that they belong to, once they have moved."""
 
-    def close_up(self, place: Array, gone: Array) -> Array:
+    def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
         """Before those of the mask `gone` (n,) are removed, give their places to the last ones of all processes, as
-        `Particles.remove` does: `place` (n,) becomes what it is then. Returns the rows that got another one.
+        `Particles.remove` does: `place` (n,), which rises but for the rows `loose`, becomes what it is then. Returns
+        the rows that got another one.
         """
         raise NotImplementedError("one process has no places")
 

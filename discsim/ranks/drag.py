@@ -18,7 +18,7 @@ from discsim.drag.cells import ABOUT_GRAINS, Merged, about_grains
 from discsim.drag.known import Known
 from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS, MOST
-from discsim.kernels.halo import along_curve, blocks_in, mark_blocks, mark_held, sides_held
+from discsim.kernels.halo import along_curve, blocks_in, mark_blocks, mark_held, number_anew, sides_held
 from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
@@ -72,9 +72,11 @@ class Agreement(Known):
 
 
 def _some(blocks: Merged, some: Array) -> Merged:
+    """`some` of them; the numbers of all are made anew in place."""
     number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
     number[some] = np.arange(len(some))
-    return Merged(number[blocks.number], *(each[some] for each in blocks[1:]))
+    share(number_anew, len(blocks.number), blocks.number, number, light=True)
+    return Merged(blocks.number, *(each[some] for each in blocks[1:]))
 
 
 class DividedDrag:

@@ -22,7 +22,7 @@ from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Route, by_rank
 from discsim.ranks.division import Division
-from discsim.ranks.exchange import Wide, joined
+from discsim.ranks.exchange import Wide, joined, rising
 from discsim.ranks.slabs import Slabs
 from discsim.ranks.windows import Rows, Windows
 
@@ -66,8 +66,7 @@ class Nodes:
 
 def _in_order(place: Array, held: int, loose: Array) -> Pieces:
     """Rows by their `place` (n,), in pieces: of those `held` here it rises but for the `loose` ones."""
-    loose = np.sort(loose[loose < held])
-    loose = loose[np.append(True, loose[1:] != loose[:-1])[: len(loose)]]
+    loose = rising(loose[loose < held])
     others = np.concatenate([loose, np.arange(held, len(place))])
     first, last, rises = pieces_of(place, held, loose, others[np.argsort(place[others])])
     if not rises:  # arrays of another making

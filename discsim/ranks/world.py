@@ -13,7 +13,7 @@ from discsim.numerics.world import Fetched, Joined, Needed
 from discsim.ranks.agreed import alike
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
-from discsim.ranks.exchange import Ordered, Wide, asked_of, in_cells, route_to
+from discsim.ranks.exchange import Ordered, Wide, asked_of, in_cells, rising, route_to
 from discsim.ranks.sph import DividedSph
 
 if TYPE_CHECKING:
@@ -65,9 +65,9 @@ class Ranks:
         if to_sort(state.step):
             self._weigh(state)
 
-    def close_up(self, place: Array, gone: Array) -> Array:
+    def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
         removed = np.concatenate(self.comm.listed(place[gone]))
-        end = _largest(place, len(removed))
+        end = _largest(place, len(removed), loose)
         last, gone_too = (np.concatenate(self.comm.listed(array[end])) for array in (place, gone))
         order = np.argsort(last)[max(len(last) - len(removed), 0) :]
         movers = last[order][~gone_too[order]]
@@ -98,11 +98,10 @@ class Ranks:
         return np.concatenate([rows for _, rows in found])[np.argsort(np.concatenate([at for at, _ in found]))]
 
 
-def _largest(values: Array, number: int) -> Array:
-    """Which of `values` (n,), nearly in rising order, are the `number` largest."""
-    number = min(number, len(values))
-    if number == 0:
-        return np.arange(0)
-    # The last ones are no larger than the largest.
-    some = np.flatnonzero(values >= np.partition(values[-2 * number :], -number)[-number])
-    return some[np.argpartition(values[some], -number)[-number:]]
+def _largest(values: Array, number: int, loose: Array) -> Array:
+    """Which of `values` (n,), which rise but for the rows `loose`, are the `number` largest."""
+    count = len(values)
+    loose = rising(loose[loose < count])
+    begin = max(0, count - number - len(loose))  # the largest that are not loose are from there on
+    some = np.concatenate([loose[loose < begin], np.arange(begin, count)])
+    return some[np.argsort(values[some])[len(some) - min(number, count) :]]
