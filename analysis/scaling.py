@@ -265,7 +265,8 @@ def draw(found: dict[str, Any], path: Path) -> None:
         ranks = [int(n) for n in rows]
         right.loglog(ranks, total, "o-" if k % 2 == 0 else "s--", color=f"C{k // 2}", ms=4, label=title)
     right.set(xlabel="ranks", ylabel="seconds of a step", title="weak scaling")
-    right.legend(fontsize=7)
+    right.margins(y=0.25)
+    right.legend(fontsize=7, loc="upper left")
     figure.savefig(path, dpi=110)
 
 
