@@ -1,4 +1,4 @@
-"""Particles on a uniform grid: places to sort by, cloud-in-cell weights (Hockney & Eastwood 1988, ch. 5), gradient.
+"""Particles on a uniform grid: places to sort by, cloud-in-cell weights (Hockney & Eastwood 1988, ch. 5).
 
 Every sum has an order that does not depend on the number of threads. `origin` is the grid's lower corner,
 `inverse` one over the cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
@@ -21,17 +21,6 @@ BATCH = 128  # particles whose places are found before any of them is used, by v
 CHUNK = 4096  # particles of which `pull` notes what it found
 BAND = 32  # rows of nodes of which the particles' extent along y is found
 TILE = 6  # a tile of the order of particles in memory is 2^TILE cells wide
-
-# Weights of f at five nodes for 12 cell f' at the first, ..., the last of them: fourth order (Fornberg 1988).
-_STENCILS = np.array(
-    [
-        [-25.0, 48.0, -36.0, 16.0, -3.0],
-        [-3.0, -10.0, 18.0, -6.0, 1.0],
-        [1.0, -8.0, 0.0, 8.0, -1.0],
-        [-1.0, 6.0, -18.0, 10.0, 3.0],
-        [3.0, -16.0, 36.0, -48.0, 25.0],
-    ]
-)
 
 
 @compiled
@@ -379,49 +368,6 @@ def _extent_of_some(pos, first, last, origin, inverse, shape):
     if inside < last - first:
         return -1, -1, -1, -1
     return np.int64(x0), np.int64(x1), np.int64(y0), np.int64(y1)
-
-
-@subroutine
-def _place(i, count, periodic):
-    # Where the five nodes about node i begin, and which of them i is.
-    first = i - 2
-    if not periodic:
-        first = max(0, min(first, count - 5))
-    return first, i - first
-
-
-@compiled
-def gradient(begin, end, potential, cell, periodic, first_of, end_of, out):
-    """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges; in each row of columns from
-    `first_of` up to `end_of` (nx,), and at edges.
-
-    And there too where the potential has two nodes more than `out` on either side of an axis.
-    """
-    nx, ny = potential.shape
-    border_x, border = (nx - out.shape[0]) // 2, (ny - out.shape[1]) // 2
-    scale = 1.0 / (12.0 * cell)
-    a, b = 8.0 * scale, scale
-    for i in range(begin, end):
-        first, place = _place(i + border_x, nx, periodic)
-        w = _STENCILS[place]
-        w0, w1, w2, w3, w4 = scale * w[0], scale * w[1], scale * w[2], scale * w[3], scale * w[4]
-        low, high = max(first_of[i] + border - 2, 0), min(end_of[i] + border - 2, ny - 4)
-        r0, r1, r2 = potential[first % nx, low:], potential[(first + 1) % nx, low:], potential[(first + 2) % nx, low:]
-        r3, r4 = potential[(first + 3) % nx, low:], potential[(first + 4) % nx, low:]
-        line, row = potential[i + border_x, low:], out[i, 2 - border + low :]
-        for j in range(high - low):  # both components in one loop, of which no index is negative: it is vectorised
-            row[j, 0] = w0 * r0[j + 2] + w1 * r1[j + 2] + w2 * r2[j + 2] + w3 * r3[j + 2] + w4 * r4[j + 2]
-            row[j, 1] = a * (line[j + 3] - line[j + 1]) - b * (line[j + 4] - line[j])
-        r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]
-        r3, r4 = potential[(first + 3) % nx], potential[(first + 4) % nx]
-        line, row = potential[i + border_x], out[i]
-        for edge in range(0 if border else min(4, ny)):
-            j = edge if edge < 2 else ny + 1 - edge
-            first, place = _place(j, ny, periodic)
-            row[j, 0] = w0 * r0[j] + w1 * r1[j] + w2 * r2[j] + w3 * r3[j] + w4 * r4[j]
-            row[j, 1] = 0.0
-            for k in range(5):
-                row[j, 1] += scale * _STENCILS[place, k] * line[(first + k) % ny]
 
 
 @compiled

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.kernels import grid as kernels
+from discsim.kernels.gradient import gradient
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
@@ -160,7 +161,7 @@ class Grid:
         out = np.empty((*self.shape, 2)) if out is None else out
         bordered = field.shape != out.shape[:2]
         begin, end = columns or np.array([[0], [out.shape[1]]]).repeat(len(out), axis=1)
-        share(kernels.gradient, len(out), field, self.cell, self.periodic or bordered, begin, end, out, least=16)
+        share(gradient, len(out), field, self.cell, self.periodic or bordered, begin, end, out, least=16)
         return out
 
     @staticmethod

@@ -14,29 +14,28 @@ def scaling():
 
 
 def counts(ranks, particles, side=64):
-    """Particles in equal parts but for the first rank, which has a tenth more, and rows to one neighbour."""
+    """Particles in equal parts but for the first rank, which has a tenth more; all send rows to one neighbour, a
+    quarter of them to another machine.
+    """
     share = np.full(ranks, particles / ranks)
     share[0] *= 1.1 if ranks > 1 else 1.0
     rows = np.full(ranks, 0.0 if ranks == 1 else np.sqrt(particles))
     names = [f"{exchange} {name}" for exchange in ("sph", "drag", "grid") for name in ("gas", "dust")]
-    of_grid = dict.fromkeys(("density", "potential", "transforms"), 8.0 * rows)
+    sent = dict.fromkeys(names, (rows, rows / 4, np.ones(ranks)))
     return {
         "side": side,
         "particles": {"gas": share, "dust": 10 * share},
         "received": dict.fromkeys(names, rows),
-        "sent": dict.fromkeys(names, rows),
+        "sent": sent | dict.fromkeys(("density", "potential"), (8.0 * rows, 2.0 * rows, np.ones(ranks))),
         "runs": {name: np.full(ranks, 7) for name in ("sph gas", "drag gas", "drag dust")},
-        "rows": np.full(ranks, side / ranks),
         "window": np.full(ranks, side**2 / ranks),
-        "bytes": of_grid,
-        "messages": dict.fromkeys([*names, *of_grid], np.ones(ranks)),
     }
 
 
 def measured(scaling, given):
     """Ranks whose times are those of the model."""
     seconds = {part: A * scaling.units(given, part) + C for part in scaling.PARTS}
-    return [{"seconds": {part: float(each[r]) for part, each in seconds.items()}} for r in range(len(given["rows"]))]
+    return [{"seconds": {part: float(each[r]) for part, each in seconds.items()}} for r in range(len(given["window"]))]
 
 
 @pytest.fixture
@@ -63,11 +62,23 @@ def test_a_step_is_the_slowest_rank_of_each_part_and_what_it_sends(scaling, runs
     slowest = sum(max(rank["seconds"][part] for rank in run[4]) for part in scaling.PARTS)
     names = ["own work", "fetched particles", "calls", "uneven load"]
     assert sum(found[name] for name in names) == pytest.approx(slowest, rel=1e-6)
-    rows = np.sqrt(1e5)
-    assert found["bandwidth"] == pytest.approx((2 * (100 + 200 + 30) + 3 * 8) * rows / 1e9)
-    assert found["latency"] == pytest.approx(1e-6 * (2 * (10 + 20 + 5) + 3 + 50 * 2))
     runs_of_all = 4 * 3 * 7
-    assert found["lists of cells"] == pytest.approx(runs_of_all * (16 / 1e9 + scaling.SEARCH))
+    assert found["lists of cells"] == pytest.approx(runs_of_all * (16 / 1e9 + 16 / scaling.MEMORY + scaling.SEARCH))
+
+
+def test_what_goes_to_other_machines_shares_their_links(scaling, runs):
+    """The rest is copied in memory. Each of 64 ranks on two machines also has 1 / 64 of the transforms' 4096 rows, and
+    sends each of the others 1 / 64 of what is half transformed of them, both ways.
+    """
+    costs = {"fit": scaling.fit(runs), "row": {"sph": 100.0, "drag": 200.0, "grid": 30.0}}
+    costs |= {"sends": {"sph": 10, "drag": 20, "grid": 5}, "calls": 50}
+    found = scaling.predict(counts(64, 1e5, 4096), costs, scaling.Network("", 1e-6, 1e9))
+    row, rows = 2 * (100 + 200 + 30) + 2 * 8, np.sqrt(1e5)
+    of_transforms = 2 * 16 * 4096 / 64 * 4097 / 64
+    expected = 32 * (row * rows / 4 + 32 * of_transforms) / 1e9
+    expected += (row * rows * 3 / 4 + 31 * of_transforms) / scaling.MEMORY
+    assert found["bandwidth"] == pytest.approx(expected, rel=0.07)  # rows and columns are in whole pieces
+    assert found["latency"] == pytest.approx(1e-6 * (2 * (10 + 20 + 5) + 2 + 2 * 63 + 50 * 6))
 
 
 def test_more_particles_fetch_along_the_same_borders(scaling):
