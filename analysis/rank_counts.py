@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+from rank_sent import Sent, of_transforms
 from scipy.sparse import csr_array
 
 from discsim import Simulation
@@ -17,22 +18,19 @@ from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS
 from discsim.kernels.grid import BAND
 from discsim.kernels.halo import EITHER, mark_blocks, mark_cells
-from discsim.kernels.poisson import TILE
 from discsim.numerics.grid import BORDER, Extent, Grid
 from discsim.numerics.neighbours import keys_in
-from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
+from discsim.numerics.poisson import ROWS
 from discsim.numerics.world import Needed
 from discsim.ranks.division import Division
 from discsim.ranks.drag import numbers_of
 from discsim.ranks.exchange import runs_of
 from discsim.ranks.gravity import Nodes, nodes_of
-from discsim.ranks.slabs import Share
+from discsim.ranks.shares import Share
 from discsim.ranks.sph import HALO
 from discsim.ranks.windows import Windows, joined
 
 Array = np.ndarray
-EXCHANGES = ("sph gas", "drag gas", "drag dust", "grid gas", "grid dust")
-NODE = 32  # ranks of a machine of many, one after the other
 
 
 class Counts(NamedTuple):
@@ -47,24 +45,6 @@ class Counts(NamedTuple):
     def received(self, name: str) -> Array:
         """Ghosts (ranks,) that an exchange brings."""
         return np.asarray(self.rows[name].sum(axis=1)).ravel()
-
-
-class Sent(NamedTuple):
-    """What each rank (ranks,) sends: in all, to ranks of other machines than its own, and to how many ranks."""
-
-    total: Array
-    away: Array
-    messages: Array
-
-    @classmethod
-    def of(cls, matrix: Any) -> Sent:
-        """Of a matrix [receiver, sender]."""
-        some = csr_array(matrix).tocoo()
-        total, away = (
-            np.bincount(some.col, some.data * mask, some.shape[0])
-            for mask in (1.0, some.row // NODE != some.col // NODE)
-        )
-        return cls(total, away, np.bincount(some.col[some.data > 0], minlength=some.shape[0]))
 
 
 class Cells(NamedTuple):
@@ -178,19 +158,6 @@ def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent
         out[name] = Sent.of(of_slabs.T if name == "density" else of_slabs)
         of_rank = until[:, -1]
     return out, of_rank
-
-
-def of_transforms(shape: tuple[int, int], periodic: bool, ranks: int) -> tuple[dict[str, Sent], Array]:
-    """Bytes of both exchanges between the transforms, and rows of the grid (ranks,) that each transforms."""
-    count = shape[0] + (0 if periodic else 2 * BORDER)
-    padded, machine = padded_shape(shape, periodic), np.arange(ranks) // NODE
-    held, columns = (np.diff(Share.of(*of, ranks).edges) for of in ((count, ROWS), (tiles_of(padded), 1)))
-    out = {}
-    for name, mine, theirs in (("rows to columns", held, columns), ("columns to rows", columns, held)):
-        elsewhere = theirs.sum() - np.bincount(machine, theirs)[machine]
-        total, away = (16 * TILE * mine * others for others in (theirs.sum() - theirs, elsewhere))
-        out[name] = Sent(total, away, (mine > 0) * (np.count_nonzero(theirs) - (theirs > 0)))
-    return out, held
 
 
 def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int | None = None) -> Counts:

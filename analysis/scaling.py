@@ -35,16 +35,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from rank_counts import (
-    EXCHANGES,
-    NODE,
-    Counts,
-    Sent,
-    blocks_of_drag,
-    cells_of_gas,
-    counts_of,
-    of_transforms,
-)
+from rank_sent import EXCHANGES, NODE, Sent, of_transforms
 from scipy.optimize import nnls
 
 Array = np.ndarray
@@ -160,7 +151,7 @@ def _sent(counts: dict[str, Any], costs: dict[str, Any], more: float, side: int)
     return out
 
 
-def counted(counts: Counts, side: int) -> dict[str, Any]:
+def counted(counts: Any, side: int) -> dict[str, Any]:
     """`Counts` as numbers that JSON takes."""
     sent = {name: Sent.of(rows) for name, rows in counts.rows.items()}
     sent |= {name: counts.bytes[name] for name in ("density", "potential")}
@@ -176,6 +167,7 @@ def counted(counts: Counts, side: int) -> dict[str, Any]:
 
 def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -> dict[int, Any]:
     """Counts of the disc at its start, for each number of ranks."""
+    from rank_counts import blocks_of_drag, cells_of_gas, counts_of
     from rank_steps import scene
 
     from discsim import Simulation

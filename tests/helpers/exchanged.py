@@ -12,7 +12,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "analysis"))
 
-from rank_counts import Sent, blocks_of_drag, cells_of_gas, counts_of
+from rank_counts import blocks_of_drag, cells_of_gas, counts_of
+from rank_sent import Sent
 from runs import DISC
 
 from discsim import Simulation
