@@ -5,7 +5,6 @@ Rows of an exchange are particles; `rows[receiver, sender]` is a sparse matrix (
 
 from __future__ import annotations
 
-from functools import reduce
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -18,7 +17,7 @@ from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS
 from discsim.kernels.grid import BAND
 from discsim.kernels.halo import EITHER, mark_blocks, mark_cells
-from discsim.numerics.grid import BORDER, Extent, Grid
+from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import keys_in
 from discsim.numerics.poisson import ROWS
 from discsim.numerics.world import Needed
@@ -28,7 +27,7 @@ from discsim.ranks.exchange import runs_of
 from discsim.ranks.gravity import Nodes, nodes_of
 from discsim.ranks.shares import Share
 from discsim.ranks.sph import HALO
-from discsim.ranks.windows import Windows, joined
+from discsim.ranks.windows import Windows, no_nodes
 
 Array = np.ndarray
 
@@ -121,12 +120,12 @@ def nodes_about(grid: Grid, pos: Array) -> tuple[Array, Array]:
     return np.where(on[:, None], s, 0.0).astype(np.int32), on
 
 
-def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[csr_array, list[Extent]]:
-    """Rows that each rank needs to sum its nodes, and where the first nodes about these and own ones are."""
+def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[csr_array, Array, Array]:
+    """Rows that each rank needs to sum its nodes, and where the first nodes about these and own ones are, as
+    `Windows.about` takes it.
+    """
     low, on = nodes_about(nodes.grid, pos)
-    nx, ny = nodes.grid.shape
-    ends = np.tile([nx, -1], (ranks, 1)).T.copy()
-    bands = np.tile([ny, -1], (ranks, (nx - 1) // BAND + 1, 1)).T.copy()  # (2, bands, ranks)
+    ends, bands = no_nodes(nodes.grid, ranks)
     rows = csr_array((ranks, ranks))
     tiles, whose = nodes.tiles, nodes.owner
     needing = np.stack([whose[tiles[0][low[:, 0] + i], tiles[1][low[:, 1] + j]] for i in (0, 1) for j in (0, 1)])
@@ -139,8 +138,8 @@ def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[c
         x, y = low[new].T
         for k, furthest in enumerate((np.minimum, np.maximum)):
             furthest.at(ends[k], ranked[new], x)
-            furthest.at(bands[k], (x // BAND, ranked[new]), y)
-    return rows, [Extent(*bands[:, :, rank], *ends[:, rank].tolist(), 0) for rank in range(ranks)]
+            furthest.at(bands[k], (ranked[new], x // BAND), y)
+    return rows, ends, bands
 
 
 def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent], Array]:
@@ -148,7 +147,7 @@ def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent
     border = 0 if grid.periodic else BORDER
     count = grid.shape[0] + 2 * border
     edges = np.array(Share.of(count, ROWS, ranks).edges)
-    out, of_rank = {}, np.zeros(ranks)
+    out = {}
     for name, size in (("density", grid.shape[0]), ("potential", count)):
         rows = nodes_of(np.arange(size), grid.shape[0], border)
         begin, end = windows.columns(slice(None), rows, ring=name == "potential")
@@ -156,8 +155,7 @@ def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent
         of_slabs = 8 * np.diff(until[:, np.minimum(edges, size)], axis=1)
         np.fill_diagonal(of_slabs, 0)
         out[name] = Sent.of(of_slabs.T if name == "density" else of_slabs)
-        of_rank = until[:, -1]
-    return out, of_rank
+    return out, until[:, -1]
 
 
 def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int | None = None) -> Counts:
@@ -171,11 +169,12 @@ def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int |
     grid = sim.state.grid
     if cells is not None:
         grid = Grid(grid.origin, grid.cell * grid.shape[0] / cells, (cells, cells), grid.periodic)
-    nodes, extents = Nodes(grid, division), []
+    nodes, (ends, bands) = Nodes(grid, division), no_nodes(grid, ranks)
     for name, p in species.items():
-        rows[f"grid {name}"], extent = rows_of_nodes(nodes, p.pos, owners[name], ranks)
-        extents.append(extent)
-    windows = Windows.about([reduce(joined, each) for each in zip(*extents, strict=True)], grid)
+        rows[f"grid {name}"], *found = rows_of_nodes(nodes, p.pos, owners[name], ranks)
+        for both, each in zip((ends, bands), found, strict=True):
+            both[:] = np.minimum(both[0], each[0]), np.maximum(both[1], each[1])
+    windows = Windows.about(ends, bands, 0, grid)
     of_grid, window = of_windows(windows, grid, ranks)
     of_grid |= of_transforms(grid.shape, grid.periodic, ranks)[0]
     particles = {name: np.bincount(owner, minlength=ranks) for name, owner in owners.items()}

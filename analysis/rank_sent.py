@@ -14,7 +14,7 @@ from discsim.ranks.shares import Share
 
 Array = np.ndarray
 EXCHANGES = ("sph gas", "drag gas", "drag dust", "grid gas", "grid dust")
-NODE = 32  # ranks of a machine of many, one after the other
+PER_MACHINE = 32  # ranks, one after the other
 
 
 class Sent(NamedTuple):
@@ -30,7 +30,7 @@ class Sent(NamedTuple):
         some = csr_array(matrix).tocoo()
         total, away = (
             np.bincount(some.col, some.data * mask, some.shape[0])
-            for mask in (1.0, some.row // NODE != some.col // NODE)
+            for mask in (1.0, some.row // PER_MACHINE != some.col // PER_MACHINE)
         )
         return cls(total, away, np.bincount(some.col[some.data > 0], minlength=some.shape[0]))
 
@@ -38,7 +38,7 @@ class Sent(NamedTuple):
 def of_transforms(shape: tuple[int, int], periodic: bool, ranks: int) -> tuple[dict[str, Sent], Array]:
     """Bytes of both exchanges between the transforms, and rows of the grid (ranks,) that each transforms."""
     count = shape[0] + (0 if periodic else 2 * BORDER)
-    padded, machine = padded_shape(shape, periodic), np.arange(ranks) // NODE
+    padded, machine = padded_shape(shape, periodic), np.arange(ranks) // PER_MACHINE
     held, columns = (np.diff(Share.of(*of, ranks).edges) for of in ((count, ROWS), (tiles_of(padded), 1)))
     out = {}
     for name, mine, theirs in (("rows to columns", held, columns), ("columns to rows", columns, held)):

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from rank_sent import EXCHANGES, NODE, Sent, of_transforms
+from rank_sent import EXCHANGES, PER_MACHINE, Sent, of_transforms
 from scipy.optimize import nnls
 
 Array = np.ndarray
@@ -56,7 +56,7 @@ class Network(NamedTuple):
 
 
 NETWORKS = (Network("InfiniBand 200 Gb/s", 2e-6, 25e9), Network("Ethernet 25 Gb/s", 20e-6, 3.1e9))
-MEMORY = 2e9  # bytes a second of a rank to others of its machine, while all 32 send
+MEMORY = 2e9  # bytes a second of a rank to others of its machine while all 32 send: assumed; two alone do 5e9
 # Of each part of a step: the species and the exchange that bring its units.
 PARTS = {
     "gas": (("gas",), "sph"), "drag": (("gas", "dust"), "drag"), "grid particles": (("gas", "dust"), "grid"),
@@ -130,7 +130,7 @@ def predict(
     out["uneven load"] = slowest - own - calls
     if network is not None and size > 1:
         sent = _sent(counts, costs, more, side or counts["side"])
-        machines = np.arange(0, size, NODE)
+        machines = np.arange(0, size, PER_MACHINE)
         out["bandwidth"] = sum(
             np.add.reduceat(each.away, machines).max() / network.link + (each.total - each.away).max() / MEMORY
             for each in sent.values()

@@ -338,7 +338,7 @@ def extents(begin, end, pos, origin, inverse, shape, periodic):
         for p in range(first, last):
             if x0 >= 0:
                 ix = int((pos[p, 0] - origin[0]) * inverse - 0.5)
-                iy = int((pos[p, pos.shape[1] - 1] - origin[1]) * inverse - 0.5)
+                iy = int((pos[p, 1] - origin[1]) * inverse - 0.5)
             else:
                 ix = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
                 iy = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]

@@ -93,12 +93,12 @@ class DividedMesh(Mesh):
         x, y = windows.low[self.comm.rank].tolist()
         self.first, self.density = (x, y), self._room("density", windows.shape(self.comm.rank))
         self.density[:] = 0.0
-        rows = self._rows()
+        self._rows = rows = self._rows_here()
         if self.density.size > 0:
             for pos, mass, pieces in given.values():
                 self.grid.deposit(pos, mass, self.density, self.first, pieces)
             self.nodes.leave_own(self.density, self.first, rows.begin, rows.end)
-        self._to_slabs(rows)
+        self._to_slabs()
         self.slabs.solve()
         self._to_windows()
         self._sums = self._summed() if windows.off else (np.zeros(0), np.zeros(0))
@@ -106,8 +106,7 @@ class DividedMesh(Mesh):
     def differentiate(self) -> None:
         self._gradient = self._room("gradient", (*self.density.shape, 2))
         if self._gradient.size > 0:
-            rows = self._rows()
-            self.grid.gradient(self._potential, self._gradient, (rows.begin, rows.end))
+            self.grid.gradient(self._potential, self._gradient, (self._rows.begin, self._rows.end))
 
     def sums(self) -> tuple[Array, Array]:
         return self._sums
@@ -119,16 +118,16 @@ class DividedMesh(Mesh):
             self._kept[name] = np.empty(size)
         return self._kept[name][:size].reshape(shape)
 
-    def _rows(self) -> Rows:
+    def _rows_here(self) -> Rows:
         """Those of this rank's window, without its ring."""
         rank, (x, y) = self.comm.rank, self.first
         rows = np.arange(x, x + self.density.shape[0])
         begin, end = (ends[0] - y for ends in self.windows.columns(slice(rank, rank + 1), rows))
         return Rows.of(rows - x, begin, end)
 
-    def _to_slabs(self, rows: Rows) -> None:
+    def _to_slabs(self) -> None:
         """The density of the windows to the slabs: of each node one number, and zeros."""
-        slabs, first = self.slabs, self.slabs.rows.edges[self.comm.rank]
+        slabs, first, rows = self.slabs, self.slabs.rows.edges[self.comm.rank], self._rows
         taken = self.windows.columns(slice(None), np.arange(first, first + slabs.held))
         ends = np.clip(np.array(slabs.rows.edges) - self.first[0], 0, len(rows.row))
         given = np.diff(rows.start[ends])

@@ -41,24 +41,26 @@ class Windows(NamedTuple):
         mine = reduce(joined, extents)
         some = slice(mine.low // BAND, mine.high // BAND + 1)
         told = np.concatenate([[mine.low, mine.high, mine.off], mine.least[some], mine.most[some]])
-        return cls.about([_told(each, grid) for each in comm.listed(told.astype(np.int32))], grid)
+        ends, bands = no_nodes(grid, comm.size)
+        off = 0
+        for rank, each in enumerate(comm.listed(told.astype(np.int32))):
+            ends[:, rank], first, number = each[:2], each[0] // BAND, (len(each) - 3) // 2
+            bands[:, rank, first : first + number] = each[3:].reshape(2, number)
+            off += int(each[2])
+        return cls.about(ends, bands, off, grid)
 
     @classmethod
-    def about(cls, extents: list[Extent], grid: Grid) -> Windows:
-        """About the particles of each rank."""
+    def about(cls, ends: Array, bands: Array, off: int, grid: Grid) -> Windows:
+        """About the particles of each rank: their least and largest first nodes along x, `ends` (2, ranks), and along
+        y, `bands` (2, ranks, bands).
+        """
         count = np.array(grid.shape)
-        least, most = (np.stack([getattr(each, name) for each in extents]) for name in ("least", "most"))
-        low = np.stack([[each.low for each in extents], least.min(axis=1)], axis=1)
-        high = np.stack([[each.high for each in extents], most.max(axis=1)], axis=1)
+        low, high = np.stack([ends, [bands[0].min(axis=1), bands[1].max(axis=1)]], axis=-1)
         empty = low > high
         whole = grid.periodic & ((low < BORDER) | (high + 1 + BORDER >= count))
         low, high = np.where(empty | whole, 0, low), np.where(empty, 0, np.where(whole, count, high + 2))
-        none_beyond = ((0, 0), (1, 1))
-        least, most = (
-            np.pad(least, none_beyond, constant_values=count[1]),
-            np.pad(most, none_beyond, constant_values=-1),
-        )
-        off = sum(each.off for each in extents)
+        none = no_nodes(grid, len(low))[1][:, :, :1]
+        least, most = np.concatenate([none, bands, none], axis=2)
         return cls(low, high, np.where(empty | whole, 0, BORDER), least, most, off, grid.periodic)
 
     def shape(self, rank: int, ring: bool = False) -> tuple[int, int]:
@@ -88,13 +90,12 @@ def joined(one: Extent, other: Extent) -> Extent:
     return Extent(least, most, min(one.low, other.low), max(one.high, other.high), one.off + other.off)
 
 
-def _told(told: Array, grid: Grid) -> Extent:
-    (low, high, off), (least, most) = told[:3].tolist(), np.split(told[3:], 2)
+def no_nodes(grid: Grid, ranks: int) -> tuple[Array, Array]:
+    """What `Windows.about` takes, of ranks without particles."""
     nx, ny = grid.shape
-    bands = np.full((nx - 1) // BAND + 1, ny), np.full((nx - 1) // BAND + 1, -1)
-    for each, some in zip(bands, (least, most), strict=True):
-        each[low // BAND : low // BAND + len(some)] = some
-    return Extent(*bands, low, high, off)
+    ends, bands = np.full((2, ranks), -1), np.full((2, ranks, (nx - 1) // BAND + 1), -1)
+    ends[0], bands[0] = nx, ny
+    return ends, bands
 
 
 class Rows(NamedTuple):
@@ -114,7 +115,7 @@ class Rows(NamedTuple):
     def take(self, field: Array) -> Array:
         """Their entries (m,) of a field (x, y)."""
         out = np.empty(int(self.start[-1]))
-        share(take_spans, len(self.row), field, *self, out, light=True)
+        share(take_spans, len(self.row), field, *self, out, least=64)  # rows
         return out
 
     def put(self, found: Array, field: Array, add: bool = False) -> None:

@@ -33,7 +33,7 @@ from discsim.ranks.division import Division
 from discsim.ranks.drag import _needed, numbers_of
 from discsim.ranks.gravity import _in_order
 from discsim.ranks.leaves import Leaves
-from discsim.ranks.windows import Windows, joined
+from discsim.ranks.windows import Windows, joined, no_nodes
 from discsim.ranks.world import _largest
 
 
@@ -216,10 +216,12 @@ def test_windows_have_the_nodes_about_particles(ring):
     rng = np.random.default_rng(3)
     squares = np.array([[120.0, 50.0], [50.0, 120.0]])
     clouds = [rng.random((20000, 2)) * 70 + corner for corner in squares]
-    windows = Windows.about([joined(*map(grid.extent, clouds)), grid.extent(np.empty((0, 2)))], grid)
+    both, (ends, bands) = joined(*map(grid.extent, clouds)), no_nodes(grid, 2)  # a rank without particles
+    ends[:, 0], bands[:, 0] = (both.low, both.high), (both.least, both.most)
+    windows = Windows.about(ends, bands, 0, grid)
     rows = np.arange(-BORDER, 300 + BORDER)
     begin, end = windows.columns(slice(None), rows, ring)
-    assert np.array_equal(begin[1], end[1])  # a rank without particles
+    assert np.array_equal(begin[1], end[1])
     columns = np.arange(200)
     found = (columns >= begin[0, :, None]) & (columns < end[0, :, None])
     touched = np.zeros_like(found)
