@@ -81,6 +81,17 @@ def test_what_goes_to_other_machines_shares_their_links(scaling, runs):
     assert found["latency"] == pytest.approx(1e-6 * (2 * (10 + 20 + 5) + 2 + 2 * 63 + 50 * 6))
 
 
+def test_what_is_sent_goes_to_ranks_of_this_machine_or_another(scaling):
+    """Each of 64 ranks sends its number to the next one and twice that to the last: [receiver, sender]."""
+    sends = np.diag(np.arange(63.0), -1)
+    sends[63, :62] = 2 * np.arange(62)
+    found = scaling.Sent.of(sends)
+    r = np.arange(64)
+    np.testing.assert_array_equal(found.total, np.where(r < 62, 3 * r, r * (r < 63)))
+    np.testing.assert_array_equal(found.away, np.where(r < 32, 2 * r + 31 * (r == 31), 0))
+    np.testing.assert_array_equal(found.messages, np.where(r < 62, 2, r < 63) * (r > 0))
+
+
 def test_more_particles_fetch_along_the_same_borders(scaling):
     """A hundred times the particles: as many times their own, ten times those that are fetched."""
     given = counts(4, 1e5)
