@@ -24,7 +24,7 @@ Array = np.ndarray
 RINGS = 16
 NOBODY = np.empty(0, np.int64)
 Samples = dict[str, tuple[Array, int, Array]]  # by species: ids (n,), how many there are in the whole run, and rows
-SAMPLE = 4096  # particles of a species, of whom a few tell the sense: of ids that are whole multiples of a power of two
+SAMPLE = 1024  # particles of a species, of whom a few tell the sense: of ids that are whole multiples of a power of two
 
 
 def frame(drag: Drag, state: State) -> Frame:

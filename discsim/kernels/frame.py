@@ -23,14 +23,12 @@ class Frame(NamedTuple):
 def multiples_of(ids, every):
     """Rows of those of `ids` (n,) that are whole multiples of `every`, a power of two: few."""
     mask, count = every - 1, 0
-    for i in range(np.uint64(len(ids))):
-        count += (ids[i] & mask) == 0
-    out, count = np.empty(count, np.int64), 0
+    out = np.empty(len(ids), np.int64)  # of which little is touched
     for i in range(np.uint64(len(ids))):
         if (ids[i] & mask) == 0:
             out[count] = i
             count += 1
-    return out
+    return out[:count].copy()
 
 
 @compiled

@@ -159,7 +159,7 @@ class Sph:
         """`density` with h of no less than h_least; False where it has to begin anew, with more particles around."""
         driver = density_driver(self.kernel, self.dim, self.balsara, self.single)
         both, h, mass, cells = self.around(gas)
-        self.both, self.cells = both, cells
+        self.both, self.cells, self.fullest = both, cells, int(np.diff(cells.start).max())
         lists = self.lists = self.parts(self.listed(cells, cells.filled))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(len(h) if self.balsara else 0) for _ in range(2)]
@@ -197,7 +197,7 @@ class Sph:
 
     def parts(self, lists: list[Any]) -> list[Any]:
         """Lists with what the sums of each work in: kernels that make arrays would count references in their loops."""
-        most, real = int(np.diff(self.cells.start).max()), np.float32 if self.single else np.float64
+        most, real = self.fullest, np.float32 if self.single else np.float64
         packs = room.aligned((len(lists), ROWS * STRIDE), real)
         packs[:] = 0.0
         members = (most + TILE - 1) // TILE * TILE * MEMBER_ROWS

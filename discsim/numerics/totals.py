@@ -4,8 +4,6 @@ however they are divided, among threads or processes.
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numpy as np
 
 from discsim.numerics import world
@@ -43,6 +41,6 @@ def _number(limbs: list[int]) -> float:
         return float("nan")
     whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:-1]))
     try:
-        return float(Fraction(whole, UNIT))
+        return whole / UNIT  # rounded once
     except OverflowError:
         return float("inf") if whole > 0 else float("-inf")
