@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 RINGS = 16
 NOBODY = np.empty(0, np.int64)
-Samples = dict[str, tuple[Array, int, Array]]  # by species: ids (n,), how many there are in the whole run, and rows
+Samples = dict[str, tuple[Array, int, Array]]  # by species: ids (n,), the power of two, and rows
 SAMPLE = 1024  # particles of a species, of whom a few tell the sense: of ids that are whole multiples of a power of two
 
 
@@ -64,12 +64,21 @@ def _about_star(samples: Samples, state: State, mass: float, softening: float) -
 def _sample(samples: Samples, name: str, particles: Particles) -> Array:
     """Which particles of a species to look at; noted in `samples` until its rows are others."""
     ids, count = particles.ids, particles.everywhere
-    seen, number, rows = samples.get(name, (None, 0, NOBODY))
-    if seen is not ids or number != count:  # what changes rows makes new arrays (`Particles`)
-        every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
+    every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
+    seen, power, rows = samples.get(name, (NOBODY, 0, NOBODY))
+    if power != every or (seen is not ids and not _still_there(rows, seen, ids, every)):
         rows = multiples_of(ids, every)
-        samples[name] = ids, count, rows
+    samples[name] = ids, every, rows
     return rows
+
+
+def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
+    """Whether the multiples among `ids` are in the rows that they had `before` some went, or all were sorted: where as
+    many are still in these, none is in another. Not so where particles of other processes may have come.
+    """
+    if world.together.many or len(ids) > len(before):
+        return False
+    return bool(np.all(rows < len(ids)) and np.all(ids[rows] & every - 1 == 0))
 
 
 def clockwise(about_star: Frame) -> bool:

@@ -303,16 +303,14 @@ class Effect(base.Effect):
 
     def _accrete(self, state: State, k: int, name: str, place: list[float]) -> None:
         companion, p = self.companions[k], state.species[name]
-        inside = np.empty(p.count, bool)
-        share(kernels.divide, p.count, p.pos, companion.accretion_radius**2, inside, *place)
-        gone = np.flatnonzero(inside)
+        found = share(kernels.divide, p.count, p.pos, companion.accretion_radius**2, *place)
+        gone = np.concatenate([inside for _, inside in found])
         if companion.accretion_rate is not None:
             kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
-            inside[gone[kept]] = False
             gone = gone[~kept]
         if world.together.most(len(gone)) > 0:
             swallow(state, k + 1, name, gone, grows=True, moves=bool(self.orbits.live[k]))
-            p.remove(inside)
+            p.remove(gone)
 
     def _share(self, state: State, k: int) -> float:
         """Of what is within the radius, taken in the step that has been made."""

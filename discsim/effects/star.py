@@ -162,10 +162,9 @@ class Effect(base.Effect):
 
     def _accrete(self, state: State, name: str, particles: Particles, place: tuple[float, float]) -> None:
         squared = self.star.accretion_radius**2
-        inside = np.empty(particles.count, bool)
-        found = share(kernels.divide, particles.count, particles.pos, squared, inside, *place, light=True)
-        self._nearest[name] = min(found)
-        gone = np.flatnonzero(inside)
+        found = share(kernels.divide, particles.count, particles.pos, squared, *place, light=True)
+        self._nearest[name] = min(least for least, _ in found)
+        gone = np.concatenate([inside for _, inside in found])
         if world.together.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
@@ -179,7 +178,7 @@ class Effect(base.Effect):
         ledger.accreted_angular_momentum += float(angular_momentum)
         if state.bodies is not None:
             swallow(state, 0, name, gone, grows=self.star.grows, moves=self.orbits.inertial)
-        particles.remove(inside)
+        particles.remove(gone)
 
     def potential_energy(self, state: State) -> float:
         energy, place = 0.0, np.array(state.star_place)

@@ -6,9 +6,9 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels.blocks import LEVELS
+from discsim.kernels.filling import SOME, with_room
 from discsim.kernels.inner import compiled, subroutine
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
-from discsim.kernels.tiles import SOME, with_room
 from discsim.kernels.zcurve import place_of
 
 THEIRS, OWN, EITHER = range(3)

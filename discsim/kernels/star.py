@@ -8,6 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels.filling import SOME as ROOM
+from discsim.kernels.filling import with_room
 from discsim.kernels.inner import KERNEL, compiled
 from discsim.kernels.totals import LIMBS, SOME, add_some
 
@@ -106,11 +108,11 @@ def nearest(begin, end, pos, x0, y0):
 
 
 @njit(**KERNEL, fastmath={"nnan", "nsz"})
-def divide(begin, end, pos, squared, inside, x0, y0):
-    """Note which positions (n, 2) are nearer to (x0, y0) than a distance that is given squared; returns the least
-    squared distance of the others.
+def divide(begin, end, pos, squared, x0, y0):
+    """The least squared distance from (x0, y0) of positions (n, 2) that are not nearer than a distance that is given
+    squared, and the numbers of those that are.
     """
-    least = np.inf
+    least, inside, count = np.inf, np.empty(ROOM, np.int64), np.uint64(0)
     flat = pos.reshape(-1)
     for block in range(begin, end, SOME):
         first, last = np.uint64(block), np.uint64(min(block + SOME, end))
@@ -118,14 +120,15 @@ def divide(begin, end, pos, squared, inside, x0, y0):
         for i in range(first, last):
             x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
             here = min(here, x * x + y * y)
-        inside[first:last] = False
         if here < squared:  # of few blocks; the loop above is vectorised
-            here = np.inf
+            here, inside = np.inf, with_room(inside, count)
             for i in range(first, last):
                 x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
                 d2 = x * x + y * y
-                inside[i] = d2 < squared
-                if d2 >= squared:
+                if d2 < squared:
+                    inside[count] = i
+                    count += ONE
+                else:
                     here = min(here, d2)
         least = min(least, here)
-    return least
+    return least, inside[: np.int64(count)]

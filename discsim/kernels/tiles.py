@@ -5,11 +5,11 @@ grid, with the order in which sums go through these.
 import numpy as np
 from numba import njit
 
+from discsim.kernels.filling import SOME, with_room
 from discsim.kernels.grid import stencil
-from discsim.kernels.inner import compiled, inner, subroutine
+from discsim.kernels.inner import compiled, inner
 
 ONE, TWO = np.uint64(1), np.uint64(2)
-SOME = np.uint64(4096)  # particles that are looked through before there has to be room for more of them
 BATCH = np.uint64(128)  # places whose tiles are found at once
 
 
@@ -80,16 +80,6 @@ def _tiles_of_some(pos, begin, n, tiles, marked, out):
             if marked[column * along + row]:
                 return True
     return False
-
-
-@subroutine
-def with_room(rows, count):
-    # Behind the first `count` of them for SOME more.
-    if count + SOME <= np.uint64(len(rows)):
-        return rows
-    out = np.empty(2 * len(rows), rows.dtype)
-    out[: np.int64(count)] = rows[: np.int64(count)]
-    return out
 
 
 @compiled

@@ -83,13 +83,15 @@ class Particles:
         self.take(by_ids(key, count, self.ids))
 
     def remove(self, gone: Array) -> None:
-        """Drop the particles of the mask `gone` (n,); the last ones take their places, so that little is moved.
+        """Drop the particles `gone`, a mask (n,) or their numbers in rising order; the last ones take their places, so
+        that little is moved.
 
         Where other processes have some of the particles all call it, with what goes of theirs.
         """
+        gone = np.flatnonzero(gone) if gone.dtype == bool else gone
         if self.place is not None:
             self.loose = np.append(self.loose, world.together.close_up(self.place, gone, self.loose))
-        self.replace(np.flatnonzero(gone))
+        self.replace(gone)
 
     def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
         """Put particles that `come`, arrays (m, ...) by name, in the places `leaving` (k,), and then the last ones."""

@@ -117,7 +117,7 @@ class Alone:
         """Bring particles to the processes that they belong to, once they have moved."""
 
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
-        """Before those of the mask `gone` (n,) are removed, give their places to the last ones of all processes, as
+        """Before the rows `gone` are removed, give their places to the last ones of all processes, as
         `Particles.remove` does: `place` (n,), which rises but for the rows `loose`, becomes what it is then. Returns
         the rows that got another one.
         """

@@ -68,7 +68,7 @@ class Ranks:
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
         removed = np.concatenate(self.comm.listed(place[gone]))
         end = _largest(place, len(removed), loose)
-        last, gone_too = (np.concatenate(self.comm.listed(array[end])) for array in (place, gone))
+        last, gone_too = (np.concatenate(self.comm.listed(each)) for each in (place[end], np.isin(end, gone)))
         order = np.argsort(last)[max(len(last) - len(removed), 0) :]
         movers = last[order][~gone_too[order]]
         holes = np.sort(removed)[: len(movers)]

@@ -102,17 +102,22 @@ def test_gas_and_dust_that_turn_against_each_other_only_slow_down(scheme):
 
 
 def test_the_frame_looks_at_the_same_particles_wherever_they_are(monkeypatch):
-    """What it has noted of rows goes when they are sorted, or some are gone."""
+    """What it has noted of rows goes when they are sorted, or some that it looks at are gone; not where others are."""
     monkeypatch.setattr(frame, "SAMPLE", 100)
+    searches, search = [], frame.multiples_of
+    monkeypatch.setattr(frame, "multiples_of", lambda *given: searches.append(given) or search(*given))
     disc, star = {"kind": "disc", "mass": 0.01, "inner": 0.7, "outer": 1.4}, {"mass": 1.0, "accretion_radius": 0.75}
     sim = Simulation(tables("tsc", initial=disc, star=star))
-    first, kept = sim.dust.ids[:20].tolist(), 0
+    first = sim.dust.ids[:20].tolist()
     for _ in range(18):  # sorted after the 1st and the 17th
-        before = {name: noted[0] for name, noted in sim.effects["drag"].samples.items()}
         sim.step()
         for name, p in sim.state.species.items():
-            ids, count, rows = sim.effects["drag"].samples[name]
-            kept += ids is before.get(name)
-            every = 1 << max(0, -(-count // 100) - 1).bit_length()
-            assert count == p.count and p.ids[rows].tolist() == p.ids[p.ids % every == 0].tolist()
-    assert sim.dust.count < 2000 and sim.dust.ids[:20].tolist() != first and kept > 0
+            _, power, rows = sim.effects["drag"].samples[name]
+            every = 1 << max(0, -(-p.count // 100) - 1).bit_length()
+            assert power == every and p.ids[rows].tolist() == p.ids[p.ids % every == 0].tolist()
+    assert sim.dust.count < 2000 and sim.dust.ids[:20].tolist() != first
+    for looked_at in (False, True):
+        before, seen = len(searches), sim.dust.ids % 32 == 0
+        sim.dust.remove(np.flatnonzero(seen[:-1] == looked_at)[:1])
+        sim.step()
+        assert len(searches) - before == looked_at
