@@ -59,14 +59,30 @@ def neighbours(ix, iy, level, levels, flat, out):
 
 
 @inner
+def is_inner(ix, iy, level, levels, flat):
+    """Whether all nine nodes about one are next to it in memory: nearly always."""
+    return 1 < ix < levels.width[level] and 1 < iy < levels.height[level] and not flat
+
+
+@inner
 def number_nodes(level, leaf, levels, flat, at, index, place, near):
     """Number the nodes in reach of blocks in the order of these: `place` (n, 3), level and place on its lattice."""
     total = 0
     for block in range(len(level)):
         n = level[block]
-        ix, iy = (leaf[block, 0] >> n) + 1, (leaf[block, 1] >> n) + 1
+        ix, iy, rows = (leaf[block, 0] >> n) + 1, (leaf[block, 1] >> n) + 1, levels.height[n] + 2
+        middle = levels.first[n] + ix * rows + iy
+        at[middle] = block
+        if is_inner(ix, iy, n, levels, flat):
+            for i in range(-1, 2):
+                for j in range(-1, 2):
+                    node = np.uint64(middle + i * rows + j)
+                    if index[node] < 0:
+                        index[node] = total
+                        place[total, 0], place[total, 1], place[total, 2] = n, ix + i, iy + j
+                        total += 1
+            continue
         neighbours(ix, iy, n, levels, flat, near)
-        at[near[4, 0]] = block
         for k in range(9):
             node = near[k, 0]
             if node >= 0 and index[node] < 0:
@@ -79,7 +95,16 @@ def number_nodes(level, leaf, levels, flat, at, index, place, near):
 @inner
 def link_nodes(total, levels, flat, at, index, place, near, about, blocks):
     for n in range(total):
-        neighbours(place[n, 1], place[n, 2], place[n, 0], levels, flat, near)
+        level, ix, iy = place[n, 0], place[n, 1], place[n, 2]
+        if is_inner(ix, iy, level, levels, flat):
+            rows = levels.height[level] + 2
+            below = levels.first[level] + (ix - 1) * rows + iy - 1
+            for i in range(3):
+                for j in range(3):
+                    node = np.uint64(below + i * rows + j)
+                    about[n, 3 * i + j], blocks[n, 3 * i + j] = index[node], at[node]
+            continue
+        neighbours(ix, iy, level, levels, flat, near)
         for k in range(9):
             node = near[k, 0]
             about[n, k] = index[node] if node >= 0 else -1
