@@ -11,6 +11,7 @@ all nodes about the particles; an axis of which it has them all goes round where
 import numpy as np
 from numba import njit
 
+from discsim.kernels.batches import BATCH as ROWS
 from discsim.kernels.inner import WITHIN, compiled, inner, subroutine
 from discsim.kernels.rows import LINE, fetch, lane, load
 from discsim.kernels.zcurve import place_of
@@ -321,21 +322,21 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
 
 
 @compiled
-def extents(begin, end, pos, origin, inverse, shape, periodic):
+def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
     """The least and the largest first node along y about the particles whose first node along x is in each BAND of rows
-    (bands,), those along x of all, and how many particles are off the grid. Without any the least is the larger.
+    (bands,), those along x of all, and how many particles are off the grid, of the batches from `begin` to `end`, which
+    have `bounds` (batches, 4). Without any the least is the larger.
     """
     count = (shape[0] - 1) // BAND + 1
     least, most, low, high, off = np.full(count, shape[1]), np.full(count, -1), shape[0], -1, 0
-    for first in range(begin, end, BATCH):
-        last = min(first + BATCH, end)
-        x0, x1, y0, y1 = _extent_of_some(pos, first, last, origin, inverse, shape)
-        if x0 >= 0 and x0 // BAND == x1 // BAND:  # rows of arrays are sorted by place: most are so
+    for batch in range(begin, end):
+        x0, x1, y0, y1 = _nodes_between(bounds[batch], pos.shape[1], origin, inverse, shape)
+        if x0 >= 0 and x0 // BAND == x1 // BAND:  # most are so
             band = x0 // BAND
             least[band], most[band] = min(least[band], y0), max(most[band], y1)
             low, high = min(low, x0), max(high, x1)
             continue
-        for p in range(first, last):
+        for p in range(batch * ROWS, min((batch + 1) * ROWS, len(pos))):
             if x0 >= 0:
                 ix = int((pos[p, 0] - origin[0]) * inverse - 0.5)
                 iy = int((pos[p, 1] - origin[1]) * inverse - 0.5)
@@ -352,22 +353,13 @@ def extents(begin, end, pos, origin, inverse, shape, periodic):
 
 
 @inner
-def _extent_of_some(pos, first, last, origin, inverse, shape):
-    """Least and largest first nodes along x and y about particles of the plane; -1 where any of them is at an edge."""
-    ox, oy = origin[0], origin[1]
-    x0, x1, y0, y1, inside = np.int32(shape[0]), np.int32(-1), np.int32(shape[1]), np.int32(-1), 0
-    if pos.shape[1] == 1:
+def _nodes_between(bounds, dim, origin, inverse, shape):
+    """Least and largest first nodes along x and y within bounds of the plane; -1 where these are at an edge."""
+    x0, x1 = (bounds[0] - origin[0]) * inverse - 0.5, (bounds[1] - origin[0]) * inverse - 0.5
+    y0, y1 = (bounds[2] - origin[1]) * inverse - 0.5, (bounds[3] - origin[1]) * inverse - 0.5
+    if dim == 1 or not (x0 >= 0.0 and x1 < shape[0] - 1 and y0 >= 0.0 and y1 < shape[1] - 1):
         return -1, -1, -1, -1
-    flat = pos.reshape(-1)[2 * first : 2 * last]  # as in `strip_of`: vectorised
-    for i in range(np.uint64(last - first)):
-        x, y = (flat[TWO * i] - ox) * inverse - 0.5, (flat[TWO * i + ONE] - oy) * inverse - 0.5
-        on = (x >= 0.0) & (x < shape[0] - 1) & (y >= 0.0) & (y < shape[1] - 1)
-        inside += on
-        ix, iy = np.int32(x if on else 0.0), np.int32(y if on else 0.0)
-        x0, x1, y0, y1 = min(x0, ix), max(x1, ix), min(y0, iy), max(y1, iy)
-    if inside < last - first:
-        return -1, -1, -1, -1
-    return np.int64(x0), np.int64(x1), np.int64(y0), np.int64(y1)
+    return int(x0), int(x1), int(y0), int(y1)
 
 
 @compiled

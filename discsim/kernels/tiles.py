@@ -5,12 +5,12 @@ grid, with the order in which sums go through these.
 import numpy as np
 from numba import njit
 
+from discsim.kernels import batches
 from discsim.kernels.filling import SOME, with_room
 from discsim.kernels.grid import stencil
 from discsim.kernels.inner import compiled, inner
 
-ONE, TWO = np.uint64(1), np.uint64(2)
-BATCH = np.uint64(128)  # places whose tiles are found at once
+ONE, TWO, BATCH = np.uint64(1), np.uint64(2), np.uint64(batches.BATCH)
 
 
 @njit(nogil=True, cache=True, error_model="numpy", inline="always")
@@ -40,13 +40,17 @@ def owners_of(first, last, some, pos, tiles, owner, out):
 
 
 @compiled
-def in_marked(first, last, pos, tiles, marked):
-    """The places from `first` to `last` of (n, d) whose tile, or the nearest one, is `marked` (tiles,)."""
+def in_marked(first, last, pos, bounds, tiles, marked):
+    """The places (n, d) whose tile, or the nearest one, is `marked` (tiles,), of the batches from `first` to `last`,
+    which have `bounds` (batches, 4).
+    """
     out, count, tile = np.empty(SOME, np.int64), np.uint64(0), np.empty(BATCH, np.uint32)
-    for begin in range(np.uint64(first), np.uint64(last), BATCH):
-        n = min(BATCH, np.uint64(last) - begin)
-        if not _tiles_of_some(pos, begin, n, tiles, marked, tile):
+    for batch in range(np.uint64(first), np.uint64(last)):
+        if not _may_be_marked(bounds[batch], pos.shape[1], tiles, marked):
             continue
+        begin = batch * BATCH
+        n = min(BATCH, np.uint64(len(pos)) - begin)
+        _tiles_of_some(pos, begin, n, tiles, tile)
         out = with_room(out, count)
         for i in range(n):
             out[count] = begin + i
@@ -55,31 +59,44 @@ def in_marked(first, last, pos, tiles, marked):
 
 
 @inner
-def _tiles_of_some(pos, begin, n, tiles, marked, out):
-    """Write the tiles of `n` places from `begin` on to `out`; whether any of them may be marked: one within their
-    bounds, or these are wide. Rows of arrays are sorted by place, so that most bounds are a few tiles.
-    """
+def _along(x, low, tiles):
+    # The tile along an axis of a place, or the nearest; the first one of what is no number.
+    at = (x - low) * tiles[1]
+    return int(min(at, tiles[2] - 1.0)) if at > 0.0 else 0
+
+
+@inner
+def _may_be_marked(bounds, dim, tiles, marked):
+    """Whether any tile within bounds is marked, or these are wide or unknown."""
+    low, _, along = tiles
+    if not bounds[0] <= bounds[1]:
+        return True
+    x0, x1, y0, y1, rows = _along(bounds[0], low[0], tiles), _along(bounds[1], low[0], tiles), 0, 0, 1
+    if dim == 2:
+        y0, y1, rows = _along(bounds[2], low[-1], tiles), _along(bounds[3], low[-1], tiles), along
+    if (x1 - x0 + 1) * (y1 - y0 + 1) > BATCH:  # one by one is cheaper
+        return True
+    for column in range(x0, x1 + 1):
+        for row in range(y0, y1 + 1):
+            if marked[column * rows + row]:
+                return True
+    return False
+
+
+@inner
+def _tiles_of_some(pos, begin, n, tiles, out):
+    """Write the tiles of `n` places from `begin` on to `out`."""
     low, per_tile, along = tiles
     if pos.shape[1] == 1:
         for i in range(n):
             out[i] = _tile_of(pos, begin + i, tiles)
-        return True
-    # No branches, unsigned indices, and bounds in whole numbers: a loop of vectors.
+        return
+    # No branches and unsigned indices: a loop of vectors.
     flat, ox, oy, most = pos.reshape(-1)[TWO * begin : TWO * (begin + n)], low[0], low[-1], along - 1.0
-    x0, x1, y0, y1 = np.int32(along), np.int32(0), np.int32(along), np.int32(0)
     for i in range(n):
         x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
         x, y = min(x, most) if x > 0.0 else 0.0, min(y, most) if y > 0.0 else 0.0
-        ix, iy = np.int32(x), np.int32(y)
-        out[i] = ix * np.int32(along) + iy
-        x0, x1, y0, y1 = min(x0, ix), max(x1, ix), min(y0, iy), max(y1, iy)
-    if (x1 - x0 + 1) * (y1 - y0 + 1) > n:  # one by one is cheaper
-        return True
-    for column in range(x0, x1 + 1):
-        for row in range(y0, y1 + 1):
-            if marked[column * along + row]:
-                return True
-    return False
+        out[i] = np.int32(x) * np.int32(along) + np.int32(y)
 
 
 @compiled

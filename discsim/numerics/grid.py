@@ -13,6 +13,7 @@ import numpy as np
 
 from discsim.kernels import grid as kernels
 from discsim.kernels.gradient import gradient
+from discsim.numerics.batches import LEAST
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
@@ -142,10 +143,10 @@ class Grid:
         share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
         return np.flatnonzero(outside)
 
-    def extent(self, pos: Array) -> Extent:
-        """Where the first nodes about particles on the grid are."""
-        where = self.origin, 1.0 / self.cell, self.shape, self.periodic
-        least, most, low, high, off = zip(*share(kernels.extents, len(pos), pos, *where), strict=True)
+    def extent(self, pos: Array, bounds: Array) -> Extent:
+        """Where the first nodes about particles on the grid are; bounds: as of `numerics/batches.py`."""
+        given = pos, bounds, self.origin, 1.0 / self.cell, self.shape, self.periodic
+        least, most, low, high, off = zip(*share(kernels.extents, len(bounds), *given, least=LEAST), strict=True)
         return Extent(np.min(least, axis=0), np.max(most, axis=0), min(low), max(high), sum(off))
 
     def gradient(self, field: Array, out: Array | None = None, columns: tuple[Array, Array] | None = None) -> Array:

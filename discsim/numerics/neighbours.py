@@ -21,6 +21,7 @@ from discsim.kernels.neighbours import (
     SIDE_X,
     Cells,
 )
+from discsim.numerics import world
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import share
 from discsim.numerics.world import Alone
@@ -78,7 +79,7 @@ class Grids(NamedTuple):
 
 def box_about(pos: Array, together: Any = ALONE) -> tuple[Array, Array]:
     """Lower corner and widths (2,) of the box about positions (n, d), in one dimension flat."""
-    least, most = corners(pos)
+    least, most = together.corners(pos, corners)
     low, width = together.least(least), together.most(most)
     width -= low
     width[0] = max(width[0], 1e-300)
@@ -94,7 +95,7 @@ def corners(pos: Array) -> tuple[Array, Array]:
 
 def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, Array]:
     """Coordinates (2,) between which the cells of particles are."""
-    low, high = corners(pos)
+    low, high = world.together.corners(pos, corners)
     held = [k for k in range(len(grids.table)) if np.any(classes == k)]
     side = grids.table[held, SIDE_X : SIDE_X + 2].max(axis=0, initial=0.0)
     return low - side, high + side

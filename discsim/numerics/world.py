@@ -116,6 +116,10 @@ class Alone:
     def settle(self, state: State) -> None:
         """Bring particles to the processes that they belong to, once they have moved."""
 
+    def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
+        """What `find` finds of this process's places (n, d): least and largest coordinates (2,)."""
+        return find(pos)
+
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
         """Before the rows `gone` are removed, give their places to the last ones of all processes, as
         `Particles.remove` does: `place` (n,), which rises but for the rows `loose`, becomes what it is then. Returns

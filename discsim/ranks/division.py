@@ -16,6 +16,7 @@ from scipy.ndimage import minimum_filter
 
 from discsim.kernels.tiles import in_marked, owners_of, tiles_of
 from discsim.numerics import room
+from discsim.numerics.batches import LEAST, bounds_anew, bounds_of
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm, Route, by_rank
@@ -48,7 +49,8 @@ class Division:
         self.owner = np.zeros(self.along**dim, np.int64)
         self.margin = 0.0  # within which of others' tiles particles are to be known
         self._inside = self.owner[:0], 0.0, self.owner[:0]  # of which owners and margin, and what they are
-        self._near: list[tuple[Any, Array]] = []  # places and which of them are near others' tiles
+        # Of places that have been settled, those near others' tiles, and bounds.
+        self._known: list[tuple[Any, Array, Array]] = []
         if dim == 2:
             x, y = np.divmod(np.arange(self.along**2), self.along)
             self.curve = np.argsort(hilbert(x, y, bits))
@@ -88,12 +90,24 @@ class Division:
 
     def near(self, pos: Array) -> Array:
         """Numbers of the places (n, d) in tiles that are not inside, and maybe of some more."""
-        known = next((rows for of, rows in self._near if of() is pos), None)
-        return self.within(pos, ~self.inside) if known is None else known
+        near, _ = self._known_of(pos)
+        return self.within(pos, ~self.inside, self.bounds(pos)) if near is None else near
 
-    def within(self, pos: Array, marked: Array) -> Array:
-        """Numbers of the places (n, d) that are in `marked` tiles (tiles,)."""
-        return joined(share(in_marked, len(pos), pos, self.tiles, marked))
+    def bounds(self, pos: Array) -> Array:
+        """Bounds of batches of places (n, d), as of `numerics/batches.py`."""
+        _, bounds = self._known_of(pos)
+        return bounds_of(pos) if bounds is None else bounds
+
+    def _known_of(self, pos: Array) -> tuple[Array | None, Array | None]:
+        return next(((near, bounds) for of, near, bounds in self._known if of() is pos), (None, None))
+
+    def forget(self) -> None:
+        """Let go of what is known of places: they are others."""
+        self._known.clear()
+
+    def within(self, pos: Array, marked: Array, bounds: Array) -> Array:
+        """Numbers of the places (n, d), of such bounds, that are in `marked` tiles (tiles,)."""
+        return joined(share(in_marked, len(bounds), pos, bounds, self.tiles, marked, least=LEAST))
 
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
         """Divide the tiles anew where that is due; whether it was. `whole`: each rank has all the particles."""
@@ -131,7 +145,7 @@ class Division:
         spare = self._spare([p.count for p in state.species.values()])
         for name, p in state.species.items():
             p.place = np.arange(p.count, dtype=np.uint64)
-            own = self.within(p.pos, self.owner == self.comm.rank)
+            own = self.within(p.pos, self.owner == self.comm.rank, bounds_of(p.pos))
             p.spare = int(spare * len(own))
             p.take(own)
             acc = state.own_acc.get(name)  # of a run that goes on
@@ -156,12 +170,13 @@ class Division:
 
     def settle(self, species: dict[str, Particles]) -> None:
         """Bring particles to their owners, once they have moved."""
-        self._near.clear()
+        self.forget()
         for particles in species.values():
             self._migrate(particles)
 
     def _migrate(self, particles: Particles) -> None:
-        near = self.within(particles.pos, ~self.inside)
+        bounds = bounds_of(particles.pos)
+        near = self.within(particles.pos, ~self.inside, bounds)
         owner = np.empty(len(near), np.int64)
         share(owners_of, len(near), near, particles.pos, self.tiles, self.owner, owner)
         away = owner != self.comm.rank
@@ -170,8 +185,10 @@ class Division:
             arrays, known = particles.arrays(), len(particles.loose)
             particles.replace(near[away], dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
             near = near[~away]
-            near = np.concatenate([near[near < particles.count], particles.loose[known:]])
-        self._near.append((weakref.ref(particles.pos), near))
+            changed = particles.loose[known:]
+            near = np.concatenate([near[near < particles.count], changed])
+            bounds = bounds_anew(bounds, particles.pos, changed)
+        self._known.append((weakref.ref(particles.pos), near, bounds))
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:

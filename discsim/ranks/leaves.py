@@ -16,6 +16,7 @@ from scipy.ndimage import maximum_filter1d
 from discsim.drag.cells import Lattice
 from discsim.kernels.blocks import MOST
 from discsim.kernels.halo import add_blocks, cut_blocks, held_blocks
+from discsim.numerics import world
 from discsim.numerics.neighbours import corners
 from discsim.numerics.state import Particles
 from discsim.numerics.threads import share
@@ -45,7 +46,7 @@ class Leaves:
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Particles]) -> Lattice:
         """As `drag/known.py` has it."""
-        held = [corners(p.pos) for p in species if p.count > 0] or [(np.zeros(2), np.zeros(2))]
+        held = [world.together.corners(p.pos, corners) for p in species if p.count > 0] or [(np.zeros(2), np.zeros(2))]
         low, high = np.min([low for low, _ in held], axis=0), np.max([high for _, high in held], axis=0)
         ends = np.floor((np.stack([low, high]) - lattice.origin) / lattice.side + shift)
         ends = np.where(np.isfinite(ends), ends, 0.0) + np.array([[-1.0], [1.0]])  # but for rounding

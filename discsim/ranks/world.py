@@ -31,7 +31,7 @@ class Ranks:
     def __init__(self, scene: Scene, comm: Comm) -> None:
         self.comm, self.division = comm, Division(scene, comm)
         self.balance = 1.0  # the cost of the most loaded rank over the mean
-        self.forgets: list[Callable[[], None]] = []
+        self.forgets: list[Callable[[], None]] = [self.division.forget]
 
     def least(self, values: Any) -> Any:
         # What is no number would be lost on the way: no limit, as what asks for the least takes it.
@@ -64,6 +64,12 @@ class Ranks:
         self.division.settle(state.species)
         if to_sort(state.step):
             self._weigh(state)
+
+    def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
+        bounds = self.division.bounds(pos)
+        if len(bounds) == 0 or np.isnan(bounds[:, 0]).any():
+            return find(pos)
+        return bounds[:, 0::2].min(axis=0), bounds[:, 1::2].max(axis=0)
 
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
         removed = np.concatenate(self.comm.listed(place[gone]))

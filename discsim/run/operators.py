@@ -31,6 +31,8 @@ class Operators:
         # What forces and kicks make is checked where it is made. This takes a fiftieth of a step.
         if guards.coupled(self.state) and (self.shown or self.operating):
             self._check(guards.check_inputs)
+        if self.shown:
+            world.together.forget()
         self.shown = False
         owner = forces.kick_owner(self.effects)
         try:
@@ -62,6 +64,7 @@ class Operators:
                     effect.move(self.state, dt)
         except FloatingPointError as fault:
             raise PhysicsError(str(fault)) from fault
+        world.together.forget()
 
     def events(self) -> None:
         for name, effect in self.effects.items():

@@ -8,6 +8,7 @@ import pytest
 
 from discsim import load_scene
 from discsim.kernels.grid import BAND, cell_of, largest_norm
+from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import Grid
 from discsim.numerics.layout import leaves
 
@@ -242,7 +243,7 @@ def test_extent_is_that_of_the_first_nodes(grid, ordered):
     first, last = s.astype(int), np.array(fine.shape[:dim]) - (0 if fine.periodic else 1)
     on = np.all((s >= 0) & (s < last), axis=1)
     x, y = first[on, 0], first[on, 1] if dim == 2 else np.zeros(on.sum(), int)
-    found = fine.extent(pos)
+    found = fine.extent(pos, bounds_of(pos))
     assert (found.low, found.high, found.off) == (x.min(), x.max(), np.count_nonzero(~on))
     assert found.off > 0 or fine.periodic
     assert len(found.least) == len(found.most) == -(-fine.shape[0] // BAND)

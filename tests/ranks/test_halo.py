@@ -25,6 +25,7 @@ from discsim.kernels.halo import (
 )
 from discsim.kernels.neighbours import FIRST, widen
 from discsim.kernels.tiles import leave_own, others_about
+from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import sort_into_cells
 from discsim.numerics.state import Particles
@@ -45,12 +46,16 @@ def test_places_in_marked_tiles(dim):
     rng = np.random.default_rng(3)
     pos, marked = rng.uniform(-0.7, 0.7, (3000, dim)), rng.random(len(division.owner)) < 0.3
     pos[7], pos[8], pos[9] = np.nan, np.inf, -np.inf
-    np.testing.assert_array_equal(division.within(pos, marked), np.flatnonzero(marked[division.tile_of(pos)]))
+    np.testing.assert_array_equal(
+        division.within(pos, marked, bounds_of(pos)), np.flatnonzero(marked[division.tile_of(pos)])
+    )
     # Rows in the order of their tiles, few of which are marked: most of them are not looked at one by one.
     pos = pos[np.argsort(division.tile_of(pos), kind="stable")]
     marked[:] = False
     marked[division.tile_of(pos[[40, 1700]])] = True
-    np.testing.assert_array_equal(division.within(pos, marked), np.flatnonzero(marked[division.tile_of(pos)]))
+    np.testing.assert_array_equal(
+        division.within(pos, marked, bounds_of(pos)), np.flatnonzero(marked[division.tile_of(pos)])
+    )
 
 
 @pytest.mark.parametrize("periodic", [False, True])
@@ -219,7 +224,8 @@ def test_windows_have_the_nodes_about_particles(ring):
         some[np.hypot(*some.T) < 40.0] + middle
         for some, middle in zip(places, ([155.0, 85.0], [85.0, 155.0]), strict=True)
     ]
-    both, (ends, bands) = joined(*map(grid.extent, clouds)), no_nodes(grid, 2)  # a rank without particles
+    both = joined(*(grid.extent(pos, bounds_of(pos)) for pos in clouds))
+    ends, bands = no_nodes(grid, 2)  # a rank without particles
     ends[:, 0], bands[:, 0] = (both.low, both.high), (both.least, both.most)
     windows = Windows.about(ends, bands, 0, grid)
     rows = np.arange(-BORDER, 300 + BORDER)

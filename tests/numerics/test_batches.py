@@ -1,0 +1,49 @@
+"""Bounds of batches of rows."""
+
+import numpy as np
+import pytest
+
+from discsim.kernels.batches import BATCH
+from discsim.numerics.batches import bounds_anew, bounds_of
+
+
+def places(count, dim, seed=1):
+    return np.random.default_rng(seed).normal(size=(count, dim))
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize("count", [0, 1, 7, BATCH, BATCH + 1, 5 * BATCH - 3])
+def test_bounds_are_the_least_and_largest_of_each_batch(count, dim):
+    pos = places(count, dim)
+    parts = [pos[first : first + BATCH] for first in range(0, count, BATCH)]
+    expected = np.zeros((len(parts), 4))
+    for row, part in zip(expected, parts, strict=True):
+        row[0 : 2 * dim : 2], row[1 : 2 * dim : 2] = part.min(axis=0), part.max(axis=0)
+    np.testing.assert_array_equal(bounds_of(pos), expected)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_has_no_bounds(wrong):
+    for row in (0, BATCH - 1, 2 * BATCH - 1):
+        pos = places(2 * BATCH, 2)
+        pos[row, 1] = wrong
+        here = np.arange(2) == row // BATCH
+        np.testing.assert_array_equal(np.isnan(bounds_of(pos)).all(axis=1), here)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3 * BATCH, 3 * BATCH + 9, 6 * BATCH, 6 * BATCH + 1])
+@pytest.mark.parametrize("left", [3 * BATCH - 1, 3 * BATCH, 3 * BATCH + 9])
+def test_bounds_of_changed_rows_are_made_anew(count, left):
+    """Of an array that has become shorter or longer; what was there and has not changed is not looked at again."""
+    before, after = places(left, 2), places(count, 2, seed=2)
+    same = min(count, left)
+    after[:same] = before[:same]
+    rows = np.array([0, 5, 2 * BATCH, 9 * BATCH])
+    here = rows[rows < count]
+    after[here] = 9.0
+    bounds = bounds_of(before)
+    expected = bounds_of(after)
+    np.testing.assert_array_equal(bounds_anew(bounds, after, rows), expected)
+    if count > 2 * BATCH:
+        bounds[1] = expected[1] = -1.0
+        np.testing.assert_array_equal(bounds_anew(bounds, after, rows), expected)
