@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from runs import WAVE, scene_of
 
+from discsim import Simulation
 from discsim.kernels.batches import BATCH
+from discsim.numerics import world
 from discsim.numerics.batches import bounds_anew, bounds_of
 
 
@@ -47,3 +50,22 @@ def test_bounds_of_changed_rows_are_made_anew(count, left):
     if count > 2 * BATCH:
         bounds[1] = expected[1] = -1.0
         np.testing.assert_array_equal(bounds_anew(bounds, after, rows), expected)
+
+
+def test_what_is_known_of_places_goes_when_they_move(tmp_path, monkeypatch):
+    """And before a kick where somebody may have changed them; not in other kicks, which ask for it."""
+    sim, forgotten = Simulation(scene_of(tmp_path, WAVE)), []
+
+    class Noting(world.Alone):
+        def forget(self):
+            forgotten.append(sim.gas.pos.copy())
+
+    monkeypatch.setattr(world, "together", Noting())
+    sim.operators.forces()
+    sim.operators.shown = True
+    for expected in (1, 1):
+        sim.operators.kick(0.01)
+        assert len(forgotten) == expected
+    sim.operators.move(0.01)
+    assert len(forgotten) == 2
+    np.testing.assert_array_equal(forgotten[-1], sim.gas.pos)

@@ -9,7 +9,9 @@ import pytest
 if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install 'discsim[mpi]'", allow_module_level=True)
 
+from discsim.numerics.neighbours import corners
 from discsim.ranks.division import Division, hilbert
+from discsim.ranks.world import Ranks
 
 
 def divided(number, dim=2, along=1.0):
@@ -71,3 +73,23 @@ def test_inside_are_own_tiles_with_only_own_ones_about_them(boundary):
     np.testing.assert_array_equal(inside[core], expected[core])
     inside[core] = False
     assert not inside.any() and expected[core].any()
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+def test_corners_are_those_of_known_bounds_until_places_change(dim):
+    """Also where a place is no number, or there is nobody."""
+    ranks = Ranks.__new__(Ranks)
+    ranks.division, rng = divided(3, dim), np.random.default_rng(4)
+    ranks.division.comm.reduced = lambda value, _: value
+    pos = rng.uniform(-0.5, 0.5, (1000, dim))
+    gas = SimpleNamespace(pos=pos, count=1000)
+    ranks.division.settle({"gas": gas})
+    np.testing.assert_array_equal(ranks.corners(pos, corners), corners(pos))
+    before = corners(pos)
+    pos *= 0.5  # in place: whoever does that has to say so
+    np.testing.assert_array_equal(ranks.corners(pos, corners), before)
+    ranks.division.forget()
+    np.testing.assert_array_equal(ranks.corners(pos, corners), corners(pos))
+    pos[500, 0] = np.nan
+    np.testing.assert_array_equal(ranks.corners(pos, corners), corners(pos))
+    np.testing.assert_array_equal(ranks.corners(pos[:0], corners), corners(pos[:0]))
