@@ -11,6 +11,7 @@ from discsim.kernels.grid import stencil
 from discsim.kernels.inner import compiled, inner
 
 ONE, TWO, BATCH = np.uint64(1), np.uint64(2), np.uint64(batches.BATCH)
+FEW = 4  # tiles along a side, about a batch that is not looked at row by row
 
 
 @njit(nogil=True, cache=True, error_model="numpy", inline="always")
@@ -33,20 +34,14 @@ def tiles_of(first, last, pos, tiles, out):
 
 
 @compiled
-def owners_of(first, last, some, pos, tiles, owner, out):
-    """The `owner` (tiles,) of the tile of each of `some` (n,) places, or of the nearest."""
-    for k in range(first, last):
-        out[k] = owner[_tile_of(pos, some[k], tiles)]
-
-
-@compiled
 def in_marked(first, last, pos, bounds, tiles, marked):
     """The places (n, d) whose tile, or the nearest one, is `marked` (tiles,), of the batches from `first` to `last`,
     which have `bounds` (batches, 4).
     """
     out, count, tile = np.empty(SOME, np.int64), np.uint64(0), np.empty(BATCH, np.uint32)
     for batch in range(np.uint64(first), np.uint64(last)):
-        if not _may_be_marked(bounds[batch], pos.shape[1], tiles, marked):
+        x0, x1, y0, y1 = bounds[batch, 0], bounds[batch, 1], bounds[batch, 2], bounds[batch, 3]
+        if not _marked_about(x0, x1, y0, y1, pos.shape[1], tiles, marked, BATCH):  # more than that are cheaper as rows
             continue
         begin = batch * BATCH
         n = min(BATCH, np.uint64(len(pos)) - begin)
@@ -66,21 +61,50 @@ def _along(x, low, tiles):
 
 
 @inner
-def _may_be_marked(bounds, dim, tiles, marked):
-    """Whether any tile within bounds is marked, or these are wide or unknown."""
+def _marked_about(x0, x1, y0, y1, dim, tiles, marked, most):
+    """Whether any tile between two places is marked, or they are more than `most`, or the places no numbers."""
     low, _, along = tiles
-    if not bounds[0] <= bounds[1]:
+    if not x0 <= x1:
         return True
-    x0, x1, y0, y1, rows = _along(bounds[0], low[0], tiles), _along(bounds[1], low[0], tiles), 0, 0, 1
+    left, right, bottom, top, rows = _along(x0, low[0], tiles), _along(x1, low[0], tiles), 0, 0, 1
     if dim == 2:
-        y0, y1, rows = _along(bounds[2], low[-1], tiles), _along(bounds[3], low[-1], tiles), along
-    if (x1 - x0 + 1) * (y1 - y0 + 1) > BATCH:  # one by one is cheaper
+        bottom, top, rows = _along(y0, low[-1], tiles), _along(y1, low[-1], tiles), along
+    if (right - left + 1) * (top - bottom + 1) > most:
         return True
-    for column in range(x0, x1 + 1):
-        for row in range(y0, y1 + 1):
+    for column in range(left, right + 1):
+        for row in range(bottom, top + 1):
             if marked[column * rows + row]:
                 return True
     return False
+
+
+@inner
+def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
+    inside = x0 >= ends[0, 0] and x1 <= ends[1, 0]
+    if dim == 2:
+        inside = inside and y0 >= ends[0, 1] and y1 <= ends[1, 1]
+    return not inside or _marked_about(
+        x0 - margin, x1 + margin, y0 - margin, y1 + margin, dim, tiles, marked, FEW * FEW
+    )
+
+
+@compiled
+def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
+    """The places (n, d) within a margin of `marked` tiles (tiles,), or not between the `ends` (2, d), and others of the
+    same batches, from `first` to `last`; of those that are wide, as one is where others have come, some one by one.
+    """
+    out, count, dim = np.empty(SOME, np.int64), np.uint64(0), pos.shape[1]
+    wide = FEW / tiles[1]
+    for batch in range(np.uint64(first), np.uint64(last)):
+        x0, x1, y0, y1 = bounds[batch, 0], bounds[batch, 1], bounds[batch, 2], bounds[batch, 3]
+        if not _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
+            continue
+        out, one_by_one = with_room(out, count), x1 - x0 > wide or y1 - y0 > wide
+        for i in range(batch * BATCH, min((batch + ONE) * BATCH, np.uint64(len(pos)))):
+            x, y = pos[i, 0], pos[i, dim - 1]
+            out[count] = i
+            count += np.uint64(not one_by_one or _is_near(x, x, y, y, dim, margin, ends, tiles, marked))
+    return out[: np.int64(count)]
 
 
 @inner

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.ndimage import minimum_filter
 
-from discsim.kernels.tiles import in_marked, owners_of, tiles_of
+from discsim.kernels.tiles import in_marked, near_marked, tiles_of
 from discsim.numerics import room
 from discsim.numerics.batches import LEAST, bounds_anew, bounds_of
 from discsim.numerics.layout import grid_cells
@@ -48,9 +47,7 @@ class Division:
         self.per_tile = self.along / size.max()
         self.owner = np.zeros(self.along**dim, np.int64)
         self.margin = 0.0  # within which of others' tiles particles are to be known
-        self._inside = self.owner[:0], 0.0, self.owner[:0]  # of which owners and margin, and what they are
-        # Of places that have been settled, those near others' tiles, and bounds.
-        self._known: list[tuple[Any, Array, Array]] = []
+        self._known: list[tuple[Any, Array]] = []  # places that have been settled, and their bounds
         if dim == 2:
             x, y = np.divmod(np.arange(self.along**2), self.along)
             self.curve = np.argsort(hilbert(x, y, bits))
@@ -62,26 +59,6 @@ class Division:
         """As kernels take them."""
         return self.low, self.per_tile, self.along
 
-    @property
-    def inside(self) -> Array:
-        """Own tiles (tiles,) with no other's, and no edge of a periodic box, within the margin."""
-        owner, margin, found = self._inside
-        if owner is not self.owner or margin != self.margin:
-            found = self._find_inside(self.margin)
-            self._inside = self.owner, self.margin, found
-        return found
-
-    def _find_inside(self, margin: float) -> Array:
-        own = (self.owner == self.comm.rank).reshape(self.along, -1)
-        if self.scene.space.boundary == "periodic":
-            size = np.array(self.scene.space.size)
-            begin = -0.5 * size if self.scene.centred else np.zeros(len(size))
-            ends = (np.array([begin + margin, begin + size - margin]) - self.low) * self.per_tile
-            for axis, (first, last) in enumerate(np.floor(ends).astype(np.int64).T.tolist()):
-                edges = np.r_[: first + 1, last : self.along]
-                own[(slice(None),) * axis + (edges,)] = False
-        return minimum_filter(own, 2 * math.ceil(margin * self.per_tile) + 1, mode="constant", cval=False).ravel()
-
     def tile_of(self, pos: Array) -> Array:
         """The tile (n,) of each place (n, d)."""
         out = np.empty(len(pos), np.int64)
@@ -89,17 +66,23 @@ class Division:
         return out
 
     def near(self, pos: Array) -> Array:
-        """Numbers of the places (n, d) in tiles that are not inside, and maybe of some more."""
-        near, _ = self._known_of(pos)
-        return self.within(pos, ~self.inside, self.bounds(pos)) if near is None else near
+        """Numbers of the places (n, d) within the margin of others' tiles, or of the edge of a periodic box, and of
+        others in the same batches.
+        """
+        dim = pos.shape[1]
+        ends = np.array([[-np.inf] * dim, [np.inf] * dim])
+        if self.scene.space.boundary == "periodic":
+            size = np.array(self.scene.space.size)
+            begin = -0.5 * size if self.scene.centred else np.zeros(dim)
+            ends = np.array([begin + self.margin, begin + size - self.margin])
+        bounds, others = self.bounds(pos), self.owner != self.comm.rank
+        given = pos, bounds, self.margin, ends, self.tiles, others
+        return joined(share(near_marked, len(bounds), *given, least=LEAST))
 
     def bounds(self, pos: Array) -> Array:
         """Bounds of batches of places (n, d), as of `numerics/batches.py`."""
-        _, bounds = self._known_of(pos)
-        return bounds_of(pos) if bounds is None else bounds
-
-    def _known_of(self, pos: Array) -> tuple[Array | None, Array | None]:
-        return next(((near, bounds) for of, near, bounds in self._known if of() is pos), (None, None))
+        known = next((bounds for of, bounds in self._known if of() is pos), None)
+        return bounds_of(pos) if known is None else known
 
     def forget(self) -> None:
         """Let go of what is known of places: they are others."""
@@ -176,19 +159,14 @@ class Division:
 
     def _migrate(self, particles: Particles) -> None:
         bounds = bounds_of(particles.pos)
-        near = self.within(particles.pos, ~self.inside, bounds)
-        owner = np.empty(len(near), np.int64)
-        share(owners_of, len(near), near, particles.pos, self.tiles, self.owner, owner)
-        away = owner != self.comm.rank
-        if self.comm.reduced(int(np.count_nonzero(away)), MPI.MAX):
-            route = Route(self.comm, by_rank(near[away], owner[away], self.comm.size))
+        away = self.within(particles.pos, self.owner != self.comm.rank, bounds)
+        if self.comm.reduced(len(away), MPI.MAX):
+            owner = self.owner[self.tile_of(particles.pos[away])]
+            route = Route(self.comm, by_rank(away, owner, self.comm.size))
             arrays, known = particles.arrays(), len(particles.loose)
-            particles.replace(near[away], dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
-            near = near[~away]
-            changed = particles.loose[known:]
-            near = np.concatenate([near[near < particles.count], changed])
-            bounds = bounds_anew(bounds, particles.pos, changed)
-        self._known.append((weakref.ref(particles.pos), near, bounds))
+            particles.replace(away, dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
+            bounds = bounds_anew(bounds, particles.pos, particles.loose[known:])
+        self._known.append((weakref.ref(particles.pos), bounds))
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:

@@ -37,7 +37,7 @@ class Nodes:
 
     def __init__(self, grid: Grid, division: Division) -> None:
         self.grid, self.division, self.comm = grid, division, division.comm
-        division.margin = grid.cell
+        division.margin = (1.0 + 1e-6) * grid.cell  # but for rounding
         along = division.along - 1
         places = [np.clip((grid.nodes(axis) - division.low[0]) * division.per_tile, 0, along) for axis in range(2)]
         if grid.shape[1] == 1:

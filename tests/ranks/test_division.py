@@ -58,21 +58,33 @@ def test_all_particles_in_one_tile_leave_ranks_empty():
     assert sorted(held) == [0, 0, 50]
 
 
+@pytest.mark.parametrize("dim", [1, 2])
 @pytest.mark.parametrize("boundary", ["open", "periodic"])
-def test_inside_are_own_tiles_with_only_own_ones_about_them(boundary):
-    division = divided(3)
+def test_near_are_all_places_within_the_margin_of_others(boundary, dim):
+    """And few beside them, also where rows of one batch are far apart."""
+    division = divided(3, dim)
     division.scene.space.boundary = boundary
-    division.cut(species(np.random.default_rng(2).uniform(-0.5, 0.5, (20_000, 2))), whole=True)
-    along, margin = division.along, 1.5 / division.per_tile
-    own = division.owner.reshape(along, along) == 0
-    expected = np.logical_and.reduce([np.roll(own, (i, j), (0, 1)) for i in range(-2, 3) for j in range(-2, 3)])
-    beyond = 2 + 2 * (boundary == "periodic")  # nothing is known beyond the edge; of a box that goes on, of its edge
-    division.margin = margin
-    inside = division.inside.reshape(along, along)
-    core = (slice(beyond, -beyond),) * 2
-    np.testing.assert_array_equal(inside[core], expected[core])
-    inside[core] = False
-    assert not inside.any() and expected[core].any()
+    pos = np.random.default_rng(2).uniform(-0.5, 0.5, (40_000, dim))
+    division.cut(species(pos), whole=True)
+    tile = division.tile_of(pos)
+    own = np.flatnonzero(division.owner[tile] == 0)
+    pos = pos[own[np.argsort(tile[own], kind="stable")]]
+    mixed = np.random.default_rng(3).choice(len(pos), (2, 100), replace=False)
+    pos[mixed[0]], pos[mixed[1]] = pos[mixed[1]], pos[mixed[0]].copy()
+    division.margin = margin = 0.3 / division.per_tile
+    moved = margin * np.stack(np.meshgrid(*[[-1, 0, 1]] * dim), axis=-1).reshape(-1, 1, dim)
+    about = pos + moved
+    if boundary == "periodic":
+        about = (about + 0.5) % 1.0 - 0.5
+    expected = (division.owner[division.tile_of(about.reshape(-1, dim))] != 0).reshape(len(moved), -1).any(axis=0)
+    near = np.zeros(len(pos), bool)
+    found = division.near(pos)
+    near[found] = True
+    assert len(found) == near.sum() and near[expected].all() and expected.any()
+    if dim == 2:
+        assert near.sum() < 0.6 * len(pos)
+    pos[5] = np.nan
+    assert 5 in division.near(pos)
 
 
 @pytest.mark.parametrize("dim", [1, 2])
