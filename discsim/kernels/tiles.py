@@ -14,13 +14,18 @@ ONE, TWO, BATCH = np.uint64(1), np.uint64(2), np.uint64(batches.BATCH)
 FEW = 4  # tiles along a side, about a batch that is not looked at row by row
 
 
+@inner
+def _along(x, low, tiles):
+    # The tile along an axis of a place, or the nearest; the first one of what is no number.
+    at = (x - low) * tiles[1]
+    return int(min(at, tiles[2] - 1.0)) if at > 0.0 else 0
+
+
 @njit(nogil=True, cache=True, error_model="numpy", inline="always")
 def _tile_of(pos, i, tiles):
-    low, per_tile, along = tiles
     tile = 0
     for k in range(pos.shape[1]):
-        at = (pos[i, k] - low[k]) * per_tile
-        tile = tile * along + (int(min(at, along - 1.0)) if at > 0.0 else 0)  # also of what is no number
+        tile = tile * tiles[2] + _along(pos[i, k], tiles[0][k], tiles)
     return tile
 
 
@@ -51,13 +56,6 @@ def in_marked(first, last, pos, bounds, tiles, marked):
             out[count] = begin + i
             count += np.uint64(marked[np.uint64(tile[i])])
     return out[: np.int64(count)]
-
-
-@inner
-def _along(x, low, tiles):
-    # The tile along an axis of a place, or the nearest; the first one of what is no number.
-    at = (x - low) * tiles[1]
-    return int(min(at, tiles[2] - 1.0)) if at > 0.0 else 0
 
 
 @inner
