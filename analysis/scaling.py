@@ -31,12 +31,15 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from rank_sent import EXCHANGES, PER_MACHINE, Sent, of_transforms
 from scipy.optimize import nnls
+
+if TYPE_CHECKING:
+    from rank_counts import Counts  # which needs mpi4py
 
 Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
@@ -151,7 +154,7 @@ def _sent(counts: dict[str, Any], costs: dict[str, Any], more: float, side: int)
     return out
 
 
-def counted(counts: Any, side: int) -> dict[str, Any]:
+def counted(counts: Counts, side: int) -> dict[str, Any]:
     """`Counts` as numbers that JSON takes."""
     sent = {name: Sent.of(rows) for name, rows in counts.rows.items()}
     sent |= {name: counts.bytes[name] for name in ("density", "potential")}

@@ -11,13 +11,14 @@ WIDE = np.uint64(64)  # entries that do not wait for each other: vectors
 
 
 @compiled
-def bounds_of(first, last, pos, out):
-    """Write to `out` (batches, 4) the least and the largest x, and then y, of the batches from `first` to `last` of
-    places (n, d), 0 where there is no y; NaN where any is not finite.
+def bounds_of(first, last, some, pos, out):
+    """Write to `out` (batches, 4) the least and the largest x, and then y, of `some` batches of places (n, d), 0 where
+    there is no y; NaN where any is not finite.
     """
     flat, dim = pos.reshape(-1), pos.shape[1]
     least, most, total, whole = np.empty(WIDE), np.empty(WIDE), np.empty(WIDE), np.uint64(BATCH * dim)
-    for batch in range(np.uint64(first), np.uint64(last)):
+    for number in range(first, last):
+        batch = np.uint64(some[number])
         begin, end = batch * whole, min((batch + np.uint64(1)) * whole, np.uint64(len(flat)))
         least[:], most[:], total[:] = np.inf, -np.inf, 0.0
         if end - begin == whole:  # loops of a length that is known

@@ -3,7 +3,6 @@ grid, with the order in which sums go through these.
 """
 
 import numpy as np
-from numba import njit
 
 from discsim.kernels import batches
 from discsim.kernels.filling import SOME, with_room
@@ -21,7 +20,7 @@ def _along(x, low, tiles):
     return int(min(at, tiles[2] - 1.0)) if at > 0.0 else 0
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@inner
 def _tile_of(pos, i, tiles):
     tile = 0
     for k in range(pos.shape[1]):

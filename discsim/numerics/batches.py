@@ -12,9 +12,7 @@ LEAST = 64  # batches that a thread takes at once
 
 def bounds_of(pos: Array) -> Array:
     """Bounds (batches, 4) of places (n, d)."""
-    out = np.empty((-(-len(pos) // BATCH), 4))
-    share(kernels.bounds_of, len(out), pos, out, least=LEAST)
-    return out
+    return bounds_anew(np.empty((0, 4)), pos, np.empty(0, np.int64))
 
 
 def bounds_anew(bounds: Array, pos: Array, rows: Array) -> Array:
@@ -25,6 +23,6 @@ def bounds_anew(bounds: Array, pos: Array, rows: Array) -> Array:
     changed = np.zeros(len(out), bool)
     changed[rows[rows < len(pos)] // BATCH] = True
     changed[max(same - 1, 0) :] = True  # the last one may have had fewer rows, or more
-    for batch in np.flatnonzero(changed).tolist():
-        kernels.bounds_of(batch, batch + 1, pos, out)
+    some = np.flatnonzero(changed)
+    share(kernels.bounds_of, len(some), some, pos, out, least=LEAST)
     return out

@@ -81,8 +81,12 @@ class Division:
 
     def bounds(self, pos: Array) -> Array:
         """Bounds of batches of places (n, d), as of `numerics/batches.py`."""
-        known = next((bounds for of, bounds in self._known if of() is pos), None)
+        known = self.known_bounds(pos)
         return bounds_of(pos) if known is None else known
+
+    def known_bounds(self, pos: Array) -> Array | None:
+        """The same, None of places that have not been settled."""
+        return next((bounds for of, bounds in self._known if of() is pos), None)
 
     def forget(self) -> None:
         """Let go of what is known of places: they are others."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from itertools import pairwise, starmap
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -30,6 +31,15 @@ from discsim.ranks.windows import Rows, Windows
 Array = np.ndarray
 NOBODY = np.empty(0, np.int64)
 Pieces = tuple[Array, Array]  # of rows: their first ones and ends, as `Grid.deposit` has them
+
+
+class About(NamedTuple):
+    """Own particles and others about own nodes: places, the bounds of these, masses, and the order of sums."""
+
+    pos: Array
+    bounds: Array
+    mass: Array
+    pieces: Pieces
 
 
 class Nodes:
@@ -54,10 +64,8 @@ class Nodes:
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
         share(leave_own, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
 
-    def about(self, particles: Particles) -> tuple[Array, Array, Pieces, Array]:
-        """Places and masses of own particles and of others about own nodes, in which order sums go through them, and
-        the bounds of the places.
-        """
+    def about(self, particles: Particles) -> About:
+        """Of a species."""
         grid, pos = self.grid, particles.pos
         some = self.division.near(pos)
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
@@ -66,7 +74,7 @@ class Nodes:
         wide = Wide(particles, Route(self.comm, by_rank(rows, whose, self.comm.size)))
         pos, mass = wide.of_all([pos, particles.mass])
         bounds = bounds_anew(self.division.bounds(particles.pos), pos, NOBODY)
-        return pos, mass, _in_order(wide.place, particles.count, particles.loose), bounds
+        return About(pos, bounds, mass, _in_order(wide.place, particles.count, particles.loose))
 
 
 def _in_order(place: Array, held: int, loose: Array) -> Pieces:
@@ -94,7 +102,7 @@ class DividedMesh(Mesh):
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
         given = {name: self.nodes.about(species[name]) for name in sources}
         places = (
-            (given[name][0], given[name][3]) if name in given else (p.pos, self.nodes.division.bounds(p.pos))
+            given[name][:2] if name in given else (p.pos, self.nodes.division.bounds(p.pos))
             for name, p in species.items()
         )
         self.windows = windows = Windows.agreed(starmap(self.grid.extent, places), self.grid, self.comm)
@@ -103,7 +111,7 @@ class DividedMesh(Mesh):
         self.density[:] = 0.0
         self._rows = rows = self._rows_here()
         if self.density.size > 0:
-            for pos, mass, pieces, _ in given.values():
+            for pos, _, mass, pieces in given.values():
                 self.grid.deposit(pos, mass, self.density, self.first, pieces)
             self.nodes.leave_own(self.density, self.first, rows.begin, rows.end)
         self._to_slabs()
@@ -198,7 +206,7 @@ class DividedSheet(Mesh):
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
         self.density[:] = 0.0
         for name in sources:
-            pos, mass, pieces, _ = self.nodes.about(species[name])
+            pos, _, mass, pieces = self.nodes.about(species[name])
             self.grid.deposit(pos, mass, self.density, pieces=pieces)
         self.nodes.leave_own(self.density, self.first, *np.array([[0], [1]]).repeat(len(self.density), axis=1))
         self.density[:] = self.comm.reduced(self.density, MPI.SUM)  # one number each, and zeros

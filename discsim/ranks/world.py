@@ -66,8 +66,8 @@ class Ranks:
             self._weigh(state)
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
-        bounds = self.division.bounds(pos)
-        if len(bounds) == 0 or np.isnan(bounds[:, 0]).any():
+        bounds = self.division.known_bounds(pos)
+        if bounds is None or len(bounds) == 0 or np.isnan(bounds[:, 0]).any():
             return find(pos)
         return bounds[:, 0::2].min(axis=0), bounds[:, 1::2].max(axis=0)
 

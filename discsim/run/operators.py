@@ -32,7 +32,7 @@ class Operators:
         if guards.coupled(self.state) and (self.shown or self.operating):
             self._check(guards.check_inputs)
         if self.shown:
-            world.together.forget()
+            world.together.forget()  # places may be others
         self.shown = False
         owner = forces.kick_owner(self.effects)
         try:

@@ -117,7 +117,7 @@ def test_the_frame_looks_at_the_same_particles_wherever_they_are(monkeypatch):
             assert power == every and p.ids[rows].tolist() == p.ids[p.ids % every == 0].tolist()
     assert sim.dust.count < 2000 and sim.dust.ids[:20].tolist() != first
     for looked_at in (False, True):
-        before, seen = len(searches), sim.dust.ids % 32 == 0
+        before, seen = len(searches), sim.dust.ids % sim.effects["drag"].samples["dust"][1] == 0
         sim.dust.remove(np.flatnonzero(seen[:-1] == looked_at)[:1])
         sim.step()
         assert len(searches) - before == looked_at

@@ -68,8 +68,8 @@ def test_near_are_all_places_within_the_margin_of_others(boundary, dim):
     division.cut(species(pos), whole=True)
     tile = division.tile_of(pos)
     own = np.flatnonzero(division.owner[tile] == 0)
-    pos = pos[own[np.argsort(tile[own], kind="stable")]]
-    mixed = np.random.default_rng(3).choice(len(pos), (2, 100), replace=False)
+    pos = pos[own[np.argsort(np.argsort(division.curve)[tile[own]], kind="stable")]]
+    mixed = np.random.default_rng(3).choice(len(pos), (2, 10), replace=False)
     pos[mixed[0]], pos[mixed[1]] = pos[mixed[1]], pos[mixed[0]].copy()
     division.margin = margin = 0.3 / division.per_tile
     moved = margin * np.stack(np.meshgrid(*[[-1, 0, 1]] * dim), axis=-1).reshape(-1, 1, dim)
@@ -81,8 +81,9 @@ def test_near_are_all_places_within_the_margin_of_others(boundary, dim):
     found = division.near(pos)
     near[found] = True
     assert len(found) == near.sum() and near[expected].all() and expected.any()
-    if dim == 2:
-        assert near.sum() < 0.6 * len(pos)
+    # All batches at the border: about 4 tiles wide, of 37 across what a rank has. With all rows of batches whose rows
+    # are far apart it would be an eighth in one dimension, and all in two.
+    assert near.sum() < (0.1 if dim == 1 else 0.3) * len(pos)
     pos[5] = np.nan
     assert 5 in division.near(pos)
 
