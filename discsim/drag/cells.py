@@ -290,10 +290,15 @@ def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
     return layout, about_star
 
 
+def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:
+    """The members of the blocks of `layout_of`, and the frame."""
+    layout, about_star = layout_of(drag, state, linear)
+    return sort_into_blocks(drag, state, layout), about_star
+
+
 def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
     """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
-    layout, about_star = layout_of(drag, state, linear)
-    blocks = sort_into_blocks(drag, state, layout)
+    blocks, about_star = drag.places(state)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
     times = np.empty((len(corners), drag.classes.number))

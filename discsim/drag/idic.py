@@ -27,6 +27,10 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=False)
 
 
+def places(drag: Drag, state: State) -> Any:
+    return cells.blocks_of(drag, state, linear=False)
+
+
 def members(drag: Drag, state: State) -> Any:
     return cells.layout_of(drag, state, linear=False)[0]
 
@@ -49,4 +53,6 @@ def least(scene: Scene) -> tuple[int, int]:
 
 
 CELLS = Cells(leaf, few=(8, 30), few_random=(8, 30), least=least)
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0, members=members, reads=UNSHARED)
+SCHEME = Scheme(
+    relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0, places=places, members=members, reads=UNSHARED
+)

@@ -25,8 +25,14 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=True)
 
 
+def places(drag: Drag, state: State) -> Any:
+    return cells.blocks_of(drag, state, linear=True)
+
+
 def members(drag: Drag, state: State) -> Any:
     return cells.layout_of(drag, state, linear=True)[0]
 
 
-SCHEME = Scheme(relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0, members=members, reads=UNSHARED)
+SCHEME = Scheme(
+    relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0, places=places, members=members, reads=UNSHARED
+)

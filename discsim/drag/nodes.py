@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,19 @@ FEW = 6  # grains of a class in a cell, above which sums of the cell are cheaper
 LEAST = 64  # blocks or nodes in a piece of a loop
 
 
+class Places(NamedTuple):
+    """Where a kick is made: members of blocks, and as in `Cells` and `Nodes` what they are to each other."""
+
+    blocks: Blocks
+    about_star: Frame
+    corners: Array
+    home: Array
+    slot: Array
+    about: Array
+    near: Array
+    centre: Array
+
+
 def layout_of(drag: Drag, state: State) -> tuple[Layout, Frame]:
     """The blocks whose particles have nodes, and the frame."""
     about_star = frame(drag, state)
@@ -50,13 +63,25 @@ def layout_of(drag: Drag, state: State) -> tuple[Layout, Frame]:
     return layout, about_star
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
+def places(drag: Drag, state: State) -> Places:
     layout, about_star = layout_of(drag, state)
     blocks = sort_into_blocks(drag, state, layout)
+    grid, lattices = blocks.lattice, levels.lattices(*blocks.lattice.shape, blocks.lattice.joined, LEVELS + 1)
+    home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
+    centre = np.empty((len(near), 2))
+    share(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
+    return Places(
+        blocks, about_star, blocks.corners, home, _slots(blocks, drag.classes.number + 1), about, near, centre
+    )
+
+
+def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
+    there: Places = drag.places(state)
+    blocks, about_star = there.blocks, there.about_star
     few = drag.classes.number > 1 and _are_few(drag, blocks, state.dust.count)
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
-    cells, nodes = _places(drag, blocks, few and len(state.own_acc["dust"]) == 0)
+    cells, nodes = _sums(drag, there, few and len(state.own_acc["dust"]) == 0)
     packed = [_gather(drag, kind, cells, nodes, about_star, law.code) for kind in (gas, dust)]
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
     met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
@@ -104,22 +129,18 @@ def _are_few(drag: Drag, blocks: Blocks, grains: int) -> bool:
     return bool(world.together.sum(held) < FEW * world.together.sum(cells))
 
 
-def _places(drag: Drag, blocks: Blocks, by_grain: bool) -> tuple[Cells, Nodes]:
+def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
     """Cells and nodes, with room for what they will hold."""
-    grid, flat, species = blocks.lattice, drag.dim == 1, drag.classes.number + 1
-    lattices = levels.lattices(*grid.shape, grid.joined, LEVELS + 1)
-    home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, flat)
-    slot = _slots(blocks, species)
+    blocks, _, corners, home, slot, about, near, centre = there
+    species = drag.classes.number + 1
     slots, count = slot.max(initial=-1) + 1, len(home)
     given = _kept(drag, "given of cells", count if by_grain else slots, 9, FIELDS)
     own = _kept(drag, "own of cells", slots, 3, FIELDS)
     total = _kept(drag, "all dust of cells", count if by_grain else 0, 3, FIELDS)
     share_of = _kept(drag, "shares of grains", len(blocks.dust_order) if by_grain else 0)
-    centre = np.empty((len(near), 2))
-    share(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
-        Cells(blocks.corners, blocks.sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
+        Cells(corners, blocks.sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
         Nodes(about, near, centre, aligned((len(near), species, FIELDS)), square),
     )
 

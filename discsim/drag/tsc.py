@@ -31,6 +31,10 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     nodes.relax(drag, state, dt, gas_vel, heat)
 
 
+def places(drag: Drag, state: State) -> Any:
+    return nodes.places(drag, state)
+
+
 def members(drag: Drag, state: State) -> Any:
     return nodes.layout_of(drag, state)[0]
 
@@ -47,5 +51,13 @@ def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
 CELLS = Cells(leaf, few=(2, 2), few_random=(3, 9), share=NEAREST)
 # A node's change is sharpened by those of its neighbours, which hang on slopes about theirs.
 SCHEME = Scheme(
-    relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0, members=members, rings=2, reads=UNSHARED
+    relax,
+    sizes=True,
+    unused=NO_KERNEL,
+    cells=CELLS,
+    nanoseconds=220.0,
+    places=places,
+    members=members,
+    rings=2,
+    reads=UNSHARED,
 )

@@ -127,7 +127,19 @@ class Effect:
         """What it has to know of the start, once that has its velocities; of a run that goes on it is called too."""
 
     def forget(self) -> None:
-        """The state is that of a checkpoint from now on: what it has found in another one means nothing any more."""
+        """The state is another one from now on, of a checkpoint or changed by hand: what it has found means nothing."""
+
+    def prepare(self, state: State) -> None:
+        """Make what `accelerate` needs of the places alone; on a thread of its own, beside that of other effects.
+
+        Of the state it changes only what no other effect's `prepare` looks at. `accelerate` makes it itself where
+        nobody has before.
+        """
+
+    def prepare_kick(self, state: State) -> None:
+        """Make what `kick` needs of places, velocities and smoothing lengths, as they are before it; on a thread of its
+        own, beside what accelerates. It changes nothing of the state.
+        """
 
     def accelerate(self, state: State) -> None:
         """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""

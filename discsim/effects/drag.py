@@ -187,6 +187,7 @@ class Effect(base.Effect):
         self.agree = Known()
         self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
         self._kicked = (-1, 0.0)  # step and time of the last kick
+        self._places: Any = None  # what the next kick needs of places
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -224,6 +225,23 @@ class Effect(base.Effect):
         """
         whole = total(_moving_mass(self.state.dust)) if self._mass_alone > 0.0 else 0.0
         return self._mass_alone / whole if whole > 0.0 else 0.0
+
+    def forget(self) -> None:
+        self._places = None
+
+    def prepare_kick(self, state: State) -> None:
+        self._places = None
+        alone = world.together.many or state.gas.everywhere == 0 or state.dust.everywhere == 0
+        if self.scheme.places is None or alone or state.centre is not None:  # about which places are others
+            return
+        self._sort(state)
+        self._places = self.scheme.places(self, state)
+
+    def places(self, state: State) -> Any:
+        """What the scheme's `places` makes, once: for one kick."""
+        assert self.scheme.places is not None
+        there, self._places = self._places, None
+        return self.scheme.places(self, state) if there is None else there
 
     def limit(self, state: State) -> float:
         if self.limit_by is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:
@@ -277,14 +295,18 @@ class Effect(base.Effect):
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))
 
+    def _sort(self, state: State) -> None:
+        """Classes of the dust, and what it turns about, as they are now."""
+        self.classes.sort(state.dust)
+        if state.bodies is not None:
+            self.star = (state.central_mass, state.scene.star.softening)
+
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
         assert self.relax_by is not None
         self.alone = NOBODY
-        self.classes.sort(dust)
-        if state.bodies is not None:
-            self.star = (state.central_mass, state.scene.star.softening)
+        self._sort(state)
         with state.about_centre(gas_vel):
             self.relax_by(self, state, dt, gas_vel, heat)
         there = world.together.most(len(self.alone)) > 0

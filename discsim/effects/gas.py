@@ -150,6 +150,7 @@ class Effect(base.Effect):
         self.scene = scene
         self.sph = sums.Sph(scene)
         self._limit = np.inf
+        self._predicted: tuple[np.ndarray, np.ndarray | None] | None = None  # with which `prepare` made the density
 
     @classmethod
     def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
@@ -161,15 +162,27 @@ class Effect(base.Effect):
         each = NEIGHBOUR[scene.gas.precision]
         return counts.gas * (PARTICLE + each * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
 
-    def accelerate(self, state: State) -> None:
+    def forget(self) -> None:
+        self._predicted = None
+
+    def prepare(self, state: State) -> None:
         gas = state.gas
         if gas.everywhere == 0:  # the star has it all
-            self._limit = np.inf
             return
-        vel, u = self.predicted(state)
+        self._predicted = self.predicted(state)
         if gas.h_before is not None:
             gas.h_before[:] = gas.h
-        self.sph.density(gas, vel)
+        self.sph.density(gas, self._predicted[0])
+
+    def accelerate(self, state: State) -> None:
+        gas = state.gas
+        if gas.everywhere == 0:
+            self._limit = np.inf
+            return
+        if self._predicted is None:
+            self.prepare(state)
+        assert self._predicted is not None
+        (vel, u), self._predicted = self._predicted, None
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(state, u)
         if gas.nu is not None:
             pos = state.from_centre(gas.pos)

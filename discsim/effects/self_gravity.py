@@ -185,6 +185,7 @@ class Effect(base.Effect):
         self.mesh: Mesh = meshes.Mesh(grid, self.kernel)
         self.outside = 0
         self._made = False  # whether that has made forces
+        self._prepared = False  # whether the potential is that of forces to be made
         self._strongest: dict[str, float] = {}
 
     @classmethod
@@ -204,12 +205,17 @@ class Effect(base.Effect):
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
     def forget(self) -> None:
-        self._made = False
+        self._made = self._prepared = False
 
-    def accelerate(self, state: State) -> None:
+    def prepare(self, state: State) -> None:
         self.mesh.solve(state.species, self.sources)
         self.mesh.differentiate()
-        self._made = True
+        self._prepared = True
+
+    def accelerate(self, state: State) -> None:
+        if not self._prepared:
+            self.prepare(state)
+        self._made, self._prepared = True, False
         monopole: _Monopole | None = None
         self.outside = 0
         for name, particles in state.species.items():

@@ -4,23 +4,16 @@
     def kernel(first, last, ...):      # for i in range(first, last)
 
 Pieces only divide independent work, so results are bitwise the same for any number of threads. One loop a
-kernel, without numba's own parallel lowering, also compiles in a fraction of the time.
-
-A loop is one task: the thread that calls takes pieces too, and its helpers, each asleep behind a lock, are woken once.
-A step of 80 loops is as many tasks, and one that a pool hands out piece by piece takes a tenth of its time for that.
+kernel, without numba's own parallel lowering, also compiles in a fraction of the time. Who takes the pieces is in
+`numerics/teams.py`.
 """
 
-import os
 from collections.abc import Callable, Iterator
-from contextvars import Context, copy_context
-from itertools import accumulate, chain
-from itertools import count as numbers
-from threading import Lock, Thread
 from typing import Any
 
 import numpy as np
 
-from discsim.numerics import room
+from discsim.numerics import room, teams
 from discsim.parts import Lazy
 
 numba, moves = Lazy("numba"), Lazy("discsim.kernels.move")
@@ -51,7 +44,7 @@ def share(
     parts = [(*span, *([] if each is None else [each[k]])) for k, span in enumerate(spans)]
     if len(parts) == 1:
         return [kernel(*parts[0], *arguments)]
-    return _together(_Loop(kernel, parts, arguments, [len(run) for run in runs]), threads - 1)
+    return teams.share(teams.Loop(kernel, parts, arguments, [len(run) for run in runs]), threads - 1)
 
 
 def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
@@ -70,101 +63,6 @@ def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
             first = last
         runs.append([*run, (first, end)])
     return runs
-
-
-class _Loop:
-    """A kernel and the pieces of its range; what they returned, and what they raised, by number."""
-
-    def __init__(
-        self, kernel: Callable[..., Any], parts: list[tuple[Any, ...]], arguments: tuple[Any, ...], runs: list[int]
-    ) -> None:
-        self.kernel, self.parts, self.arguments = kernel, parts, arguments
-        self.returned: list[Any] = [None] * len(parts)
-        self.raised: dict[int, BaseException] = {}
-        # Numbers of the pieces of each thread's own. The interpreter gives each number to one thread.
-        self.left = [iter(range(end - run, end)) for run, end in zip(runs, accumulate(runs), strict=True)]
-        self.ended = numbers(1)
-        self.done = Lock()
-        self.done.acquire()
-
-    def take(self, thread: int) -> None:
-        """Run pieces until none is left, a thread's own ones first: it has their data at hand from the loops before.
-
-        Whoever ends the last one says so.
-        """
-        own = thread % len(self.left)
-        for k in chain(*self.left[own:], *self.left[:own]):
-            if not self.raised or k < min(self.raised):  # the first to raise is the same on any number of threads
-                try:
-                    self.returned[k] = self.kernel(*self.parts[k], *self.arguments)
-                except BaseException as fault:  # for who called, Ctrl-C too
-                    self.raised[k] = fault
-            if next(self.ended) == len(self.parts):
-                self.done.release()
-
-
-class _Crew:
-    """Helpers of one caller at a time, each asleep until its lock is opened."""
-
-    def __init__(self, helpers: int) -> None:
-        self.task: tuple[_Loop, list[Context]] | None = None
-        self.left = False
-        self.locks = [Lock() for _ in range(helpers)]
-        for number, lock in enumerate(self.locks):
-            lock.acquire()
-            Thread(target=self._help, args=(number, lock), name="discsim", daemon=True).start()
-
-    def wake(self, loop: _Loop) -> None:
-        # One that has not woken yet since the loop before finds this one.
-        self.task = loop, [copy_context() for _ in self.locks]  # settings of numpy's errors are the caller's
-        for lock in self.locks[: len(loop.parts) - 1]:
-            if lock.locked():
-                lock.release()
-
-    def leave(self) -> None:
-        """Let the helpers go, at the end of the pieces that they are in."""
-        self.left, self.task = True, None
-        for lock in self.locks:
-            if lock.locked():
-                lock.release()
-
-    def _help(self, number: int, lock: Any) -> None:
-        while not self.left:
-            lock.acquire()
-            task = self.task
-            if task is not None:
-                task[1][number].run(task[0].take, number + 1)
-            del task  # and with it the arrays
-
-
-_idle: dict[int, list[_Crew]] = {}  # by the number of helpers
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_idle.clear)  # a fork has none of the threads: work given to them would wait
-
-
-def _together(loop: _Loop, helpers: int) -> list[Any]:
-    """Run a loop on this thread and helpers of its own; what its pieces returned, or raises what the first raised."""
-    idle = _idle.setdefault(helpers, [])
-    try:
-        crew = idle.pop()
-    except IndexError:
-        crew = _Crew(helpers)
-    try:
-        crew.wake(loop)
-        loop.take(0)
-        loop.done.acquire()
-    except BaseException as fault:  # Ctrl-C between two pieces
-        loop.raised[-1] = fault  # no more of them
-        crew.leave()
-        raise
-    crew.task = None
-    idle.append(crew)
-    try:
-        if loop.raised:
-            raise loop.raised[min(loop.raised)]
-    finally:
-        loop.raised = {}  # no circle of a fault and the frames that it came through
-    return loop.returned
 
 
 def copied(array: np.ndarray) -> np.ndarray:

@@ -29,10 +29,10 @@ class DividedCosts(Costs):
         self._means: dict[str, Sum] = {}
 
     @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
+    def __call__(self, name: str, calls: int = 1) -> Iterator[None]:
         self.traffic.doing = name
         try:
-            with super().__call__(name):
+            with super().__call__(name, calls):
                 yield
         finally:
             self.traffic.doing = ""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from discsim.numerics.teams import cpu_time
 from discsim.output.files import written
 
 
@@ -19,11 +19,12 @@ class Costs:
         self.seconds = dict.fromkeys(self.calls, 0.0)
 
     @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
-        start = time.process_time()
+    def __call__(self, name: str, calls: int = 1) -> Iterator[None]:
+        """What this thread and those that help it do within, for `name`; as some `calls`."""
+        start = cpu_time()
         yield
-        self.seconds[name] += time.process_time() - start
-        self.calls[name] += 1
+        self.seconds[name] += cpu_time() - start
+        self.calls[name] += calls
 
     @property
     def total(self) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from discsim.effects.base import Effect
 from discsim.numerics import world
 from discsim.numerics.state import State
+from discsim.numerics.teams import beside
 from discsim.numerics.threads import copied, share
 from discsim.parts import Lazy
 from discsim.run.costs import Costs
@@ -39,7 +41,28 @@ def kick_owner(effects: Effects) -> str | None:
 
 
 def accelerate(state: State, effects: Effects, costs: Costs) -> None:
-    """Accelerations of all effects; of what gas and dust at one place do not both feel a copy for the kick's owner."""
+    """Accelerations of all effects; of what gas and dust at one place do not both feel a copy for the kick's owner.
+
+    Before them effects prepare, beside each other; and beside them does who owns the kick.
+    """
+    preparing = [name for name, effect in effects.items() if type(effect).prepare is not Effect.prepare]
+    _beside(*(partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in preparing))
+    accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
+    owner = kick_owner(effects)
+    if owner is not None:
+        accelerating.append(partial(_do, effects[owner].prepare_kick, state, owner, costs, calls=0))
+    _beside(*accelerating)
+
+
+def _beside(*jobs: Callable[[], None]) -> None:
+    if world.together.many:  # what they ask of other processes has an order
+        for job in jobs:
+            job()
+    else:
+        beside(*jobs)
+
+
+def _add_all(state: State, effects: Effects, costs: Costs) -> None:
     own = {name: effect.acts_on for name, effect in effects.items() if not effect.shared}
     order = [*own, *(name for name in effects if name not in own)]
     state.blank.clear()
@@ -60,12 +83,16 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
         _add(state, effects[name], name, costs)
 
 
-def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
+def _do(what: Callable[[State], None], state: State, name: str, costs: Costs, calls: int = 1) -> None:
     try:
-        with costs(name):
-            effect.accelerate(state)
+        with costs(name, calls):
+            what(state)
     except FloatingPointError as fault:
         raise PhysicsError(str(fault)) from fault
+
+
+def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
+    _do(effect.accelerate, state, name, costs)
     state.blank.difference_update(effect.acts_on)
     for p in state.species.values():
         if p.immobile is not None:

@@ -31,10 +31,12 @@ class Operators:
         # What forces and kicks make is checked where it is made. This takes a fiftieth of a step.
         if guards.coupled(self.state) and (self.shown or self.operating):
             self._check(guards.check_inputs)
-        if self.shown:
-            world.together.forget()  # places may be others
-        self.shown = False
         owner = forces.kick_owner(self.effects)
+        if self.shown:  # places may be others
+            world.together.forget()
+            if owner is not None:
+                self.effects[owner].forget()
+        self.shown = False
         try:
             for name in [owner] if owner is not None else self.effects:
                 with self.costs(name):

@@ -14,15 +14,6 @@ from discsim import Simulation
 from discsim.numerics.threads import fill, pieces, share
 
 
-@pytest.fixture
-def four_cores(monkeypatch):
-    """numba as it is on four cores: a number for each Python thread."""
-    own = threading.local()
-    monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 4)
-    monkeypatch.setattr(numba, "set_num_threads", lambda number: setattr(own, "number", number))
-    monkeypatch.setattr(numba, "get_num_threads", lambda: getattr(own, "number", 4))
-
-
 def threads_of_a_loop():
     """Who takes part in a loop in which each of four threads waits for the others."""
     met, found = threading.Barrier(4), set()
