@@ -9,8 +9,10 @@ import gc
 import os
 import signal
 import tempfile
+import threading
 from collections import Counter
 
+import pytest
 from hypothesis import settings
 
 from discsim import RARELY
@@ -35,3 +37,14 @@ def pytest_collection_modifyitems(items):
     tests = Counter(item.path for item in items)
     first = max(tests, key=tests.get, default=None)
     items.sort(key=lambda item: (item.path != first, item.path.name != SECOND, -tests[item.path]))
+
+
+@pytest.fixture
+def four_cores(monkeypatch):
+    """numba as it is on four cores: a number for each Python thread."""
+    import numba  # only now: it reads the number above
+
+    own = threading.local()
+    monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 4)
+    monkeypatch.setattr(numba, "set_num_threads", lambda number: setattr(own, "number", number))
+    monkeypatch.setattr(numba, "get_num_threads", lambda: getattr(own, "number", 4))

@@ -12,7 +12,7 @@ import numpy as np
 from discsim.effects.base import Effect
 from discsim.numerics import world
 from discsim.numerics.state import State
-from discsim.numerics.teams import beside
+from discsim.numerics.teams import beside, several_threads
 from discsim.numerics.threads import copied, share
 from discsim.parts import Lazy
 from discsim.run.costs import Costs
@@ -43,23 +43,18 @@ def kick_owner(effects: Effects) -> str | None:
 def accelerate(state: State, effects: Effects, costs: Costs) -> None:
     """Accelerations of all effects; of what gas and dust at one place do not both feel a copy for the kick's owner.
 
-    Before them effects prepare, beside each other; and beside them does who owns the kick.
+    On several threads effects prepare before that, beside each other, and who owns the kick does beside it. On one
+    thread what is made sooner than it is needed only leaves the caches again; and what effects ask of other processes
+    has an order.
     """
-    preparing = [name for name, effect in effects.items() if type(effect).prepare is not Effect.prepare]
-    _beside(*(partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in preparing))
     accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
-    owner = kick_owner(effects)
-    if owner is not None:
-        accelerating.append(partial(_do, effects[owner].prepare_kick, state, owner, costs, calls=0))
-    _beside(*accelerating)
-
-
-def _beside(*jobs: Callable[[], None]) -> None:
-    if world.together.many:  # what they ask of other processes has an order
-        for job in jobs:
-            job()
-    else:
-        beside(*jobs)
+    if several_threads() and not world.together.many:
+        preparing = [name for name, effect in effects.items() if type(effect).prepare is not Effect.prepare]
+        beside(*(partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in preparing))
+        owner = kick_owner(effects)
+        if owner is not None:
+            accelerating.append(partial(_do, effects[owner].prepare_kick, state, owner, costs, calls=0))
+    beside(*accelerating)
 
 
 def _add_all(state: State, effects: Effects, costs: Costs) -> None:

@@ -12,7 +12,7 @@ BLOCKS = [name for name, scheme in SCHEMES.items() if scheme.places is not None]
 
 def unprepared(monkeypatch):
     """Each effect makes all that it needs where it accelerates or kicks."""
-    monkeypatch.setattr(forces, "_beside", lambda *jobs: [job() for job in jobs if job.func is forces._add_all])
+    monkeypatch.setattr(forces, "several_threads", lambda: False)
 
 
 def test_who_relaxes_in_blocks_prepares_them():
@@ -20,7 +20,7 @@ def test_who_relaxes_in_blocks_prepares_them():
 
 
 @pytest.mark.parametrize("scheme", BLOCKS)
-def test_a_kick_takes_what_was_prepared_for_it(tmp_path, monkeypatch, scheme):
+def test_a_kick_takes_what_was_prepared_for_it(tmp_path, four_cores, scheme):
     sim = Simulation(scene_of(tmp_path, DISC, f"drag.scheme={scheme}"))
     sim.evolve(0.1)
     effect = sim.effects["drag"]
@@ -43,9 +43,8 @@ def test_a_kick_takes_what_was_prepared_for_it(tmp_path, monkeypatch, scheme):
 
 @pytest.mark.parametrize("scheme", BLOCKS)
 @pytest.mark.parametrize("way", ["apart", "moved", "shown", "restored"])
-def test_what_is_prepared_changes_no_bit(tmp_path, monkeypatch, scheme, way):
+def test_what_is_prepared_changes_no_bit(tmp_path, monkeypatch, four_cores, scheme, way):
     """Also where somebody changes places between forces and the kick, looks at the state, or goes back in time."""
-    given = [f"drag.scheme={scheme}", "run.threads=1"]
 
     def act(sim):
         if way == "moved":
@@ -56,7 +55,7 @@ def test_what_is_prepared_changes_no_bit(tmp_path, monkeypatch, scheme, way):
         return False
 
     def end():
-        sim = Simulation(scene_of(tmp_path, DISC, *given))
+        sim = Simulation(scene_of(tmp_path, DISC, f"drag.scheme={scheme}"))
         sim.evolve(0.1)
         sim.save(tmp_path / "old.h5")
         sim.evolve(0.5, lambda: act(sim))
