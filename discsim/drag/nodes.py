@@ -40,11 +40,16 @@ LEAST = 64  # blocks or nodes in a piece of a loop
 
 
 class Places(NamedTuple):
-    """Where a kick is made: members of blocks, and as in `Cells` and `Nodes` what they are to each other."""
+    """Where a kick is made: members of blocks, and as in `Cells` and `Nodes` what they are to each other.
+
+    rows (blocks times populations + 1,) of gas and of dust: how many rows of LANES particles come before each block.
+    """
 
     blocks: Blocks
     about_star: Frame
+    rows: tuple[Array, Array]
     corners: Array
+    sides: Array
     home: Array
     slot: Array
     about: Array
@@ -70,9 +75,9 @@ def places(drag: Drag, state: State) -> Places:
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
     centre = np.empty((len(near), 2))
     share(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
-    return Places(
-        blocks, about_star, blocks.corners, home, _slots(blocks, drag.classes.number + 1), about, near, centre
-    )
+    slot = _slots(blocks, drag.classes.number + 1)
+    rows = _rows(blocks.gas_start, len(home)), _rows(blocks.dust_start, len(home) * drag.classes.number)
+    return Places(blocks, about_star, rows, blocks.corners, blocks.sides, home, slot, about, near, centre)
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
@@ -82,7 +87,10 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     cells, nodes = _sums(drag, there, few and len(state.own_acc["dust"]) == 0)
-    packed = [_gather(drag, kind, cells, nodes, about_star, law.code) for kind in (gas, dust)]
+    packed = [
+        _gather(drag, kind, cells, nodes, rows, about_star, law.code)
+        for kind, rows in zip((gas, dust), there.rows, strict=True)
+    ]
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
     met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
     # Heat goes on from what others' particles lose.
@@ -131,7 +139,7 @@ def _are_few(drag: Drag, blocks: Blocks, grains: int) -> bool:
 
 def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
     """Cells and nodes, with room for what they will hold."""
-    blocks, _, corners, home, slot, about, near, centre = there
+    blocks, _, _, corners, sides, home, slot, about, near, centre = there
     species = drag.classes.number + 1
     slots, count = slot.max(initial=-1) + 1, len(home)
     given = _kept(drag, "given of cells", count if by_grain else slots, 9, FIELDS)
@@ -140,7 +148,7 @@ def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
     share_of = _kept(drag, "shares of grains", len(blocks.dust_order) if by_grain else 0)
     square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
     return (
-        Cells(corners, blocks.sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
+        Cells(corners, sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
         Nodes(about, near, centre, aligned((len(near), species, FIELDS)), square),
     )
 
@@ -157,7 +165,16 @@ def _slots(blocks: Blocks, species: int) -> Array:
     return slot
 
 
-def _gather(drag: Drag, kind: Species, cells: Cells, nodes: Nodes, about_star: Frame, law: int) -> tuple[Array, Array]:
+def _rows(start: Array, count: int) -> Array:
+    """How many rows of LANES come before the members of each of `count` (count + 1,)."""
+    out = np.zeros(count + 1, np.int64)
+    np.cumsum((np.diff(start[: count + 1]) + LANES - 1) // LANES, out=out[1:])
+    return out
+
+
+def _gather(
+    drag: Drag, kind: Species, cells: Cells, nodes: Nodes, rows: Array, about_star: Frame, law: int
+) -> tuple[Array, Array]:
     """What the nodes have of some particles. Returns where the columns of each population in a block begin and these,
     or rows of grains taken one by one.
     """
@@ -170,8 +187,7 @@ def _gather(drag: Drag, kind: Species, cells: Cells, nodes: Nodes, about_star: F
         )  # fmt: skip
         share(nodes_grains.collect_grains, len(nodes.near), kind, nodes, row, cells.share, least=LEAST)
         return np.empty(0, np.int64), row.ravel()
-    rows = (np.diff(kind.start[: count * kind.number + 1]) + LANES - 1) // LANES
-    begin = (FIELDS if len(kind.own) > 0 else BX) * LANES * np.append(0, np.cumsum(rows))
+    begin = (FIELDS if len(kind.own) > 0 else BX) * LANES * rows
     column = _kept(drag, f"columns of {name}", int(begin[-1]))
     square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
     share(nodes_gather.gather, count, kind, cells, nodes, about_star, law, begin, column, square, least=LEAST)
