@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,14 +18,15 @@ LEAST = 0.01  # share of a step, below which a loop is not shown by name
 def watched() -> Iterator[Counter[str]]:
     """CPU seconds of all loops that run meanwhile, by name; of modules that are loaded already."""
     from discsim.numerics import threads
+    from discsim.numerics.teams import cpu_time
 
     share = threads.share
     passes: Counter[str] = Counter()
 
     def timed(kernel: Any, *given: Any, **named: Any) -> list[Any]:
-        start = time.process_time()
+        start = cpu_time()  # other loops may run at the same time
         out = share(kernel, *given, **named)
-        passes[_name(kernel)] += time.process_time() - start
+        passes[_name(kernel)] += cpu_time() - start
         return out
 
     users: list[Any] = [module for module in list(sys.modules.values()) if getattr(module, "share", None) is share]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from discsim.kernels.totals import add_columns
-from discsim.numerics.totals import rounded, total, totals
+from discsim.numerics import world
+from discsim.numerics.totals import FEW, rounded, total, totals
 
 
 def wide(number, seed=3):
@@ -49,6 +50,20 @@ def test_what_is_not_finite_has_no_total(wrong):
 
 def test_a_total_that_overflows_is_infinite():
     assert total(np.full(4, -1e308)) == -math.inf
+
+
+@pytest.mark.parametrize("number", [1, 2, FEW, FEW + 1])
+def test_sums_of_few_and_of_many_have_the_same_bits(monkeypatch, number):
+    """Also as on several processes, which never know that all of them have few."""
+    values = wide(number)[:number]
+    columns = np.stack([values, -0.0 * values, np.full(number, 1e308), np.full(number, 5e-324)], axis=1)
+    for wrong in (0.0, np.inf, np.nan):
+        columns[-1, 0] += wrong
+        few = totals(columns)
+        with monkeypatch.context() as many:
+            many.setattr(world.together, "many", True)
+            assert few.tobytes() == totals(columns).tobytes()
+        assert math.isfinite(few[0]) == (wrong == 0.0) and math.isfinite(few[2]) == (number == 1)
 
 
 def test_parts_add_up_to_the_whole():
