@@ -71,7 +71,8 @@ class Scheme:
     cells: Cells | None = None  # where drag is that of the particles in a cell
     nanoseconds: float = 3000.0  # CPU time of a particle of either kind in a step: those of pairs
     rules: tuple[Rule, ...] = ()  # what a scene with this scheme must have
-    # What `relax` needs of places, velocities and h alone, from `drag.places`: it is made beside forces.
+    # places(drag, state): what `relax` needs beside accelerations and dt; it takes it from `drag.places(state)`. On
+    # several threads it is made while effects accelerate.
     places: Callable[[Any, State], Any] | None = None
     # For runs on several MPI ranks: where the blocks are that it relaxes in, members(drag, state), a `Layout` of
     # `drag/cells.py`, and how many rings of nodes beyond those about a block its particles hang on, below 0 for none at

@@ -42,7 +42,8 @@ LEAST = 64  # blocks or nodes in a piece of a loop
 class Places(NamedTuple):
     """Where a kick is made: members of blocks, and as in `Cells` and `Nodes` what they are to each other.
 
-    rows (blocks times populations + 1,) of gas and of dust: how many rows of LANES particles come before each block.
+    rows (blocks times populations + 1,), of gas and of dust: how many rows of LANES particles come before those of each
+    population in each block; gas is one.
     """
 
     blocks: Blocks

@@ -127,19 +127,22 @@ class Effect:
         """What it has to know of the start, once that has its velocities; of a run that goes on it is called too."""
 
     def forget(self) -> None:
-        """The state is another one from now on, of a checkpoint or changed by hand: what it has found means nothing."""
+        """The state is that of a checkpoint from now on: what it has found in another one means nothing any more."""
 
     def prepare(self, state: State) -> None:
-        """Make what `accelerate` needs of the places alone; on a thread of its own, beside that of other effects.
+        """Make what `accelerate` needs and no effect's `accelerate` changes: a field, the density of the gas.
 
-        Of the state it changes only what no other effect's `prepare` looks at. `accelerate` makes it itself where
-        nobody has before.
+        Several threads call those of different effects at the same time: it changes nothing that another one reads.
+        Where nobody has called it, as on one thread, `accelerate` does so itself.
         """
 
     def prepare_kick(self, state: State) -> None:
-        """Make what `kick` needs of places, velocities and smoothing lengths, as they are before it; on a thread of its
-        own, beside what accelerates. It changes nothing of the state.
+        """Make what the next `kick` needs and no effect's `accelerate` changes: of places, velocities, masses and
+        smoothing lengths. Several threads call it while effects accelerate: it changes nothing of the state.
         """
+
+    def discard(self) -> None:
+        """Let go of what has been prepared: the state may be another one since."""
 
     def accelerate(self, state: State) -> None:
         """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""

@@ -226,13 +226,14 @@ class Effect(base.Effect):
         whole = total(_moving_mass(self.state.dust)) if self._mass_alone > 0.0 else 0.0
         return self._mass_alone / whole if whole > 0.0 else 0.0
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         self._places = None
 
     def prepare_kick(self, state: State) -> None:
-        self._places = None
-        alone = world.together.many or state.gas.everywhere == 0 or state.dust.everywhere == 0
-        if self.scheme.places is None or alone or state.centre is not None:  # about which places are others
+        self.discard()
+        if self._kicked[0] < 0 or self.scheme.places is None:  # a second process may still compile it
+            return
+        if state.gas.everywhere == 0 or state.dust.everywhere == 0 or state.centre is not None:  # of other places
             return
         self._sort(state)
         self._places = self.scheme.places(self, state)
@@ -288,6 +289,7 @@ class Effect(base.Effect):
         if gas.everywhere == 0 or dust.everywhere == 0:
             return np.full(dust.count, np.inf)
         vel, dust.vel = dust.vel, dust.vel.copy()
+        self.discard()  # who looks may have changed places
         self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
         dust.vel = vel
         return self.stopping_times

@@ -162,17 +162,18 @@ class Effect(base.Effect):
         each = NEIGHBOUR[scene.gas.precision]
         return counts.gas * (PARTICLE + each * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         self._predicted = None
 
     def prepare(self, state: State) -> None:
         gas = state.gas
         if gas.everywhere == 0:  # the star has it all
             return
-        self._predicted = self.predicted(state)
+        vel, u = self.predicted(state)
         if gas.h_before is not None:
             gas.h_before[:] = gas.h
-        self.sph.density(gas, self._predicted[0])
+        self.sph.density(gas, vel)
+        self._predicted = vel, u
 
     def accelerate(self, state: State) -> None:
         gas = state.gas

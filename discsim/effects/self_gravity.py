@@ -205,7 +205,10 @@ class Effect(base.Effect):
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
     def forget(self) -> None:
-        self._made = self._prepared = False
+        self._made = False
+
+    def discard(self) -> None:
+        self._prepared = False
 
     def prepare(self, state: State) -> None:
         self.mesh.solve(state.species, self.sources)

@@ -2,8 +2,8 @@
 
 glibc gives arrays above 32 MB back to the system as soon as they are freed. Steps make such arrays of the same sizes
 again and again, and each would be fresh memory, which the system maps and clears page by page at the first touch: a
-tenth of a step of 1e6 and 1e7 particles (2026-11). All threads take from one place, as helpers' own ones would be given
-back. Where somebody has told malloc what to do, that stands.
+tenth of a step of 1e6 and 1e7 particles (2026-11). All threads use one arena: those of helpers would be given back.
+Where somebody has told malloc what to do, that stands.
 """
 
 import ctypes
@@ -12,7 +12,11 @@ import sys
 from functools import cache
 
 TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8  # parameters of mallopt (malloc.h)
-TOLD = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_MMAP_MAX_", "MALLOC_TOP_PAD_"  # what sets these too
+# What sets these too.
+TOLD = (
+    "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_MMAP_MAX_", "MALLOC_TOP_PAD_", "MALLOC_ARENA_MAX",
+    "MALLOC_ARENA_TEST",
+)  # fmt: skip
 
 
 @cache

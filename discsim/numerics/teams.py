@@ -1,8 +1,8 @@
 """Who works on what: a thread that calls, and helpers that sleep until there is something to do.
 
-What there is to do are loops that have pieces left (`numerics/threads.py`), and jobs that nobody has begun. A loop is
-one task: the thread that calls takes pieces too, and its helpers, each asleep behind a lock, are woken once. A step of
-80 loops is as many tasks, and one that a pool hands out piece by piece takes a tenth of its time for that.
+There are two kinds of work: loops that have pieces left (`numerics/threads.py`), and jobs that nobody has begun. A loop
+is one task: the thread that calls takes pieces too, and its helpers, each asleep behind a lock, are woken once. A step
+of 80 loops is as many tasks, and one that a pool hands out piece by piece takes a tenth of its time for that.
 
 Jobs that do not need each other run `beside` each other: where one of them works by itself, as all do between two
 loops, others go on meanwhile, and each shares its loops with whoever has nothing to do.
@@ -14,7 +14,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from contextvars import copy_context
 from itertools import accumulate, chain
@@ -49,6 +49,29 @@ class Here(threading.local):
 here = Here()
 
 
+class Turns:
+    """Short turns of the interpreter, of the whole process, while any thread has jobs."""
+
+    def __init__(self) -> None:
+        self.lock, self.users, self.before = Lock(), 0, 0.0
+
+    def __enter__(self) -> None:
+        with self.lock:
+            if self.users == 0:
+                self.before = sys.getswitchinterval()
+                sys.setswitchinterval(min(self.before, TURN))
+            self.users += 1
+
+    def __exit__(self, *fault: object) -> None:
+        with self.lock:
+            self.users -= 1
+            if self.users == 0:
+                sys.setswitchinterval(self.before)
+
+
+turns = Turns()
+
+
 def cpu_time() -> float:
     """CPU seconds of this thread until now, with those of others in its loops."""
     return time.thread_time() + here.add_up()
@@ -74,12 +97,13 @@ class Loop:
         self.heard = here.heard
         self.context = copy_context()  # settings of numpy's errors are the caller's
 
-    def take(self, thread: int) -> None:
+    def take(self, thread: int, helping: bool = False) -> None:
         """Run pieces until none is left, a thread's own ones first: it has their data at hand from the loops before.
 
-        Whoever ends the last one says so. What Ctrl-C raises between two pieces ends the loop, as what one raises does.
+        Whoever ends the last one says so. What Ctrl-C raises between two pieces ends the loop, as what one raises does;
+        it is raised here where all pieces have ended. helping: for another thread, which hears of the CPU time.
         """
-        own, number = thread % len(self.left), -1
+        own, number, begun = thread % len(self.left), -1, time.thread_time()
         try:
             for number in chain(*self.left[own:], *self.left[:own]):
                 if not self.raised or number < min(self.raised):  # the first to raise is the same on any threads
@@ -87,11 +111,18 @@ class Loop:
                         self.returned[number] = self.kernel(*self.parts[number], *self.arguments)
                     except BaseException as fault:  # for who called, Ctrl-C too
                         self.raised[number] = fault
+                if helping:
+                    now = time.thread_time()
+                    self.heard.append(now - begun)
+                    begun = now
                 self._end(number)
         except BaseException as fault:
+            late = len(self.ended) == len(self.parts)
             self.raised[-1] = fault
             if number >= 0:
                 self._end(number)
+            if late:
+                raise
 
     def _end(self, number: int) -> None:
         self.ended.add(number)
@@ -100,14 +131,14 @@ class Loop:
 
     def help(self, thread: int) -> None:
         """The same by another thread than that which called."""
-        begun = time.thread_time()
-        self.context.copy().run(self.take, thread)
-        self.heard.append(time.thread_time() - begun)
+        self.context.copy().run(self.take, thread, True)
 
     def complete(self, thread: int) -> list[Any]:
         """Take pieces, and wait for those of others; what all returned, or raises what the first raised."""
-        while len(self.ended) < len(self.parts):
+        while True:
             try:
+                if len(self.ended) == len(self.parts):
+                    break
                 self.take(thread)
                 self.done.acquire()
             except BaseException as fault:  # Ctrl-C while others end their pieces
@@ -124,28 +155,34 @@ class Loop:
 class Job:
     """Work that does not need that of other jobs."""
 
-    def __init__(self, work: Callable[[], object]) -> None:
+    def __init__(self, work: Callable[[], Any]) -> None:
         self.work, self.context = work, copy_context()
         self.fault: BaseException | None = None
         self.ended = False
 
     def run(self, team: Team, thread: int) -> None:
-        here.team, here.number = team, thread
+        """Do the work; what it raises is for who called, Ctrl-C too."""
+        fault = None
         try:
+            here.team, here.number = team, thread
             numba.set_num_threads(len(team.locks))
             self.context.run(self.work)
-        except BaseException as fault:  # for who called, Ctrl-C too
-            self.fault = fault
-        finally:
-            here.team, self.ended = None, True
-            wake(team.locks[0])
+        except BaseException as raised:
+            fault = raised
+        self.end(team, fault)
+
+    def end(self, team: Team, fault: BaseException | None) -> None:
+        here.team = None
+        self.fault = self.fault or fault
+        self.ended = True
+        wake(team.locks[0])
 
 
 class Team:
     """A caller and its helpers, each asleep until its lock is opened; the first is the caller's."""
 
     def __init__(self, helpers: int) -> None:
-        self.jobs: list[Job] = []  # that nobody has begun
+        self.jobs: Iterator[Job] = iter(())  # that nobody has begun; the interpreter gives each to one thread
         self.loops: list[Loop] = []  # with pieces that nobody has begun
         self.locks = [Lock() for _ in range(helpers + 1)]
         for lock in self.locks:
@@ -170,21 +207,23 @@ class Team:
 
     def beside(self, jobs: list[Job]) -> None:
         """Run jobs at the same time, the first on this thread, and wait for all."""
-        turn = sys.getswitchinterval()
-        sys.setswitchinterval(min(turn, TURN))
-        try:
-            self.jobs += reversed(jobs[1:])
-            for lock in self.locks[1:]:
-                wake(lock)
-            jobs[0].run(self, 0)
-            while not all(job.ended for job in jobs):
-                try:
+        self.jobs = iter(jobs[1:])
+        begun = False
+        while True:
+            try:
+                if all(job.ended for job in jobs):
+                    break
+                if begun:
                     self._help(0)
                     self.locks[0].acquire()
-                except BaseException as fault:  # Ctrl-C: nothing goes on while a job still changes things
-                    jobs[0].fault = jobs[0].fault or fault
-        finally:
-            sys.setswitchinterval(turn)
+                else:
+                    begun = True
+                    for lock in self.locks[1:]:
+                        wake(lock)
+                    jobs[0].run(self, 0)
+            except BaseException as fault:  # Ctrl-C: nothing goes on while a job still changes things
+                for job in (jobs[0], *self.jobs):  # which nobody has begun
+                    job.end(self, fault)
 
     def _serve(self, thread: int) -> None:
         while True:
@@ -193,9 +232,14 @@ class Team:
 
     def _help(self, thread: int) -> None:
         """Do what there is to do. What comes meanwhile opens the lock again."""
-        with suppress(IndexError):
-            while True:
-                self.jobs.pop().run(self, thread)
+        job = None
+        try:
+            for job in self.jobs:
+                job.run(self, thread)
+        except BaseException as fault:  # Ctrl-C before or after the work
+            if job is None:
+                raise
+            job.end(self, fault)
         for loop in [*self.loops]:
             loop.help(thread)
 
@@ -229,22 +273,29 @@ def several_threads() -> bool:
 
 
 def beside(*jobs: Callable[[], object]) -> None:
-    """Run jobs that do not need each other at the same time, or one after another where there is one thread; raises
-    what the first of them raised, once all have ended. Each may share loops.
+    """Run jobs that do not need each other at the same time, and wait for all; raises what the first of them raised.
+
+    Each may share loops. On one thread, and within a job, they run one after another, until one raises.
     """
-    threads = numba.get_num_threads()
     if len(jobs) < 2 or not several_threads():
-        for job in jobs:
-            job()
+        for work in jobs:
+            work()
         return
-    team, all_jobs = _team(threads - 1), [Job(job) for job in jobs]
+    helpers = numba.get_num_threads() - 1
+    team, held = _team(helpers), [Job(work) for work in jobs]
     try:
-        team.beside(all_jobs)
+        with turns:
+            team.beside(held)
     finally:
-        _idle[threads - 1].append(team)
-    for one in all_jobs:
-        if one.fault is not None:
-            raise one.fault
+        _idle[helpers].append(team)
+    faults = [job.fault for job in held if job.fault is not None]
+    for job in held:
+        job.fault = None  # no circle of a fault and the frames that it came through
+    if faults:
+        try:
+            raise faults[0]
+        finally:
+            faults.clear()
 
 
 def _team(helpers: int) -> Team:

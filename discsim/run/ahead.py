@@ -52,6 +52,7 @@ def kick_once(scene: Scene) -> None:
     owner = kick_owner(sim.effects)
     assert owner is not None
     for name in set(sim.effects) - {owner}:
+        sim.effects[name].prepare = lambda state: None  # type: ignore[method-assign]
         sim.effects[name].accelerate = lambda state: None  # type: ignore[method-assign]
         sim.effects[name].limit = lambda state: math.inf  # type: ignore[method-assign]
     sim.operators.forces()

@@ -20,10 +20,11 @@ class Costs:
 
     @contextmanager
     def __call__(self, name: str, calls: int = 1) -> Iterator[None]:
-        """What this thread and those that help it do within, for `name`; as some `calls`."""
+        """Add what this thread and those that help it do within to `name`, and count it as `calls` calls."""
         start = cpu_time()
         yield
-        self.seconds[name] += cpu_time() - start
+        spent = cpu_time() - start  # before the sum is read: another thread may add to it at the same time
+        self.seconds[name] += spent
         self.calls[name] += calls
 
     @property

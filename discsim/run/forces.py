@@ -43,18 +43,25 @@ def kick_owner(effects: Effects) -> str | None:
 def accelerate(state: State, effects: Effects, costs: Costs) -> None:
     """Accelerations of all effects; of what gas and dust at one place do not both feel a copy for the kick's owner.
 
-    On several threads effects prepare before that, beside each other, and who owns the kick does beside it. On one
-    thread what is made sooner than it is needed only leaves the caches again; and what effects ask of other processes
-    has an order.
+    On several threads effects first prepare at the same time; then the kick's owner prepares its kick while all others
+    accelerate. On one thread nothing is prepared early: it would have left the caches before it is used. On several
+    processes neither, as what they ask each other has to come in one order.
     """
-    accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
-    if several_threads() and not world.together.many:
+    if not several_threads() or world.together.many:
+        _add_all(state, effects, costs)
+        return
+    try:
         preparing = [name for name, effect in effects.items() if type(effect).prepare is not Effect.prepare]
         beside(*(partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in preparing))
+        accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
         owner = kick_owner(effects)
         if owner is not None:
             accelerating.append(partial(_do, effects[owner].prepare_kick, state, owner, costs, calls=0))
-    beside(*accelerating)
+        beside(*accelerating)
+    except BaseException:
+        for effect in effects.values():
+            effect.discard()
+        raise
 
 
 def _add_all(state: State, effects: Effects, costs: Costs) -> None:

@@ -35,7 +35,7 @@ class Operators:
         if self.shown:  # places may be others
             world.together.forget()
             if owner is not None:
-                self.effects[owner].forget()
+                self.effects[owner].discard()
         self.shown = False
         try:
             for name in [owner] if owner is not None else self.effects:

@@ -284,6 +284,7 @@ class Simulation:
         state.time, state.step, state.lag, state.pace = time, step, lag, pace
         self.operators.limits = limits
         for effect in self.effects.values():
+            effect.discard()
             effect.forget()
         self._fresh, self._in_midst = True, False  # forces are among the arrays
         return values
@@ -294,7 +295,8 @@ class Simulation:
     def _whole(self) -> Iterator[None]:
         """What must not be left half-made: the first Ctrl-C waits for its end, unless somebody handles it otherwise.
 
-        A second one ends it at once, as an exception does. The state is then of no time, and nothing goes on from it.
+        A second one ends it as an exception does, once other threads have ended what they are in. The state is then of
+        no time, and nothing goes on from it.
         """
         use_threads(self.scene.run.threads)
         noted: list[int] = []

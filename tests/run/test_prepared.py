@@ -1,11 +1,13 @@
 """What effects prepare beside each other changes no bit, and is of the state that the step then has."""
 
+import numpy as np
 import pytest
 from runs import DISC, scene_of, state_bits
 
 from discsim import Simulation
 from discsim.parts import SCHEMES
 from discsim.run import forces
+from discsim.run.simulation import PhysicsError
 
 BLOCKS = [name for name, scheme in SCHEMES.items() if scheme.places is not None]
 
@@ -67,3 +69,37 @@ def test_what_is_prepared_changes_no_bit(tmp_path, monkeypatch, four_cores, sche
     prepared = end()
     unprepared(monkeypatch)
     assert prepared == end()
+
+
+@pytest.mark.parametrize("scheme", BLOCKS)
+def test_who_looks_at_changed_particles_sees_these(tmp_path, monkeypatch, four_cores, scheme):
+    """Between steps of euler no kick is open: what was prepared for the next one is still there."""
+
+    def seen():
+        sim = Simulation(scene_of(tmp_path, DISC, f"drag.scheme={scheme}", "run.integrator=euler"))
+        sim.evolve(0.3)
+        sim.dust.remove(np.arange(0, sim.dust.count, 2))
+        with sim.synchronised() as state:
+            times = sim.effects["drag"].current_stopping_times(state)
+        assert len(times) == sim.dust.count
+        return times.tobytes()
+
+    prepared = seen()
+    unprepared(monkeypatch)
+    assert prepared == seen()
+
+
+def test_a_fault_leaves_nothing_prepared(tmp_path, monkeypatch, four_cores):
+    """Of the field that another effect had made in time, of where particles were."""
+    sim = Simulation(scene_of(tmp_path, DISC))
+    sim.evolve(0.3)
+
+    def fail(*given):
+        raise FloatingPointError("no density")
+
+    monkeypatch.setattr(sim.effects["gas"].sph, "density", fail)
+    with pytest.raises(PhysicsError, match="no density"):
+        sim.step()
+    sim.gas.pos[:], sim.dust.pos[:] = 0.9 * sim.gas.pos, 0.9 * sim.dust.pos
+    first, second = (sim.acceleration("self_gravity")[0] for _ in range(2))
+    assert np.array_equal(first, second)
