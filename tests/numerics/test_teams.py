@@ -6,6 +6,7 @@ import time
 
 import numba
 import pytest
+from loops import meet_in_a_loop
 
 from discsim.numerics.teams import beside, cpu_time
 from discsim.numerics.threads import share
@@ -15,19 +16,6 @@ def burn(seconds):
     end = time.thread_time() + seconds
     while time.thread_time() < end:
         pass
-
-
-def meet_in_a_loop(number):
-    """A loop that ends once as many threads are in it at the same time; these."""
-    met, found = threading.Barrier(number), set()
-
-    def meet(first, last):
-        if threading.get_ident() not in found:
-            found.add(threading.get_ident())
-            met.wait(30.0)
-
-    share(meet, 64, least=1)
-    return found
 
 
 def test_jobs_run_at_the_same_time_with_the_threads_and_settings_of_their_caller(four_cores):

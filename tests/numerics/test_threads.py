@@ -8,32 +8,20 @@ import numba
 import numpy as np
 import pytest
 from deaths import forked, status_of
+from loops import meet_in_a_loop
 from runs import WAVE, scene_of
 
 from discsim import Simulation
 from discsim.numerics.threads import fill, pieces, share
 
 
-def threads_of_a_loop():
-    """Who takes part in a loop in which each of four threads waits for the others."""
-    met, found = threading.Barrier(4), set()
-
-    def meet(first, last):
-        if threading.get_ident() not in found:
-            found.add(threading.get_ident())
-            met.wait(30.0)
-
-    share(meet, 64, least=1)
-    return found
-
-
 def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
     # What multiprocessing does on Linux: threads are not forked, and work that is given to them waits for ever.
     def child():
         signal.alarm(20)  # ends a child that waits
-        return 0 if len(threads_of_a_loop()) == 4 else 1
+        return 0 if len(meet_in_a_loop(4)) == 4 else 1
 
-    assert len(threads_of_a_loop()) == 4
+    assert len(meet_in_a_loop(4)) == 4
     assert status_of(forked(child)) == 0
 
 
@@ -98,9 +86,9 @@ def test_what_pieces_return_comes_in_their_order_and_goes_to_the_same_pieces(fou
 
 
 def test_loops_are_shared_among_the_caller_and_the_same_helpers(four_cores):
-    found = threads_of_a_loop()
+    found = meet_in_a_loop(4)
     assert threading.get_ident() in found and len(found) == 4
-    assert all(threads_of_a_loop() == found for _ in range(20))
+    assert all(meet_in_a_loop(4) == found for _ in range(20))
 
 
 def test_a_thread_begins_with_its_own_part_of_a_range(four_cores):
