@@ -26,7 +26,8 @@ def watched() -> Iterator[Counter[str]]:
     def timed(kernel: Any, *given: Any, **named: Any) -> list[Any]:
         start = cpu_time()  # other loops may run at the same time
         out = share(kernel, *given, **named)
-        passes[_name(kernel)] += cpu_time() - start
+        spent = cpu_time() - start
+        passes[_name(kernel)] += spent
         return out
 
     users: list[Any] = [module for module in list(sys.modules.values()) if getattr(module, "share", None) is share]

@@ -233,7 +233,9 @@ class Effect(base.Effect):
         self.discard()
         if self._kicked[0] < 0 or self.scheme.places is None:  # a second process may still compile it
             return
-        if state.gas.everywhere == 0 or state.dust.everywhere == 0 or state.centre is not None:  # of other places
+        if state.centre is not None:  # the kick shifts places, which others read meanwhile
+            return
+        if state.gas.everywhere == 0 or state.dust.everywhere == 0:
             return
         self._sort(state)
         self._places = self.scheme.places(self, state)

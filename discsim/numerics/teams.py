@@ -162,16 +162,15 @@ class Job:
 
     def run(self, team: Team, thread: int) -> None:
         """Do the work; what it raises is for who called, Ctrl-C too."""
-        fault = None
         try:
             here.team, here.number = team, thread
             numba.set_num_threads(len(team.locks))
             self.context.run(self.work)
-        except BaseException as raised:
-            fault = raised
-        self.end(team, fault)
+        except BaseException as fault:
+            self.fault = fault
+        self.end(team)
 
-    def end(self, team: Team, fault: BaseException | None) -> None:
+    def end(self, team: Team, fault: BaseException | None = None) -> None:
         here.team = None
         self.fault = self.fault or fault
         self.ended = True

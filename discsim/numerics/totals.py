@@ -26,14 +26,17 @@ def total(values: Array) -> float:
 def totals(values: Array) -> Array:
     """The sum (columns,) of each column of values (n, columns); NaN where an entry is not finite."""
     values = np.ascontiguousarray(values, float)
-    if len(values) <= FEW and not world.together.many:
-        try:
-            found = [math.fsum(column) for column in values.T.tolist()]
-        except (OverflowError, ValueError):  # too large, or of infinities of both signs: as limbs have it
-            found = [math.inf]
-        if all(map(math.isfinite, found)):
-            return np.array(found)
-    return rounded(sum(share(kernels.add_columns, len(values), values, light=True)))
+    few = None if len(values) > FEW or world.together.many else _sums_of_few(values)
+    return rounded(sum(share(kernels.add_columns, len(values), values, light=True))) if few is None else few
+
+
+def _sums_of_few(values: Array) -> Array | None:
+    """The same, exact too; None where one is not finite, which limbs tell apart."""
+    try:
+        found = np.array([math.fsum(column) for column in values.T.tolist()])
+    except (OverflowError, ValueError):  # too large, or infinities of both signs
+        return None
+    return found if np.isfinite(found).all() else None
 
 
 def mean(values: Array) -> float:

@@ -1,8 +1,12 @@
 """Jobs beside each other: all at once, each with whoever has nothing to do in its loops, and what they cost."""
 
+import gc
 import signal
+import sys
 import threading
 import time
+import weakref
+from contextlib import suppress
 
 import numba
 import pytest
@@ -41,11 +45,16 @@ def test_who_has_nothing_to_do_takes_part_in_the_loops_of_others(four_cores):
         assert [len(threads) >= 2 for threads in found] == [True] * 3
 
 
-def test_more_jobs_than_threads_all_run(four_cores):
+def run_nine_jobs():
+    """All of them, whatever was before, though there are fewer threads."""
     numba.set_num_threads(2)
     found = []
     beside(*[lambda k=k: found.append(k) for k in range(9)])
     assert sorted(found) == [*range(9)]
+
+
+def test_more_jobs_than_threads_all_run(four_cores):
+    run_nine_jobs()
 
 
 def test_on_one_thread_jobs_run_one_after_another(four_cores):
@@ -71,7 +80,7 @@ def test_the_first_fault_is_raised_once_all_jobs_have_ended(four_cores):
     with pytest.raises(ValueError, match="late"):
         beside(lambda: None, late)
     assert ended == [True] * 2
-    test_more_jobs_than_threads_all_run(None)
+    run_nine_jobs()
 
 
 @pytest.mark.parametrize("where", ["own job", "waiting", "another's loop"])
@@ -99,7 +108,55 @@ def test_ctrl_c_waits_for_the_jobs_of_others(four_cores, where):
     with pytest.raises(KeyboardInterrupt):
         beside(lambda: interrupt("own job"), job)
     assert ended == [True]
-    test_more_jobs_than_threads_all_run(None)
+    run_nine_jobs()
+
+
+class Held:
+    """Of which it is known whether it is still there."""
+
+
+@pytest.mark.parametrize("thread", ["caller", "helper"])
+@pytest.mark.parametrize("within", ["job", "loop"])
+def test_a_fault_keeps_nothing(four_cores, thread, within):
+    """No circle of it and the frames that it came through: arrays would stay until somebody looks for garbage."""
+    kept = []
+
+    def fail(*piece):
+        held = Held()
+        kept.append(weakref.ref(held))
+        raise ValueError("of a job")
+
+    work = fail if within == "job" else lambda: share(fail, 64, least=1)
+    gc.disable()
+    try:
+        for _ in range(3):
+            with suppress(ValueError):
+                beside(*[work, lambda: None][:: 1 if thread == "caller" else -1])
+        run_nine_jobs()  # helpers have let go of what they had
+        assert len(kept) >= 3 and not any(ref() for ref in kept)
+    finally:
+        gc.enable()
+
+
+def test_the_interpreter_takes_short_turns_while_there_are_jobs(four_cores):
+    """Of jobs of two threads, of which one begins before and ends within those of the other, too."""
+    usual, seen, met = sys.getswitchinterval(), [], threading.Barrier(2)
+
+    def note():
+        seen.append(sys.getswitchinterval())
+
+    def first():
+        beside(lambda: met.wait(30.0), note)
+
+    def second():
+        beside(lambda: met.wait(30.0), lambda: time.sleep(0.1), note)
+
+    both = [threading.Thread(target=each) for each in (first, second)]
+    for each in both:
+        each.start()
+    for each in both:
+        each.join()
+    assert len(seen) == 2 and max(seen) < usual == sys.getswitchinterval()
 
 
 def test_cpu_time_of_a_job_is_that_of_all_in_its_loops_and_of_no_other_job(four_cores):
@@ -108,7 +165,6 @@ def test_cpu_time_of_a_job_is_that_of_all_in_its_loops_and_of_no_other_job(four_
     def job(name, seconds):
         begun = cpu_time()
         share(lambda first, last: burn(seconds * (last - first)), 8, least=1)
-        time.sleep(0.01)  # who has ended the last piece says what it took a moment after that
         found[name] = cpu_time() - begun
 
     beside(lambda: job("long", 0.04), lambda: job("short", 0.01))

@@ -1,5 +1,7 @@
 """What effects prepare beside each other changes no bit, and is of the state that the step then has."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from runs import DISC, scene_of, state_bits
@@ -25,19 +27,15 @@ def test_who_relaxes_in_blocks_prepares_them():
 def test_a_kick_takes_what_was_prepared_for_it(tmp_path, four_cores, scheme):
     sim = Simulation(scene_of(tmp_path, DISC, f"drag.scheme={scheme}"))
     sim.evolve(0.1)
-    effect = sim.effects["drag"]
-    made, places = [], effect.scheme.places
+    effect, first, made = sim.effects["drag"], sim.state.step, []
+    places = effect.scheme.places
 
     def noted(*given):
         made.append(sim.state.step)
         return places(*given)
 
-    object.__setattr__(effect.scheme, "places", noted)
-    try:
-        first = sim.state.step
-        sim.evolve(0.8)
-    finally:
-        object.__setattr__(effect.scheme, "places", places)
+    effect.scheme = replace(effect.scheme, places=noted)
+    sim.evolve(0.8)
     # Once a step, beside its forces; for the first kick anew, as somebody had the arrays.
     assert sim.state.step > first + 5
     assert made == [*range(first, sim.state.step + 1)]
