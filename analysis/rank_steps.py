@@ -15,7 +15,7 @@ import time
 import tomllib
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from passes import watched
@@ -30,6 +30,7 @@ from discsim.ranks.start import begun
 from discsim.ranks.traffic import Sum
 
 MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
+UNCOUNTED = 2  # steps: they compile, and sort
 STEPS = 8  # none of which sorts; of each part of one the least is told, as other processes may be in the way
 # Methods that belong to other parts of a step than what else gravity does, which goes with the nodes of a window.
 PARTS = {
@@ -44,6 +45,35 @@ def scene(gas: int, dust: int, cells: int, scheme: str) -> dict[str, Any]:
     tables["gas"]["particles"], tables["dust"]["particles"] = gas, dust
     tables["space"]["cells"], tables["drag"]["scheme"], tables["run"]["threads"] = cells, scheme, 1
     return tables
+
+
+class Spent(NamedTuple):
+    """Seconds since the start: of CPU and of wall time; CPU seconds by effect, part of a step, loop, and of calls."""
+
+    cpu: float
+    wall: float
+    effects: dict[str, float]
+    parts: Counter[str]
+    passes: Counter[str]
+    calls: dict[str, float]
+
+    @classmethod
+    def now(cls, sim: Simulation, comm: Comm, parts: Counter[str], passes: Counter[str]) -> Spent:
+        calls = {name: each.cpu_seconds for name, each in comm.traffic.sums.items()}
+        effects = dict(sim.costs.seconds)
+        return cls(time.process_time(), time.perf_counter(), effects, parts.copy(), passes.copy(), calls)
+
+
+def _seconds(begin: Spent, end: Spent) -> tuple[dict[str, float], float]:
+    """CPU seconds of a step by its parts, without those of calls, and its wall time."""
+    in_calls = {name: spent - begin.calls.get(name, 0.0) for name, spent in end.calls.items()}
+    out = {name: spent - begin.effects[name] - in_calls.get(name, 0.0) for name, spent in end.effects.items()}
+    out["step"] = end.cpu - begin.cpu - sum(out.values()) - sum(in_calls.values())
+    of_part = end.parts - begin.parts
+    of_part["transforms"] += end.passes["each"] - begin.passes["each"]
+    out |= of_part
+    out["windows"] = out.pop("self_gravity") - sum(of_part.values())
+    return out, end.wall - begin.wall
 
 
 def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
@@ -68,36 +98,29 @@ def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
 
     for (kind, name), part in PARTS.items():
         setattr(kind, name, timed(getattr(kind, name), part))
-    left = [2]
+    steps, walls, first = [], [], dict[str, Sum]()
+    begun_at: list[Spent] = []
 
-    def enough() -> bool:
-        left[0] -= 1
-        return left[0] == 0
-
-    sim.evolve(np.inf, enough, only_looks=True)  # compiles, and sorts
-    first, steps, walls = dict(comm.traffic.sums), [], []
-    for _ in range(STEPS):
-        of_part.clear()
-        start, spent = sim.costs.copy(), dict(comm.traffic.sums)
+    def after_step() -> bool:
+        now = Spent.now(sim, comm, of_part, passes)
+        if len(begun_at) >= UNCOUNTED:
+            each, wall = _seconds(begun_at[-1], now)
+            steps.append(each)
+            walls.append(wall)
         comm.mpi.Barrier()
-        cpu, wall = time.process_time(), time.perf_counter()
-        with watched() as passes:
-            sim.evolve(np.inf, lambda: True, only_looks=True)
-        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-        in_calls = {
-            name: each.cpu_seconds - spent.get(name, Sum()).cpu_seconds for name, each in comm.traffic.sums.items()
-        }
-        found = {name: sim.costs.seconds[name] - start.seconds[name] - in_calls.get(name, 0.0) for name in sim.effects}
-        found["step"] = cpu - sum(found.values()) - sum(in_calls.values())
-        of_part["transforms"] += passes["each"]
-        steps.append(found | of_part | {"windows": found["self_gravity"] - sum(of_part.values())})
-        walls.append(wall)
+        begun_at.append(Spent.now(sim, comm, of_part, passes))
+        if len(begun_at) == UNCOUNTED:
+            first.update(comm.traffic.sums)
+        return len(steps) == STEPS
+
+    with watched() as passes:
+        sim.evolve(np.inf, after_step, only_looks=True)
     comm.traffic.fold()
     sums = {name: each - first.get(name, Sum()) for name, each in comm.traffic.sums.items()}
     told = {
         "gas": sim.gas.count,
         "dust": sim.dust.count,
-        "seconds": {part: min(step[part] for step in steps) for part in steps[0] if part != "self_gravity"},
+        "seconds": {part: min(step[part] for step in steps) for part in steps[0]},
         "wall": min(walls),
         "communication": {name or "step": [each / STEPS for each in total] for name, total in sums.items()},
         "bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,

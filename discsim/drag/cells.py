@@ -15,7 +15,7 @@ from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag import Corners, relax_blocks
 from discsim.kernels.frame import Frame
 from discsim.kernels.kinds import Law, Species
-from discsim.numerics import world
+from discsim.numerics import room, world
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
@@ -229,7 +229,7 @@ def _shift(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: b
 def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
     """The leaf of each of places (n, d), the last of those outside the lattice."""
     low, high = shift - part.margin, shift + part.extent + part.margin
-    key = np.empty(len(pos), np.uint32)
+    key = room.like(pos, np.uint32)
     share(
         kernels.leaf_keys, len(pos), pos, part.origin, shift, low, high, 1.0 / part.side,
         part.whole, part.first, part.shape, part.periodic, key, light=True,

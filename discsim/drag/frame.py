@@ -9,12 +9,12 @@ of two such rings, as it has to be smooth over cells. A field of the place alone
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from discsim.kernels.frame import Frame, multiples_of
-from discsim.numerics import world
+from discsim.numerics import room, world
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -23,8 +23,19 @@ if TYPE_CHECKING:
 Array = np.ndarray
 RINGS = 16
 NOBODY = np.empty(0, np.int64)
-Samples = dict[str, tuple[Array, int, Array]]  # by species: ids (n,), the power of two, and rows
 SAMPLE = 1024  # particles of a species, of whom a few tell the sense: of ids that are whole multiples of a power of two
+
+
+class Sample(NamedTuple):
+    """The rows of those of `ids` (n,) that are whole multiples of a `power` of two, and how many rows were loose."""
+
+    ids: Array
+    power: int
+    rows: Array
+    loose: int
+
+
+Samples = dict[str, Sample]  # by species
 
 
 def frame(drag: Drag, state: State) -> Frame:
@@ -65,11 +76,24 @@ def _sample(samples: Samples, name: str, particles: Particles) -> Array:
     """Which particles of a species to look at; noted in `samples` until its rows are others."""
     ids, count = particles.ids, particles.everywhere
     every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
-    seen, power, rows = samples.get(name, (NOBODY, 0, NOBODY))
-    if power != every or (seen is not ids and not _still_there(rows, seen, ids, every)):
+    known = samples.get(name, Sample(NOBODY, 0, NOBODY, 0))
+    if _loose_alone_differ(known, particles, every):
+        rows = np.concatenate([known.rows, particles.loose[known.loose :]])
+        rows = rows[rows < len(ids)]
+        rows = np.unique(rows[ids[rows] & every - 1 == 0])
+    elif known.power == every and (known.ids is ids or _still_there(known.rows, known.ids, ids, every)):
+        rows = known.rows
+    else:
         rows = multiples_of(ids, every)
-    samples[name] = ids, every, rows
+    samples[name] = Sample(ids, every, rows, len(particles.loose))
     return rows
+
+
+def _loose_alone_differ(known: Sample, particles: Particles, every: int) -> bool:
+    """Whether no row is another's than those that have been noted as loose since, and some at the end: they are in the
+    memory that they were in, as they are not once they have been sorted.
+    """
+    return known.power == every and world.together.many and room.begin_alike(known.ids, particles.ids)
 
 
 def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:

@@ -331,11 +331,17 @@ def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
     least, most, low, high, off = np.full(count, shape[1]), np.full(count, -1), shape[0], -1, 0
     for batch in range(begin, end):
         x0, x1, y0, y1 = _nodes_between(bounds[batch], pos.shape[1], origin, inverse, shape)
-        if x0 >= 0 and x0 // BAND == x1 // BAND:  # most are so
-            band = x0 // BAND
-            least[band], most[band] = min(least[band], y0), max(most[band], y1)
+        if x0 >= 0:
             low, high = min(low, x0), max(high, x1)
-            continue
+            band, end = x0 // BAND, x1 // BAND
+            if band == end:  # most are so
+                least[band], most[band] = min(least[band], y0), max(most[band], y1)
+                continue
+            known = True  # and of others most add nothing
+            for each in range(band, end + 1):
+                known &= least[each] <= y0 and y1 <= most[each]
+            if known:
+                continue
         for p in range(batch * ROWS, min((batch + 1) * ROWS, len(pos))):
             if x0 >= 0:
                 ix = int((pos[p, 0] - origin[0]) * inverse - 0.5)

@@ -5,14 +5,16 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.kernels import batches
 from discsim.kernels.blocks import LEVELS
 from discsim.kernels.filling import SOME, with_room
-from discsim.kernels.inner import compiled, subroutine
+from discsim.kernels.inner import compiled, inner, subroutine
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
 from discsim.kernels.zcurve import place_of
 
 THEIRS, OWN, EITHER = range(3)
-ONE = np.uint64(1)
+ONE, BATCH = np.uint64(1), np.uint64(batches.BATCH)
+FAR = 64  # largest blocks about a batch that is looked at row by row without a look at these
 EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
 
 
@@ -127,15 +129,17 @@ def number_runs(first, last, out):
 
 
 @compiled
-def in_runs(first, last, key, of, number):
-    """The particles from `first` to `last` whose cells are in the runs that `number` has counted.
+def in_runs(first, last, some, key, of, number):
+    """The particles of `some` batches, from the `first` up to the `last` of these, whose cells are in the runs that
+    `number` has counted.
 
     Their cells are those `of` their keys (n,), or these where that is None.
     """
     out, count = np.empty(SOME, np.int64), np.uint64(0)
-    for begin in range(np.uint64(first), np.uint64(last), SOME):
+    for k in range(first, last):
+        begin = np.uint64(some[k]) * BATCH
         out = with_room(out, count)
-        for i in range(begin, min(begin + SOME, np.uint64(last))):
+        for i in range(begin, min(begin + BATCH, np.uint64(len(key)))):
             cell = np.uint64(key[i] if of is None else of[key[i]])  # looked at once, by what compiles
             out[count] = i
             count += np.uint64(number[cell + ONE] > number[cell])
@@ -143,10 +147,48 @@ def in_runs(first, last, key, of, number):
 
 
 @compiled
-def mark_held(first, last, key, of, out):
-    """Mark in `out` (cells,) those `of` the keys (n,) of particles."""
-    for i in range(np.uint64(first), np.uint64(last)):
-        out[np.uint64(of[key[i]])] = True
+def mark_held(first, last, held, number, out):
+    """Mark in `out` (blocks,) those that have the numbers (leaves,) of leaves that are `held` (leaves,)."""
+    for leaf in range(np.uint64(first), np.uint64(last)):
+        if held[leaf]:
+            out[np.uint64(number[leaf])] = True
+
+
+@compiled
+def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
+    """The batches, from `first` to `last`, any of whose places may be in the largest blocks that are `marked` (x, y),
+    by their `bounds` (batches, 4).
+
+    Leaves, from `origin` (2,) on, are of a `side`; lattice: the first ones of this part along x and y, and how many
+    there are in the period along each, 0 in an open one; `rows`: leaves along the side of a largest block.
+    """
+    out, count = np.empty(last - first, np.int64), 0
+    for batch in range(first, last):
+        out[count] = batch
+        x0, x1 = _leaves_between(bounds[batch, 0], bounds[batch, 1], origin[0], side, lattice[0], lattice[2])
+        y0, y1 = _leaves_between(bounds[batch, 2], bounds[batch, 3], origin[1], side, lattice[1], lattice[3])
+        if not (x1 - x0) * (y1 - y0) < FAR * rows * rows:  # or no numbers
+            count += 1
+            continue
+        near = False
+        for x in range(max(x0, 0.0) // rows, min(x1 // rows + 1, marked.shape[0])):
+            for y in range(max(y0, 0.0) // rows, min(y1 // rows + 1, marked.shape[1])):
+                near |= marked[x, y]
+        count += near
+    return out[:count]
+
+
+@inner
+def _leaves_between(low, high, origin, side, first, period):
+    # Leaves of a part between two places along an axis, with one more on each side, as those are rounded; all where
+    # they are in two turns of a period.
+    low, high = math.floor((low - origin) / side) - 1.0, math.floor((high - origin) / side) + 1.0
+    if period > 0.0:
+        turn = math.floor(low / period)
+        if math.floor(high / period) != turn:
+            return -np.inf, np.inf
+        low, high = low - turn * period, high - turn * period
+    return low - first, high - first
 
 
 @compiled
@@ -226,18 +268,20 @@ def _inside(index, count):
 
 
 @compiled
-def held_blocks(first, last, gas, dust, side, out):
-    """Mark in `out` (x, y) the blocks of `side` by `side` leaves in which any gas or dust (nx, ny) is."""
+def mark_leaves(first, last, gas, dust, side, leaves, out):
+    """Mark the `leaves` (nx, ny) in which any gas or dust (nx, ny) is, and in `out` (x, y) the blocks of `side` by
+    `side` leaves that have any of these.
+    """
     nx, ny = gas.shape
     for x in range(first, last):
-        for y in range(out.shape[1]):
-            for ix in range(x * side, min((x + 1) * side, nx)):
-                for iy in range(y * side, min((y + 1) * side, ny)):
-                    if gas[ix, iy] + dust[ix, iy] > 0:
-                        out[x, y] = True
-                        break
-                if out[x, y]:
-                    break
+        for ix in range(x * side, min((x + 1) * side, nx)):
+            for y in range(out.shape[1]):
+                begin, end = y * side, min((y + 1) * side, ny)
+                some, here, there, held = leaves[ix, begin:end], gas[ix, begin:end], dust[ix, begin:end], 0
+                for k in range(np.uint64(end - begin)):  # a loop of vectors
+                    some[k] = (here[k] | there[k]) > 0
+                    held |= here[k] | there[k]
+                out[x, y] |= held > 0
 
 
 @compiled

@@ -36,10 +36,10 @@ def empty(count: int, like: Array, spare: int) -> Array:
     return whole[:count]
 
 
-def like(array: Array) -> Array:
-    """An array such as this one, with as much room."""
-    whole = array.base
-    return empty(len(array), array, len(whole) - len(array) if whole is not None and _has_room(array, whole) else 0)
+def like(array: Array, numbers: type | None = None) -> Array:
+    """An array such as this one, with as much room; or of `numbers` of that type, one for each entry."""
+    whole, same = array.base, array if numbers is None else np.empty(0, numbers)
+    return empty(len(array), same, len(whole) - len(array) if whole is not None and _has_room(array, whole) else 0)
 
 
 def longer(array: Array, count: int) -> Array | None:
@@ -48,6 +48,11 @@ def longer(array: Array, count: int) -> Array | None:
     if whole is None or not _has_room(array, whole) or len(whole) < count:
         return None
     return whole[:count]
+
+
+def begin_alike(one: Array, other: Array) -> bool:
+    """Whether two arrays begin at one place in memory."""
+    return len(one) > 0 and len(other) > 0 and _begin(one) == _begin(other)
 
 
 def _has_room(array: Array, whole: Array) -> bool:

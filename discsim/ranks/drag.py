@@ -18,13 +18,22 @@ from discsim.drag.cells import ABOUT_GRAINS, Merged, about_grains
 from discsim.drag.known import Known
 from discsim.kernels import levels
 from discsim.kernels.blocks import LEVELS, MOST
-from discsim.kernels.halo import along_curve, blocks_in, mark_blocks, mark_held, number_anew, sides_held
-from discsim.numerics import world
+from discsim.kernels.halo import (
+    along_curve,
+    batches_near,
+    blocks_in,
+    mark_blocks,
+    mark_held,
+    number_anew,
+    sides_held,
+)
+from discsim.numerics import room, world
+from discsim.numerics.batches import LEAST
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import asked_of, in_cells
+from discsim.ranks.exchange import Asked, asked_of, in_cells, joined
 from discsim.ranks.leaves import Leaves, widened
 
 if TYPE_CHECKING:
@@ -61,7 +70,11 @@ class Agreement(Known):
         if known is None:
             known = self._leaves[name] = find(pos)
             return known
-        return np.concatenate([known, find(pos[len(known) :])])  # of ghosts
+        own, both = len(known), room.longer(known, len(pos))
+        if both is None:
+            return np.concatenate([known, find(pos[own:])])
+        both[own:] = find(pos[own:])  # of ghosts
+        return both
 
     def leave(self, own: Array, needed: Array) -> None:
         """Of blocks tell only of those `needed` (blocks,), of which `own` come first."""
@@ -179,10 +192,8 @@ class DividedDrag:
             agreement = drag.agree = Agreement(self.leaves)
             lattice, blocks, *leaves = self.scheme.members(drag, state)
             blocks.number[-1] = len(blocks.level)  # of what is outside
-            own = np.zeros(len(blocks.level) + 1, bool)
-            for leaf in leaves:
-                share(mark_held, len(leaf), leaf, blocks.number, own)
-            own = own[:-1]
+            own = np.zeros(len(blocks.level), bool)
+            share(mark_held, self.leaves.held.size, self.leaves.held.ravel(), blocks.number, own, light=True)
             # Nodes are of one level: a block hangs on others of its own side, `rings` and two away.
             widest = int(blocks.level[own].max(initial=0))
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
@@ -191,7 +202,7 @@ class DividedDrag:
         needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, drag.dim == 1)
         asked = asked_of(self.comm, Needed(np.append(needed, False), *numbers_of(blocks, lattice)))
         wides = {
-            name: in_cells(self.comm, p, leaf, asked, blocks.number)
+            name: in_cells(self.comm, p, leaf, asked, blocks.number, _batches(p.pos, lattice, blocks, asked))
             for (name, p), leaf in zip(state.species.items(), leaves, strict=True)
         }
         agreement.own_grains = wides["dust"].own
@@ -213,6 +224,16 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int,
         mark_blocks(np.flatnonzero(found), home, about, near, rings, found)
         needed[some] = found
     return needed
+
+
+def _batches(pos: Array, lattice: Lattice, blocks: Merged, asked: Asked) -> Array:
+    """The batches of places in which any may be in blocks that are asked for."""
+    marked = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
+    sides_held(blocks.first_leaf, np.diff(asked.number[:-1]) > 0, marked)
+    bounds, along = world.together.bounds(pos), np.array([1.0, pos.shape[1] - 1.0])  # 0: no y
+    part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
+    given = bounds, along * lattice.origin, lattice.side, part, MOST, marked[0]
+    return joined(share(batches_near, len(bounds), *given, least=LEAST))
 
 
 def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:

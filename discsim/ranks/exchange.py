@@ -7,7 +7,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from discsim.kernels.batches import BATCH
 from discsim.kernels.halo import in_runs, number_runs
+from discsim.numerics.batches import LEAST
 from discsim.numerics.room import longer
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.state import Particles
@@ -142,10 +144,16 @@ class Asked(NamedTuple):
 
 
 def in_cells(
-    comm: Comm, particles: Placed, key: Array, asked: Asked, of: Array | None = None, lasting: bool = False
+    comm: Comm,
+    particles: Placed,
+    key: Array,
+    asked: Asked,
+    of: Array | None = None,
+    some: Array | None = None,
+    lasting: bool = False,
 ) -> Wide:
     """Own particles with those of others in the cells that are needed here; the rest as `route_to` has it."""
-    return Wide(particles, route_to(comm, key, asked, of), lasting)
+    return Wide(particles, route_to(comm, key, asked, of, some), lasting)
 
 
 def asked_of(comm: Comm, needed: Needed) -> Asked:
@@ -163,10 +171,13 @@ def asked_of(comm: Comm, needed: Needed) -> Asked:
     return Asked(of_rank, first, last, number)
 
 
-def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None) -> Route:
-    """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where that is None."""
+def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, some: Array | None = None) -> Route:
+    """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where that is None.
+    some: batches of rows, beyond which nobody is in these cells, where that is known.
+    """
     number = asked.number
-    some = joined(share(in_runs, len(key), key, of, number))  # few of all
+    some = np.arange(-(-len(key) // BATCH)) if some is None else some
+    some = joined(share(in_runs, len(some), some, key, of, number, least=LEAST))  # few of all
     cells = key[some] if of is None else of[key[some]]
     order, start = counting_sort(number[cells], int(number[-1]))
     some, first, last = some[order], start[number[asked.first]].tolist(), start[number[asked.last]].tolist()

@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter1d
 
 from discsim.drag.cells import Lattice
 from discsim.kernels.blocks import MOST
-from discsim.kernels.halo import add_blocks, cut_blocks, held_blocks
+from discsim.kernels.halo import add_blocks, cut_blocks, mark_leaves
 from discsim.numerics import world
 from discsim.numerics.neighbours import corners
 from discsim.numerics.state import Particles
@@ -29,10 +29,12 @@ LEAST = 4  # columns of largest blocks that a thread takes at once
 
 
 class Leaves:
-    """Parts of lattices. reach: how many largest blocks about its own a rank has."""
+    """Parts of lattices. reach: how many largest blocks about its own a rank has; held (x, y): which leaves have any
+    of its own particles, in the last kick.
+    """
 
     def __init__(self, comm: Comm) -> None:
-        self.comm, self.reach = comm, 0
+        self.comm, self.reach, self.held = comm, 0, np.zeros((0, 0), bool)
         self._wanted = deque[int](maxlen=REMEMBERED)
 
     def suffices(self, wanted: int) -> bool:
@@ -69,8 +71,8 @@ class Leaves:
         """As `drag/known.py` has it, in each largest block within reach of one with own particles."""
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
-        own = np.zeros((len(x), len(y)), bool)
-        share(held_blocks, len(x), tables[0], tables[1], MOST, own, least=LEAST)
+        own, self.held = np.zeros((len(x), len(y)), bool), np.empty(lattice.shape, bool)
+        share(mark_leaves, len(x), tables[0], tables[1], MOST, self.held, own, least=LEAST)
         mask = widened(own, lattice, self.reach)
         along, first = -(-lattice.whole[1] // MOST), np.array(lattice.first) // MOST
         begin = ((first[0] + np.arange(len(x)))[:, None] * along + first[1] + np.arange(len(y))).ravel()

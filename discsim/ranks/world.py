@@ -71,6 +71,10 @@ class Ranks:
             return find(pos)
         return bounds[:, 0::2].min(axis=0), bounds[:, 1::2].max(axis=0)
 
+    def bounds(self, pos: Array) -> Array:
+        """Bounds (batches, 4) of own places (n, d)."""
+        return self.division.bounds(pos)
+
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
         removed = np.concatenate(self.comm.listed(place[gone]))
         end = _largest(place, len(removed), loose)

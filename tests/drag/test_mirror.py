@@ -1,5 +1,7 @@
 """Discs that turn clockwise, or both ways: drag in cells takes velocities relative to orbits in their own sense."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -101,6 +103,31 @@ def test_gas_and_dust_that_turn_against_each_other_only_slow_down(scheme):
     assert energy["end"] < 0.5 * energy["start"]
 
 
+def test_the_frame_finds_whom_it_looks_at_where_others_come_and_go(monkeypatch):
+    """On ranks: in rows noted as loose and at the end; all over again once all are sorted, or in other memory."""
+    rng, searches, search = np.random.default_rng(4), [], frame.multiples_of
+    monkeypatch.setattr(frame, "SAMPLE", 16)
+    monkeypatch.setattr(frame, "multiples_of", lambda *given: searches.append(given) or search(*given))
+    monkeypatch.setattr(frame.world, "together", SimpleNamespace(many=True))
+    whole, samples = rng.permutation(1000), {}
+    ids, loose = whole[:400], np.empty(0, np.int64)
+    for step in range(30):
+        if step in (10, 20):  # sorted; or in other memory, without having lost their rows
+            whole = np.sort(whole) if step == 10 else whole.copy()
+            loose = loose[:0] if step == 10 else loose
+        else:
+            left = len(ids) + (rng.integers(-20, 30) if step > 0 else 0)
+            rows = rng.choice(400, 9)
+            others = rng.permutation(rows) % left
+            whole[rows % left], whole[others] = whole[others], whole[rows % left].copy()
+            loose = np.concatenate([loose, others, rows % left, np.arange(min(left, len(ids)), 700)])
+            ids = whole[:left]
+        ids = whole[: len(ids)]
+        found = frame._sample(samples, "dust", SimpleNamespace(ids=ids, everywhere=1000, loose=loose))
+        assert found.tolist() == search(ids, 64).tolist() and len(found) > 0
+    assert len(searches) == 3
+
+
 def test_the_frame_looks_at_the_same_particles_wherever_they_are(monkeypatch):
     """What it has noted of rows goes when they are sorted, or some that it looks at are gone; not where others are."""
     monkeypatch.setattr(frame, "SAMPLE", 100)
@@ -112,7 +139,7 @@ def test_the_frame_looks_at_the_same_particles_wherever_they_are(monkeypatch):
     for _ in range(18):  # sorted after the 1st and the 17th
         sim.step()
         for name, p in sim.state.species.items():
-            _, power, rows = sim.effects["drag"].samples[name]
+            _, power, rows, _ = sim.effects["drag"].samples[name]
             every = 1 << max(0, -(-p.count // 100) - 1).bit_length()
             assert power == every and p.ids[rows].tolist() == p.ids[p.ids % every == 0].tolist()
     assert sim.dust.count < 2000 and sim.dust.ids[:20].tolist() != first

@@ -11,16 +11,19 @@ if find_spec("mpi4py") is None:
 
 from discsim.drag.cells import Lattice, merge
 from discsim.kernels import levels
+from discsim.kernels.batches import BATCH
 from discsim.kernels.blocks import LEVELS, NEAR
 from discsim.kernels.halo import (
     EITHER,
     add_blocks,
     all_there,
+    batches_near,
     cut_blocks,
-    held_blocks,
     in_runs,
     mark_blocks,
     mark_cells,
+    mark_held,
+    mark_leaves,
     number_runs,
 )
 from discsim.kernels.neighbours import FIRST, widen
@@ -83,11 +86,15 @@ def test_blocks_of_leaves_that_are_cut_and_added(shape):
     rng, side = np.random.default_rng(5), 32
     gas, dust = (rng.integers(0, 2, shape) * (rng.random(shape) < 1e-3) for _ in range(2))
     gas, expected = gas.astype(np.uint32), np.zeros((-(-shape[0] // side), -(-shape[1] // side)), bool)
-    out = expected.copy()
+    out, leaves = expected.copy(), np.empty(shape, bool)
     for x, y in np.argwhere((gas > 0) | (dust > 0)):
         expected[x // side, y // side] = True
-    held_blocks(0, len(out), gas, dust, side, out)
+    mark_leaves(0, len(out), gas, dust, side, leaves, out)
     np.testing.assert_array_equal(out, expected)
+    np.testing.assert_array_equal(leaves, (gas > 0) | (dust > 0))
+    number, held = rng.integers(0, 50, leaves.size + 1), np.zeros(50, bool)
+    mark_held(0, leaves.size, leaves.ravel(), number, held)
+    np.testing.assert_array_equal(np.flatnonzero(held), np.unique(number[:-1][leaves.ravel()]))
     blocks = np.argwhere(np.ones_like(out))
     rows, doubled = np.zeros((len(blocks), 2, side, side)), gas.copy()
     cut_blocks(blocks, gas, 1, rows)
@@ -141,9 +148,35 @@ def test_particles_in_runs_of_cells(of):
     np.testing.assert_array_equal(number, np.append(0, np.cumsum(held)))
     cells = rng.integers(0, 200, 300).astype(np.int32) if of else None
     key = rng.integers(0, 300 if of else 200, 1000).astype(np.uint32)
-    wanted = held[cells[key] if of else key]
-    found = np.concatenate([in_runs(0, 400, key, cells, number), in_runs(400, 1000, key, cells, number)])
+    wanted, some = held[cells[key] if of else key], np.array([0, 2, 3, 6, 7])  # batches, of which the last is short
+    wanted &= np.isin(np.arange(1000) // BATCH, some)
+    found = np.concatenate([in_runs(0, 3, some, key, cells, number), in_runs(3, 5, some, key, cells, number)])
     np.testing.assert_array_equal(found, np.flatnonzero(wanted))
+
+
+@pytest.mark.parametrize(("periodic", "dim"), [(False, 2), (True, 2), (False, 1), (True, 1)])
+def test_batches_near_marked_blocks(periodic, dim):
+    """Each that has any place in a marked block; few others; each without numbers, and each that is far across."""
+    rng, rows, whole = np.random.default_rng(9), 8, np.array([64, 64 if dim == 2 else 1])
+    first, shape = np.array([16, 24 if dim == 2 else 0]), np.array([40, 32 if dim == 2 else 1])
+    origin, side = np.array([-1.3, 0.7 if dim == 2 else 0.0]), 0.05
+    low = -3.0 if periodic else 0.2
+    middle = origin[:dim] + side * 64 * rng.uniform(low, 3.0 if periodic else 0.8, (200, 1, dim))
+    pos = (middle + side * rng.uniform(-3.0, 3.0, (200, BATCH, dim))).reshape(-1, dim)
+    pos[BATCH] = np.nan
+    pos[2 * BATCH] += 1e3
+    marked = rng.random(-(-shape // rows)) < 0.1
+    period = whole * [1.0, dim - 1.0] if periodic else np.zeros(2)
+    given = origin, side, (*first.astype(float), *period), rows, marked
+    found = batches_near(0, 200, bounds_of(pos), *given)
+    leaf = np.zeros((len(pos), 2))
+    leaf[:, :dim] = np.floor((pos - origin[:dim]) / side)
+    leaf = (leaf % whole if periodic else leaf) - first
+    inside = np.all((leaf >= 0) & (leaf < shape), axis=1)
+    block = np.where(inside[:, None], leaf, 0).astype(int) // rows
+    in_marked = (inside & marked[block[:, 0], block[:, 1]]).reshape(200, BATCH).any(axis=1)
+    assert in_marked.any() and set(np.flatnonzero(in_marked)) <= set(found.tolist()) and {1, 2} <= set(found.tolist())
+    assert len(found) < np.count_nonzero(in_marked) + 80
 
 
 @pytest.mark.parametrize("periodic", [False, True])
