@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+from rank_cut import division_of
 from rank_sent import Sent, of_transforms
 from scipy.sparse import csr_array
 
@@ -21,7 +22,6 @@ from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import keys_in
 from discsim.numerics.poisson import ROWS
 from discsim.numerics.world import Needed
-from discsim.ranks.division import Division
 from discsim.ranks.drag import numbers_of
 from discsim.ranks.exchange import runs_of
 from discsim.ranks.gravity import Nodes, nodes_of
@@ -158,9 +158,11 @@ def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent
     return out, until[:, -1]
 
 
-def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int | None = None) -> Counts:
-    """What a state asks of `ranks`; `cells`: along a side of another grid over the same space."""
-    division = Division(sim.scene, SimpleNamespace(size=ranks, rank=0))
+def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int | None = None, parts: int = 0) -> Counts:
+    """What a state asks of `ranks`, which have its `parts` in turn (`rank_cut.py`); `cells`: along a side of another
+    grid over the same space.
+    """
+    division = division_of(parts)(sim.scene, SimpleNamespace(size=ranks, rank=0))
     species = sim.state.species
     division.cut(species, whole=True)
     owners = {name: division.owner[division.tile_of(p.pos)] for name, p in species.items()}

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from passes import watched
+from rank_cut import cut_into
 
 from discsim import Simulation, load_scene
 from discsim.numerics.grid import Grid
@@ -76,12 +77,13 @@ def _seconds(begin: Spent, end: Spent) -> tuple[dict[str, float], float]:
     return out, end.wall - begin.wall
 
 
-def measure(tables: dict[str, Any], comm: Comm) -> list[dict[str, Any]]:
-    """Figures of each rank: seconds by part of a step, communication by effect, memory."""
+def measure(tables: dict[str, Any], comm: Comm, parts: int = 0) -> list[dict[str, Any]]:
+    """Figures of each rank: seconds by part of a step, communication by effect, memory; `parts` as of `rank_cut.py`."""
     given = load_scene(tables)
     sim = Simulation(given, begun=begun(comm, given, False))
     if comm.size > 1:
-        divide(sim, comm, alike=False)
+        with cut_into(parts):
+            divide(sim, comm, alike=False)
     of_part: Counter[str] = Counter()
 
     def own() -> float:
@@ -133,9 +135,10 @@ def main() -> None:
     for name, usual in (("gas", 1e5), ("dust", 1e6), ("cells", 512)):
         parser.add_argument(f"--{name}", type=float, default=usual)
     parser.add_argument("--scheme", default="tsc")
+    parser.add_argument("--parts", type=int, default=0, help="into how many parts the disc is cut; 0: as many as ranks")
     given = parser.parse_args()
     comm = Comm()
-    found = measure(scene(int(given.gas), int(given.dust), int(given.cells), given.scheme), comm)
+    found = measure(scene(int(given.gas), int(given.dust), int(given.cells), given.scheme), comm, given.parts)
     if comm.rank == 0:
         print(json.dumps(found))
 

@@ -5,12 +5,16 @@
 A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), which gives for each rank its particles,
 those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
 
-    T = sum over the parts of a step of max over ranks (a units + c) + calls latency log2 N + messages latency
+    T = sum over the parts of a step of max over ranks (a units + g fetched + c)
+        + calls latency log2 N + messages latency
         + sum over exchanges of (max over machines bytes / link + max over ranks bytes within / memory) + runs s (1)
 
-a: CPU seconds of a unit: of own and fetched particles, of rows of the transforms (n log n), of nodes of a window. c: of
-calls. They are fitted to short runs on 3 ranks of one thread (`rank_steps.py`), of two sizes, and compared with
-such runs on 2 and 4; what one rank takes is measured. Bytes: of rows that are sent, and of the runs of cells that all
+a: CPU seconds of a unit: of own particles, of rows of the transforms (n log n), of nodes of a window. g: of a fetched
+particle, or of one at a border. c: of calls. They are fitted to short runs on 2 ranks of one thread (`rank_steps.py`),
+each on a core of its own as on a cluster, of a fourth and a sixteenth of the size, of which each is cut into 2 parts
+and into 16 (`rank_cut.py`), with as many borders. They are compared with runs on 2 and 4 ranks; what one rank takes is
+measured. Each run is made in ROUNDS, all in turn, and the least of each part is taken: other work may share the
+machine. Bytes: of rows that are sent, and of the runs of cells that all
 ranks say they need, in which each looks for its own, s seconds a run. A machine has 32 ranks, next to each other on the
 curve: what they send to others shares its link, and what they send each other is copied in memory. Network: two
 examples, NETWORKS.
@@ -43,7 +47,9 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
-FITTED, CHECKED = (3,), (2, 4)  # few: where more ranks than cores share caches, each looks slower than it is
+FITTED, PARTS_OF_2 = 2, (2, 16)  # ranks: where more of them than cores share these, each looks slower than it is
+CHECKED = (2, 4)
+ROUNDS = 2
 SOME = 7  # a step
 RUN = 16  # bytes of one
 SEARCH = 1e-7  # CPU seconds of a run
@@ -60,49 +66,52 @@ class Network(NamedTuple):
 
 NETWORKS = (Network("InfiniBand 200 Gb/s", 2e-6, 25e9), Network("Ethernet 25 Gb/s", 20e-6, 3.1e9))
 MEMORY = 2e9  # bytes a second of a rank to others of its machine while all 32 send: assumed; two alone do 5e9
-# Of each part of a step: the species and the exchange that bring its units.
+# Of each part of a step: the species and the exchange that bring its units. Who is at a border also comes and goes.
 PARTS = {
     "gas": (("gas",), "sph"), "drag": (("gas", "dust"), "drag"), "grid particles": (("gas", "dust"), "grid"),
-    "star": (("gas", "dust"), None), "dust": (("dust",), None), "step": (("gas", "dust"), None),
+    "star": (("gas", "dust"), "drag"), "dust": (("dust",), None), "step": (("gas", "dust"), "drag"),
     "transforms": ((), None), "windows": ((), None),
 }  # fmt: skip
 
 
 def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int | None = None) -> Array:
-    """Units (ranks,) of a part of a step, where there are `particles` times as many and the grid has a side."""
+    """Units (2, ranks) of a part of a step, own ones and those that are fetched, where there are `particles` times as
+    many and the grid has a side.
+    """
     usual = counts["side"]
-    side = side or usual
+    side, none = side or usual, np.zeros(len(counts["window"]))
     if part == "transforms":
-        return of_transforms((side, side), False, len(counts["window"]))[1] * side * np.log2(2 * side)
+        return np.stack([of_transforms((side, side), False, len(none))[1] * side * np.log2(2 * side), none])
     if part == "windows":
-        return np.array(counts["window"]) * (side / usual) ** 2
+        return np.stack([np.array(counts["window"]) * (side / usual) ** 2, none])
     species, exchange = PARTS[part]
-    out = sum(particles * np.array(counts["particles"][name], float) for name in species)
-    if exchange:
-        out = out + np.sqrt(particles) * sum(np.array(counts["received"][f"{exchange} {name}"]) for name in species)
-    return out
+    own = sum(particles * np.array(counts["particles"][name], float) for name in species)
+    if exchange is None:
+        return np.stack([own, none])
+    fetched = sum(np.sqrt(particles) * np.array(counts["received"][f"{exchange} {name}"]) for name in species)
+    return np.stack([own, fetched])
 
 
-def fit(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, tuple[float, float]]:
-    """a and c of each part, none below 0, by what was measured and counted of the runs FITTED of some sizes."""
+def fit(runs: list[tuple[list[Any], Any]]) -> dict[str, tuple[float, float, float]]:
+    """a, g and c of each part, none below 0, by what was measured and counted of some runs."""
     out = {}
     for part in PARTS:
         rows, seconds = [], []
         for measured, counts in runs:
-            for n in FITTED:
-                own = [rank["seconds"][part] for rank in measured[n]]
-                rows.append(np.column_stack([units(counts[n], part), np.ones(n)]) / np.mean(own))
-                seconds.append(np.array(own) / np.mean(own))
+            own = [rank["seconds"][part] for rank in measured]
+            rows.append(np.column_stack([*units(counts, part), np.ones(len(own))]) / np.mean(own))
+            seconds.append(np.array(own) / np.mean(own))
         matrix = np.concatenate(rows)
         scale = np.abs(matrix).max(axis=0)
+        scale[scale == 0.0] = 1.0
         found = nnls(matrix / scale, np.concatenate(seconds))[0] / scale
-        out[part] = float(found[0]), float(found[1])
+        out[part] = tuple(map(float, found))
     return out
 
 
-def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float]]:
+def alone(measured: dict[int, Any], counts: dict[int, Any]) -> dict[str, tuple[float, float, float]]:
     """The same for one rank, by its run."""
-    return {part: (t / float(units(counts[1], part)[0]), 0.0) for part, t in measured[1][0]["seconds"].items()}
+    return {part: (t / float(units(counts[1], part)[0, 0]), 0.0, 0.0) for part, t in measured[1][0]["seconds"].items()}
 
 
 def _all(counts: dict[str, Any]) -> int:
@@ -118,19 +127,16 @@ def predict(
 ) -> dict[str, float]:
     """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
     size, more = len(counts["window"]), np.sqrt(particles)
-    own = slowest = calls = 0.0
-    for part, (a, c) in costs["fit" if size > 1 else "alone"].items():
-        u = a * units(counts, part, particles, side)
-        slowest += u.max() + c
-        own += u.mean()
+    own = fetched = slowest = calls = 0.0
+    for part, (a, g, c) in costs["fit" if size > 1 else "alone"].items():
+        of_own, of_fetched = np.array([[a], [g]]) * units(counts, part, particles, side)
+        slowest += (of_own + of_fetched).max() + c
+        own += of_own.mean()
+        fetched += of_fetched.mean()
         calls += c
-    fetched = sum(
-        costs["fit"][part][0] * more * np.mean(counts["received"][f"{exchange} {name}"])
-        for part, (species, exchange) in PARTS.items() if exchange for name in species
-    )  # fmt: skip
     runs = more * sum(np.sum(each) for each in counts["runs"].values()) if size > 1 else 0.0
-    out = {"own work": own - fetched, "fetched particles": fetched, "calls": calls, "lists of cells": SEARCH * runs}
-    out["uneven load"] = slowest - own - calls
+    out = {"own work": own, "fetched particles": fetched, "calls": calls, "lists of cells": SEARCH * runs}
+    out["uneven load"] = slowest - own - fetched - calls
     if network is not None and size > 1:
         sent = _sent(counts, costs, more, side or counts["side"])
         machines = np.arange(0, size, PER_MACHINE)
@@ -168,7 +174,7 @@ def counted(counts: Counts, side: int) -> dict[str, Any]:
     }
 
 
-def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -> dict[int, Any]:
+def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...], parts: int = 0) -> dict[int, Any]:
     """Counts of the disc at its start, for each number of ranks."""
     from rank_counts import blocks_of_drag, cells_of_gas, counts_of
     from rank_steps import scene
@@ -180,29 +186,46 @@ def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -
     sim.operators.forces()
     sim.state.step = SOME  # at the start blocks begin where tiles do
     blocks = blocks_of_drag(sim)
-    return {number: counted(counts_of(sim, number, cells, blocks), side) for number in ranks}
+    return {number: counted(counts_of(sim, number, cells, blocks, parts=parts), side) for number in ranks}
 
 
-def measure(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...]) -> dict[int, Any]:
-    """Runs of `rank_steps.py`."""
+class Run(NamedTuple):
+    """Of `rank_steps.py`: gas, dust and cells of the disc, ranks, and into how many parts it is cut (0: as many)."""
+
+    size: tuple[int, int, int]
+    ranks: int
+    parts: int = 0
+
+
+def measure(run: Run, scheme: str) -> list[Any]:
+    """What the run tells of each rank."""
     beside = Path(sys.executable).with_name("mpiexec")
     launcher = str(beside) if beside.exists() else shutil.which("mpiexec")
-    out = {}
-    for number in ranks:
-        command = [launcher, "-n", str(number), sys.executable, str(Path(__file__).with_name("rank_steps.py"))]
-        command += ["--gas", str(gas), "--dust", str(dust), "--cells", str(side), "--scheme", scheme]
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env=os.environ | {"NUMBA_NUM_THREADS": "1"}
-        )
-        if done.returncode != 0:
-            raise SystemExit(done.stderr)
-        out[number] = json.loads(done.stdout)
-    return out
+    gas, dust, side = map(str, run.size)
+    command = [launcher, "-n", str(run.ranks), sys.executable, str(Path(__file__).with_name("rank_steps.py"))]
+    command += ["--gas", gas, "--dust", dust, "--cells", side, "--scheme", scheme, "--parts", str(run.parts)]
+    environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    if done.returncode != 0:
+        raise SystemExit(done.stderr)
+    return list(json.loads(done.stdout))
 
 
-def costs_of(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, Any]:
-    """What `predict` takes, of short runs and the counts of the same states, the largest first."""
-    measured, counts = runs[0]
+def measure_in_turn(runs: dict[str, Run], scheme: str) -> dict[str, list[Any]]:
+    """The runs by name, in ROUNDS of all of them: of each part of a step on each rank the least."""
+    found: dict[str, list[Any]] = {}
+    for _ in range(ROUNDS):
+        for name, run in runs.items():
+            ranks = measure(run, scheme)
+            for rank, before in zip(ranks, found.get(name, ranks), strict=True):
+                rank["seconds"] = {part: min(t, before["seconds"][part]) for part, t in rank["seconds"].items()}
+                rank["wall"] = min(rank["wall"], before["wall"])
+            found[name] = ranks
+    return found
+
+
+def costs_of(measured: dict[int, Any], counts: dict[int, Any], fitted: list[tuple[list[Any], Any]]) -> dict[str, Any]:
+    """What `predict` takes, of short runs and the counts of the same states; `fitted`: those for a, g and c."""
     two, at_two = measured[2], counts[2]
     effects = {"sph": "gas", "drag": "drag", "grid": "self_gravity"}
     row, sends = {}, {}
@@ -217,7 +240,7 @@ def costs_of(runs: list[tuple[dict[int, Any], dict[int, Any]]]) -> dict[str, Any
         row[exchange] = total / rows  # with the little that other calls have
         sends[exchange] = two[0]["communication"][effect][5] / (1 if exchange == "sph" else 2)
     calls = sum(each[0] for each in two[0]["communication"].values())
-    return {"fit": fit(runs), "alone": alone(measured, counts), "row": row, "sends": sends, "calls": calls}
+    return {"fit": fit(fitted), "alone": alone(measured, counts), "row": row, "sends": sends, "calls": calls}
 
 
 def check(measured: dict[int, Any], counts: dict[int, Any], costs: dict[str, Any]) -> dict[int, tuple[float, float]]:
@@ -231,10 +254,27 @@ def check(measured: dict[int, Any], counts: dict[int, Any], costs: dict[str, Any
     }
 
 
-def kept(path: Path, make: Any) -> dict[int, Any]:
+def kept(path: Path, make: Any) -> dict[Any, Any]:
+    """What was made before, or is now; keys that are numbers as such."""
     if not path.exists():
         path.write_text(json.dumps(make()))
-    return {int(number): each for number, each in json.loads(path.read_text()).items()}
+    found = json.loads(path.read_text())
+    return {int(name) if name.isdigit() else name: each for name, each in found.items()}
+
+
+def samples(size: tuple[int, int, int], scheme: str, out: Path) -> tuple[Any, Any, list[tuple[list[Any], Any]]]:
+    """By ranks what runs of a size take and their counts, and the same of those that a, g and c are fitted to."""
+    few, (gas, dust, side) = sorted({1, *CHECKED}), size
+    less = [(gas // 4**k, dust // 4**k, side // 2**k) for k in (1, 2)]
+    runs = {str(n): Run(size, n) for n in few}
+    fitted = {f"{each[0]} in {parts}": Run(each, FITTED, parts) for each in less for parts in PARTS_OF_2}
+    told = kept(out / f"measured_{scheme}.json", lambda: measure_in_turn(runs | fitted, scheme))
+    counts = kept(out / f"counts_small_{scheme}.json", lambda: count(*size, scheme, tuple(few)))
+    of_fitted = kept(
+        out / f"counts_fitted_{scheme}.json",
+        lambda: {name: count(*run.size, scheme, (run.ranks,), run.parts)[run.ranks] for name, run in fitted.items()},
+    )
+    return {n: told[n] for n in few}, counts, [(told[name], of_fitted[name]) for name in fitted]
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
@@ -273,22 +313,15 @@ def main() -> None:
     parser.add_argument("--measure", default="1e6,1e7,2048", help="the same of the runs on 1 to 4 ranks")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    small, size = ([int(float(part)) for part in text.split(",")] for text in (given.measure, given.size))
-    out, scheme, few = given.out, given.scheme, tuple(sorted({1, *FITTED, *CHECKED}))
-    tiny = [small[0] // 10, small[1] // 10, small[2] // 4]
-    runs = [
-        (
-            kept(out / f"measured_{name}_{scheme}.json", lambda what=what: measure(*what, scheme, few)),
-            kept(out / f"counts_{name}_{scheme}.json", lambda what=what: count(*what, scheme, few)),
-        )
-        for name, what in (("small", small), ("tiny", tiny))
-    ]
+    small, size = (tuple(int(float(part)) for part in text.split(",")) for text in (given.measure, given.size))
+    out, scheme = given.out, given.scheme
+    measured, counts, fitted = samples(small, scheme, out)
     at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS))
-    costs = costs_of(runs)
+    costs = costs_of(measured, counts, fitted)
     ns = {part: [1e9 * each for each in found] for part, found in costs["fit"].items()}
-    about = "ns of a unit, and of a step"
+    about = "ns of a unit, of a fetched one, and of a step"
     found: dict[str, Any] = {about: ns, "bytes of a row": costs["row"]}
-    found["seconds of a step, predicted and measured"] = check(*runs[0], costs)
+    found["seconds of a step, predicted and measured"] = check(measured, counts, costs)
     words = {1.0: "1e6 + 1e7, 2048$^2$", BIG[0]: "1e8 + 1e9, 16384$^2$"}
     of_all = 1.1e7 / _all(at_size[1])  # where a smaller sample is cut
     sides = {1.0: 2048, BIG[0]: BIG[1]}

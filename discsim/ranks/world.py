@@ -69,7 +69,8 @@ class Ranks:
         bounds = self.division.known_bounds(pos)
         if bounds is None or len(bounds) == 0 or np.isnan(bounds[:, 0]).any():
             return find(pos)
-        return bounds[:, 0::2].min(axis=0), bounds[:, 1::2].max(axis=0)
+        columns = np.ascontiguousarray(bounds.T)  # numpy takes ten times as long with four numbers a row
+        return columns[0::2].min(axis=1), columns[1::2].max(axis=1)
 
     def bounds(self, pos: Array) -> Array:
         """Bounds (batches, 4) of own places (n, d)."""
@@ -109,9 +110,13 @@ class Ranks:
 
 
 def _largest(values: Array, number: int, loose: Array) -> Array:
-    """Which of `values` (n,), which rise but for the rows `loose`, are the `number` largest."""
+    """Which of `values` (n,), which rise but for the rows `loose`, are the `number` largest, in rising order."""
     count = len(values)
     loose = rising(loose[loose < count])
     begin = max(0, count - number - len(loose))  # the largest that are not loose are from there on
-    some = np.concatenate([loose[loose < begin], np.arange(begin, count)])
-    return some[np.argsort(values[some])[len(some) - min(number, count) :]]
+    rises = np.ones(count - begin, bool)
+    rises[loose[np.searchsorted(loose, begin) :] - begin] = False
+    some = np.concatenate([loose, begin + np.flatnonzero(rises)[max(0, np.count_nonzero(rises) - number) :]])
+    if len(some) > number:
+        some = some[np.argpartition(values[some], len(some) - number)[len(some) - number :]] if number > 0 else some[:0]
+    return some[np.argsort(values[some])]

@@ -5,7 +5,7 @@ from importlib import import_module as script
 import numpy as np
 import pytest
 
-A, C = 100e-9, 3e-3  # of each part
+A, G, C = 100e-9, 170e-9, 3e-3  # of each part
 
 
 @pytest.fixture
@@ -13,13 +13,13 @@ def scaling():
     return script("scaling")
 
 
-def counts(ranks, particles, side=64):
+def counts(ranks, particles, side=64, borders=1.0):
     """Particles in equal parts but for the first rank, which has a tenth more; all send rows to one neighbour, a
     quarter of them to another machine.
     """
     share = np.full(ranks, particles / ranks)
     share[0] *= 1.1 if ranks > 1 else 1.0
-    rows = np.full(ranks, 0.0 if ranks == 1 else np.sqrt(particles))
+    rows = np.full(ranks, 0.0 if ranks == 1 else borders * np.sqrt(particles))
     names = [f"{exchange} {name}" for exchange in ("sph", "drag", "grid") for name in ("gas", "dust")]
     sent = dict.fromkeys(names, (rows, rows / 4, np.ones(ranks)))
     return {
@@ -34,32 +34,39 @@ def counts(ranks, particles, side=64):
 
 def measured(scaling, given):
     """Ranks whose times are those of the model."""
-    seconds = {part: A * scaling.units(given, part) + C for part in scaling.PARTS}
+    seconds = {part: np.array([A, G]) @ scaling.units(given, part) + C for part in scaling.PARTS}
     return [{"seconds": {part: float(each[r]) for part, each in seconds.items()}} for r in range(len(given["window"]))]
 
 
 @pytest.fixture
 def runs(scaling):
-    """What was measured and counted of two sizes."""
-    both = []
-    for particles, side in ((1e5, 512), (1e4, 128)):
-        given = {n: counts(n, particles, side) for n in (1, 2, 3, 4, 8)}
-        both.append(({n: measured(scaling, each) for n, each in given.items()}, given))
-    return both
+    """What was measured and counted of two sizes, with few borders and many."""
+    given = [counts(2, particles, side, borders) for particles, side in ((1e5, 512), (1e4, 128)) for borders in (1, 8)]
+    return [(measured(scaling, each), each) for each in given]
 
 
 def test_the_fit_finds_what_the_times_were_made_of(scaling, runs):
     for part, found in scaling.fit(runs).items():
-        assert found == pytest.approx((A, C), rel=1e-6), part  # rounding
+        fetches = scaling.PARTS[part][1] is not None
+        assert found == pytest.approx((A, G * fetches, C), rel=1e-6), part  # rounding
+
+
+def test_of_runs_in_turn_the_least_is_taken(scaling, monkeypatch):
+    made = iter([3.0, 7.0, 4.0, 5.0])  # of two runs, and again
+    monkeypatch.setattr(scaling, "measure", lambda run, scheme: [{"seconds": {"gas": (t := next(made))}, "wall": t}])
+    found = scaling.measure_in_turn({"one": None, "other": None}, "tsc")
+    assert {name: (rank["seconds"]["gas"], rank["wall"]) for name, [rank] in found.items()} == {
+        "one": (3.0, 3.0), "other": (5.0, 5.0)
+    }  # fmt: skip
 
 
 def test_a_step_is_the_slowest_rank_of_each_part_and_what_it_sends(scaling, runs):
     costs = {"fit": scaling.fit(runs), "row": {"sph": 100.0, "drag": 200.0, "grid": 30.0}}
     costs |= {"sends": {"sph": 10, "drag": 20, "grid": 5}, "calls": 50}
-    run, given = runs[0]
+    given = counts(4, 1e5)
     network = scaling.Network("", 1e-6, 1e9)
-    found = scaling.predict(given[4], costs, network)
-    slowest = sum(max(rank["seconds"][part] for rank in run[4]) for part in scaling.PARTS)
+    found = scaling.predict(given, costs, network)
+    slowest = sum(max(rank["seconds"][part] for rank in measured(scaling, given)) for part in scaling.PARTS)
     names = ["own work", "fetched particles", "calls", "uneven load"]
     assert sum(found[name] for name in names) == pytest.approx(slowest, rel=1e-6)
     runs_of_all = 4 * 3 * 7
@@ -97,5 +104,5 @@ def test_more_particles_fetch_along_the_same_borders(scaling):
     given = counts(4, 1e5)
     own = sum(given["particles"].values())
     found = scaling.units(given, "drag", particles=100.0)
-    np.testing.assert_allclose(found, 100 * own + 10 * 2 * np.sqrt(1e5))
-    np.testing.assert_allclose(scaling.units(given, "windows", side=128), 4 * given["window"])
+    np.testing.assert_allclose(found, [100 * own, np.full(4, 10 * 2 * np.sqrt(1e5))])
+    np.testing.assert_allclose(scaling.units(given, "windows", side=128), [4 * given["window"], np.zeros(4)])

@@ -1,0 +1,44 @@
+"""Tiles cut for more ranks than there are: each has every so many of the parts, and so more borders than parts in a row
+would have. With few ranks, of which each has a core of its own, that shows what others' particles cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+from discsim.ranks import world
+from discsim.ranks.division import Division
+
+
+class Interleaved(Division):
+    """Tiles that are cut into `parts`, a whole multiple of the ranks."""
+
+    parts = 0
+
+    def cut(self, species: dict[str, Any], whole: bool = False) -> bool:
+        ranks = self.comm
+        self.comm = SimpleNamespace(size=self.parts, rank=ranks.rank, reduced=getattr(ranks, "reduced", None))
+        try:
+            changed = super().cut(species, whole)
+        finally:
+            self.comm = ranks
+        self.owner %= ranks.size
+        return changed
+
+
+def division_of(parts: int) -> type[Division]:
+    """What cuts tiles into so many parts; 0: as many as there are ranks."""
+    return type("Cut", (Interleaved,), {"parts": parts}) if parts > 0 else Division
+
+
+@contextmanager
+def cut_into(parts: int) -> Iterator[None]:
+    """Within it ranks that begin a run divide its particles so."""
+    usual, world.Division = world.Division, division_of(parts)  # type: ignore[misc]
+    try:
+        yield
+    finally:
+        world.Division = usual  # type: ignore[misc]
