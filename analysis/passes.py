@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from rich.box import SIMPLE
@@ -20,24 +21,29 @@ def watched() -> Iterator[Counter[str]]:
     from discsim.numerics import threads
     from discsim.numerics.teams import cpu_time
 
-    share = threads.share
     passes: Counter[str] = Counter()
 
-    def timed(kernel: Any, *given: Any, **named: Any) -> list[Any]:
+    def timed(share: Callable[..., Any], kernel: Any, *given: Any, **named: Any) -> Any:
         start = cpu_time()  # other loops may run at the same time
         out = share(kernel, *given, **named)
         spent = cpu_time() - start
         passes[_name(kernel)] += spent
         return out
 
-    users: list[Any] = [module for module in list(sys.modules.values()) if getattr(module, "share", None) is share]
+    modules: list[Any] = list(sys.modules.values())
+    users = [
+        (module, share.__name__, share)
+        for share in (threads.share, threads.share_all)
+        for module in modules
+        if getattr(module, share.__name__, None) is share
+    ]
     try:
-        for module in users:
-            module.share = timed
+        for module, name, share in users:
+            setattr(module, name, partial(timed, share))
         yield passes
     finally:
-        for module in users:
-            module.share = share
+        for module, name, share in users:
+            setattr(module, name, share)
 
 
 def _name(kernel: Any) -> str:

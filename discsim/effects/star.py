@@ -21,7 +21,7 @@ from discsim.effects.accretion import swallow, taken_from
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES
 from discsim.numerics.state import Particles, State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import share, share_all
 from discsim.numerics.totals import rounded, total, totals
 from discsim.parts import Lazy
 from discsim.physics.orbits import Orbits, pulling
@@ -107,18 +107,19 @@ class Effect(base.Effect):
     def accelerate(self, state: State) -> None:
         self._place = place = state.star_place
         bodies, given = state.bodies, (state.star_mass, self.star.softening, *place)
-        for name, p in state.species.items():
-            if bodies is None or name not in self.counted:
+        both, counted = state.species, self.counted if bodies is not None else []
+        for name, p in both.items():
+            if name not in counted:
                 share(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given, light=True)
-            else:
-                limbs = share(kernels.attract_mutually, p.count, p.pos, p.acc, name in state.blank, p.mass, *given)
-                bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         if bodies is None:
             return
+        mutual = {name: p for name, p in both.items() if name in counted}
+        pulling = [(p.count, p.pos, p.acc, name in state.blank, p.mass, *given) for name, p in mutual.items()]
+        for name, limbs in zip(mutual, share_all(kernels.attract_mutually, pulling), strict=True):
+            bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         if not self.orbits.inertial:
-            pull = self.orbits.pull_on_star(bodies, beyond_drift=not self.all_in_kick)
-            for p in state.species.values():
-                share(kernels.add, p.count, p.acc, *(-pull).tolist(), light=True)
+            pull = (-self.orbits.pull_on_star(bodies, beyond_drift=not self.all_in_kick)).tolist()
+            share_all(kernels.add, [(p.count, p.acc, *pull) for p in both.values()], light=True)
         if bodies.count == 1:
             self.orbits.accelerate(bodies)
 
@@ -153,18 +154,17 @@ class Effect(base.Effect):
         if state.bodies is not None:
             self.orbits.place(state.bodies, state.time)
         if self.star.accretion_radius > 0.0:
-            place = state.star_place
-            for name, particles in state.species.items():
-                self._accrete(state, name, particles, place)
+            given = self.star.accretion_radius**2, *state.star_place
+            ranges = [(p.count, p.pos, *given) for p in state.species.values()]
+            found = share_all(kernels.divide, ranges, light=True)
+            for (name, particles), near in zip(state.species.items(), found, strict=True):
+                self._nearest[name] = min(least for least, _ in near)
+                self._accrete(state, name, particles, np.concatenate([inside for _, inside in near]))
             if state.bodies is not None and self.orbits.inertial and self.star.grows:
                 self._nearest = {}  # it may have moved
                 self.orbits.place(state.bodies, state.time)
 
-    def _accrete(self, state: State, name: str, particles: Particles, place: tuple[float, float]) -> None:
-        squared = self.star.accretion_radius**2
-        found = share(kernels.divide, particles.count, particles.pos, squared, *place, light=True)
-        self._nearest[name] = min(least for least, _ in found)
-        gone = np.concatenate([inside for _, inside in found])
+    def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:
         if world.together.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]

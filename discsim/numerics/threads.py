@@ -42,9 +42,45 @@ def share(
     runs = pieces(count, LIGHT if light else least, threads)
     spans = [span for run in runs for span in run]
     parts = [(*span, *([] if each is None else [each[k]])) for k, span in enumerate(spans)]
-    if len(parts) == 1:
-        return [kernel(*parts[0], *arguments)]
-    return teams.share(teams.Loop(kernel, parts, arguments, [len(run) for run in runs]), threads - 1)
+    return _run(kernel, parts, arguments, [len(run) for run in runs], threads)
+
+
+def share_all(
+    kernel: Callable[..., Any], several: list[tuple[Any, ...]], *, least: int = 4096, light: bool = False
+) -> list[list[Any]]:
+    """`share` over some ranges as one loop, each a count and its own arguments; what each piece of each returned.
+
+    Of short ones no thread waits for another between one and the next.
+    """
+    threads = numba.get_num_threads()
+    counts = [count for count, *_ in several]
+    begins = [sum(counts[:k]) for k in range(len(counts))]
+    parts: list[tuple[Any, ...]] = []
+    of: list[int] = []
+    lengths = []
+    for run in pieces(sum(counts), LIGHT if light else least, threads):
+        before = len(parts)
+        for first, last in run:
+            for k, ((count, *given), begin) in enumerate(zip(several, begins, strict=True)):
+                low, high = max(first - begin, 0), min(last - begin, count)
+                if low < high or (count == 0 and k not in of):  # each is called, as by `share`
+                    parts.append((low, max(low, high), *given))
+                    of.append(k)
+        lengths.append(len(parts) - before)
+    found = _run(kernel, parts, (), lengths, threads)
+    return [[one for one, whose in zip(found, of, strict=True) if whose == k] for k in range(len(several))]
+
+
+def _run(
+    kernel: Callable[..., Any],
+    parts: list[tuple[Any, ...]],
+    arguments: tuple[Any, ...],
+    lengths: list[int],
+    threads: int,
+) -> list[Any]:
+    if len(parts) < 2 or threads == 1:
+        return [kernel(*part, *arguments) for part in parts]
+    return teams.share(teams.Loop(kernel, parts, arguments, lengths), threads - 1)
 
 
 def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:

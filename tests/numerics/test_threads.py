@@ -12,7 +12,8 @@ from loops import meet_in_a_loop
 from runs import WAVE, scene_of
 
 from discsim import Simulation
-from discsim.numerics.threads import fill, pieces, share
+from discsim.numerics import teams
+from discsim.numerics.threads import fill, pieces, share, share_all
 
 
 def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
@@ -83,6 +84,19 @@ def test_what_pieces_return_comes_in_their_order_and_goes_to_the_same_pieces(fou
         return own
 
     assert share(again, len(seen), least=10, each=found) == found
+
+
+@pytest.mark.parametrize("counts", [(), (0,), (3000,), (700, 0, 1900, 1), (0, 5000)])
+def test_several_ranges_are_one_loop(counts, four_cores, monkeypatch):
+    """Each is covered once, and tells what its own pieces returned, in their order; no more loops than one."""
+    loops, run = [], teams.share
+    monkeypatch.setattr(teams, "share", lambda loop, helpers: loops.append(loop) or run(loop, helpers))
+    all_seen = [np.zeros(count, int) for count in counts]
+    found = share_all(cover, [(len(seen), seen) for seen in all_seen], least=10)
+    assert len(found) == len(counts) and len(loops) == (sum(counts) > 0)
+    for seen, returned in zip(all_seen, found, strict=True):
+        assert (seen == 1).all() and returned[0][0] == 0 and returned[-1][1] == len(seen)
+        assert [a for a, _ in returned[1:]] == [b for _, b in returned[:-1]]
 
 
 def test_loops_are_shared_among_the_caller_and_the_same_helpers(four_cores):
