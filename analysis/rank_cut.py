@@ -1,5 +1,5 @@
-"""Tiles cut for more ranks than there are: each has every so many of the parts, and so more borders than parts in a row
-would have. With few ranks, of which each has a core of its own, that shows what others' particles cost.
+"""Tiles cut into more parts than there are ranks: rank r has the parts r, r + ranks and so on, and so more borders than
+with one part. With few ranks, of which each has a core of its own, that shows what others' particles cost.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ class Interleaved(Division):
 
     def cut(self, species: dict[str, Any], whole: bool = False) -> bool:
         ranks = self.comm
+        self.owner = getattr(self, "part", self.owner)
         self.comm = SimpleNamespace(size=self.parts, rank=ranks.rank, reduced=getattr(ranks, "reduced", None))
         try:
             changed = super().cut(species, whole)
         finally:
             self.comm = ranks
-        self.owner %= ranks.size
+        self.part = self.owner  # (tiles,)
+        self.owner = self.part % ranks.size
         return changed
 
 

@@ -70,7 +70,7 @@ def _seconds(begin: Spent, end: Spent) -> tuple[dict[str, float], float]:
     in_calls = {name: spent - begin.calls.get(name, 0.0) for name, spent in end.calls.items()}
     out = {name: spent - begin.effects[name] - in_calls.get(name, 0.0) for name, spent in end.effects.items()}
     out["step"] = end.cpu - begin.cpu - sum(out.values()) - sum(in_calls.values())
-    of_part = end.parts - begin.parts
+    of_part = {part: seconds - begin.parts[part] for part, seconds in end.parts.items()}
     of_part["transforms"] += end.passes["each"] - begin.passes["each"]
     out |= of_part
     out["windows"] = out.pop("self_gravity") - sum(of_part.values())
@@ -90,13 +90,13 @@ def measure(tables: dict[str, Any], comm: Comm, parts: int = 0) -> list[dict[str
         return time.process_time() - sum(each.cpu_seconds for each in comm.traffic.sums.values())
 
     def timed(method: Any, part: str) -> Any:
-        def watched(*given: Any, **named: Any) -> Any:
+        def counted(*given: Any, **named: Any) -> Any:
             start = own()
             found = method(*given, **named)
             of_part[part] += own() - start
             return found
 
-        return watched
+        return counted
 
     for (kind, name), part in PARTS.items():
         setattr(kind, name, timed(getattr(kind, name), part))

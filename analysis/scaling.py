@@ -11,11 +11,11 @@ those that it fetches, its part of the grid, and what it sends to how many other
 
 a: CPU seconds of a unit: of own particles, of rows of the transforms (n log n), of nodes of a window. g: of a fetched
 particle, or of one at a border. c: of calls. They are fitted to short runs on 2 ranks of one thread (`rank_steps.py`),
-each on a core of its own as on a cluster, of a fourth and a sixteenth of the size, of which each is cut into 2 parts
-and into 16 (`rank_cut.py`), with as many borders. They are compared with runs on 2 and 4 ranks; what one rank takes is
+each on a core of its own as on a cluster: of a fourth and of a sixteenth of the size, each cut into 2 parts and into 16
+(`rank_cut.py`), and so with few borders and many. They are compared with runs on 2 and 4 ranks; what one rank takes is
 measured. Each run is made in ROUNDS, all in turn, and the least of each part is taken: other work may share the
-machine. Bytes: of rows that are sent, and of the runs of cells that all
-ranks say they need, in which each looks for its own, s seconds a run. A machine has 32 ranks, next to each other on the
+machine. Bytes: of rows that are sent, and of the runs of cells that all ranks say they need, in which each looks for
+its own, s seconds a run. A machine has 32 ranks, next to each other on the
 curve: what they send to others shares its link, and what they send each other is copied in memory. Network: two
 examples, NETWORKS.
 
@@ -244,14 +244,13 @@ def costs_of(measured: dict[int, Any], counts: dict[int, Any], fitted: list[tupl
 
 
 def check(measured: dict[int, Any], counts: dict[int, Any], costs: dict[str, Any]) -> dict[int, tuple[float, float]]:
-    """CPU seconds of a step on the slowest rank, predicted and measured, of the runs CHECKED."""
-    return {
-        n: (
-            sum(predict(counts[n], costs, None).values()),
-            max(sum(rank["seconds"].values()) for rank in measured[n]),
-        )
-        for n in CHECKED
-    }
+    """CPU seconds of a step, of each part on the slowest rank, predicted and measured, of the runs CHECKED."""
+    out = {}
+    for n in CHECKED:
+        found = predict(counts[n], costs, None)
+        del found["lists of cells"]  # what was measured has it in its parts
+        out[n] = sum(found.values()), sum(max(rank["seconds"][part] for rank in measured[n]) for part in PARTS)
+    return out
 
 
 def kept(path: Path, make: Any) -> dict[Any, Any]:
@@ -269,7 +268,7 @@ def samples(size: tuple[int, int, int], scheme: str, out: Path) -> tuple[Any, An
     runs = {str(n): Run(size, n) for n in few}
     fitted = {f"{each[0]} in {parts}": Run(each, FITTED, parts) for each in less for parts in PARTS_OF_2}
     told = kept(out / f"measured_{scheme}.json", lambda: measure_in_turn(runs | fitted, scheme))
-    counts = kept(out / f"counts_small_{scheme}.json", lambda: count(*size, scheme, tuple(few)))
+    counts = kept(out / f"counts_measured_{scheme}.json", lambda: count(*size, scheme, tuple(few)))
     of_fitted = kept(
         out / f"counts_fitted_{scheme}.json",
         lambda: {name: count(*run.size, scheme, (run.ranks,), run.parts)[run.ranks] for name, run in fitted.items()},

@@ -77,7 +77,7 @@ def _sample(samples: Samples, name: str, particles: Particles) -> Array:
     ids, count = particles.ids, particles.everywhere
     every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
     known = samples.get(name, Sample(NOBODY, 0, NOBODY, 0))
-    if _loose_alone_differ(known, particles, every):
+    if _only_loose_changed(known, particles, every):
         rows = np.concatenate([known.rows, particles.loose[known.loose :]])
         rows = rows[rows < len(ids)]
         rows = np.unique(rows[ids[rows] & every - 1 == 0])
@@ -89,9 +89,9 @@ def _sample(samples: Samples, name: str, particles: Particles) -> Array:
     return rows
 
 
-def _loose_alone_differ(known: Sample, particles: Particles, every: int) -> bool:
-    """Whether no row is another's than those that have been noted as loose since, and some at the end: they are in the
-    memory that they were in, as they are not once they have been sorted.
+def _only_loose_changed(known: Sample, particles: Particles, every: int) -> bool:
+    """Whether only rows noted as loose since then, and rows at the end, can hold other ids: so it is while the array
+    begins at the same place in memory, as sorting makes a new one.
     """
     return known.power == every and world.together.many and room.begin_alike(known.ids, particles.ids)
 

@@ -333,12 +333,12 @@ def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
         x0, x1, y0, y1 = _nodes_between(bounds[batch], pos.shape[1], origin, inverse, shape)
         if x0 >= 0:
             low, high = min(low, x0), max(high, x1)
-            band, end = x0 // BAND, x1 // BAND
-            if band == end:  # most are so
+            band, last = x0 // BAND, x1 // BAND
+            if band == last:  # most are so
                 least[band], most[band] = min(least[band], y0), max(most[band], y1)
                 continue
             known = True  # and of others most add nothing
-            for each in range(band, end + 1):
+            for each in range(band, last + 1):
                 known &= least[each] <= y0 and y1 <= most[each]
             if known:
                 continue

@@ -14,7 +14,7 @@ from discsim.kernels.zcurve import place_of
 
 THEIRS, OWN, EITHER = range(3)
 ONE, BATCH = np.uint64(1), np.uint64(batches.BATCH)
-FAR = 64  # largest blocks about a batch that is looked at row by row without a look at these
+FAR = 64  # a batch that spans more largest blocks than this is kept without a look at them
 EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
 
 
@@ -167,12 +167,12 @@ def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
         out[count] = batch
         x0, x1 = _leaves_between(bounds[batch, 0], bounds[batch, 1], origin[0], side, lattice[0], lattice[2])
         y0, y1 = _leaves_between(bounds[batch, 2], bounds[batch, 3], origin[1], side, lattice[1], lattice[3])
-        if not (x1 - x0) * (y1 - y0) < FAR * rows * rows:  # or no numbers
+        if not (x1 - x0) * (y1 - y0) < FAR * rows * rows:
             count += 1
             continue
         near = False
-        for x in range(max(x0, 0.0) // rows, min(x1 // rows + 1, marked.shape[0])):
-            for y in range(max(y0, 0.0) // rows, min(y1 // rows + 1, marked.shape[1])):
+        for x in range(int(max(x0, 0.0)) // rows, int(min(x1 // rows + 1.0, marked.shape[0]))):
+            for y in range(int(max(y0, 0.0)) // rows, int(min(y1 // rows + 1.0, marked.shape[1]))):
                 near |= marked[x, y]
         count += near
     return out[:count]
@@ -181,11 +181,13 @@ def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
 @inner
 def _leaves_between(low, high, origin, side, first, period):
     # Leaves of a part between two places along an axis, with one more on each side, as those are rounded; all where
-    # they are in two turns of a period.
-    low, high = math.floor((low - origin) / side) - 1.0, math.floor((high - origin) / side) + 1.0
+    # they are in two turns of a period, or no numbers.
+    if not low <= high:
+        return -np.inf, np.inf
+    low, high = np.floor((low - origin) / side) - 1.0, np.floor((high - origin) / side) + 1.0
     if period > 0.0:
-        turn = math.floor(low / period)
-        if math.floor(high / period) != turn:
+        turn = np.floor(low / period)
+        if np.floor(high / period) != turn:
             return -np.inf, np.inf
         low, high = low - turn * period, high - turn * period
     return low - first, high - first

@@ -50,7 +50,7 @@ def share_all(
 ) -> list[list[Any]]:
     """`share` over some ranges as one loop, each a count and its own arguments; what each piece of each returned.
 
-    Of short ones no thread waits for another between one and the next.
+    Threads do not wait for each other between short ranges.
     """
     threads = numba.get_num_threads()
     counts = [count for count, *_ in several]
@@ -78,7 +78,7 @@ def _run(
     lengths: list[int],
     threads: int,
 ) -> list[Any]:
-    if len(parts) < 2 or threads == 1:
+    if len(lengths) < 2:
         return [kernel(*part, *arguments) for part in parts]
     return teams.share(teams.Loop(kernel, parts, arguments, lengths), threads - 1)
 

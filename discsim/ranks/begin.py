@@ -30,7 +30,7 @@ def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
         effects["gas"].sph = DividedSph(sim.scene, comm)
         if sim.scene.drag is not None:
             drag = effects["drag"]
-            drag.relax_by = divided = DividedDrag(drag, comm)
+            drag.relax_by = divided = DividedDrag(drag, ranks.division)
             ranks.forgets.append(divided.forget)
             drag.limit_by = divided.limit if drag.limit_by is not None else None
     if "self_gravity" in effects:

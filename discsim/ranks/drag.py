@@ -7,6 +7,7 @@ it and finds their blocks. Between pairs it is all particles, and each rank make
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -32,13 +33,13 @@ from discsim.numerics.batches import LEAST
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
-from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import Asked, asked_of, in_cells, joined
 from discsim.ranks.leaves import Leaves, widened
 
 if TYPE_CHECKING:
     from discsim.drag.cells import Lattice
     from discsim.effects.drag import Effect as Drag
+    from discsim.ranks.division import Division
 
 Array = np.ndarray
 HEAT = 2  # rings more: a node has heat of the particles of its cell, and of nodes about it that have no gas
@@ -50,6 +51,7 @@ class Agreement(Known):
     def __init__(self, parts: Leaves) -> None:
         self.parts, self.found, self._own_blocks = parts, dict[str, Any](), 0
         self._leaves = dict[str, Array]()
+        self._held: Array | None = None
 
     def __call__(self, name: str, find: Callable[[], Any]) -> Any:
         if name not in self.found:
@@ -63,10 +65,21 @@ class Agreement(Known):
         return self.parts.part_of(lattice, shift, species)
 
     def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
-        return self.parts.summed(lattice, *held)
+        out, self._held = self.parts.summed(lattice, *held)
+        return out
+
+    def held(self, lattice: Lattice, leaves: Sequence[Array]) -> Array:
+        """Which leaves of a part have any own particles, of which `leaves` are those; also where nothing was summed."""
+        if self._held is None:
+            self._held = np.zeros(math.prod(lattice.shape) + 1, bool)
+            for leaf in leaves:
+                self._held[leaf] = True
+            self._held = self._held[:-1]
+        return self._held
 
     def leaves(self, name: str, pos: Array, find: Callable[[Array], Array]) -> Array:
-        known = self._leaves.get(name)
+        """Of ghosts alone where it was asked for own ones before, whose leaves may be overwritten from then on."""
+        known = self._leaves.pop(name, None)
         if known is None:
             known = self._leaves[name] = find(pos)
             return known
@@ -95,8 +108,9 @@ def _some(blocks: Merged, some: Array) -> Merged:
 class DividedDrag:
     """The kick of a scheme, in place of `Scheme.relax`, and the step that it allows, in place of `Scheme.limit`."""
 
-    def __init__(self, drag: Drag, comm: Comm) -> None:
-        self.comm, self.drag, self.scheme, self.leaves = comm, drag, drag.scheme, Leaves(comm)
+    def __init__(self, drag: Drag, division: Division) -> None:
+        self.division, self.comm, self.drag, self.scheme = division, division.comm, drag, drag.scheme
+        self.leaves = Leaves(self.comm)
 
     def __call__(self, drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
         if self.scheme.members is None:
@@ -193,7 +207,8 @@ class DividedDrag:
             lattice, blocks, *leaves = self.scheme.members(drag, state)
             blocks.number[-1] = len(blocks.level)  # of what is outside
             own = np.zeros(len(blocks.level), bool)
-            share(mark_held, self.leaves.held.size, self.leaves.held.ravel(), blocks.number, own, light=True)
+            held = agreement.held(lattice, leaves)
+            share(mark_held, len(held), held, blocks.number, own, light=True)
             # Nodes are of one level: a block hangs on others of its own side, `rings` and two away.
             widest = int(blocks.level[own].max(initial=0))
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
@@ -202,12 +217,21 @@ class DividedDrag:
         needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, drag.dim == 1)
         asked = asked_of(self.comm, Needed(np.append(needed, False), *numbers_of(blocks, lattice)))
         wides = {
-            name: in_cells(self.comm, p, leaf, asked, blocks.number, _batches(p.pos, lattice, blocks, asked))
+            name: in_cells(self.comm, p, leaf, asked, blocks.number, self._batches(p.pos, lattice, blocks, asked))
             for (name, p), leaf in zip(state.species.items(), leaves, strict=True)
         }
         agreement.own_grains = wides["dust"].own
         agreement.leave(own, needed)
         return wides
+
+    def _batches(self, pos: Array, lattice: Lattice, blocks: Merged, asked: Asked) -> Array:
+        """The batches of places in which any may be in blocks that are asked for."""
+        marked = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
+        sides_held(blocks.first_leaf, np.diff(asked.number[:-1]) > 0, marked)
+        bounds, along = self.division.bounds(pos), np.array([1.0, self.drag.dim - 1.0])  # 0: no y
+        part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
+        given = bounds, along * lattice.origin, lattice.side, part, MOST, marked[0]
+        return joined(share(batches_near, len(bounds), *given, least=LEAST))
 
 
 def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int, flat: bool) -> Array:
@@ -224,16 +248,6 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int,
         mark_blocks(np.flatnonzero(found), home, about, near, rings, found)
         needed[some] = found
     return needed
-
-
-def _batches(pos: Array, lattice: Lattice, blocks: Merged, asked: Asked) -> Array:
-    """The batches of places in which any may be in blocks that are asked for."""
-    marked = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
-    sides_held(blocks.first_leaf, np.diff(asked.number[:-1]) > 0, marked)
-    bounds, along = world.together.bounds(pos), np.array([1.0, pos.shape[1] - 1.0])  # 0: no y
-    part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
-    given = bounds, along * lattice.origin, lattice.side, part, MOST, marked[0]
-    return joined(share(batches_near, len(bounds), *given, least=LEAST))
 
 
 def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:

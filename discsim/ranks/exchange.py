@@ -173,7 +173,7 @@ def asked_of(comm: Comm, needed: Needed) -> Asked:
 
 def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, some: Array | None = None) -> Route:
     """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where that is None.
-    some: batches of rows, beyond which nobody is in these cells, where that is known.
+    some: the batches that may have rows in these cells, where that is known; else all.
     """
     number = asked.number
     some = np.arange(-(-len(key) // BATCH)) if some is None else some

@@ -29,12 +29,10 @@ LEAST = 4  # columns of largest blocks that a thread takes at once
 
 
 class Leaves:
-    """Parts of lattices. reach: how many largest blocks about its own a rank has; held (x, y): which leaves have any
-    of its own particles, in the last kick.
-    """
+    """Parts of lattices. reach: how many largest blocks about its own a rank has."""
 
     def __init__(self, comm: Comm) -> None:
-        self.comm, self.reach, self.held = comm, 0, np.zeros((0, 0), bool)
+        self.comm, self.reach = comm, 0
         self._wanted = deque[int](maxlen=REMEMBERED)
 
     def suffices(self, wanted: int) -> bool:
@@ -67,12 +65,14 @@ class Leaves:
         begin, end = (min(max(each, 0), last) for each in (begin, end))
         return begin * MOST, min((end + 1) * MOST, count) - begin * MOST
 
-    def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
-        """As `drag/known.py` has it, in each largest block within reach of one with own particles."""
+    def summed(self, lattice: Lattice, *held: Array) -> tuple[list[Array], Array]:
+        """As `drag/known.py` has it, in each largest block within reach of one with own particles; and which leaves
+        (leaves,) have any of these.
+        """
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
-        own, self.held = np.zeros((len(x), len(y)), bool), np.empty(lattice.shape, bool)
-        share(mark_leaves, len(x), tables[0], tables[1], MOST, self.held, own, least=LEAST)
+        own, leaves = np.zeros((len(x), len(y)), bool), np.empty(lattice.shape, bool)
+        share(mark_leaves, len(x), tables[0], tables[1], MOST, leaves, own, least=LEAST)
         mask = widened(own, lattice, self.reach)
         along, first = -(-lattice.whole[1] // MOST), np.array(lattice.first) // MOST
         begin = ((first[0] + np.arange(len(x)))[:, None] * along + first[1] + np.arange(len(y))).ravel()
@@ -86,7 +86,7 @@ class Leaves:
         found = route.pass_on(rows)
         for k, table in enumerate(tables):
             add_blocks(places, found, k, table)
-        return [*held]
+        return [*held], leaves.ravel()
 
 
 def _reach(lattice: Lattice, axis: int, away: int) -> int:

@@ -72,10 +72,6 @@ class Ranks:
         columns = np.ascontiguousarray(bounds.T)  # numpy takes ten times as long with four numbers a row
         return columns[0::2].min(axis=1), columns[1::2].max(axis=1)
 
-    def bounds(self, pos: Array) -> Array:
-        """Bounds (batches, 4) of own places (n, d)."""
-        return self.division.bounds(pos)
-
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
         removed = np.concatenate(self.comm.listed(place[gone]))
         end = _largest(place, len(removed), loose)
@@ -110,7 +106,7 @@ class Ranks:
 
 
 def _largest(values: Array, number: int, loose: Array) -> Array:
-    """Which of `values` (n,), which rise but for the rows `loose`, are the `number` largest, in rising order."""
+    """Which of `values` (n,), which rise but for the rows `loose`, are the `number` largest, in any order."""
     count = len(values)
     loose = rising(loose[loose < count])
     begin = max(0, count - number - len(loose))  # the largest that are not loose are from there on
@@ -119,4 +115,4 @@ def _largest(values: Array, number: int, loose: Array) -> Array:
     some = np.concatenate([loose, begin + np.flatnonzero(rises)[max(0, np.count_nonzero(rises) - number) :]])
     if len(some) > number:
         some = some[np.argpartition(values[some], len(some) - number)[len(some) - number :]] if number > 0 else some[:0]
-    return some[np.argsort(values[some])]
+    return some

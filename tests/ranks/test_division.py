@@ -9,6 +9,8 @@ import pytest
 if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install 'discsim[mpi]'", allow_module_level=True)
 
+from rank_cut import division_of
+
 from discsim.numerics.neighbours import corners
 from discsim.ranks.division import Division, hilbert
 from discsim.ranks.world import Ranks
@@ -106,3 +108,17 @@ def test_corners_are_those_of_known_bounds_until_places_change(dim):
     pos[500, 0] = np.nan
     np.testing.assert_array_equal(ranks.corners(pos, corners), corners(pos))
     np.testing.assert_array_equal(ranks.corners(pos[:0], corners), corners(pos[:0]))
+
+
+def test_parts_are_dealt_to_fewer_ranks_in_turn():
+    """As `analysis/scaling.py` has it: borders of 16 parts on 2 ranks; the same again where nothing has moved."""
+    pos = np.random.default_rng(6).uniform(-0.5, 0.5, (20000, 2))
+    given = divided(2)
+    found = {parts: division_of(parts)(given.scene, given.comm) for parts in (0, 2, 16)}
+    for division in found.values():
+        assert division.cut(species(pos), whole=True) and not division.cut(species(pos), whole=True)
+        held = np.bincount(division.owner[division.tile_of(pos)], minlength=2)
+        assert len(held) == 2 and held.min() > 0.48 * len(pos)
+    borders = {parts: np.count_nonzero(np.diff(each.owner[each.curve])) for parts, each in found.items()}
+    assert borders == {0: 1, 2: 1, 16: 15}
+    np.testing.assert_array_equal(found[0].owner, found[2].owner)
