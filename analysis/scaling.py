@@ -15,9 +15,8 @@ each on a core of its own as on a cluster: of a fourth and of a sixteenth of the
 (`rank_cut.py`), and so with few borders and many. They are compared with runs on 2 and 4 ranks; what one rank takes is
 measured. Each run is made in ROUNDS, all in turn, and the least of each part is taken: other work may share the
 machine. Bytes: of rows that are sent, and of the runs of cells that all ranks say they need, in which each looks for
-its own, s seconds a run. A machine has 32 ranks, next to each other on the
-curve: what they send to others shares its link, and what they send each other is copied in memory. Network: two
-examples, NETWORKS.
+its own, s seconds a run. A machine has 32 ranks, next to each other on the curve: what they send to others shares its
+link, and what they send each other is copied in memory. Network: two examples, NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
 lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too. Transforms are those of
@@ -47,7 +46,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 RANKS = (1, *(2**k for k in range(1, 13)))
-FITTED, PARTS_OF_2 = 2, (2, 16)  # ranks: where more of them than cores share these, each looks slower than it is
+FITTED, CUT_INTO = 2, (2, 16)  # ranks, each with a core of its own (more would look slower than they are), and parts
 CHECKED = (2, 4)
 ROUNDS = 3
 SOME = 7  # a step
@@ -266,7 +265,7 @@ def samples(size: tuple[int, int, int], scheme: str, out: Path) -> tuple[Any, An
     few, (gas, dust, side) = sorted({1, *CHECKED}), size
     less = [(gas // 4**k, dust // 4**k, side // 2**k) for k in (1, 2)]
     runs = {str(n): Run(size, n) for n in few}
-    fitted = {f"{each[0]} in {parts}": Run(each, FITTED, parts) for each in less for parts in PARTS_OF_2}
+    fitted = {f"{each[0]} in {parts}": Run(each, FITTED, parts) for each in less for parts in CUT_INTO}
     told = kept(out / f"measured_{scheme}.json", lambda: measure_in_turn(runs | fitted, scheme))
     counts = kept(out / f"counts_measured_{scheme}.json", lambda: count(*size, scheme, tuple(few)))
     of_fitted = kept(

@@ -33,7 +33,7 @@ from discsim.numerics.batches import LEAST
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.numerics.world import Needed
-from discsim.ranks.exchange import Asked, asked_of, in_cells, joined
+from discsim.ranks.exchange import asked_of, in_cells, joined
 from discsim.ranks.leaves import Leaves, widened
 
 if TYPE_CHECKING:
@@ -78,7 +78,9 @@ class Agreement(Known):
         return self._held
 
     def leaves(self, name: str, pos: Array, find: Callable[[Array], Array]) -> Array:
-        """Of ghosts alone where it was asked for own ones before, whose leaves may be overwritten from then on."""
+        """As `Known` has it. The second time only ghosts are looked at: own leaves are those of the first time, which
+        whoever has asked may overwrite from then on.
+        """
         known = self._leaves.pop(name, None)
         if known is None:
             known = self._leaves[name] = find(pos)
@@ -216,21 +218,20 @@ class DividedDrag:
                 break
         needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, drag.dim == 1)
         asked = asked_of(self.comm, Needed(np.append(needed, False), *numbers_of(blocks, lattice)))
+        near = _largest_with(blocks, lattice, np.diff(asked.number[:-1]) > 0)[0]
         wides = {
-            name: in_cells(self.comm, p, leaf, asked, blocks.number, self._batches(p.pos, lattice, blocks, asked))
+            name: in_cells(self.comm, p, leaf, asked, blocks.number, self._batches(p.pos, lattice, near))
             for (name, p), leaf in zip(state.species.items(), leaves, strict=True)
         }
         agreement.own_grains = wides["dust"].own
         agreement.leave(own, needed)
         return wides
 
-    def _batches(self, pos: Array, lattice: Lattice, blocks: Merged, asked: Asked) -> Array:
-        """The batches of places in which any may be in blocks that are asked for."""
-        marked = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
-        sides_held(blocks.first_leaf, np.diff(asked.number[:-1]) > 0, marked)
+    def _batches(self, pos: Array, lattice: Lattice, marked: Array) -> Array:
+        """The batches of places in which any may be in largest blocks that are `marked` (x, y)."""
         bounds, along = self.division.bounds(pos), np.array([1.0, self.drag.dim - 1.0])  # 0: no y
         part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
-        given = bounds, along * lattice.origin, lattice.side, part, MOST, marked[0]
+        given = bounds, along * lattice.origin, lattice.side, part, MOST, marked
         return joined(share(batches_near, len(bounds), *given, least=LEAST))
 
 
@@ -239,8 +240,7 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int,
 
     These are looked for where own ones and others have each other in reach.
     """
-    needed, held = own.copy(), np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
-    sides_held(blocks.first_leaf, own, held)
+    needed, held = own.copy(), _largest_with(blocks, lattice, own)
     some = blocks_in(blocks.first_leaf, widened(held[0], lattice, away) & widened(held[1], lattice, away))
     if len(some) > 0:
         lattices, found = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1), own[some]
@@ -248,6 +248,13 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int,
         mark_blocks(np.flatnonzero(found), home, about, near, rings, found)
         needed[some] = found
     return needed
+
+
+def _largest_with(blocks: Merged, lattice: Lattice, chosen: Array) -> Array:
+    """The largest blocks (2, x, y) in which any of the `chosen` (blocks,) is, and any of the others."""
+    out = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
+    sides_held(blocks.first_leaf, chosen, out)
+    return out
 
 
 def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:

@@ -149,11 +149,11 @@ def in_cells(
     key: Array,
     asked: Asked,
     of: Array | None = None,
-    some: Array | None = None,
+    batches: Array | None = None,
     lasting: bool = False,
 ) -> Wide:
     """Own particles with those of others in the cells that are needed here; the rest as `route_to` has it."""
-    return Wide(particles, route_to(comm, key, asked, of, some), lasting)
+    return Wide(particles, route_to(comm, key, asked, of, batches), lasting)
 
 
 def asked_of(comm: Comm, needed: Needed) -> Asked:
@@ -171,13 +171,13 @@ def asked_of(comm: Comm, needed: Needed) -> Asked:
     return Asked(of_rank, first, last, number)
 
 
-def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, some: Array | None = None) -> Route:
+def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batches: Array | None = None) -> Route:
     """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where that is None.
-    some: the batches that may have rows in these cells, where that is known; else all.
+    batches: those that may have rows in these cells, where that is known; else all.
     """
     number = asked.number
-    some = np.arange(-(-len(key) // BATCH)) if some is None else some
-    some = joined(share(in_runs, len(some), some, key, of, number, least=LEAST))  # few of all
+    batches = np.arange(-(-len(key) // BATCH)) if batches is None else batches
+    some = joined(share(in_runs, len(batches), batches, key, of, number, least=LEAST))  # few of all
     cells = key[some] if of is None else of[key[some]]
     order, start = counting_sort(number[cells], int(number[-1]))
     some, first, last = some[order], start[number[asked.first]].tolist(), start[number[asked.last]].tolist()

@@ -107,12 +107,12 @@ class Ranks:
 
 def _largest(values: Array, number: int, loose: Array) -> Array:
     """Which of `values` (n,), which rise but for the rows `loose`, are the `number` largest, in any order."""
+    if number == 0:
+        return loose[:0]
     count = len(values)
     loose = rising(loose[loose < count])
     begin = max(0, count - number - len(loose))  # the largest that are not loose are from there on
     rises = np.ones(count - begin, bool)
     rises[loose[np.searchsorted(loose, begin) :] - begin] = False
-    some = np.concatenate([loose, begin + np.flatnonzero(rises)[max(0, np.count_nonzero(rises) - number) :]])
-    if len(some) > number:
-        some = some[np.argpartition(values[some], len(some) - number)[len(some) - number :]] if number > 0 else some[:0]
-    return some
+    some = np.concatenate([loose, begin + np.flatnonzero(rises)[-number:]])
+    return some if len(some) <= number else some[np.argpartition(values[some], -number)[-number:]]

@@ -26,11 +26,10 @@ def check_inputs(state: State, effects: Effects) -> None:
     """That what somebody may have changed is finite, before a kick or a search for neighbours spreads it."""
     species = state.species.items()
     arrays = [
-        (name, key, values) for name, p in species for key in INPUTS if (values := getattr(p, key, None)) is not None
-    ]
-    if not _are_finite([values for _, _, values in arrays]):
-        for name, key, values in arrays:
-            _check_finite(state, effects, name, values, f"in its {key} before the step", made_here=False)
+        (name, values, f"in its {key} before the step")
+        for name, p in species for key in INPUTS if (values := getattr(p, key, None)) is not None
+    ]  # fmt: skip
+    _check_all(state, effects, arrays, made_here=False)
 
 
 def check_kicked(state: State, effects: Effects) -> None:
@@ -38,13 +37,13 @@ def check_kicked(state: State, effects: Effects) -> None:
     arrays = [(name, p.vel, "in its vel after a kick") for name, p in state.species.items()]
     if state.gas is not None and state.gas.u is not None:
         arrays.append(("gas", state.gas.u, "in its u after a kick"))
-    _check_made(state, effects, arrays)
+    _check_all(state, effects, arrays)
     _check_bodies(state)
 
 
 def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> None:
     """That accelerations are finite, and that each effect allows a step."""
-    _check_made(state, effects, [(name, p.acc, "in its acceleration") for name, p in state.species.items()])
+    _check_all(state, effects, [(name, p.acc, "in its acceleration") for name, p in state.species.items()])
     _check_bodies(state)
     for name, limit in limits.items():
         if math.isnan(limit) or limit <= 0.0:
@@ -88,11 +87,13 @@ def _without_heat(state: State) -> str:
     return f"; gas particle {coldest} has lost more heat in a step than it had: try a smaller run.courant"
 
 
-def _check_made(state: State, effects: Effects, arrays: list[tuple[str, np.ndarray, str]]) -> None:
-    """Species, values and where these are: that all are finite."""
+def _check_all(
+    state: State, effects: Effects, arrays: list[tuple[str, np.ndarray, str]], made_here: bool = True
+) -> None:
+    """`_check_finite` of several: species, values and where these are."""
     if not _are_finite([values for _, values, _ in arrays]):
         for name, values, where in arrays:
-            _check_finite(state, effects, name, values, where)
+            _check_finite(state, effects, name, values, where, made_here)
 
 
 def _check_finite(

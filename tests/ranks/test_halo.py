@@ -28,13 +28,14 @@ from discsim.kernels.halo import (
 )
 from discsim.kernels.neighbours import FIRST, widen
 from discsim.kernels.tiles import leave_own, others_about
+from discsim.numerics import room
 from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import sort_into_cells
 from discsim.numerics.state import Particles
 from discsim.ranks.comm import by_rank
 from discsim.ranks.division import Division
-from discsim.ranks.drag import _needed, numbers_of
+from discsim.ranks.drag import Agreement, _needed, numbers_of
 from discsim.ranks.gravity import _in_order
 from discsim.ranks.leaves import Leaves
 from discsim.ranks.windows import Windows, joined, no_nodes
@@ -124,6 +125,35 @@ def test_cells_that_reach_others_are_not_alone(periodic):
     assert np.count_nonzero(alone) > 0.3 * len(some)  # they are not few for nothing
 
 
+def test_own_leaves_are_known_whether_or_not_a_scheme_has_summed_them():
+    lattice, pos = SimpleNamespace(shape=(4, 5)), np.zeros((7, 2))
+    leaves, held = [np.array([3, 20, 7]), np.array([7, 0])], np.isin(np.arange(20), [0, 3, 7])  # 20: outside
+    alone = Agreement(None)
+    np.testing.assert_array_equal(alone.held(lattice, leaves), held)
+    summed = Agreement(SimpleNamespace(summed=lambda lattice, *tables: ([*tables], ~held)))
+    summed.summed(lattice, pos)
+    np.testing.assert_array_equal(summed.held(lattice, leaves), ~held)
+
+
+@pytest.mark.parametrize("spare", [0, 4])
+def test_leaves_of_ghosts_come_behind_own_ones(spare):
+    """In their memory where this has room; who asks once more has all found anew, as those may be overwritten."""
+    pos, asked, agreement = np.arange(9.0).reshape(9, 1), [], Agreement(None)
+
+    def find(places):
+        asked.append(len(places))
+        out = room.empty(len(places), np.empty(0, np.uint32), spare)
+        out[:] = places[:, 0]
+        return out
+
+    own = agreement.leaves("gas", pos[:5], find)
+    both = agreement.leaves("gas", pos, find)
+    assert own.tolist() == [0, 1, 2, 3, 4] and both.tolist() == [*range(9)]
+    assert np.shares_memory(own, both) == (spare > 0)
+    both[:] = 99
+    assert agreement.leaves("gas", pos, find).tolist() == [*range(9)] and asked == [5, 4, 9]
+
+
 def test_rows_by_rank_keep_their_order():
     parts = by_rank(np.array([5, 7, 8, 9]), np.array([2, 0, 2, 0]), 4)
     assert [part.tolist() for part in parts] == [[7, 9], [], [5, 8], []]
@@ -176,6 +206,7 @@ def test_batches_near_marked_blocks(periodic, dim):
     block = np.where(inside[:, None], leaf, 0).astype(int) // rows
     in_marked = (inside & marked[block[:, 0], block[:, 1]]).reshape(200, BATCH).any(axis=1)
     assert in_marked.any() and set(np.flatnonzero(in_marked)) <= set(found.tolist()) and {1, 2} <= set(found.tolist())
+    # Besides these, of 200: boxes of 6 leaves, with one more on each side, that meet a block of 8; or are in two turns.
     assert len(found) < np.count_nonzero(in_marked) + 80
 
 
