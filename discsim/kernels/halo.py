@@ -293,8 +293,9 @@ def cut_blocks(blocks, leaves, k, out):
     for n in range(len(blocks)):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side
         for i in range(min(side, leaves.shape[0] - x)):
-            for j in range(min(side, leaves.shape[1] - y)):
-                out[n, k, i, j] = leaves[x + i, y + j]
+            here, there = leaves[x + i, y : y + side], out[n, k, i]
+            for j in range(np.uint64(len(here))):  # a loop of vectors
+                there[j] = here[j]
 
 
 @compiled
@@ -304,5 +305,6 @@ def add_blocks(blocks, given, k, leaves):
     for n in range(len(blocks)):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side
         for i in range(min(side, leaves.shape[0] - x)):
-            for j in range(min(side, leaves.shape[1] - y)):
-                leaves[x + i, y + j] += given[n, k, i, j]
+            here, come = leaves[x + i, y : y + side], given[n, k, i]
+            for j in range(np.uint64(len(here))):
+                here[j] += come[j]

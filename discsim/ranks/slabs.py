@@ -83,10 +83,7 @@ class Slabs:
 
 
 class Turn(NamedTuple):
-    """An exchange between arrays (m, n, ...) of which a rank has all along one axis, its share of the other.
-
-    What another rank has of a share is one block of memory on its way, which MPI moves some times faster than rows.
-    """
+    """An exchange between arrays (m, n, ...) of which a rank has all along one axis, its share of the other."""
 
     comm: Comm
     along_first: Share
@@ -94,31 +91,16 @@ class Turn(NamedTuple):
 
     def forth(self, given: Array, taken: Array) -> None:
         """From all of the first axis to all of the second."""
-        counts, blocks = self._blocks(given)
-        found = np.empty(int(counts[1].sum()), given.dtype)
-        self.comm.swap(given.reshape(-1), counts[0], found, counts[1])
-        for other, block in enumerate(np.split(found, np.cumsum(counts[1])[:-1])):
-            here = other == self.comm.rank
-            part = given[self.along_first.span(other)] if here else block.reshape(blocks[other])
-            taken[:, self.along_second.span(other)] = part
+        self.comm.swap(given, self._rows(given), taken, self._columns(taken))
 
     def back(self, given: Array, taken: Array) -> None:
         """From all of the second axis to all of the first."""
-        counts, blocks = self._blocks(given)
-        out, rank = np.empty(int(counts[1].sum()), given.dtype), self.comm.rank
-        for other, block in enumerate(np.split(out, np.cumsum(counts[1])[:-1])):
-            if other != rank:
-                block.reshape(blocks[other])[:] = given[:, self.along_second.span(other)]
-        self.comm.swap(out, counts[1], taken.reshape(-1), counts[0])
-        taken[self.along_first.span(rank)] = given[:, self.along_second.span(rank)]
+        self.comm.swap(given, self._columns(given), taken, self._rows(taken))
 
-    def _blocks(self, given: Array) -> tuple[Array, list[tuple[int, ...]]]:
-        """Entries (2, ranks) of what each rank exchanges of all of the first axis, and of the second; shapes of the
-        second's blocks.
-        """
-        first, second, deep = self.along_first, self.along_second, given.shape[2:]
-        rank, ranks = self.comm.rank, range(self.comm.size)
-        shapes = [
-            [(first.count(k), second.count(rank), *deep), (first.count(rank), second.count(k), *deep)] for k in ranks
-        ]
-        return np.prod(shapes, axis=2).T, [shape for _, shape in shapes]
+    def _rows(self, array: Array) -> list[Array]:
+        """Of an array of all of the first axis what each rank has of it, by the other array."""
+        return [array[self.along_first.span(rank)] for rank in range(self.comm.size)]
+
+    def _columns(self, array: Array) -> list[Array]:
+        """The same of all of the second."""
+        return [array[:, self.along_second.span(rank)] for rank in range(self.comm.size)]
