@@ -7,7 +7,7 @@ those that it fetches, its part of the grid, and what it sends to how many other
 
     T = sum over the parts of a step of max over ranks (a units + g fetched + c)
         + calls latency log2 N + messages latency
-        + sum over exchanges of (max over machines bytes / link + max over ranks bytes within / memory) + runs s (1)
+        + sum over exchanges of (max over machines bytes / link + max over ranks bytes copied / memory) + runs s  (1)
 
 a: CPU seconds of a unit: of own particles, of rows of the transforms (n log n), of nodes of a window. g: of a fetched
 particle, or of one at a border. c: of calls. They are fitted to short runs on 2 ranks of one thread (`rank_steps.py`),
@@ -16,7 +16,8 @@ each on a core of its own as on a cluster: of a fourth and of a sixteenth of the
 measured. Each run is made in ROUNDS, all in turn, and the least of each part is taken: other work may share the
 machine. Bytes: of rows that are sent, and of the runs of cells that all ranks say they need, in which each looks for
 its own, s seconds a run. A machine has 32 ranks, next to each other on the curve: what they send to others shares its
-link, and what they send each other is copied in memory. Network: two examples, NETWORKS.
+link, and what they send each other is copied in memory, as is all that MPI packs, PACKED. Network: two examples,
+NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
 lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too. Transforms are those of
@@ -65,6 +66,7 @@ class Network(NamedTuple):
 
 NETWORKS = (Network("InfiniBand 200 Gb/s", 2e-6, 25e9), Network("Ethernet 25 Gb/s", 20e-6, 3.1e9))
 MEMORY = 2e9  # bytes a second of a rank to others of its machine while all 32 send: assumed; two alone do 5e9
+PACKED = ("rows to columns", "columns to rows")  # from and to where it lies apart
 # Of each part of a step: the species and the exchange that bring its units. Who is at a border also comes and goes.
 PARTS = {
     "gas": (("gas",), "sph"), "drag": (("gas", "dust"), "drag"), "grid particles": (("gas", "dust"), "grid"),
@@ -140,8 +142,9 @@ def predict(
         sent = _sent(counts, costs, more, side or counts["side"])
         machines = np.arange(0, size, PER_MACHINE)
         out["bandwidth"] = sum(
-            np.add.reduceat(each.away, machines).max() / network.link + (each.total - each.away).max() / MEMORY
-            for each in sent.values()
+            np.add.reduceat(each.away, machines).max() / network.link
+            + (each.total - (0.0 if name in PACKED else each.away)).max() / MEMORY
+            for name, each in sent.items()
         )
         out["lists of cells"] += RUN * runs * (1 / network.link + 1 / MEMORY)
         messages = sum(costs["sends"].get(name.split()[0], 1) * each.messages for name, each in sent.items())

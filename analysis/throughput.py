@@ -21,6 +21,9 @@ apart) in a process of its own for every line:
               there and back
     bytes     the most memory that the process held, less what it held before the scene, over the particles
 
+Where a line is made on other numbers of threads too, a table sets what they take beside each other: minimum and median
+of those made again, as in `--threads 1,2,1,2,1,2`, which other work on the machine disturbs alike.
+
 For `mix` and `main` a table says where a step's time goes by pass: each loop, by its kernel.
 
 `growth` takes gas from 1e4 to 1e6, dust to 1e7 and cells to 2048^2 and draws the cost of each against its number;
@@ -98,10 +101,33 @@ def show_cases(rows: list[dict[str, Any]], console: Console) -> None:
         shares.add_row(*start, *(parts.get(name, "") for name in names))
     console.print(table)
     console.print(shares)
+    show_threads(rows, console)
     for row in rows:
         if row["case"] in BY_PASS:
             what = f"{row['case']}, {short(row['gas'])} of gas, {short(row['dust'])} of dust, cores: {row['threads']}"
             console.print(table_of(what, row["passes"], row["cpu"], row["gas"] + row["dust"]))
+
+
+def show_threads(rows: list[dict[str, Any]], console: Console) -> None:
+    """What more threads take beside the first number of each line, and how many of them work at a time."""
+    heads = ("case", "gas", "dust", "cores", "lines", "CPU ms", "wall ms", "CPU / wall", "CPU ratio", "wall ratio")
+    table = Table(*heads, caption="minimum, median; ratios: to the first number of cores", box=SIMPLE)
+    lines: dict[Any, dict[int, list[Any]]] = {}
+    for row in rows:
+        of = row["case"], short(row["gas"]), short(row["dust"])
+        lines.setdefault(of, {}).setdefault(row["threads"], []).append((row["cpu"], row["wall"]))
+    for of, by_threads in lines.items():
+        first: Any = None
+        for threads, taken in by_threads.items():
+            cpu, wall = np.array(taken).T
+            both = np.array([(each.min(), np.median(each)) for each in (cpu, wall)])
+            first = both if first is None else first
+            told = (f"{least:.2f}, {median:.2f}" for least, median in both / first)
+            times = (f"{1e3 * least:.1f}, {1e3 * median:.1f}" for least, median in both)
+            if len(by_threads) > 1:
+                table.add_row(*of, str(threads), str(len(cpu)), *times, f"{np.median(cpu / wall):.2f}", *told)
+    if table.row_count:
+        console.print(table)
 
 
 def show_effects(gas: int, console: Console) -> list[dict[str, Any]]:

@@ -80,6 +80,20 @@ def test_throughput_of_the_main_job_is_told_by_pass(step_cost):
         assert share.__module__ == threads.__name__
 
 
+def test_throughput_sets_threads_beside_each_other():
+    """Minimum and median of lines made again; no table where each line has one number of threads."""
+    show = script("throughput").show_threads
+    line = {"case": "main", "gas": 100_000, "dust": 200_000}
+    rows = [{**line, "threads": n, "cpu": cpu, "wall": cpu / n} for n, cpu in ((1, 0.08), (2, 0.088), (1, 0.1))]
+    text = io.StringIO()
+    show(rows, Console(file=text, width=200))
+    one, two = (" ".join(each.split()) for each in text.getvalue().splitlines() if "main" in each)
+    assert one == "main 1e5 2e5 1 2 80.0, 90.0 80.0, 90.0 1.00 1.00, 1.00 1.00, 1.00"
+    assert two == "main 1e5 2e5 2 1 88.0, 88.0 44.0, 44.0 2.00 1.10, 0.98 0.55, 0.49"
+    show(rows[::2], Console(file=(none := io.StringIO())))
+    assert none.getvalue() == ""
+
+
 def test_throughput_sets_eight_sizes_beside_one(monkeypatch):
     throughput = script("throughput")
     monkeypatch.setattr(throughput, "STEPS", 1)
