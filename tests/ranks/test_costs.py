@@ -1,6 +1,8 @@
 """What communication costs: lines of costs.csv, the load in the log, and counts of what ranks would exchange."""
 
 import csv
+import json
+from importlib import import_module as script
 from pathlib import Path
 
 import pytest
@@ -81,3 +83,17 @@ if comm.rank == 0:
 def test_arrays_of_all_kinds_go_together(number):
     """As each does alone; to some ranks no rows."""
     assert lines_of(number, "-c", SENDS) == [" ".join(["True"] * number)]
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_step_is_measured_by_what_a_model_of_it_has(number):
+    """On one rank too, which exchanges nothing."""
+    scaling = script("scaling")
+    beside = Path(scaling.__file__).with_name("rank_steps.py")
+    (line,) = lines_of(number, beside, "--gas", "2000", "--dust", "4000", "--cells", "64")
+    found = json.loads(line)
+    assert len(found) == number
+    for rank in found:
+        seconds = rank["seconds"]
+        assert set(seconds) == set(scaling.PARTS)
+        assert 0.0 < seconds["transforms"] < sum(seconds.values()) < 1.05 * rank["wall"]  # of clocks of two kinds
