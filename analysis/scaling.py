@@ -7,7 +7,7 @@ those that it fetches, its part of the grid, and what it sends to how many other
 
     T = sum over the parts of a step of max over ranks (a units + g fetched + c)
         + calls latency log2 N + messages latency
-        + sum over exchanges of (max over machines bytes / link + max over ranks bytes copied / memory) + runs s  (1)
+        + sum over exchanges of (max over machines bytes / link + max over ranks bytes copied / memory) + runs s (1)
 
 a: CPU seconds of a unit: of own particles, of rows of the transforms (n log n), of nodes of a window. g: of a fetched
 particle, or of one at a border. c: of calls. They are fitted to short runs on 2 ranks of one thread (`rank_steps.py`),
@@ -66,7 +66,7 @@ class Network(NamedTuple):
 
 NETWORKS = (Network("InfiniBand 200 Gb/s", 2e-6, 25e9), Network("Ethernet 25 Gb/s", 20e-6, 3.1e9))
 MEMORY = 2e9  # bytes a second of a rank to others of its machine while all 32 send: assumed; two alone do 5e9
-PACKED = ("rows to columns", "columns to rows")  # from and to where it lies apart
+PACKED = ("rows to columns", "columns to rows")  # exchanges of which MPI packs and unpacks what is not contiguous
 # Of each part of a step: the species and the exchange that bring its units. Who is at a border also comes and goes.
 PARTS = {
     "gas": (("gas",), "sph"), "drag": (("gas", "dust"), "drag"), "grid particles": (("gas", "dust"), "grid"),

@@ -21,8 +21,8 @@ apart) in a process of its own for every line:
               there and back
     bytes     the most memory that the process held, less what it held before the scene, over the particles
 
-Where a line is made on other numbers of threads too, a table sets what they take beside each other: minimum and median
-of those made again, as in `--threads 1,2,1,2,1,2`, which other work on the machine disturbs alike.
+Lines on several numbers of threads are also set beside each other, with the minimum and the median of repeated ones:
+`--threads 1,2,1,2,1,2` measures in turn, so that other work on the machine disturbs both alike.
 
 For `mix` and `main` a table says where a step's time goes by pass: each loop, by its kernel.
 
@@ -110,12 +110,15 @@ def show_cases(rows: list[dict[str, Any]], console: Console) -> None:
 
 def show_threads(rows: list[dict[str, Any]], console: Console) -> None:
     """What more threads take beside the first number of each line, and how many of them work at a time."""
-    heads = ("case", "gas", "dust", "cores", "lines", "CPU ms", "wall ms", "CPU / wall", "CPU ratio", "wall ratio")
-    table = Table(*heads, caption="minimum, median; ratios: to the first number of cores", box=SIMPLE)
+    heads = ("case", "gas", "dust", "cores", "lines", "CPU ns", "wall ns", "CPU / wall", "CPU ratio", "wall ratio")
+    caption = "minimum, median; ratios: to the first number of cores"
+    table = Table(*heads, caption=caption, box=SIMPLE, padding=0)
     lines: dict[Any, dict[int, list[Any]]] = {}
     for row in rows:
         of = row["case"], short(row["gas"]), short(row["dust"])
-        lines.setdefault(of, {}).setdefault(row["threads"], []).append((row["cpu"], row["wall"]))
+        lines.setdefault(of, {}).setdefault(row["threads"], []).append(
+            1e9 * np.array([row["cpu"], row["wall"]]) / (row["gas"] + row["dust"])
+        )
     for of, by_threads in lines.items():
         first: Any = None
         for threads, taken in by_threads.items():
@@ -123,7 +126,7 @@ def show_threads(rows: list[dict[str, Any]], console: Console) -> None:
             both = np.array([(each.min(), np.median(each)) for each in (cpu, wall)])
             first = both if first is None else first
             told = (f"{least:.2f}, {median:.2f}" for least, median in both / first)
-            times = (f"{1e3 * least:.1f}, {1e3 * median:.1f}" for least, median in both)
+            times = (f"{least:.0f}, {median:.0f}" for least, median in both)
             if len(by_threads) > 1:
                 table.add_row(*of, str(threads), str(len(cpu)), *times, f"{np.median(cpu / wall):.2f}", *told)
     if table.row_count:

@@ -98,9 +98,9 @@ class Turn(NamedTuple):
         self.comm.swap(given, self._columns(given), taken, self._rows(taken))
 
     def _rows(self, array: Array) -> list[Array]:
-        """Of an array of all of the first axis what each rank has of it, by the other array."""
+        """The share of each rank of the first axis."""
         return [array[self.along_first.span(rank)] for rank in range(self.comm.size)]
 
     def _columns(self, array: Array) -> list[Array]:
-        """The same of all of the second."""
+        """The share of each rank of the second axis."""
         return [array[:, self.along_second.span(rank)] for rank in range(self.comm.size)]

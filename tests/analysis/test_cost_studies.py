@@ -88,8 +88,8 @@ def test_throughput_sets_threads_beside_each_other():
     text = io.StringIO()
     show(rows, Console(file=text, width=200))
     one, two = (" ".join(each.split()) for each in text.getvalue().splitlines() if "main" in each)
-    assert one == "main 1e5 2e5 1 2 80.0, 90.0 80.0, 90.0 1.00 1.00, 1.00 1.00, 1.00"
-    assert two == "main 1e5 2e5 2 1 88.0, 88.0 44.0, 44.0 2.00 1.10, 0.98 0.55, 0.49"
+    assert one == "main 1e5 2e5 1 2 267, 300 267, 300 1.00 1.00, 1.00 1.00, 1.00"
+    assert two == "main 1e5 2e5 2 1 293, 293 147, 147 2.00 1.10, 0.98 0.55, 0.49"
     show(rows[::2], Console(file=(none := io.StringIO())))
     assert none.getvalue() == ""
 
