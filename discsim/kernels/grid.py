@@ -123,31 +123,39 @@ def runs_of(key, first, last):
 
 
 @inner
-def _take(pos, value, p, number, filled, batch):
-    # Places and values of particles from the pth on, behind those that the batch has.
-    (xs, ys, values), plane = batch, pos.shape[1] == 2
+def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inverse, scale, grid, corner):
+    # What particles from the pth on give to the nodes about each, and the place of the first of these in the rows of a
+    # strip that begins with the node `corner`: behind those that the batch has.
+    (nx, ny, periodic, length), ox, oy = grid, origin[0], origin[1]
+    where = np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
+    if dim == TWO and not periodic:  # such a loop is vectorised
+        for j in range(np.uint64(number)):
+            x, y = (flat[TWO * (p + j)] - ox) * inverse - 0.5, (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
+            _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
+        return
     for j in range(np.uint64(number)):
-        xs[filled + j], values[filled + j] = pos[p + j, 0], value[p + j]
-        if plane:
-            ys[filled + j] = pos[p + j, 1]
+        x, y = (flat[dim * (p + j)] - ox) * inverse - 0.5, 0.0
+        if dim == TWO:
+            y = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
+        if periodic:
+            x, y = _wrapped(x, nx), _wrapped(y, ny)
+        _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
 
 
 @inner
-def _add_batch(number, batch, place, shares, origin, inverse, scale, grid, corner, flat):
-    # To the rows of a strip that begins with the node `corner`. Shares first: such a loop is vectorised.
-    (xs, ys, values), (s00, s01, s10, s11), (nx, ny, periodic, plane, length) = batch, shares, grid
-    ox, oy, first, first_y, width = origin[0], origin[1], np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
-    for j in range(np.uint64(number)):
-        x, y = (xs[j] - ox) * inverse - 0.5, (ys[j] - oy) * inverse - 0.5 if plane else 0.0
-        if periodic:
-            x, y = _wrapped(x, nx), _wrapped(y, ny)
-        ix, iy = np.int32(x), np.int32(y)
-        place[j] = (ix - first) * width + (iy - first_y)
-        v = values[j] * scale
-        v1 = v * (x - ix)
-        v0 = v - v1
-        s01[j], s11[j] = v0 * (y - iy), v1 * (y - iy)
-        s00[j], s10[j] = v0 - s01[j], v1 - s11[j]
+def _share(j, x, y, v, where, place, shares):
+    (s00, s01, s10, s11), (first, first_y, width) = shares, where
+    ix, iy = np.int32(x), np.int32(y)
+    place[j] = (ix - first) * width + (iy - first_y)
+    v1 = v * (x - ix)
+    v0 = v - v1
+    s01[j], s11[j] = v0 * (y - iy), v1 * (y - iy)
+    s00[j], s10[j] = v0 - s01[j], v1 - s11[j]
+
+
+@inner
+def _add_shares(number, place, shares, length, flat):
+    s00, s01, s10, s11 = shares
     for j in range(np.uint64(number)):
         low = np.uint64(place[j])
         high = low + length
@@ -168,10 +176,13 @@ def deposit_strips(
     """
     nx, ny, first_x, first_y = part
     (held, wide), (run_begin, run_end) = out.shape, runs
-    rows, plane, length = 1 << shift, pos.shape[1] == 2, np.uint64(wide + 1)
+    rows, length = 1 << shift, np.uint64(wide + 1)
     sums = np.empty((rows + 1, wide + 1))  # one column more, which is the first where space is periodic
-    flat, grid = sums.reshape(-1), (nx, ny, periodic, plane, length)
-    batch, place, shares = np.zeros((3, BATCH)), np.empty(BATCH, np.int32), np.empty((4, BATCH))
+    flat, grid = sums.reshape(-1), (nx, ny, periodic, length)
+    # Arrays of their own: rows of one array would be taken for strided ones. And `pos` is flattened here, not for each
+    # batch, as that takes as long as some particles do (2026-11).
+    at, dim = pos.reshape(-1), np.uint64(pos.shape[1])
+    place, shares = np.empty(BATCH, np.int32), (np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH))
     for s in range(begin, end):
         if start[s] == start[s + 1]:
             continue
@@ -181,12 +192,13 @@ def deposit_strips(
             p, last = run_begin[order[k]], run_end[order[k]]
             while p < last:
                 number = min(last - p, BATCH - filled)
-                _take(pos, value, np.uint64(p), number, np.uint64(filled), batch)
+                behind = np.uint64(p), number, np.uint64(filled)
+                _share_out(at, dim, value, *behind, place, shares, origin, inverse, scale, grid, (first, first_y))
                 p, filled = p + number, filled + number
                 if filled == BATCH:
-                    _add_batch(filled, batch, place, shares, origin, inverse, scale, grid, (first, first_y), flat)
+                    _add_shares(filled, place, shares, length, flat)
                     filled = 0
-        _add_batch(filled, batch, place, shares, origin, inverse, scale, grid, (first, first_y), flat)
+        _add_shares(filled, place, shares, length, flat)
         own = max(0, min(rows, nx - first))
         for r in range(own + 1):
             sums[r, 0] += sums[r, wide]
@@ -250,10 +262,10 @@ def _both_between(flat, low, along_x, wx, wy):
 
 
 @inner
-def _find(pos, p, number, origin, inverse, nx, ny, periodic, xs, ys):
+def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
     # Places of particles from the pth on in cells from the first node. Loops as simple as these are vectorised.
-    flat, ox, oy = pos.reshape(-1), origin[0], origin[1]
-    if pos.shape[1] == 2:
+    ox, oy = origin[0], origin[1]
+    if dim == TWO:
         for j in range(number):
             xs[j] = (flat[TWO * (p + j)] - ox) * inverse - 0.5
             ys[j] = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
@@ -273,15 +285,14 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
     nx, ny, first_x, first_y = part
     wide, plane = field.shape[1], pos.shape[1] == 2
     end_x, end_y = (float(nx), float(ny)) if periodic else (nx - 1.0, ny - 1.0 if plane else 1.0)
-    flat, pulls, dim = field.reshape(-1), acc.reshape(-1), np.uint64(pos.shape[1])
-    at, batch = np.empty((2, BATCH), np.int32), np.empty((2, BATCH))
-    (ixs, iys), (xs, ys) = at, batch
+    flat, pulls, places, dim = field.reshape(-1), acc.reshape(-1), pos.reshape(-1), np.uint64(pos.shape[1])
+    ixs, iys, xs, ys = np.empty(BATCH, np.int32), np.empty(BATCH, np.int32), np.empty(BATCH), np.empty(BATCH)
     for chunk in range(chunk_from, chunk_to):
         most, lost = 0.0, 0
         end = np.uint64(min((chunk + 1) * CHUNK, len(pos)))
         for p in range(np.uint64(chunk * CHUNK), end, np.uint64(BATCH)):
             number = min(np.uint64(BATCH), end - p)
-            _find(pos, p, number, origin, inverse, nx, ny, periodic, xs, ys)
+            _find(places, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys)
             for j in range(number):
                 inside = (xs[j] >= 0.0) & (xs[j] < end_x) & (ys[j] >= 0.0) & (ys[j] < end_y)
                 x, y = xs[j] if inside else -1.0, ys[j] if inside else 0.0

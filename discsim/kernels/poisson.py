@@ -4,7 +4,7 @@ A tile (nx, TILE) is contiguous: rows are put into tiles, and tiles turned into 
 Buffers are wider than what they hold, so that their rows do not share their place in the cache.
 """
 
-from discsim.kernels.inner import compiled
+from discsim.kernels.inner import compiled, inner
 
 TILE = 8  # columns: two lines of the cache
 
@@ -47,24 +47,19 @@ def tiles_to_rows(tiles, first, rows):
 
 
 @compiled
-def load_columns(tile, length, columns):
-    """Columns of a tile (nx, TILE) into `columns` (TILE, >= length), padded with zeros to `length`."""
+def load_columns(tile, columns):
+    """Columns of a tile (nx, TILE) into `columns` (TILE, >= nx)."""
     for i in range(tile.shape[0]):
         for c in range(TILE):
             columns[c, i] = tile[i, c]
-    columns[:, tile.shape[0] : length] = 0.0
 
 
 @compiled
-def store_columns(columns, length, border, tile):
-    """The reverse of `load_columns`; the last `border` of a `length` are put after those before them."""
-    held = tile.shape[0] - border
-    for i in range(held):
+def store_columns(columns, tile):
+    """The reverse of `load_columns`."""
+    for i in range(tile.shape[0]):
         for c in range(TILE):
             tile[i, c] = columns[c, i]
-    for i in range(border):
-        for c in range(TILE):
-            tile[held + i, c] = columns[c, length - border + i]
 
 
 @compiled
@@ -73,12 +68,64 @@ def multiply_columns(columns, quadrant, first, length):
 
     `columns` (TILE, >= 2 length) are real and imaginary parts in turn.
     """
-    half = quadrant.shape[1]
     for c in range(min(TILE, quadrant.shape[0] - first)):
-        column, factor = columns[c], quadrant[first + c]
-        for k in range(half):
-            column[2 * k] *= factor[k]
-            column[2 * k + 1] *= factor[k]
-        for k in range(1, length - half + 1):
-            column[2 * (length - k)] *= factor[k]
-            column[2 * (length - k) + 1] *= factor[k]
+        _multiply(columns[c], quadrant[first + c], length, 1)
+
+
+@inner
+def _multiply(column, factor, length, unpaired):
+    # Modes beyond the factors have those of their mirror images, which the `unpaired` first ones do not have.
+    half = len(factor)
+    for k in range(half):
+        column[2 * k] *= factor[k]
+        column[2 * k + 1] *= factor[k]
+    for k in range(length - half):
+        column[2 * (length - 1 - k)] *= factor[k + unpaired]
+        column[2 * (length - 1 - k) + 1] *= factor[k + unpaired]
+
+
+@compiled
+def load_halves(tile, nx, wave, columns):
+    """Columns of the first nx rows of a tile into those of `columns` (2, TILE, >= nx), and again times `wave` (>= nx).
+
+    With zeros up to the length of `wave`, n, and wave_i = exp(-pi i sqrt(-1) / n) the transforms of length n of both
+    are the even and the odd modes of the transform of length 2n, with as many zeros more: half the work of that is
+    with zeros (decimation in frequency; Cooley & Tukey 1965).
+    """
+    for i in range(nx):
+        for c in range(TILE):
+            columns[0, c, i], columns[1, c, i] = tile[i, c], tile[i, c] * wave[i]
+    columns[:, :, nx : len(wave)] = 0.0
+
+
+@compiled
+def store_halves(columns, nx, border, wave, tile):
+    """The reverse of `load_halves`: nx rows, the `border` after them and, behind these, the `border` before them."""
+    count = len(wave)
+    for i in range(min(nx + border, count)):
+        back = wave[i].conjugate()
+        for c in range(TILE):
+            tile[i, c] = columns[0, c, i] + back * columns[1, c, i]
+    for i in range(count, nx + border):
+        _store_beyond(columns, i - count, wave, tile[i])
+    for i in range(border):
+        _store_beyond(columns, count - border + i, wave, tile[nx + border + i])
+
+
+@inner
+def _store_beyond(columns, i, wave, row):
+    # Row i of the second half: its wave has the other sign.
+    back = wave[i].conjugate()
+    for c in range(TILE):
+        row[c] = columns[0, c, i] - back * columns[1, c, i]
+
+
+@compiled
+def multiply_halves(columns, quadrant, first, length):
+    """`multiply_columns` for even and odd modes, `columns` (2, TILE, >= 2 length); so are the kx of `quadrant`, the
+    even ones first.
+    """
+    even = length // 2 + 1
+    for c in range(min(TILE, quadrant.shape[0] - first)):
+        _multiply(columns[0, c], quadrant[first + c, :even], length, 1)
+        _multiply(columns[1, c], quadrant[first + c, even:], length, 0)

@@ -11,8 +11,9 @@ is long, as by a softening of 2H / sqrt(pi) = 1.13 H, and by 1 / (sqrt(pi) kH) w
 dimensions: no softening does both.
 
 Open edges: the grid is padded to twice its sides, so that the cyclic convolution is the sum over all pairs of
-nodes (Hockney & Eastwood 1988, ch. 6); rows that are only padding are never transformed. Periodic: phi_k is
-Sigma_k w_k, and phi_0 = 0.
+nodes (Hockney & Eastwood 1988, ch. 6); rows that are only padding are never transformed, and the even and the odd modes
+of a column, of which half is padding, are two transforms of half the length. Periodic: phi_k is Sigma_k w_k, and
+phi_0 = 0.
 
 Rows and columns go through one-dimensional FFTW_ESTIMATE plans in batches of fixed size: the same bits on any number
 of threads.
@@ -32,10 +33,13 @@ from scipy.special import erfcx, gamma, k0e, k1e
 from discsim.kernels.poisson import (
     TILE,
     load_columns,
+    load_halves,
     load_rows,
     multiply_columns,
+    multiply_halves,
     rows_to_tiles,
     store_columns,
+    store_halves,
     store_rows,
     tiles_to_rows,
 )
@@ -108,7 +112,7 @@ class Poisson:
         self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
         # Transformed along y; the last tile is filled up with zeros.
         self._tiles = np.empty((tiles_of(padded), shape[0] + 2 * border, TILE), complex)
-        self._workers = Workers(padded, border, threads)
+        self._workers = Workers(padded, periodic, border, threads)
 
     def solve(self, surface_density: Array, out: Array | None = None) -> Array:
         """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes; with a border on each side.
@@ -119,7 +123,6 @@ class Poisson:
         potential = np.empty((nx + 2 * self.border, ny + 2 * self.border)) if out is None else out
         tiles, each = self._tiles, self._workers.each
         each(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
-        tiles[:, nx:] = 0.0
         each(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
         # Nodes before the first come last.
         rows = -(-len(potential) // ROWS)
@@ -128,10 +131,10 @@ class Poisson:
 
 
 class Workers:
-    """Plans for a `padded` shape (nx, ny), as many as there are threads."""
+    """Plans for a `padded` shape (nx, ny) of a grid that is `periodic` or not, as many as there are threads."""
 
-    def __init__(self, padded: tuple[int, int], border: int, threads: int) -> None:
-        self._of = padded, border
+    def __init__(self, padded: tuple[int, int], periodic: bool, border: int, threads: int) -> None:
+        self._of = padded, periodic, border
         self._workers = [Worker(*self._of) for _ in range(threads)]
 
     def each(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
@@ -154,22 +157,17 @@ class Workers:
 class Worker:
     """Plans and their buffers for one thread; `forward`, `convolve` and `backward` treat one batch."""
 
-    def __init__(self, padded: tuple[int, int], border: int) -> None:
-        self.length, ny = padded
+    def __init__(self, padded: tuple[int, int], periodic: bool, border: int) -> None:
+        nx, ny = padded
         self.border = border
         count = ny // 2 + 1
         # The backward plan has rows of its own: what pads the forward ones must stay 0.
         self.rows, self.rows_back = pyfftw.zeros_aligned((ROWS, ny)), pyfftw.zeros_aligned((ROWS, ny))
         self.spectra = pyfftw.zeros_aligned((ROWS, -(-count // TILE) * TILE), complex)
-        # Rows a power of two apart would share their place in the cache, and a transpose wait for it.
-        self.columns = pyfftw.zeros_aligned((TILE, self.length + 4), complex)
-        self.modes = pyfftw.zeros_aligned((TILE, self.length + 4), complex)
-        self.parts = self.modes.view(float)  # real and imaginary
-        columns, modes, spectra = self.columns[:, : self.length], self.modes[:, : self.length], self.spectra[:, :count]
+        spectra = self.spectra[:, :count]
         self.along_y = _plan(self.rows, spectra, "FFTW_FORWARD")
-        self.along_x = _plan(columns, modes, "FFTW_FORWARD")
-        self.back_along_x = _plan(modes, columns, "FFTW_BACKWARD")
         self.back_along_y = _plan(spectra, self.rows_back, "FFTW_BACKWARD", "FFTW_DESTROY_INPUT")
+        self.columns = Columns(nx) if periodic else PaddedColumns(nx, border)
 
     def forward(self, surface_density: Array, first: int, tiles: Array) -> None:
         load_rows(surface_density, first, self.rows)
@@ -177,19 +175,58 @@ class Worker:
         rows_to_tiles(self.spectra, first, tiles)
 
     def convolve(self, tiles: Array, number: int, kernel: Array) -> None:
-        tile = tiles[number]
-        load_columns(tile, self.length, self.columns)
-        self.along_x.execute()
-        multiply_columns(self.parts, kernel, number * TILE, self.length)
-        self.back_along_x.execute()
-        # Nodes before the first are the last of the padded length; they are put after those beyond the end.
-        store_columns(self.columns, self.length, self.border, tile)
+        self.columns.convolve(tiles[number], kernel, number * TILE)
 
     def backward(self, tiles: Array, first: int, potential: Array, shift: int) -> None:
         """Rows of tiles into those of the potential, `shift` further on."""
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
         store_rows(self.rows_back, first, shift, self.border, potential)
+
+
+class Columns:
+    """Columns of a periodic grid, nx long: `convolve` multiplies the modes of a tile of them."""
+
+    def __init__(self, nx: int) -> None:
+        self.length = nx
+        self._make(TILE)
+
+    def _make(self, columns: int) -> None:
+        # Rows a power of two apart would share their place in the cache, and a transpose wait for it.
+        shape = columns, self.length + 4
+        self.given, self.modes = pyfftw.zeros_aligned(shape, complex), pyfftw.zeros_aligned(shape, complex)
+        given, modes = self.given[:, : self.length], self.modes[:, : self.length]
+        self.forth, self.back = _plan(given, modes, "FFTW_FORWARD"), _plan(modes, given, "FFTW_BACKWARD")
+
+    def convolve(self, tile: Array, kernel: Array, first: int) -> None:
+        """The columns of a tile (nx, TILE), which are those of the kernel's rows from `first` on."""
+        load_columns(tile, self.given)
+        self.forth.execute()
+        multiply_columns(self.modes.view(float), kernel, first, self.length)
+        self.back.execute()
+        store_columns(self.given, tile)
+
+
+class PaddedColumns(Columns):
+    """Columns of an open grid, padded to `nx`: even and odd modes apart, as only half the rows are not padding.
+
+    Of FFTW_ESTIMATE plans for 2^12 numbers, which leave the first cache, this takes two thirds of the time (2026-11).
+    """
+
+    def __init__(self, nx: int, border: int) -> None:
+        self.length, self.border = nx // 2, border
+        self.wave = np.exp(-1j * np.pi / self.length * np.arange(self.length))
+        self._make(2 * TILE)
+
+    def convolve(self, tile: Array, kernel: Array, first: int) -> None:
+        """The columns of a tile (nx + 2 border, TILE); rows before the first node come last."""
+        halves, modes = (each.reshape(2, TILE, -1) for each in (self.given, self.modes))
+        nx = len(tile) - 2 * self.border
+        load_halves(tile, nx, self.wave, halves)
+        self.forth.execute()
+        multiply_halves(modes.view(float), kernel, first, self.length)
+        self.back.execute()
+        store_halves(halves, nx, self.border, self.wave, tile)
 
 
 def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
@@ -208,8 +245,13 @@ def tiles_of(padded: tuple[int, int]) -> int:
 
 
 def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
-    """Transform (ky, kx) of the kernel times cell^2, even along both axes: a cosine transform."""
-    return dctn(open_kernel(padded, cell, kernel), type=1)
+    """Transform (ky, kx) of the kernel times cell^2, even along both axes: a cosine transform; `even_first`."""
+    return even_first(dctn(open_kernel(padded, cell, kernel), type=1))
+
+
+def even_first(transform: Array) -> Array:
+    """A transform (ky, kx) with the even kx before the odd ones, as `PaddedColumns` have them."""
+    return np.concatenate([transform[:, ::2], transform[:, 1::2]], axis=1)
 
 
 def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = ALL) -> Array:

@@ -18,6 +18,7 @@ from discsim.numerics.poisson import (
     ROWS,
     Kernel,
     Workers,
+    even_first,
     open_kernel,
     padded_shape,
     periodic_transform,
@@ -52,7 +53,7 @@ class Slabs:
         self.by_rows = np.empty((tiles_of(padded), rows, TILE), complex)
         self.by_tiles = np.empty((tiles, self.count, TILE), complex)
         self._kernel = self._transform(padded, cell, kernel, periodic) / (padded[0] * padded[1])
-        self._workers = Workers(padded, border, numba.get_num_threads())
+        self._workers = Workers(padded, periodic, border, numba.get_num_threads())
         self._turn = Turn(comm, self._tiles, self.rows)
 
     def solve(self) -> None:
@@ -60,7 +61,6 @@ class Slabs:
         by_rows, by_tiles, each = self.by_rows, self.by_tiles, self._workers.each
         each(lambda worker, batch: worker.forward(self.density, batch * ROWS, by_rows), -(-self.held // ROWS))
         self._turn.forth(by_rows, by_tiles)
-        by_tiles[:, self.nx :] = 0.0
         each(lambda worker, tile: worker.convolve(by_tiles, tile, self._kernel), len(by_tiles))
         self._turn.back(by_tiles, by_rows)
         batches = -(-len(self.potential) // ROWS)
@@ -79,7 +79,7 @@ class Slabs:
         given = dct(given, type=1, axis=0) if given.size > 0 else given
         taken = np.empty((of_ky.count(rank), padded[0] // 2 + 1))
         Turn(self.comm, of_ky, of_x).forth(given, taken)
-        return dct(taken, type=1, axis=1) if taken.size > 0 else taken
+        return even_first(dct(taken, type=1, axis=1)) if taken.size > 0 else taken
 
 
 class Turn(NamedTuple):

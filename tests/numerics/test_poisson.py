@@ -21,7 +21,7 @@ from discsim.numerics.poisson import Plummer, Poisson, Workers
 @pytest.mark.parametrize("batches", [0, 1, 40])
 def test_each_batch_is_treated_once(batches):
     seen = []
-    Workers((64, 64), 0, 1).each(lambda worker, batch: seen.append(batch), batches)  # a rank may have none
+    Workers((64, 64), False, 0, 1).each(lambda worker, batch: seen.append(batch), batches)  # a rank may have none
     assert seen == list(range(batches))
 
 
