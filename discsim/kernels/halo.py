@@ -131,19 +131,19 @@ def number_runs(first, last, out):
 @compiled
 def in_runs(first, last, some, key, of, number):
     """The particles of `some` batches, from the `first` up to the `last` of these, whose cells are in the runs that
-    `number` has counted.
+    `number` has counted, and their numbers: (m,) each.
 
     Their cells are those `of` their keys (n,), or these where that is None.
     """
-    out, count = np.empty(SOME, np.int64), np.uint64(0)
+    out, numbers, count = np.empty(SOME, np.int64), np.empty(SOME, np.uint32), np.uint64(0)
     for k in range(first, last):
         begin = np.uint64(some[k]) * BATCH
-        out = with_room(out, count)
+        out, numbers = with_room(out, count), with_room(numbers, count)
         for i in range(begin, min(begin + BATCH, np.uint64(len(key)))):
             cell = np.uint64(key[i] if of is None else of[key[i]])  # looked at once, by what compiles
-            out[count] = i
+            out[count], numbers[count] = i, number[cell]
             count += np.uint64(number[cell + ONE] > number[cell])
-    return out[: np.int64(count)]
+    return out[: np.int64(count)], numbers[: np.int64(count)]
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import compiled
+from discsim.kernels.inner import compiled, inner
 
 ONE, TWO, THREE = np.uint32(1), np.uint64(2), np.uint64(3)
 GAPS = (
@@ -55,18 +55,62 @@ def find_behind(first, last, ids, order, out):
 
 @compiled
 def sort_members(first, last, some, start, ids, order):
-    """Put the members of `some` keys, order[start[key]:start[key + 1]], in the order of their `ids` (n,).
-
-    Insertion among members that are `gap` apart, 1 at last (Shell 1959; gaps of Sedgewick 1986). numba's own sorts take
-    seconds to compile.
+    """Put the members of `some` keys, order[start[key]:start[key + 1]], in the order of their `ids` (n,), which mostly
+    rise: those that do not are taken out, sorted, and merged with the others.
     """
+    most = 0
     for n in range(first, last):
-        begin, end = start[some[n]], start[some[n] + 1]
-        for step in range(len(GAPS) - 1 if end - begin <= FEW else 0, len(GAPS)):
-            gap = GAPS[step]
-            for k in range(begin + gap, end):
-                member, at = order[k], k
-                while at >= begin + gap and ids[order[at - gap]] > ids[member]:
-                    order[at] = order[at - gap]
-                    at -= gap
-                order[at] = member
+        most = max(most, start[some[n] + 1] - start[some[n]])
+    rising, rising_ids = np.empty(most, order.dtype), np.empty(most, ids.dtype)
+    late, late_ids = np.empty(most, order.dtype), np.empty(most, ids.dtype)
+    for n in range(first, last):
+        members = order[start[some[n]] : start[some[n] + 1]]
+        held = _take_out(members, ids, rising, rising_ids, late, late_ids)
+        _sort(len(members) - held, late, late_ids)
+        _merge(members, held, rising, rising_ids, late, late_ids)
+
+
+@inner
+def _take_out(members, ids, rising, rising_ids, late, late_ids):
+    """Members in `rising` order of ids, how many these are, and others, `late`."""
+    held = 0
+    for k in range(len(members)):
+        member, mine = members[k], ids[members[k]]
+        if held > 0 and mine < rising_ids[held - 1]:
+            out = k - held
+            late[out], late_ids[out] = member, mine
+            if held == 1 or rising_ids[held - 2] <= mine:  # rather the one before, which is above more than this one
+                late[out], late_ids[out] = rising[held - 1], rising_ids[held - 1]
+                rising[held - 1], rising_ids[held - 1] = member, mine
+            continue
+        rising[held], rising_ids[held] = member, mine
+        held += 1
+    return held
+
+
+@inner
+def _sort(count, members, ids):
+    """Insertion among members that are `gap` apart, 1 at last (Shell 1959; gaps of Sedgewick 1986). numba's own sorts
+    take seconds to compile.
+    """
+    for step in range(len(GAPS) - 1 if count <= FEW else 0, len(GAPS)):
+        gap = GAPS[step]
+        for k in range(gap, count):
+            member, mine, at = members[k], ids[k], k
+            while at >= gap and ids[at - gap] > mine:
+                members[at], ids[at] = members[at - gap], ids[at - gap]
+                at -= gap
+            members[at], ids[at] = member, mine
+
+
+@inner
+def _merge(members, held, rising, rising_ids, late, late_ids):
+    """All members in order, from the last to the first; ids differ."""
+    i, j = held - 1, len(members) - held - 1
+    for k in range(len(members) - 1, -1, -1):
+        if j >= 0 and (i < 0 or late_ids[j] > rising_ids[i]):
+            members[k] = late[j]
+            j -= 1
+        else:
+            members[k] = rising[i]
+            i -= 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from discsim.kernels.batches import BATCH
 from discsim.kernels.halo import in_runs, number_runs
+from discsim.kernels.tiles import take_spans
 from discsim.numerics.batches import LEAST
 from discsim.numerics.room import longer
 from discsim.numerics.sorting import counting_sort
@@ -177,19 +178,19 @@ def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batc
     """
     number = asked.number
     batches = np.arange(-(-len(key) // BATCH)) if batches is None else batches
-    some = joined(share(in_runs, len(batches), batches, key, of, number, least=LEAST))  # few of all
-    cells = key[some] if of is None else of[key[some]]
-    order, start = counting_sort(number[cells], int(number[-1]))
-    some, first, last = some[order], start[number[asked.first]].tolist(), start[number[asked.last]].tolist()
-    rows: list[list[Array]] = [[some[:0]] for _ in range(comm.size)]
-    for rank, begin, end in zip(asked.ranks.tolist(), first, last, strict=True):
-        rows[rank].append(some[begin:end])
-    return Route(comm, [np.concatenate(each) for each in rows])
+    found = share(in_runs, len(batches), batches, key, of, number, least=LEAST)  # few of all
+    some, numbers = (joined([each[k] for each in found]) for k in range(2))
+    order, start = counting_sort(numbers, int(number[-1]))
+    first, last = start[number[asked.first]], start[number[asked.last]]
+    until = np.append(0, np.cumsum(last - first))
+    rows = np.empty(until[-1], some.dtype)
+    take_spans(0, len(first), some[order][None], np.zeros(len(first), np.int64), first, last, until, rows)
+    return Route(comm, np.split(rows, until[np.searchsorted(asked.ranks, np.arange(1, comm.size))]))
 
 
 def rising(rows: Array) -> Array:
     """Each of some rows once, in rising order."""
-    rows = np.sort(rows)  # np.unique takes ten times as long
+    rows = np.sort(rows, kind="stable")  # ten times as fast for rows that rise but for some, and np.unique far slower
     return rows[np.append(True, rows[1:] != rows[:-1])[: len(rows)]]
 
 

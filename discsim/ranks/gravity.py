@@ -81,7 +81,8 @@ def _in_order(place: Array, held: int, loose: Array) -> Pieces:
     """Rows by their `place` (n,), in pieces: of those `held` here it rises but for the `loose` ones."""
     loose = rising(loose[loose < held])
     others = np.concatenate([loose, np.arange(held, len(place))])
-    first, last, rises = pieces_of(place, held, loose, others[np.argsort(place[others])])
+    in_order = np.argsort(place[others], kind="stable")  # three times as fast, as places mostly rise
+    first, last, rises = pieces_of(place, held, loose, others[in_order])
     if not rises:  # arrays of another making
         first = np.argsort(place)
         last = first + 1

@@ -180,8 +180,10 @@ def test_particles_in_runs_of_cells(of):
     key = rng.integers(0, 300 if of else 200, 1000).astype(np.uint32)
     wanted, some = held[cells[key] if of else key], np.array([0, 2, 3, 6, 7])  # batches, of which the last is short
     wanted &= np.isin(np.arange(1000) // BATCH, some)
-    found = np.concatenate([in_runs(0, 3, some, key, cells, number), in_runs(3, 5, some, key, cells, number)])
+    parts = [in_runs(0, 3, some, key, cells, number), in_runs(3, 5, some, key, cells, number)]
+    found, numbers = (np.concatenate(each) for each in zip(*parts, strict=True))
     np.testing.assert_array_equal(found, np.flatnonzero(wanted))
+    np.testing.assert_array_equal(numbers, number[cells[key[found]] if of else key[found]])
 
 
 @pytest.mark.parametrize(("periodic", "dim"), [(False, 2), (True, 2), (False, 1), (True, 1)])
