@@ -30,6 +30,7 @@ from discsim.ranks.sph import HALO
 from discsim.ranks.windows import Windows, no_nodes
 
 Array = np.ndarray
+AT_ONCE = 256  # ranks of which the rows of windows are at hand: of thousands, on a fine grid, they take gigabytes
 
 
 class Counts(NamedTuple):
@@ -150,34 +151,53 @@ def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent
     out = {}
     for name, size in (("density", grid.shape[0]), ("potential", count)):
         rows = nodes_of(np.arange(size), grid.shape[0], border)
-        begin, end = windows.columns(slice(None), rows, ring=name == "potential")
-        until = np.append(np.zeros((ranks, 1), np.int64), np.cumsum(end - begin, axis=1), axis=1)
-        of_slabs = 8 * np.diff(until[:, np.minimum(edges, size)], axis=1)
+        of_slabs, window = np.empty((ranks, ranks)), np.empty(ranks, np.int64)
+        for some in np.array_split(np.arange(ranks), -(-ranks // AT_ONCE)):
+            begin, end = windows.columns(slice(some[0], some[-1] + 1), rows, ring=name == "potential")
+            until = np.append(np.zeros((len(some), 1), np.int64), np.cumsum(end - begin, axis=1), axis=1)
+            of_slabs[some] = 8 * np.diff(until[:, np.minimum(edges, size)], axis=1)
+            window[some] = until[:, -1]
         np.fill_diagonal(of_slabs, 0)
         out[name] = Sent.of(of_slabs.T if name == "density" else of_slabs)
-    return out, until[:, -1]
+    return out, window
 
 
-def counts_of(sim: Simulation, ranks: int, gas: Cells, drag: Cells, cells: int | None = None, parts: int = 0) -> Counts:
-    """What a state asks of `ranks`, which have its `parts` in turn (`rank_cut.py`); `cells`: along a side of another
-    grid over the same space.
+class Divided(NamedTuple):
+    """A state that is cut for some ranks: what cuts it, and the owner of each particle by species."""
+
+    division: Any
+    owners: dict[str, Array]
+
+    @classmethod
+    def of(cls, sim: Simulation, ranks: int, parts: int = 0) -> Divided:
+        """`parts`: of which each rank has some in turn (`rank_cut.py`)."""
+        division = division_of(parts)(sim.scene, SimpleNamespace(size=ranks, rank=0))
+        species = sim.state.species
+        division.cut(species, whole=True)
+        return cls(division, {name: division.owner[division.tile_of(p.pos)] for name, p in species.items()})
+
+
+def of_nodes(sim: Simulation, cut: Divided, cells: int | None = None) -> tuple[dict[str, csr_array], Any, Array]:
+    """Rows that each rank needs to sum its nodes, by exchange, bytes of the grid, and nodes (ranks,) of windows;
+    `cells`: along a side of another grid over the same space.
     """
-    division = division_of(parts)(sim.scene, SimpleNamespace(size=ranks, rank=0))
-    species = sim.state.species
-    division.cut(species, whole=True)
-    owners = {name: division.owner[division.tile_of(p.pos)] for name, p in species.items()}
-    found = [rows_of_cells(each, owners, ranks) for each in (gas, drag)]
-    rows, runs = found[0][0] | found[1][0], found[0][1] | found[1][1]
-    grid = sim.state.grid
+    ranks, grid, rows = cut.division.comm.size, sim.state.grid, {}
     if cells is not None:
         grid = Grid(grid.origin, grid.cell * grid.shape[0] / cells, (cells, cells), grid.periodic)
-    nodes, (ends, bands) = Nodes(grid, division), no_nodes(grid, ranks)
-    for name, p in species.items():
-        rows[f"grid {name}"], *found = rows_of_nodes(nodes, p.pos, owners[name], ranks)
+    nodes, (ends, bands) = Nodes(grid, cut.division), no_nodes(grid, ranks)
+    for name, p in sim.state.species.items():
+        rows[f"grid {name}"], *found = rows_of_nodes(nodes, p.pos, cut.owners[name], ranks)
         for both, each in zip((ends, bands), found, strict=True):
             both[:] = np.minimum(both[0], each[0]), np.maximum(both[1], each[1])
-    windows = Windows.about(ends, bands, 0, grid)
-    of_grid, window = of_windows(windows, grid, ranks)
-    of_grid |= of_transforms(grid.shape, grid.periodic, ranks)[0]
-    particles = {name: np.bincount(owner, minlength=ranks) for name, owner in owners.items()}
-    return Counts(particles, rows, runs, window, of_grid)
+    return rows, *of_windows(Windows.about(ends, bands, 0, grid), grid, ranks)
+
+
+def counts_of(sim: Simulation, cut: Divided, gas: Cells, drag: Cells) -> Counts:
+    """What a state asks of the ranks that it is cut for."""
+    ranks, grid = cut.division.comm.size, sim.state.grid
+    found = [rows_of_cells(each, cut.owners, ranks) for each in (gas, drag)]
+    rows, runs = found[0][0] | found[1][0], found[0][1] | found[1][1]
+    of_grid, sent, window = of_nodes(sim, cut)
+    sent |= of_transforms(grid.shape, grid.periodic, ranks)[0]
+    particles = {name: np.bincount(owner, minlength=ranks) for name, owner in cut.owners.items()}
+    return Counts(particles, rows | of_grid, runs, window, sent)

@@ -5,7 +5,7 @@
 A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), which gives for each rank its particles,
 those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
 
-    T = sum over the parts of a step of max over ranks (a units + g fetched + c)
+    T = sum over the parts of a step of max over ranks (a units + g fetched + c), BESIDE as one part
         + calls latency log2 N + messages latency
         + sum over exchanges of (max over machines bytes / link + max over ranks bytes copied / memory) + runs s (1)
 
@@ -21,7 +21,8 @@ NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
 lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too. Transforms are those of
-its grid.
+its grid. So are the windows of nodes that particles touch: counted on the finer grid, of which the sample has many in
+each band of rows.
 
 OUT gets scaling.json and scaling.png. What was measured and counted is not made again.
 """
@@ -74,23 +75,32 @@ PARTS = {
     "transforms": ((), None), "windows": ((), None),
 }  # fmt: skip
 
+BESIDE = {"windows": "grid particles"}  # both before the transforms, or both after them
+
 
 def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int | None = None) -> Array:
     """Units (2, ranks) of a part of a step, own ones and those that are fetched, where there are `particles` times as
     many and the grid has a side.
     """
-    usual = counts["side"]
-    side, none = side or usual, np.zeros(len(counts["window"]))
+    side, none = side or counts["side"], np.zeros(len(counts["window"]))
     if part == "transforms":
         return np.stack([of_transforms((side, side), False, len(none))[1] * side * np.log2(2 * side), none])
     if part == "windows":
-        return np.stack([np.array(counts["window"]) * (side / usual) ** 2, none])
+        of_grid, more = on_grid(counts, side)
+        return np.stack([np.array(of_grid["window"]) * more, none])
     species, exchange = PARTS[part]
     own = sum(particles * np.array(counts["particles"][name], float) for name in species)
     if exchange is None:
         return np.stack([own, none])
     fetched = sum(np.sqrt(particles) * np.array(counts["received"][f"{exchange} {name}"]) for name in species)
     return np.stack([own, fetched])
+
+
+def on_grid(counts: dict[str, Any], side: int) -> tuple[dict[str, Any], float]:
+    """Counts that hang on the grid, of the finer one from its side on, and how many times as many nodes a grid has."""
+    fine = counts.get("fine", counts)
+    found = fine if side >= fine["side"] else counts
+    return found, (side / found["side"]) ** 2
 
 
 def fit(runs: list[tuple[list[Any], Any]]) -> dict[str, tuple[float, float, float]]:
@@ -119,6 +129,15 @@ def _all(counts: dict[str, Any]) -> int:
     return int(sum(np.sum(each) for each in counts["particles"].values()))
 
 
+def slowest(seconds: dict[str, Any]) -> float:
+    """Seconds of a step, by those of its parts (ranks,): after each all wait for the slowest, unless BESIDE another."""
+    of_wait: dict[str, Any] = {}
+    for part, each in seconds.items():
+        name = BESIDE.get(part, part)
+        of_wait[name] = of_wait.get(name, 0.0) + np.array(each)
+    return float(sum(each.max() for each in of_wait.values()))
+
+
 def predict(
     counts: dict[str, Any],
     costs: dict[str, Any],
@@ -128,16 +147,17 @@ def predict(
 ) -> dict[str, float]:
     """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
     size, more = len(counts["window"]), np.sqrt(particles)
-    own = fetched = slowest = calls = 0.0
+    own = fetched = calls = 0.0
+    each: dict[str, Array] = {}
     for part, (a, g, c) in costs["fit" if size > 1 else "alone"].items():
         of_own, of_fetched = np.array([[a], [g]]) * units(counts, part, particles, side)
-        slowest += (of_own + of_fetched).max() + c
+        each[part] = of_own + of_fetched + c
         own += of_own.mean()
         fetched += of_fetched.mean()
         calls += c
     runs = more * sum(np.sum(each) for each in counts["runs"].values()) if size > 1 else 0.0
     out = {"own work": own, "fetched particles": fetched, "calls": calls, "lists of cells": SEARCH * runs}
-    out["uneven load"] = slowest - own - fetched - calls
+    out["uneven load"] = slowest(each) - own - fetched - calls
     if network is not None and size > 1:
         sent = _sent(counts, costs, more, side or counts["side"])
         machines = np.arange(0, size, PER_MACHINE)
@@ -155,9 +175,11 @@ def predict(
 def _sent(counts: dict[str, Any], costs: dict[str, Any], more: float, side: int) -> dict[str, Sent]:
     """Bytes by exchange, where `more` times as many rows are sent and the grid has a side."""
     out = of_transforms((side, side), False, len(counts["window"]))[0]
-    for name, each in counts["sent"].items():
-        factor = more * costs["row"][name.split()[0]] if name in EXCHANGES else (side / counts["side"]) ** 2
-        total, away, messages = (np.array(one) for one in each)
+    of_grid, nodes = on_grid(counts, side)
+    for name in counts["sent"]:
+        of_rows = name in EXCHANGES
+        factor = more * costs["row"][name.split()[0]] if of_rows else nodes
+        total, away, messages = (np.array(one) for one in (counts if of_rows else of_grid)["sent"][name])
         out[name] = Sent(factor * total, factor * away, messages)
     return out
 
@@ -172,13 +194,15 @@ def counted(counts: Counts, side: int) -> dict[str, Any]:
         "runs": {name: each.tolist() for name, each in counts.runs.items()},
         "received": {name: counts.received(name).tolist() for name in counts.rows},
         "window": counts.window.tolist(),
-        "sent": {name: [one.tolist() for one in each] for name, each in sent.items()},
+        "sent": _listed(sent),
     }
 
 
-def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...], parts: int = 0) -> dict[int, Any]:
-    """Counts of the disc at its start, for each number of ranks."""
-    from rank_counts import blocks_of_drag, cells_of_gas, counts_of
+def count(
+    gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...], parts: int = 0, fine: int | None = None
+) -> dict[int, Any]:
+    """Counts of the disc at its start, for each number of ranks; and of a `fine` grid, of so many cells a side."""
+    from rank_counts import Divided, blocks_of_drag, cells_of_gas, counts_of, of_nodes
     from rank_steps import scene
 
     from discsim import Simulation
@@ -188,7 +212,18 @@ def count(gas: int, dust: int, side: int, scheme: str, ranks: tuple[int, ...], p
     sim.operators.forces()
     sim.state.step = SOME  # at the start blocks begin where tiles do
     blocks = blocks_of_drag(sim)
-    return {number: counted(counts_of(sim, number, cells, blocks, parts=parts), side) for number in ranks}
+    out = {}
+    for number in ranks:
+        cut = Divided.of(sim, number, parts)
+        out[number] = counted(counts_of(sim, cut, cells, blocks), side)
+        if fine is not None:
+            _, sent, window = of_nodes(sim, cut, fine)
+            out[number]["fine"] = {"side": fine, "window": window.tolist(), "sent": _listed(sent)}
+    return out
+
+
+def _listed(sent: dict[str, Sent]) -> dict[str, Any]:
+    return {name: [one.tolist() for one in each] for name, each in sent.items()}
 
 
 class Run(NamedTuple):
@@ -251,7 +286,7 @@ def check(measured: dict[int, Any], counts: dict[int, Any], costs: dict[str, Any
     for n in CHECKED:
         found = predict(counts[n], costs, None)
         del found["lists of cells"]  # what was measured has it in its parts
-        out[n] = sum(found.values()), sum(max(rank["seconds"][part] for rank in measured[n]) for part in PARTS)
+        out[n] = sum(found.values()), slowest({part: [rank["seconds"][part] for rank in measured[n]] for part in PARTS})
     return out
 
 
@@ -317,7 +352,7 @@ def main() -> None:
     small, size = (tuple(int(float(part)) for part in text.split(",")) for text in (given.measure, given.size))
     out, scheme = given.out, given.scheme
     measured, counts, fitted = samples(small, scheme, out)
-    at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS))
+    at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS, fine=BIG[1]))
     costs = costs_of(measured, counts, fitted)
     ns = {part: [1e9 * each for each in found] for part, found in costs["fit"].items()}
     about = "ns of a unit, of a fetched one, and of a step"

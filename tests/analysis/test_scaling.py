@@ -107,3 +107,20 @@ def test_more_particles_fetch_along_the_same_borders(scaling):
     found = scaling.units(given, "drag", particles=100.0)
     np.testing.assert_allclose(found, [100 * own, np.full(4, 10 * 2 * np.sqrt(1e5))])
     np.testing.assert_allclose(scaling.units(given, "windows", side=128), [4 * given["window"], np.zeros(4)])
+
+
+def test_ranks_wait_for_the_slowest_after_each_part_but_those_beside_each_other(scaling):
+    seconds = {"gas": [1.0, 2.0], "drag": [4.0, 3.0], "grid particles": [5.0, 7.0], "windows": [2.0, 1.0]}
+    assert scaling.slowest(seconds) == 2.0 + 4.0 + (7.0 + 1.0)
+
+
+def test_what_hangs_on_the_grid_is_that_of_the_finer_one_where_it_is_as_fine(scaling):
+    given, fine = counts(4, 1e5), counts(4, 3e5, side=256)
+    given["fine"] = {name: fine[name] for name in ("side", "window", "sent")}
+    costs = {"row": {"sph": 100.0, "drag": 200.0, "grid": 30.0}}
+    for side, of in ((128, given), (256, fine), (512, fine)):
+        more = (side / of["side"]) ** 2
+        np.testing.assert_allclose(scaling.units(given, "windows", side=side)[0], more * of["window"])
+        sent = scaling._sent(given, costs, 3.0, side)
+        np.testing.assert_allclose(sent["density"].total, more * of["sent"]["density"][0])
+        np.testing.assert_allclose(sent["sph gas"].total, 300.0 * given["sent"]["sph gas"][0])  # rows of particles

@@ -12,7 +12,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "analysis"))
 
-from rank_counts import blocks_of_drag, cells_of_gas, counts_of
+from rank_counts import Divided, blocks_of_drag, cells_of_gas, counts_of
 from rank_sent import Sent
 from runs import DISC
 
@@ -35,7 +35,7 @@ def counted(scene, ranks):
     sim = made(scene)
     gas = cells_of_gas(sim)
     sim.operators.forces()
-    return counts_of(sim, ranks, gas, blocks_of_drag(sim))
+    return counts_of(sim, Divided.of(sim, ranks), gas, blocks_of_drag(sim))
 
 
 def exchanged(scene, comm):
