@@ -5,24 +5,24 @@
 A state of the main job's disc is cut for 2 to 4096 ranks (`rank_counts.py`), which gives for each rank its particles,
 those that it fetches, its part of the grid, and what it sends to how many others. A step is predicted from that:
 
-    T = sum over the parts of a step of max over ranks (a units + g fetched + c), BESIDE as one part
+    T = sum over the parts of a step of max over ranks (a units + g fetched + c)
         + calls latency log2 N + messages latency
         + sum over exchanges of (max over machines bytes / link + max over ranks bytes copied / memory) + runs s (1)
 
 a: CPU seconds of a unit: of own particles, of rows of the transforms (n log n), of nodes of a window. g: of a fetched
-particle, or of one at a border. c: of calls. They are fitted to short runs on 2 ranks of one thread (`rank_steps.py`),
-each on a core of its own as on a cluster: of a fourth and of a sixteenth of the size, each cut into 2 parts and into 16
-(`rank_cut.py`), and so with few borders and many. They are compared with runs on 2 and 4 ranks; what one rank takes is
-measured. Each run is made in ROUNDS, all in turn, and the least of each part is taken: other work may share the
-machine. Bytes: of rows that are sent, and of the runs of cells that all ranks say they need, in which each looks for
-its own, s seconds a run. A machine has 32 ranks, next to each other on the curve: what they send to others shares its
-link, and what they send each other is copied in memory, as is all that MPI packs, PACKED. Network: two examples,
-NETWORKS.
+particle, or of one at a border. c: of calls. Where ranks do two parts between the same exchanges, BESIDE, these count
+as one. a, g and c are fitted to short runs on 2 ranks of one thread (`rank_steps.py`), each on a core of its own as on
+a cluster: of a fourth and of a sixteenth of the size, each cut into 2 parts and into 16 (`rank_cut.py`), and so with
+few borders and many. They are compared with runs on 2 and 4 ranks; what one rank takes is measured. Each run is made in
+ROUNDS, all in turn, and the least of each part is taken: other work may share the machine. Bytes: of rows that are
+sent, and of the runs of cells that all ranks say they need, in which each looks for its own, s seconds a run. A machine
+has 32 ranks, next to each other on the curve: what they send to others shares its link, and what they send each other
+is copied in memory, as is all that MPI packs, PACKED. Network: two examples, NETWORKS.
 
 A larger state, 1e8 + 1e9 particles on 16384^2, is that sample with more particles in each place: those that are fetched
 lie along the same borders within a reach that falls as n^-1/2; the weak scaling is made so too. Transforms are those of
-its grid. So are the windows of nodes that particles touch: counted on the finer grid, of which the sample has many in
-each band of rows.
+its grid. Windows of nodes that particles touch are counted on both grids: those of the finer one hold for it and finer
+ones, those of the sample's for coarser ones; the weak scaling has a small step between the two.
 
 OUT gets scaling.json and scaling.png. What was measured and counted is not made again.
 """
@@ -75,7 +75,9 @@ PARTS = {
     "transforms": ((), None), "windows": ((), None),
 }  # fmt: skip
 
-BESIDE = {"windows": "grid particles"}  # both before the transforms, or both after them
+# Parts that have no exchange between them: a rank's seconds of one are added to those of the other, and then the
+# slowest is taken. Both lie before the transforms, and again after them.
+BESIDE = {"windows": "grid particles"}
 
 
 def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int | None = None) -> Array:
@@ -98,7 +100,7 @@ def units(counts: dict[str, Any], part: str, particles: float = 1.0, side: int |
 
 def on_grid(counts: dict[str, Any], side: int) -> tuple[dict[str, Any], float]:
     """Counts that hang on the grid, of the finer one from its side on, and how many times as many nodes a grid has."""
-    fine = counts.get("fine", counts)
+    fine = counts.get("fine", counts)  # none of states that were run
     found = fine if side >= fine["side"] else counts
     return found, (side / found["side"]) ** 2
 
@@ -148,16 +150,16 @@ def predict(
     """Seconds of a step by what takes them; `costs`: the fit, the calls of a step and bytes of a row."""
     size, more = len(counts["window"]), np.sqrt(particles)
     own = fetched = calls = 0.0
-    each: dict[str, Array] = {}
+    of_part: dict[str, Array] = {}
     for part, (a, g, c) in costs["fit" if size > 1 else "alone"].items():
         of_own, of_fetched = np.array([[a], [g]]) * units(counts, part, particles, side)
-        each[part] = of_own + of_fetched + c
+        of_part[part] = of_own + of_fetched + c
         own += of_own.mean()
         fetched += of_fetched.mean()
         calls += c
     runs = more * sum(np.sum(each) for each in counts["runs"].values()) if size > 1 else 0.0
     out = {"own work": own, "fetched particles": fetched, "calls": calls, "lists of cells": SEARCH * runs}
-    out["uneven load"] = slowest(each) - own - fetched - calls
+    out["uneven load"] = slowest(of_part) - own - fetched - calls
     if network is not None and size > 1:
         sent = _sent(counts, costs, more, side or counts["side"])
         machines = np.arange(0, size, PER_MACHINE)
@@ -352,7 +354,7 @@ def main() -> None:
     small, size = (tuple(int(float(part)) for part in text.split(",")) for text in (given.measure, given.size))
     out, scheme = given.out, given.scheme
     measured, counts, fitted = samples(small, scheme, out)
-    at_size = kept(out / f"counts_{scheme}.json", lambda: count(*size, scheme, RANKS, fine=BIG[1]))
+    at_size = kept(out / f"counts_{scheme}_{BIG[1]}.json", lambda: count(*size, scheme, RANKS, fine=BIG[1]))
     costs = costs_of(measured, counts, fitted)
     ns = {part: [1e9 * each for each in found] for part, found in costs["fit"].items()}
     about = "ns of a unit, of a fetched one, and of a step"

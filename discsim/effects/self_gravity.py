@@ -49,7 +49,7 @@ class Keys(Table):
     sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 
-CELL, MOVED = 58.0, 21.0  # CPU nanoseconds in a step: of a cell, and of a particle that it deposits and pulls
+CELL, MOVED = 50.0, 18.0  # CPU nanoseconds in a step: of a cell, and of a particle that it deposits and pulls
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # the length that each kernel has
 
 

@@ -74,7 +74,8 @@ def multiply_columns(columns, quadrant, first, length):
 
 @inner
 def _multiply(column, factor, length, unpaired):
-    # Modes beyond the factors have those of their mirror images, which the `unpaired` first ones do not have.
+    # factor[k] is that of mode k. The kernel is even: modes from the last one back have the same factors, from number
+    # `unpaired` on, which is 1 where mode 0 has no mirror image, and 0 where each mode has one.
     half = len(factor)
     for k in range(half):
         column[2 * k] *= factor[k]
@@ -86,11 +87,11 @@ def _multiply(column, factor, length, unpaired):
 
 @compiled
 def load_halves(tile, nx, wave, columns):
-    """Columns of the first nx rows of a tile into those of `columns` (2, TILE, >= nx), and again times `wave` (>= nx).
+    """Columns of the first nx rows of a tile into columns[0] of `columns` (2, TILE, >= n), and times `wave` (n,) into
+    columns[1]; zeros in rows from nx up to n.
 
-    With zeros up to the length of `wave`, n, and wave_i = exp(-pi i sqrt(-1) / n) the transforms of length n of both
-    are the even and the odd modes of the transform of length 2n, with as many zeros more: half the work of that is
-    with zeros (decimation in frequency; Cooley & Tukey 1965).
+    With wave[i] = exp(-j pi i / n) their transforms, of length n, are the even and the odd modes of the transform of
+    length 2n, of which the second half is padding (decimation in frequency; Cooley & Tukey 1965).
     """
     for i in range(nx):
         for c in range(TILE):
@@ -100,7 +101,10 @@ def load_halves(tile, nx, wave, columns):
 
 @compiled
 def store_halves(columns, nx, border, wave, tile):
-    """The reverse of `load_halves`: nx rows, the `border` after them and, behind these, the `border` before them."""
+    """Rows of the inverse transform of length 2n from those of even and of odd modes, `columns` (2, TILE, >= n), into a
+    tile: row i < n is even + conj(wave[i]) odd, and row n + i is even - conj(wave[i]) odd. There are nx rows, the
+    `border` after them and, behind these, the last `border` of all, which are those before the first.
+    """
     count = len(wave)
     for i in range(min(nx + border, count)):
         back = wave[i].conjugate()
@@ -122,8 +126,8 @@ def _store_beyond(columns, i, wave, row):
 
 @compiled
 def multiply_halves(columns, quadrant, first, length):
-    """`multiply_columns` for even and odd modes, `columns` (2, TILE, >= 2 length); so are the kx of `quadrant`, the
-    even ones first.
+    """`multiply_columns` for even and then odd modes, `columns` (2, TILE, >= 2 length); `quadrant` has the even kx
+    before the odd ones.
     """
     even = length // 2 + 1
     for c in range(min(TILE, quadrant.shape[0] - first)):

@@ -55,8 +55,8 @@ def find_behind(first, last, ids, order, out):
 
 @compiled
 def sort_members(first, last, some, start, ids, order):
-    """Put the members of `some` keys, order[start[key]:start[key + 1]], in the order of their `ids` (n,), which mostly
-    rise: those that do not are taken out, sorted, and merged with the others.
+    """Put the members of `some` keys, order[start[key]:start[key + 1]], in the order of their `ids` (n,), which differ
+    and mostly rise: members that are out of order are taken out, sorted, and merged with the others.
     """
     most = 0
     for n in range(first, last):
@@ -105,7 +105,7 @@ def _sort(count, members, ids):
 
 @inner
 def _merge(members, held, rising, rising_ids, late, late_ids):
-    """All members in order, from the last to the first; ids differ."""
+    """All members in order, from the last to the first."""
     i, j = held - 1, len(members) - held - 1
     for k in range(len(members) - 1, -1, -1):
         if j >= 0 and (i < 0 or late_ids[j] > rising_ids[i]):

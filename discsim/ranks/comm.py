@@ -168,6 +168,6 @@ def _like(array: Array, block: Array) -> Array:
 
 def by_rank(some: Array, owner: Array, size: int) -> list[Array]:
     """`some` (n,) by their owners (n,): of each rank those that are its own, in the order that they had."""
-    owner = owner.astype(np.min_scalar_type(size))  # of two bytes at most: numpy then counts, ten times as fast
+    owner = owner.astype(np.min_scalar_type(size))  # one or two bytes for up to 65535 ranks: numpy then counts
     order = np.argsort(owner, kind="stable")
     return np.split(some[order], np.searchsorted(owner[order], np.arange(1, size)))

@@ -134,8 +134,8 @@ class Ordered:
 
 
 class Asked(NamedTuple):
-    """Runs of own cells, from `first` up to `last` (runs,), that ranks (runs,) need; `number` (cells + 1,): how many
-    cells before each are in any of them.
+    """Runs of own cells, from `first` up to `last` (runs,), that ranks (runs,) need, which rise; `number` (cells + 1,):
+    how many cells before each are in any of them.
     """
 
     ranks: Array

@@ -29,6 +29,7 @@ CASES = {
     "open": ((64, 64), False, Plummer(0.1), "disc"),
     "thin-disc": ((45, 60), False, ThinDisc(0.1), "disc"),
     "many columns": ((20, 150), False, Plummer(0.05), "even"),
+    "padded": ((33, 40), False, Plummer(0.1), "even"),
     "few rows": ((5, 33), False, ThinDisc(0.2), "even"),
     "off the grid": ((40, 37), False, Plummer(0.1), "beyond"),
     "all off the grid": ((16, 16), False, Plummer(0.1), "far"),

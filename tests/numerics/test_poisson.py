@@ -38,7 +38,7 @@ def test_open_potential_is_the_direct_sum_over_nodes(shape, softening):
     assert np.abs(potential / direct - 1).max() < 1e-10
 
 
-@pytest.mark.parametrize("shape", [(16, 16), (20, 14), (5, 37)])
+@pytest.mark.parametrize("shape", [(16, 16), (20, 14), (5, 37), (7, 12), (17, 9), (33, 14)])  # padded by 0, 1 and 3
 def test_open_potential_goes_on_beyond_the_edges(shape):
     """Two nodes on every side, the direct sum as well where nothing lies at the edges; within, the same bits."""
     cell, softening = 0.1, 0.07
@@ -67,6 +67,11 @@ def test_periodic_potential_of_a_wave(shape, waves):
     exact = -2 * np.pi * np.exp(-size * softening) / size * wave
     # Rounding only; the phases of the wave are large numbers.
     np.testing.assert_allclose(potential, exact, atol=1e-13 * np.abs(exact).max())
+
+
+def test_a_periodic_grid_has_no_border():
+    with pytest.raises(ValueError, match="expected border = 0, not 2"):
+        Poisson((16, 16), 0.1, Plummer(0.1), periodic=True, threads=1, border=2)
 
 
 def test_open_boundaries_need_two_dimensions():

@@ -42,3 +42,18 @@ def test_an_order_by_ids_is_that_of_key_and_id(threads, most):
     stream = np.random.default_rng(5)
     key, ids = stream.integers(0, most, 9000).astype(np.uint32), stream.permutation(20_000)[:9000]
     np.testing.assert_array_equal(by_ids(key, most, ids), np.lexsort((ids, key)))
+
+
+@pytest.mark.parametrize(
+    "ids",
+    [
+        range(30, 0, -1), [9, 1, 2, 3], [1, 8, 9, 2, 3, 4, 5, 6, 7, 0, 11, 10], [*range(1, 40, 2), *range(0, 40, 2)],
+        [1, 2, 3, 0], [0, 30, 1, 31, 2, 32, *range(3, 25)],
+    ],
+)  # fmt: skip
+def test_members_that_are_out_of_order_in_every_way(ids):
+    """Falling; the first, the last or two in a row too large; many late ones; and members of other keys about them."""
+    ids = np.array([100, *ids, 50], np.uint64)
+    key = np.ones(len(ids), np.uint32)
+    key[0], key[-1] = 0, 2
+    np.testing.assert_array_equal(counting_sort(key, 3, ids)[0], np.lexsort((ids, key)))

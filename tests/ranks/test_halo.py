@@ -1,5 +1,6 @@
 """What a rank needs of others: kernels by themselves, against plain loops."""
 
+from importlib import import_module
 from importlib.util import find_spec
 from types import SimpleNamespace
 
@@ -159,6 +160,13 @@ def test_rows_by_rank_keep_their_order():
     assert [part.tolist() for part in parts] == [[7, 9], [], [5, 8], []]
 
 
+@pytest.mark.parametrize("size", [1, 255, 256, 257, 70_000])  # numbers of one byte, of two and of more
+def test_rows_go_to_the_last_of_many_ranks_too(size):
+    parts = by_rank(np.arange(3), np.array([size - 1, 0, size - 1]), size)
+    assert len(parts) == size and parts[-1].tolist() == ([0, 2] if size > 1 else [0, 1, 2])
+    assert sum(map(len, by_rank(np.arange(0), np.arange(0), size))) == 0
+
+
 def test_the_reach_is_the_largest_of_the_last_kicks():
     leaves = Leaves(None)
     assert [leaves.suffices(wanted) for wanted in (2, 2, 1, 2, 3)] == [False, True, True, True, False]
@@ -278,6 +286,18 @@ def test_density_of_own_nodes_stays():
     expected = np.where(others, 0.0, density)
     leave_own(0, 30, x, y, owner, 1, begin, end, density)
     np.testing.assert_array_equal(density, expected)
+
+
+def test_counts_of_windows_are_the_same_by_any_number_of_ranks_at_once(monkeypatch):
+    counts = import_module("rank_counts")
+    grid, rng = Grid((0.0, 0.0), 1.0, (300, 200), periodic=False), np.random.default_rng(8)
+    ends = np.sort(rng.integers(0, 299, (2, 5)), axis=0)
+    bands = np.sort(rng.integers(0, 199, (2, 5, 10)), axis=0)
+    windows = Windows.about(ends, bands, 0, grid)
+    whole = counts.of_windows(windows, grid, 5)
+    monkeypatch.setattr(counts, "AT_ONCE", 2)
+    np.testing.assert_equal(counts.of_windows(windows, grid, 5), whole)
+    assert whole[1].all() and whole[0]["density"].total.any()
 
 
 @pytest.mark.parametrize("ring", [False, True])
