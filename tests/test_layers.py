@@ -91,3 +91,23 @@ def test_nothing_is_long():
                 if length > 60 or taken > 15:
                     long.append(f"{name}.{node.name}: {length} lines, {taken} arguments")
     assert long == [], "\n".join(long)
+
+
+def test_no_kernel_assigns_an_array_to_a_slice():
+    """numba compiles the text of an error with that, which takes as long as the largest kernels (discsim.kernels)."""
+    found = []
+    for file in sorted((HOME / "kernels").glob("*.py")):
+        for kernel in ast.walk(ast.parse(file.read_text())):
+            if isinstance(kernel, ast.FunctionDef) and kernel.decorator_list:
+                found += [f"{file.stem}.{kernel.name}: {ast.unparse(node)}" for node in sliced(kernel)]
+    assert found == [], "\n".join(found)
+
+
+def sliced(kernel):
+    """Assignments of anything but a number to slices."""
+    for node in ast.walk(kernel):
+        if isinstance(node, ast.Assign | ast.AugAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            to = [one for target in targets if isinstance(target, ast.Subscript) for one in ast.walk(target.slice)]
+            if any(isinstance(one, ast.Slice) for one in to) and ast.unparse(node.value) not in ("0.0", "np.nan"):
+                yield node

@@ -1,5 +1,7 @@
 """Loops for numba. All take the same options where they can: numba compiles what it brings itself (np.empty, min, ...)
-once for each set of options, and each number given literally to a function makes a version of it.
+once for each set of options, and each number given literally to a function makes a version of it. An array assigned to
+a slice of another takes two seconds to compile, as numba brings the text of an error about shapes with it, and all that
+puts texts together: a loop takes none of that.
 
 LLVM leaves half of a 512-bit vector unused on the processors that have them unless told not to. The SPH sums wait for
 chains of instructions rather than for their number, and take a seventh less time with whole vectors. The choice is

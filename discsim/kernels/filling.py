@@ -13,5 +13,6 @@ def with_room(rows, count):
     if count + SOME <= np.uint64(len(rows)):
         return rows
     out = np.empty(2 * len(rows), rows.dtype)
-    out[: np.int64(count)] = rows[: np.int64(count)]
+    for k in range(count):
+        out[k] = rows[k]
     return out

@@ -13,7 +13,9 @@ TILE = 8  # columns: two lines of the cache
 def load_rows(field, first, rows):
     """Rows first, first + 1, ... of a field (nx, ny) into `rows` (batch, >= ny)."""
     for i in range(min(rows.shape[0], field.shape[0] - first)):
-        rows[i, : field.shape[1]] = field[first + i]
+        row = rows[i]
+        for j in range(field.shape[1]):
+            row[j] = field[first + i, j]
 
 
 @compiled
@@ -24,8 +26,10 @@ def store_rows(rows, first, shift, border, field):
     count, held = field.shape[0], field.shape[1] - border
     for i in range(min(rows.shape[0], count - first)):
         out, row = field[(first + i + shift) % count], rows[i]
-        out[border:] = row[:held]
-        out[:border] = row[rows.shape[1] - border :]
+        for j in range(held):
+            out[border + j] = row[j]
+        for j in range(border):
+            out[j] = row[len(row) - border + j]
 
 
 @compiled

@@ -220,7 +220,9 @@ def leave_own(first, last, x, y, owner, rank, begin, end, out):
 def take_spans(first, last, field, row, begin, end, start, out):
     """Write to `out` (m,), from `start` (n + 1,) on, columns from `begin` up to `end` (n,) of a row (n,) of a field."""
     for k in range(first, last):
-        out[start[k] : start[k + 1]] = field[row[k], begin[k] : end[k]]
+        place, some = out[start[k] : start[k + 1]], field[row[k], begin[k] : end[k]]
+        for i in range(len(some)):
+            place[i] = some[i]
 
 
 @compiled
@@ -228,7 +230,5 @@ def put_spans(found, row, begin, end, start, add, field):
     """The other way; to `add` them, or in place of what is there."""
     for k in range(len(row)):
         place, some = field[row[k], begin[k] : end[k]], found[start[k] : start[k + 1]]
-        if add:
-            place += some
-        else:
-            place[:] = some
+        for i in range(len(some)):
+            place[i] = place[i] + some[i] if add else some[i]
