@@ -1,0 +1,60 @@
+"""Functions that only compiled code calls get no machine code of their own: whatever calls one holds a copy of it.
+
+numba makes it nonetheless, and for what it brings itself (np.empty, min, ...) also what lets Python and C call that: a
+tenth of the time that compiling takes. A process that does may also call it where one that loads what it calls has the
+caller's copy, whose last bits may differ.
+"""
+
+from typing import Any
+
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.typing import templates
+
+# What names begin with of functions here and of numba's own. Those of others are left as they are: two that call each
+# other have machine code of their own.
+OURS = "_ZN7discsim", "_ZN5numba"
+UNCALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # as CALLED and KERNEL in `inner`
+
+Template: Any = getattr(templates, "_OverloadFunctionTemplate", None)
+# What numba does not promise to keep: one that has none of that makes machine code of all.
+known_inside = "_add_module" in vars(JITCPUCodegen) and hasattr(Template, "_build_impl")
+if known_inside:
+    add_module, set_env = JITCPUCodegen._add_module, JITCPUCodegen.set_env
+    serialize, build = JITCodeLibrary.serialize_using_object_code, Template._build_impl
+
+
+def is_copied(module: Any) -> bool:
+    """Whether a module has nothing but such functions: no wrapper for Python or C, whose names begin with that. One
+    whose machine code comes from the cache is empty.
+    """
+    names = [one.name for one in module.functions if not one.is_declaration]
+    return bool(names) and all(name.startswith(OURS) for name in names)
+
+
+def add(codegen: Any, module: Any) -> None:
+    if not is_copied(module):
+        add_module(codegen, module)
+
+
+def set_where_defined(codegen: Any, name: str, env: Any) -> None:
+    if codegen._engine.is_symbol_defined(name):
+        set_env(codegen, name, env)
+
+
+def kept_as(library: Any) -> tuple[Any, ...]:
+    """What the cache keeps of a library."""
+    return library.serialize_using_bitcode() if is_copied(library._final_module) else serialize(library)
+
+
+def built(template: Any, key: Any, args: Any, kws: Any) -> Any:
+    template._jit_options.update(UNCALLED)
+    return build(template, key, args, kws)
+
+
+def take_over() -> None:
+    """From now on numba calls these."""
+    if known_inside:
+        JITCPUCodegen._add_module = add  # type: ignore[method-assign]
+        JITCPUCodegen.set_env = set_where_defined  # type: ignore[method-assign]
+        JITCodeLibrary.serialize_using_object_code = kept_as  # type: ignore[method-assign]
+        Template._build_impl = built
