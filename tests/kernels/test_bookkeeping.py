@@ -6,7 +6,8 @@ import operator
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba.core import compiler, ir, types
+from numba import njit
+from numba.core import compiler, event, ir, types
 from numba.core.registry import cpu_target
 from numba.core.targetconfig import ConfigStack, TargetConfig
 from numba.core.types.functions import BaseFunction
@@ -76,6 +77,12 @@ def test_calls_mean_what_numba_finds_under_the_options_of_their_caller(monkeypat
     for _ in range(2):
         bookkeeping.signature_of(context.resolve_value_type(operator.add), context, (text, text), {})
     assert asked.count((text, text)) == 2
+
+
+def test_calls_of_llvm_are_not_timed():
+    with event.install_recorder("numba:llvm_lock") as seen:
+        njit(lambda x: x + 1)(1)
+    assert not seen.buffer
 
 
 @pytest.mark.parametrize("one", [types.unicode_type, types.ListType(types.int64), types.undefined])
