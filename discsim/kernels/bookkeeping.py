@@ -100,5 +100,6 @@ def take_over() -> None:
         TargetConfig.__hash__ = lambda options: defaults[type(options)][1]  # type: ignore[method-assign]
         ir.Inst._rec_list_vars = lambda statement, value: variables_in((value,))  # type: ignore[method-assign]
         BaseFunction.get_call_type = signature_of  # type: ignore[method-assign, assignment]
-        for begin, end in list(getattr(getattr(ffi.lib, "_lock", None), "_cblist", ())):
+        lock = getattr(ffi.lib, "_lock", None)
+        for begin, end in list(getattr(lock, "_cblist", ())):
             ffi.unregister_lock_callback(begin, end)

@@ -10,8 +10,8 @@ from typing import Any
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.typing import templates
 
-# What names begin with of functions here and of numba's own. Those of others are left as they are: two that call each
-# other have machine code of their own.
+# What names begin with of functions here and of numba's own. Others' are left as they are: two functions that call each
+# other need machine code of their own, and here there are none.
 OURS = "_ZN7discsim", "_ZN5numba"
 UNCALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # as CALLED and KERNEL in `inner`
 
@@ -47,7 +47,7 @@ def kept_as(library: Any) -> tuple[Any, ...]:
 
 
 def built(template: Any, key: Any, args: Any, kws: Any) -> Any:
-    template._jit_options.update(UNCALLED)
+    template._jit_options = template._jit_options | UNCALLED
     return build(template, key, args, kws)
 
 

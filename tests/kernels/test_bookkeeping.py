@@ -1,9 +1,9 @@
 """What takes the place of three functions of numba's compiler gives what those give."""
 
-import importlib.util
 import operator
 
 import pytest
+from another import loaded, loaded_without
 from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
@@ -13,15 +13,6 @@ from numba.core.targetconfig import ConfigStack, TargetConfig
 from numba.core.types.functions import BaseFunction
 
 from discsim.kernels import bookkeeping, candidates, nodes_relax, philox
-
-
-def loaded(module, name):
-    """The same source as another module."""
-    spec = importlib.util.spec_from_file_location(name, module.__file__)
-    other = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(other)
-    return other
-
 
 settings = st.dictionaries(st.sampled_from(["nrt", "boundscheck", "no_cfunc_wrapper", "forceinline"]), st.booleans())
 
@@ -94,10 +85,6 @@ def test_what_may_become_known_later_is_not_kept(one):
 @pytest.mark.parametrize("where, name", [(TargetConfig, "options"), (ir.Inst, "_rec_list_vars")])
 def test_a_numba_that_is_another_is_left_alone(monkeypatch, where, name):
     before = TargetConfig.__eq__, TargetConfig.__hash__, BaseFunction.get_call_type
-    with monkeypatch.context() as gone:
-        gone.delattr(where, name)
-        other = loaded(bookkeeping, "another_bookkeeping")
-        other.take_over()
-        assert name not in vars(where)
+    other = loaded_without(monkeypatch, bookkeeping, where, name)
     assert bookkeeping.known_inside and not other.known_inside
     assert (TargetConfig.__eq__, TargetConfig.__hash__, BaseFunction.get_call_type) == before

@@ -6,11 +6,11 @@ import sys
 
 import numpy as np
 import pytest
+from another import loaded_without
 from numba import njit, types, vectorize
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.registry import cpu_target
 from numba.core.typing.templates import _OverloadFunctionTemplate
-from test_bookkeeping import loaded
 
 from discsim.formulas import laws
 from discsim.kernels import copied
@@ -55,13 +55,11 @@ def test_what_the_cache_has_of_them_is_called(tmp_path):
 
 
 def test_functions_of_others_call_each_other():
-    options = CALLED | {"no_cfunc_wrapper": True}
-
-    @njit(**options)
+    @njit(**copied.UNCALLED)
     def is_even(n):
         return True if n == 0 else is_odd(n - 1)
 
-    @njit(**options)
+    @njit(**copied.UNCALLED)
     def is_odd(n):
         return False if n == 0 else is_even(n - 1)
 
@@ -80,10 +78,6 @@ def test_functions_of_others_call_each_other():
 @pytest.mark.parametrize("where, name", [(JITCPUCodegen, "_add_module"), (_OverloadFunctionTemplate, "_build_impl")])
 def test_a_numba_that_is_another_is_left_alone(monkeypatch, where, name):
     before = JITCPUCodegen.set_env, JITCodeLibrary.serialize_using_object_code
-    with monkeypatch.context() as gone:
-        gone.delattr(where, name)
-        other = loaded(copied, "another")
-        other.take_over()
-        assert name not in vars(where)
+    other = loaded_without(monkeypatch, copied, where, name)
     assert copied.known_inside and not other.known_inside
     assert (JITCPUCodegen.set_env, JITCodeLibrary.serialize_using_object_code) == before
