@@ -2,12 +2,13 @@
 
 numba makes it nonetheless, and for what it brings itself (np.empty, min, ...) also what lets Python and C call that: a
 tenth of the time that compiling takes. A process that does may also call it where one that loads what it calls has the
-caller's copy, whose last bits may differ.
+caller's copy, whose last bits may differ. Nor are they optimised as a whole on their own, only each of their functions:
+the copies are, in every caller and its callers in turn. That took another fourteenth.
 """
 
 from typing import Any
 
-from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
 from numba.core.typing import templates
 
 # What names begin with of functions here and of numba's own. Others' are left as they are: two functions that call each
@@ -18,9 +19,11 @@ UNCALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # as CALLED a
 Template: Any = getattr(templates, "_OverloadFunctionTemplate", None)
 # What numba does not promise to keep: one that has none of that makes machine code of all.
 known_inside = "_add_module" in vars(JITCPUCodegen) and hasattr(Template, "_build_impl")
+known_inside = known_inside and hasattr(CPUCodeLibrary, "_optimize_final_module")
 if known_inside:
     add_module, set_env = JITCPUCodegen._add_module, JITCPUCodegen.set_env
     serialize, build = JITCodeLibrary.serialize_using_object_code, Template._build_impl
+    optimize = CPUCodeLibrary._optimize_final_module
 
 
 def is_copied(module: Any) -> bool:
@@ -29,6 +32,11 @@ def is_copied(module: Any) -> bool:
     """
     names = [one.name for one in module.functions if not one.is_declaration]
     return bool(names) and all(name.startswith(OURS) for name in names)
+
+
+def optimize_uncopied(library: Any) -> None:
+    if not is_copied(library._final_module):
+        optimize(library)
 
 
 def add(codegen: Any, module: Any) -> None:
@@ -54,6 +62,7 @@ def built(template: Any, key: Any, args: Any, kws: Any) -> Any:
 def take_over() -> None:
     """From now on numba calls these."""
     if known_inside:
+        CPUCodeLibrary._optimize_final_module = optimize_uncopied  # type: ignore[method-assign]
         JITCPUCodegen._add_module = add  # type: ignore[method-assign]
         JITCPUCodegen.set_env = set_where_defined  # type: ignore[method-assign]
         JITCodeLibrary.serialize_using_object_code = kept_as  # type: ignore[method-assign]

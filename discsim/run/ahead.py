@@ -7,6 +7,7 @@ ends. Whatever it fails at, the first compiles itself.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import math
 import subprocess
@@ -76,4 +77,5 @@ def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
 
 if __name__ == "__main__":
     gc.set_threshold(*RARELY)
+    atexit.register(gc.freeze)  # as in discsim/cli
     kick_once(load_scene(tomllib.loads(sys.argv[1])))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from another import loaded_without
 from numba import njit, types, vectorize
-from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
 from numba.core.registry import cpu_target
 from numba.core.typing.templates import _OverloadFunctionTemplate
 
@@ -30,13 +30,15 @@ print(*(sum(one.stats.cache_hits.values()) for one in (slope, steepness)))
 """
 
 
-def test_only_what_python_calls_gets_machine_code():
-    engine = cpu_target.target_context.codegen()._engine
+def test_only_what_python_calls_gets_machine_code_and_is_optimised_as_a_whole(monkeypatch):
+    engine, optimised = cpu_target.target_context.codegen()._engine, []
+    monkeypatch.setattr(copied, "optimize", optimised.append)
     for wrappers, has_code in ((CALLED, False), ({}, True)):
         function = njit(**{**KERNEL, **wrappers, "cache": False})(laws.steepness)
         function.compile((types.float64,) * 4)
         (found,) = function.overloads.values()
         assert engine.is_symbol_defined(found.fndesc.llvm_func_name) == has_code
+        assert (found.library in optimised) == has_code
 
 
 def test_what_the_cache_has_of_them_is_called(tmp_path):
@@ -75,7 +77,14 @@ def test_functions_of_others_call_each_other():
     assert np.array_equal(at_least_one(np.arange(3.0)), [1.0, 1.0, 2.0])
 
 
-@pytest.mark.parametrize("where, name", [(JITCPUCodegen, "_add_module"), (_OverloadFunctionTemplate, "_build_impl")])
+INSIDES = (
+    (JITCPUCodegen, "_add_module"),
+    (_OverloadFunctionTemplate, "_build_impl"),
+    (CPUCodeLibrary, "_optimize_final_module"),
+)
+
+
+@pytest.mark.parametrize("where, name", INSIDES)
 def test_a_numba_that_is_another_is_left_alone(monkeypatch, where, name):
     before = JITCPUCodegen.set_env, JITCodeLibrary.serialize_using_object_code
     other = loaded_without(monkeypatch, copied, where, name)
