@@ -1,4 +1,4 @@
-"""What takes the place of three functions of numba's compiler gives what those give."""
+"""What takes the place of four functions of numba's compiler gives what those give."""
 
 import operator
 
@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 from numba.core import compiler, event, ir, types
+from numba.core.postproc import PostProcessor
 from numba.core.registry import cpu_target
 from numba.core.targetconfig import ConfigStack, TargetConfig
 from numba.core.types.functions import BaseFunction
@@ -74,6 +75,39 @@ def test_calls_of_llvm_are_not_timed():
     with event.install_recorder("numba:llvm_lock") as seen:
         njit(lambda x: x + 1)(1)
     assert not seen.buffer
+
+
+def dump(code):
+    return [(label, [str(statement) for statement in block.body]) for label, block in code.blocks.items()]
+
+
+@pytest.mark.parametrize("kernel", [candidates.find_runs, nodes_relax.relax_node, philox.words_of])
+def test_variables_live_as_long_as_numba_lets_them(kernel):
+    found = []
+    for finish in (bookkeeping.finish, bookkeeping.as_numba_finishes):
+        code = compiler.run_frontend(kernel.py_func)
+        finish(PostProcessor(code), True)
+        found.append((dump(code), dict(code.variable_lifetime.livemap), code.generator_info))
+    assert found[0] == found[1]
+    assert any("del " in line for _, lines in found[0][0] for line in lines)
+
+
+def counted(n):
+    for i in range(n):
+        yield 2 * i
+
+
+counted.__module__ = "discsim.counted"  # as if it were one of discsim's
+
+
+@pytest.mark.parametrize("function", [counted, options])
+def test_what_is_alive_in_a_block_is_found_for_generators_and_functions_of_others(function):
+    """numba asks for it where it leaves what it cannot compile to Python, and where it goes on with a generator."""
+    code = compiler.run_frontend(function)
+    assert any(code.get_block_entry_vars(block) for block in code.blocks.values())
+    assert (code.generator_info is not None) == (function is counted)
+    code = compiler.run_frontend(philox.words_of.py_func)
+    assert not code.block_entry_vars
 
 
 @pytest.mark.parametrize("one", [types.unicode_type, types.ListType(types.int64), types.undefined])
