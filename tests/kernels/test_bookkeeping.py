@@ -97,12 +97,11 @@ def counted(n):
         yield 2 * i
 
 
-counted.__module__ = "discsim.counted"  # as if it were one of discsim's
-
-
 @pytest.mark.parametrize("function", [counted, options])
-def test_what_is_alive_in_a_block_is_found_for_generators_and_functions_of_others(function):
+def test_what_is_alive_in_a_block_is_found_for_generators_and_functions_of_others(monkeypatch, function):
     """numba asks for it where it leaves what it cannot compile to Python, and where it goes on with a generator."""
+    if function is counted:
+        monkeypatch.setattr(bookkeeping, "COMPILED", (*bookkeeping.COMPILED, __name__))
     code = compiler.run_frontend(function)
     assert any(code.get_block_entry_vars(block) for block in code.blocks.values())
     assert (code.generator_info is not None) == (function is counted)
