@@ -1,4 +1,4 @@
-"""What takes the place of four functions of numba's compiler gives what those give."""
+"""What takes the place of five functions of numba's compiler gives what those give."""
 
 import operator
 
@@ -12,6 +12,7 @@ from numba.core.postproc import PostProcessor
 from numba.core.registry import cpu_target
 from numba.core.targetconfig import ConfigStack, TargetConfig
 from numba.core.types.functions import BaseFunction
+from numba.cpython import mathimpl
 
 from discsim.kernels import bookkeeping, candidates, nodes_relax, philox
 
@@ -69,6 +70,16 @@ def test_calls_mean_what_numba_finds_under_the_options_of_their_caller(monkeypat
     for _ in range(2):
         bookkeeping.signature_of(context.resolve_value_type(operator.add), context, (text, text), {})
     assert asked.count((text, text)) == 2
+
+
+def test_what_is_registered_later_is_known_without_another_import(monkeypatch):
+    context = cpu_target.target_context
+    context.refresh()
+    monkeypatch.setattr(bookkeeping, "as_numba_imports", None)
+    mathimpl.registry.lower(options, types.float64)(lambda *given: None)
+    assert options not in context._defns
+    context.refresh()
+    assert options in context._defns
 
 
 def test_calls_of_llvm_are_not_timed():
