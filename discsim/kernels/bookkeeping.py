@@ -4,10 +4,11 @@ numba tries all that an operator can mean, an addition of texts as well, each ti
 for arguments of the same types, under the same options, is looked up. It keeps what a call compiles to by all options
 of its caller, and reads these thirty one after the other each time that it compares two sets of them: here two
 dictionaries are compared. And it looks for the variables of statements, many times each, by asking every value whether
-it is of one of five classes: here those are looked up by its type. Ten times over it finds which variables are alive
-where, and twice that is asked for: here it is found when asked for. With each kernel that it compiles or loads it
-imports all of its own that a kernel may call: here it does so once. It also times each call of LLVM, for whoever asks
-how long that took: nobody does, and there are so many that it takes a thirtieth of the time of compiling.
+it is of one of five classes: here those are looked up by its type. For each function it finds out ten times
+which variables are alive where, though only two of its passes ask for that: here it does when asked. And with each
+kernel that it compiles or loads, it imports all of its own that a kernel may call: here it does so once. It also times
+each call of LLVM, for whoever asks how long that took: nobody does, and there are so many that it takes a thirtieth of
+the time of compiling.
 """
 
 from collections.abc import Iterable
