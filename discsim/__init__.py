@@ -1,14 +1,12 @@
 """discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust."""
 
+import atexit
+import gc
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 __all__ = ["SceneError", "Simulation", "load_scene", "plot", "read_snapshot"]
-
-# For gc.set_threshold where a command starts. Imports and compiling make many objects that stay; to look through them
-# for garbage over and over took a tenth of a warm start and a twelfth of a cold one. What a step makes is freed so.
-RARELY = (100_000, 20, 100)
 
 if TYPE_CHECKING:
     from discsim import plot
@@ -23,6 +21,16 @@ _HOMES = {
     "read_snapshot": "discsim.output.snapshot",
 }
 _MODULES = ("plot",)  # with matplotlib
+
+
+def collect_rarely() -> None:
+    """Let a process that runs a command look for garbage seldom, and not at all when it ends.
+
+    Imports and compiling make many objects that stay. To look through them over and over took a tenth of a warm start
+    and a twelfth of a cold one; what a step makes is freed without.
+    """
+    gc.set_threshold(100_000, 20, 100)
+    atexit.register(gc.freeze)
 
 
 def __getattr__(name: str) -> Any:

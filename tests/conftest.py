@@ -5,7 +5,6 @@ Garbage is looked for as rarely as a command does it. Ctrl-C interrupts tests as
 background, where it would be ignored.
 """
 
-import gc
 import os
 import signal
 import tempfile
@@ -15,12 +14,12 @@ from collections import Counter
 import pytest
 from hypothesis import settings
 
-from discsim import RARELY
+from discsim import collect_rarely
 from discsim.numerics import threads
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="discsim-tests-")
-gc.set_threshold(*RARELY)
+collect_rarely()
 threads.LIGHT = 64  # where a test has several threads, they share what they share in runs of many particles
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same-every-time", derandomize=True, deadline=None)

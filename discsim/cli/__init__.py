@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import atexit
-import gc
-
-from discsim import RARELY
+from discsim import collect_rarely
 from discsim.cli.base import app, refuse
 from discsim.parts import PartError
 
@@ -17,8 +14,7 @@ __all__ = ["app", "costs", "looking", "main", "runs", "scenes"]
 
 def main() -> None:
     """Entry point of the command `discsim`."""
-    gc.set_threshold(*RARELY)
-    atexit.register(gc.freeze)  # what a run leaves goes with its process: Python need not look through it once more
+    collect_rarely()
     try:
         app(prog_name="discsim")
     except PartError as error:

@@ -14,7 +14,7 @@ from llvmlite.binding import get_host_cpu_name
 from numba import config
 from numba.core.codegen import get_host_cpu_features
 
-from discsim.kernels import bookkeeping, cache, copied
+from discsim.kernels import bookkeeping, cache, copied, kept
 
 features = get_host_cpu_features()
 if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
@@ -22,6 +22,7 @@ if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-
 
 bookkeeping.take_over()
 copied.take_over()
+kept.take_over()
 target = (config.CPU_NAME or get_host_cpu_name(), config.CPU_FEATURES or features)  # type: ignore[attr-defined]
 cache.follow(Path(__file__).parent, repr(target))
 cache.ensure(lambda: None)  # of this directory, as the kernels are

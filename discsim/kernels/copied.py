@@ -8,7 +8,7 @@ the copies are, in every caller and its callers in turn. That took another fourt
 
 from typing import Any
 
-from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
+from numba.core.codegen import CPUCodeLibrary, JITCPUCodegen
 from numba.core.typing import templates
 
 # What names begin with of functions here and of numba's own. Others' are left as they are: two functions that call each
@@ -16,14 +16,18 @@ from numba.core.typing import templates
 OURS = "_ZN7discsim", "_ZN5numba"
 UNCALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # as CALLED and KERNEL in `inner`
 
-Template: Any = getattr(templates, "_OverloadFunctionTemplate", None)
+Template: Any = getattr(templates, "_OverloadFunctionTemplate", object)
 # What numba does not promise to keep: one that has none of that makes machine code of all.
-known_inside = "_add_module" in vars(JITCPUCodegen) and hasattr(Template, "_build_impl")
-known_inside = known_inside and hasattr(CPUCodeLibrary, "_optimize_final_module")
+INSIDES = (
+    (JITCPUCodegen, "_add_module"),
+    (JITCPUCodegen, "set_env"),
+    (CPUCodeLibrary, "_optimize_final_module"),
+    (Template, "_build_impl"),
+)
+known_inside = all(name in vars(where) for where, name in INSIDES)
 if known_inside:
     add_module, set_env = JITCPUCodegen._add_module, JITCPUCodegen.set_env
-    serialize, build = JITCodeLibrary.serialize_using_object_code, Template._build_impl
-    optimize = CPUCodeLibrary._optimize_final_module
+    build, optimize = Template._build_impl, CPUCodeLibrary._optimize_final_module
 
 
 def is_copied(module: Any) -> bool:
@@ -49,11 +53,6 @@ def set_where_defined(codegen: Any, name: str, env: Any) -> None:
         set_env(codegen, name, env)
 
 
-def kept_as(library: Any) -> tuple[Any, ...]:
-    """What the cache keeps of a library."""
-    return library.serialize_using_bitcode() if is_copied(library._final_module) else serialize(library)
-
-
 def built(template: Any, key: Any, args: Any, kws: Any) -> Any:
     template._jit_options = template._jit_options | UNCALLED
     return build(template, key, args, kws)
@@ -65,5 +64,4 @@ def take_over() -> None:
         CPUCodeLibrary._optimize_final_module = optimize_uncopied  # type: ignore[method-assign]
         JITCPUCodegen._add_module = add  # type: ignore[method-assign]
         JITCPUCodegen.set_env = set_where_defined  # type: ignore[method-assign]
-        JITCodeLibrary.serialize_using_object_code = kept_as  # type: ignore[method-assign]
         Template._build_impl = built

@@ -7,8 +7,6 @@ ends. Whatever it fails at, the first compiles itself.
 
 from __future__ import annotations
 
-import atexit
-import gc
 import math
 import subprocess
 import sys
@@ -17,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from discsim import RARELY
+from discsim import collect_rarely
 from discsim.effects import effect_classes
 from discsim.scene import Scene, load_scene
 
@@ -76,6 +74,5 @@ def some_particles(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    gc.set_threshold(*RARELY)
-    atexit.register(gc.freeze)  # as in discsim/cli
+    collect_rarely()
     kick_once(load_scene(tomllib.loads(sys.argv[1])))

@@ -13,6 +13,7 @@ def loaded(module, name="another"):
 
 def loaded_without(monkeypatch, module, where, name):
     """The same after it would have taken over from a numba whose `where` has no attribute of that name."""
+    assert loaded(module).known_inside
     with monkeypatch.context() as gone:
         gone.delattr(where, name)
         other = loaded(module)
