@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.neighbours import LANES
+from discsim.kernels import SINGLES
+from discsim.kernels.neighbours import LANES, whole
 
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 CHUNK = 256
@@ -31,6 +32,12 @@ class Scale(NamedTuple):
     mass: float
     length: float
     speed: float
+
+
+@njit(inline="always")
+def all_of(single, n):
+    """n candidates of a pack, filled up to whole vectors; a rest of half a vector would be added up on its own."""
+    return (n + SINGLES - 1) & -SINGLES if single else whole(n)
 
 
 @njit(inline="always")
