@@ -56,6 +56,8 @@ def case(name: str, size: int, threads: int, scheme: str | None = None) -> dict[
     dust = {"ratio": 0.01}
     if name == "gas":
         return scene(size, 0, {}, threads)
+    if name == "box":
+        return in_box(scene(size, 0, {}, threads))
     if name == "gravity":
         return scene(size, 0, {"self_gravity": gravity}, threads)
     if name == "mix":
@@ -63,6 +65,15 @@ def case(name: str, size: int, threads: int, scheme: str | None = None) -> dict[
         return scene(size, 10 * size, {"self_gravity": gravity, "dust": dust, "drag": drag}, threads)
     drag["direction"] = name.split()[1]
     return scene(size // 10, size, {"self_gravity": gravity, "dust": dust, "drag": drag}, threads)
+
+
+def in_box(tables: dict[str, Any]) -> dict[str, Any]:
+    """The gas of a disc as a sound wave in a periodic box."""
+    return {key: value for key, value in tables.items() if key != "star"} | {
+        "space": {"size": 1.0, "boundary": "periodic"},
+        "initial": {"kind": "wave", "amplitude": 0.1},
+        "gas": tables["gas"] | {"eos": {"kind": "isothermal", "sound_speed": 1.0}},
+    }
 
 
 def without_dust(tables: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,8 @@ A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, a
 apart) in a process of its own for every line:
 
     gas            the star and SPH with about 25 neighbours (cubic), viscosity with Balsara's switch
-    gravity        the same with self-gravity on 2.7 cells a particle
+    box            the same SPH of isothermal gas in a periodic box, a sound wave, without a star
+    gravity        the disc with self-gravity on 2.7 cells a particle
     dust one-way   ten dust particles for each of gas, drag by the default or `--scheme`, gravity of the gas
     dust two-way   the same, both ways
     mix            the same with the dust's gravity, at ten times the dust
@@ -54,7 +55,7 @@ from discsim.parts import SCHEMES, USUAL_SCHEME
 from discsim.study.scripts import some_of, whole_numbers
 
 ORDER = ("gas", "star", "self_gravity", "dust", "drag")
-CASES = ("gas", "gravity", "dust one-way", "dust two-way", "mix", "main")
+CASES = ("gas", "box", "gravity", "dust one-way", "dust two-way", "mix", "main")
 BY_PASS = ("mix", "main")  # cases of which passes are shown
 PARTS = ("cases", "growth", "effects", "steps", "sizes")
 SIZES = 8
@@ -281,7 +282,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     sizes, parts = options.sizes, options.parts
-    console = Console(stderr=options.json)
+    console = Console(stderr=options.json, width=100)
     options.output.mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {}
     if "cases" in parts:

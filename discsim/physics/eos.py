@@ -187,6 +187,12 @@ class IsothermalGas(Eos):
     keys = Isothermal
     one_speed = on_grid = True
 
+    def pressure_and_sound_speed(
+        self, scene: Scene, pos: Array, density: Array, u: Array | None
+    ) -> tuple[Array, Array]:
+        speed = scene.gas.eos.sound_speed
+        return speed * speed * density, np.full_like(density, speed)
+
 
 class LocallyIsothermalGas(Eos):
     keys = LocallyIsothermal
