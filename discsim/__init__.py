@@ -27,7 +27,7 @@ def collect_rarely() -> None:
     """Let a process that runs a command look for garbage seldom, and not at all when it ends.
 
     Imports and compiling make many objects that stay. To look through them over and over took a tenth of a warm start
-    and a twelfth of a cold one; what a step makes is freed without.
+    and a twelfth of a cold one; what a step makes is freed without that.
     """
     gc.set_threshold(100_000, 20, 100)
     atexit.register(gc.freeze)

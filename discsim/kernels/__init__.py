@@ -19,7 +19,7 @@ from discsim.kernels import bookkeeping, cache, copied, kept
 features = get_host_cpu_features()
 if config.CPU_FEATURES is None and "+avx512f" in features:  # type: ignore[attr-defined]
     config.CPU_FEATURES = features + ",-prefer-256-bit"  # type: ignore[attr-defined]
-# Numbers of single precision in a vector.
+# Numbers of single precision in a vector, at most.
 SINGLES = 16 if "+avx512f" in (config.CPU_FEATURES or "") else 8  # type: ignore[attr-defined]
 
 bookkeeping.take_over()

@@ -8,7 +8,7 @@ the copies are, in every caller and its callers in turn. That took another fourt
 
 from typing import Any
 
-from numba.core.codegen import CPUCodeLibrary, JITCPUCodegen
+from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
 from numba.core.typing import templates
 
 # What names begin with of functions here and of numba's own. Others' are left as they are: two functions that call each
@@ -17,7 +17,7 @@ OURS = "_ZN7discsim", "_ZN5numba"
 UNCALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # as CALLED and KERNEL in `inner`
 
 Template: Any = getattr(templates, "_OverloadFunctionTemplate", object)
-# What numba does not promise to keep: one that has none of that makes machine code of all.
+# What numba does not promise to keep: one that lacks any of these makes machine code of all.
 INSIDES = (
     (JITCPUCodegen, "_add_module"),
     (JITCPUCodegen, "set_env"),
@@ -27,7 +27,8 @@ INSIDES = (
 known_inside = all(name in vars(where) for where, name in INSIDES)
 if known_inside:
     add_module, set_env = JITCPUCodegen._add_module, JITCPUCodegen.set_env
-    build, optimize = Template._build_impl, CPUCodeLibrary._optimize_final_module
+    serialize, build = JITCodeLibrary.serialize_using_object_code, Template._build_impl
+    optimize = CPUCodeLibrary._optimize_final_module
 
 
 def is_copied(module: Any) -> bool:
@@ -53,6 +54,11 @@ def set_where_defined(codegen: Any, name: str, env: Any) -> None:
         set_env(codegen, name, env)
 
 
+def kept_as(library: Any) -> tuple[Any, ...]:
+    """What the cache keeps of a library: its name, the kind of what follows, and that."""
+    return library.serialize_using_bitcode() if is_copied(library._final_module) else serialize(library)
+
+
 def built(template: Any, key: Any, args: Any, kws: Any) -> Any:
     template._jit_options = template._jit_options | UNCALLED
     return build(template, key, args, kws)
@@ -63,5 +69,6 @@ def take_over() -> None:
     if known_inside:
         CPUCodeLibrary._optimize_final_module = optimize_uncopied  # type: ignore[method-assign]
         JITCPUCodegen._add_module = add  # type: ignore[method-assign]
+        JITCodeLibrary.serialize_using_object_code = kept_as  # type: ignore[method-assign]
         JITCPUCodegen.set_env = set_where_defined  # type: ignore[method-assign]
         Template._build_impl = built

@@ -2,8 +2,7 @@
 
 Beside machine code it has LLVM's intermediate code, for functions that are compiled later and call this one. numba
 reads that too whenever it loads a kernel, to learn which names are defined in it: a thirtieth of a start that compiles
-nothing. Here these names are kept as well, and the intermediate code is read when it is asked for. What has no machine
-code (see `copied`) is kept as intermediate code alone.
+nothing. Here these names are kept as well, and the intermediate code is read when it is asked for.
 """
 
 from typing import Any
@@ -13,27 +12,31 @@ from numba.core.codegen import CodeLibrary, CPUCodeLibrary, JITCodeLibrary, JitE
 
 from discsim.kernels import copied
 
-KIND = "kernel"  # of what is kept with its names; numba itself has "object" and "bitcode"
-OURS = "_ZN7discsim", "_ZN7cpython7discsim", "NRT_"  # how names in it begin; the last of numba's own, in any
+KIND = "kernel"  # of what is kept together with its names; numba's own kinds are "object" and "bitcode"
+# How the names of all functions in a kernel begin; those of numba's own that count references may be in any. Kernels
+# are kept in a place of their own (`cache`): a process without discsim, which knows no such KIND, finds none.
+OURS = "_ZN7discsim", "_ZN7cpython7discsim", "NRT_"
 
-# What numba does not promise to keep: one that has none of that keeps and reads what it is used to.
+# What numba does not promise to keep: one that lacks any of these keeps and reads what it is used to.
 INSIDES = (
     (CPUCodeLibrary, "_unserialize"),
     (CPUCodeLibrary, "_get_module_for_linking"),
+    (CPUCodeLibrary, "_finalize_final_module"),
     (CodeLibrary, "_set_compiled_object"),
-    (JitEngine, "_load_defined_symbols"),
 )
 known_inside = copied.known_inside and all(name in vars(where) for where, name in INSIDES)
+known_inside = known_inside and "_shared_module" in CPUCodeLibrary._get_module_for_linking.__code__.co_names
+known_inside = known_inside and "_defined_symbols" in JitEngine.is_symbol_defined.__code__.co_names
 if known_inside:
-    serialize, unserialize = JITCodeLibrary.serialize_using_object_code, vars(CPUCodeLibrary)["_unserialize"].__func__
+    unserialize = vars(CPUCodeLibrary)["_unserialize"].__func__
     module_to_link = CPUCodeLibrary._get_module_for_linking
 
 
 def kept_as(library: Any) -> tuple[Any, ...]:
-    """What the cache keeps of a library."""
-    if copied.is_copied(library._final_module):
-        return library.serialize_using_bitcode()
-    name, kind, data = serialize(library)
+    """What the cache keeps of a library: its name, the kind of what follows, and that."""
+    name, kind, data = copied.kept_as(library)
+    if kind != "object" or len(data) != 2:
+        return name, kind, data
     module = library._get_module_for_linking()
     functions = [one.name for one in module.functions if not one.is_declaration]
     if not all(one.startswith(OURS) for one in functions):  # another's, which a process without discsim may load

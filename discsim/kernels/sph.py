@@ -125,7 +125,7 @@ def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame,
             pack[ENERGY * STRIDE + k], pack[P * STRIDE + k] = columns[j, ENERGY], columns[j, P]
         if shearing:
             pack[FLUIDITY * STRIDE + k] = columns[j, FLUIDITY]
-    for k in range(count, np.uint64(whole(len(slots)) + LANES)):  # and what a window is filled up with
+    for k in range(count, np.uint64(whole(len(slots)) + LANES)):  # what windows and `all_of` are filled up with
         pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
 
 

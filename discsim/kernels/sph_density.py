@@ -259,7 +259,7 @@ def pack_masses(dim, shear, begin, end, slots, order, vel, mass, ux, uy, per_mas
             vx[k] = vel[j, 0] - ux
             if dim == 2:
                 vy[k] = vel[j, 1] - uy
-    for k in range(count, np.uint64(whole(end - begin) + LANES)):  # and what a window is filled up with
+    for k in range(count, np.uint64(whole(end - begin) + LANES)):  # what windows and `all_of` are filled up with
         masses[k] = 0.0
 
 

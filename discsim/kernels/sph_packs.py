@@ -36,7 +36,10 @@ class Scale(NamedTuple):
 
 @njit(inline="always")
 def all_of(single, n):
-    """n candidates of a pack, filled up to whole vectors; a rest of half a vector would be added up on its own."""
+    """n candidates of a pack, filled up to whole vectors: half a vector left over would be added up apart, slowly.
+
+    At most whole(n) + LANES: so far a pack is filled up with candidates of no mass.
+    """
     return (n + SINGLES - 1) & -SINGLES if single else whole(n)
 
 

@@ -30,6 +30,14 @@ print(is_unread(), second_of(*given), is_unread())
 print(*(sum(one.stats.cache_hits.values()) for one in (cell_of, second_of)))
 """
 
+# A numba that has the intermediate code of a library elsewhere.
+ANOTHER = """
+from numba.core.codegen import CPUCodeLibrary
+
+as_numba_links = CPUCodeLibrary._get_module_for_linking
+CPUCodeLibrary._get_module_for_linking = lambda library: as_numba_links(library)
+"""
+
 # One of another package, which calls none of discsim's.
 OTHER = """
 import sys
@@ -64,6 +72,11 @@ def test_intermediate_code_is_read_when_a_kernel_is_compiled_that_calls_it(tmp_p
         ["True", "2", "True", "1", "1"],
         ["True", "2", "False", "1", "0"],
     ]
+
+
+def test_a_numba_that_has_it_elsewhere_keeps_and_reads_it_as_it_is_used_to(tmp_path):
+    found = [printed(tmp_path, ANOTHER + CALLER) for _ in range(2)]
+    assert found == [["False", "2", "False", "0", "0"], ["False", "2", "False", "1", "1"]]
 
 
 @pytest.mark.parametrize("first, then", [([], ["discsim"]), (["discsim"], [])])

@@ -6,6 +6,9 @@ from runs import on_threads, state_bits
 from sums import uneven
 
 from discsim import Simulation
+from discsim.kernels import SINGLES
+from discsim.kernels.neighbours import LANES, whole
+from discsim.kernels.sph_packs import CHUNK, all_of
 
 ALL = {
     "eos": {"kind": "adiabatic", "gamma": 1.4},
@@ -101,3 +104,9 @@ def test_threads_and_resumes_keep_every_bit(tmp_path, monkeypatch):
     for _ in range(2):
         resumed.step()
     assert found[0] == found[1] == state_bits(resumed)
+
+
+def test_packs_have_candidates_of_no_mass_as_far_as_their_sums_look():
+    for n in range(CHUNK + 1):
+        looked_at = all_of.py_func(True, n)
+        assert n <= looked_at <= whole.py_func(n) + LANES and looked_at % SINGLES == 0
