@@ -10,15 +10,16 @@ from numba.core.codegen import JITCodeLibrary, get_host_cpu_features
 
 from discsim.kernels import kept
 
-# A kernel of a file of its own that calls one of discsim's which Python calls too. It says whether the intermediate
-# code of that is still unread, before and after, and how often each was found in the cache.
+# A kernel of a file of its own that calls two of discsim's: one that Python calls too, and one that it does not. It
+# says whether the intermediate code of the first is still unread, before and after, and how often the cache had each.
 CALLER = """
 from discsim.kernels.grid import cell_of
 from discsim.kernels.inner import compiled
+from discsim.kernels.laws import steepness
 
 @compiled
-def second_of(x, origin, inverse, count, periodic):
-    return cell_of(x, origin, inverse, count, periodic) + 1
+def place_of(x, origin, inverse, count, periodic):
+    return cell_of(x, origin, inverse, count, periodic) + int(8 * steepness(2.0, 0.0, 3.0, inverse))
 
 def is_unread():
     (found,) = cell_of.overloads.values()
@@ -26,8 +27,8 @@ def is_unread():
 
 given = 0.3, 0.0, 4.0, 4, True
 cell_of(*given)
-print(is_unread(), second_of(*given), is_unread())
-print(*(sum(one.stats.cache_hits.values()) for one in (cell_of, second_of)))
+print(is_unread(), place_of(*given), is_unread())
+print(*(sum(one.stats.cache_hits.values()) for one in (cell_of, place_of)))
 """
 
 # A numba that has the intermediate code of a library elsewhere.
@@ -64,19 +65,19 @@ def printed(directory, text, *words):
 
 def test_intermediate_code_is_read_when_a_kernel_is_compiled_that_calls_it(tmp_path):
     found = [printed(tmp_path, CALLER), printed(tmp_path, CALLER)]
-    for one in (tmp_path / "cache").rglob("caller.second_of*"):
+    for one in (tmp_path / "cache").rglob("caller.place_of*"):
         one.unlink()
     found.append(printed(tmp_path, CALLER))
     assert found == [
-        ["False", "2", "False", "0", "0"],
-        ["True", "2", "True", "1", "1"],
-        ["True", "2", "False", "1", "0"],
+        ["False", "4", "False", "0", "0"],
+        ["True", "4", "True", "1", "1"],
+        ["True", "4", "False", "1", "0"],
     ]
 
 
 def test_a_numba_that_has_it_elsewhere_keeps_and_reads_it_as_it_is_used_to(tmp_path):
     found = [printed(tmp_path, ANOTHER + CALLER) for _ in range(2)]
-    assert found == [["False", "2", "False", "0", "0"], ["False", "2", "False", "1", "1"]]
+    assert found == [["False", "4", "False", "0", "0"], ["False", "4", "False", "1", "1"]]
 
 
 @pytest.mark.parametrize("first, then", [([], ["discsim"]), (["discsim"], [])])
