@@ -69,6 +69,6 @@ def take_over() -> None:
     if known_inside:
         CPUCodeLibrary._optimize_final_module = optimize_uncopied  # type: ignore[method-assign]
         JITCPUCodegen._add_module = add  # type: ignore[method-assign]
-        JITCodeLibrary.serialize_using_object_code = kept_as  # type: ignore[method-assign]
         JITCPUCodegen.set_env = set_where_defined  # type: ignore[method-assign]
+        JITCodeLibrary.serialize_using_object_code = kept_as  # type: ignore[method-assign]
         Template._build_impl = built

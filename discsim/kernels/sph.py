@@ -311,7 +311,7 @@ def force_driver(
                 for p in range(members):
                     k = own + p
                     x, y = (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
-                    near, n = 0, all_of(single, end - listed)
+                    near, n = 0, all_of(end - listed)
                     if not single:
                         reach = max(cells.radius[k], lists.widest[c - first])
                         near, n = window(c - first, cells.x[k] - ox, reach, per_length, listed, end, lists)

@@ -291,7 +291,7 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
                     place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                     pack_masses(dim, shear, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
                     for p in range(count):
-                        at, k, near, n = seat(p), own + p, 0, all_of(single, end - listed)
+                        at, k, near, n = seat(p), own + p, 0, all_of(end - listed)
                         if members[at + STATE] != SEARCHED:
                             continue
                         from_x, from_y = cells.x[k] - ox, cells.y[k] - oy

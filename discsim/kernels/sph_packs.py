@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from discsim.kernels import SINGLES
-from discsim.kernels.neighbours import LANES, whole
+from discsim.kernels.neighbours import LANES
 
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 CHUNK = 256
@@ -35,12 +35,12 @@ class Scale(NamedTuple):
 
 
 @njit(inline="always")
-def all_of(single, n):
-    """n candidates of a pack, filled up to whole vectors: half a vector left over would be added up apart, slowly.
+def all_of(n):
+    """n candidates in single precision, filled up to whole vectors: half of one left over would be added apart, slowly.
 
     At most whole(n) + LANES: so far a pack is filled up with candidates of no mass.
     """
-    return (n + SINGLES - 1) & -SINGLES if single else whole(n)
+    return (n + SINGLES - 1) & -SINGLES
 
 
 @njit(inline="always")

@@ -108,5 +108,5 @@ def test_threads_and_resumes_keep_every_bit(tmp_path, monkeypatch):
 
 def test_packs_have_candidates_of_no_mass_as_far_as_their_sums_look():
     for n in range(CHUNK + 1):
-        looked_at = all_of.py_func(True, n)
+        looked_at = all_of.py_func(n)
         assert n <= looked_at <= whole.py_func(n) + LANES and looked_at % SINGLES == 0
