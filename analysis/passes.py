@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,16 +31,29 @@ def watched() -> Iterator[Counter[str]]:
         passes[_name(kernel)] += spent
         return out
 
+    def timed_in_turn(share: Callable[..., Any], kernels: list[tuple[Any, ...]], *given: Any, **named: Any) -> None:
+        spent: list[tuple[str, float]] = []  # by piece, of several threads at the same time
+
+        def timed_one(kernel: Any, *arguments: Any) -> None:
+            start = time.thread_time()
+            kernel(*arguments)
+            spent.append((_name(kernel), time.thread_time() - start))
+
+        share([(partial(timed_one, kernel), *arguments) for kernel, *arguments in kernels], *given, **named)
+        for name, seconds in spent:
+            passes[name] += seconds
+
+    shares = {threads.share: timed, threads.share_all: timed, threads.share_in_turn: timed_in_turn}
     modules: list[Any] = list(sys.modules.values())
     users = [
         (module, share.__name__, share)
-        for share in (threads.share, threads.share_all)
+        for share in shares
         for module in modules
         if getattr(module, share.__name__, None) is share
     ]
     try:
         for module, name, share in users:
-            setattr(module, name, partial(timed, share))
+            setattr(module, name, partial(shares[share], share))
         yield passes
     finally:
         for module, name, share in users:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from discsim.kernels.nodes import BX, FIELDS, Cells, Change, Nodes, Sharp, Slope
 from discsim.kernels.rows import LANES
 from discsim.numerics import world
 from discsim.numerics.room import aligned
-from discsim.numerics.threads import share
+from discsim.numerics.threads import share, share_in_turn
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -88,21 +88,22 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     law = law_of(drag, dt)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     cells, nodes = _sums(drag, there, few and len(state.own_acc["dust"]) == 0)
-    packed = [
-        _gather(drag, kind, cells, nodes, rows, about_star, law.code)
-        for kind, rows in zip((gas, dust), there.rows, strict=True)
-    ]
-    sharp = _relax_nodes(drag, state, blocks, cells, nodes, law, about_star, len(heat) > 0)
+    rows_of_gas, rows_of_dust = there.rows
+    gas_columns, collect = _gather(drag, gas, cells, nodes, rows_of_gas, about_star, law.code)
+    share_in_turn([collect], len(nodes.near), least=LEAST)  # dust asks which nodes have gas
+    dust_columns, collect = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
+    sharp = _relax_nodes(drag, state, blocks, cells, nodes, collect, law, about_star, len(heat) > 0)
+    packed = gas_columns, dust_columns
     met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
     # Heat goes on from what others' particles lose.
     kicked = len(cells.home) if len(heat) > 0 else drag.agree.own_blocks(len(cells.home))
-    for kind, columns, rate in zip((gas, dust), packed, met, strict=True):
-        if kind is gas and not drag.two_way:
-            continue  # it feels nothing, and is kicked elsewhere
-        share(
-            nodes_scatter.scatter, kicked, kind, cells, nodes, sharp, *columns, dt, drag.exponential, rate,
-            least=LEAST,
-        )  # fmt: skip
+    kinds = list(zip((gas, dust), packed, met, strict=True))[not drag.two_way :]  # else gas is kicked elsewhere
+    passes = [
+        (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, drag.exponential, rate)
+        for kind, columns, rate in kinds
+    ]
+    share_in_turn(passes, kicked, least=LEAST)  # the heat of a node is that of the gas and then of the dust
+    for kind, *_ in kinds:
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
     if len(heat) > 0:
         nodes_heat.pass_on(nodes, sharp.heat)
@@ -175,9 +176,9 @@ def _rows(start: Array, count: int) -> Array:
 
 def _gather(
     drag: Drag, kind: Species, cells: Cells, nodes: Nodes, rows: Array, about_star: Frame, law: int
-) -> tuple[Array, Array]:
-    """What the nodes have of some particles. Returns where the columns of each population in a block begin and these,
-    or rows of grains taken one by one.
+) -> tuple[tuple[Array, Array], tuple[Any, ...]]:
+    """What cells have of some particles. Returns where the columns of each population in a block begin and these, or
+    rows of grains taken one by one; and a kernel that sums up what nodes have, with its arguments.
     """
     name, count = ("gas", "dust")[kind.first], len(cells.home)
     if kind.first > 0 and len(cells.total) > 0:
@@ -186,49 +187,42 @@ def _gather(
             nodes_grains.gather_grains, count, kind, cells, nodes, about_star, law, row, cells.share,
             least=LEAST,
         )  # fmt: skip
-        share(nodes_grains.collect_grains, len(nodes.near), kind, nodes, row, cells.share, least=LEAST)
-        return np.empty(0, np.int64), row.ravel()
+        collect = nodes_grains.collect_grains, kind, nodes, row, cells.share
+        return (np.empty(0, np.int64), row.ravel()), collect
     begin = (FIELDS if len(kind.own) > 0 else BX) * LANES * rows
     column = _kept(drag, f"columns of {name}", int(begin[-1]))
     square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
     share(nodes_gather.gather, count, kind, cells, nodes, about_star, law, begin, column, square, least=LEAST)
-    share(nodes_gather.collect, len(nodes.near), kind, cells, nodes, square, least=LEAST)
-    return begin, column
+    return (begin, column), (nodes_gather.collect, kind, cells, nodes, square)
 
 
-def _mean_sound(state: State, blocks: Blocks, cells: Cells, nodes: Nodes) -> Array:
-    """Sound speed (n,) of the gas about each node."""
-    count, sound = len(blocks.level), np.empty(len(nodes.near))
-    number = np.diff(blocks.gas_start[: count + 1])
-    of_block = np.repeat(np.arange(count), number)
-    speeds = np.bincount(of_block, state.gas.sound_speed[blocks.gas_order[: len(of_block)]], count)
-    means = speeds / np.maximum(number, 1)
-    share(nodes_relax.mean_sound, len(sound), nodes, cells.own, means, sound, least=LEAST)
-    return sound
+def _mean_sound(state: State, blocks: Blocks) -> Array:
+    """Mean sound speed of the gas in each block (blocks,)."""
+    number = np.diff(blocks.gas_start[: len(blocks.level) + 1])
+    of_block = np.repeat(np.arange(len(number)), number)
+    speeds = state.gas.sound_speed[blocks.gas_order[: len(of_block)]]
+    return np.bincount(of_block, speeds, len(number)) / np.maximum(number, 1)
 
 
 def _relax_nodes(
-    drag: Drag, state: State, blocks: Blocks, cells: Cells, nodes: Nodes, law: Law, about_star: Frame, heating: bool
-) -> Sharp:
+    drag: Drag, state: State, blocks: Blocks, cells: Cells, nodes: Nodes, collect: tuple[Any, ...], law: Law,
+    about_star: Frame, heating: bool,
+) -> Sharp:  # fmt: skip
+    """Relax the slip at nodes, once `collect` has summed up what these have of the dust."""
     total, species = nodes.sums.shape[:2]
     sourced = np.array([len(state.own_acc["gas"]) > 0] + [len(state.own_acc["dust"]) > 0] * (species - 1))
     slopes = Slopes(aligned((total, 4)), aligned((total, species, 4)), np.zeros((total, species), bool))
-    share(nodes_fit.fit, total, cells, nodes, drag.dim, drag.two_way, sourced, slopes, least=LEAST)
-    sound = _mean_sound(state, blocks, cells, nodes) if drag.law.nonlinear else None
+    passes = [collect, (nodes_fit.fit, cells, nodes, drag.dim, drag.two_way, sourced, slopes)]
+    sound = None
+    if drag.law.nonlinear:
+        sound = np.empty(total)
+        passes.append((nodes_relax.mean_sound, nodes, cells.own, _mean_sound(state, blocks), sound))
+    share_in_turn(passes, total, least=LEAST)
     change = Change(*aligned((2, total, species, 2)), *aligned((2, total, species)))
     share(
-        nodes_relax.relax,
-        total,
-        nodes,
-        slopes,
-        sourced,
-        sound,
-        law,
-        about_star,
-        drag.classes.several,
-        change,
+        nodes_relax.relax, total, nodes, slopes, sourced, sound, law, about_star, drag.classes.several, change,
         least=LEAST,
-    )
+    )  # fmt: skip
     sharp = Sharp(
         aligned((total, species, LANES)), aligned((total, 4)), np.empty(total if heating else 0),
         np.empty((total if heating and len(nodes.square) > 0 else 0, 2, LANES)),

@@ -76,7 +76,7 @@ class Effect:
     # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone. What is not
     # shared reaches the relaxation as `state.own_acc`.
     shared = False
-    writes_first = False  # whether its `accelerate` begins with 0 where acc is that of another time, `state.blank`
+    writes_first = False  # whether its `accelerate` begins anew where acc is that of another time, `state.blank`
     is_kick = False  # whether it kicks gas and dust together, in place of each species' own; one in a scene at most
     needs_grid = False  # whether `state.grid` has to be there
     # Attributes that it has made of the particles of the start, in `__init__` or `begin`: other processes, which have

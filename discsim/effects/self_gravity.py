@@ -221,8 +221,8 @@ class Effect(base.Effect):
         self._made, self._prepared = True, False
         monopole: _Monopole | None = None
         self.outside = 0
-        for name, particles in state.species.items():
-            strongest, missing = self.mesh.pull(particles.pos, particles.acc)
+        found = self.mesh.pull((p.pos, p.acc) for p in state.species.values())
+        for (name, particles), (strongest, missing) in zip(state.species.items(), found, strict=True):
             if missing > 0:
                 outside = self.grid.outside(particles.pos)
                 monopole = monopole or self._monopole()

@@ -110,11 +110,11 @@ class Effect(base.Effect):
         both, counted = state.species, self.counted if bodies is not None else []
         for name, p in both.items():
             if name not in counted:
-                share(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given, light=True)
+                share(kernels.attract, p.count, p.pos, p.acc, *state.blank_of(name), *given, light=True)
         if bodies is None:
             return
         mutual = {name: p for name, p in both.items() if name in counted}
-        pulling = [(p.count, p.pos, p.acc, name in state.blank, p.mass, *given) for name, p in mutual.items()]
+        pulling = [(p.count, p.pos, p.acc, *state.blank_of(name), p.mass, *given) for name, p in mutual.items()]
         for name, limbs in zip(mutual, share_all(kernels.attract_mutually, pulling), strict=True):
             bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         if not self.orbits.inertial:

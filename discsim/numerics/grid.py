@@ -6,6 +6,7 @@ them leave no particle a force on itself, and conserve momentum.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +17,7 @@ from discsim.kernels.gradient import gradient
 from discsim.numerics.batches import LEAST
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.sorting import counting_sort
-from discsim.numerics.threads import share
+from discsim.numerics.threads import share, share_all
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -119,16 +120,23 @@ class Grid:
         share(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, part, out)
         return out[:, 0] if scalar else out
 
-    def pull(self, gradient: Array, pos: Array, acc: Array, first: Node = ORIGIN) -> tuple[float, int]:
-        """Take `gradient` (nx, ny, 2) at the particles off `acc` (n, dimensions), but for those off the grid.
+    def pull(
+        self, gradient: Array, several: Iterable[tuple[Array, Array]], first: Node = ORIGIN
+    ) -> list[tuple[float, int]]:
+        """Take `gradient` (nx, ny, 2) at the particles of some species off their acceleration, but for those off the
+        grid; `several` are the places and accelerations (n, dimensions) of each.
 
-        Returns the largest length of what is taken off, and how many particles are off the grid.
+        Returns of each the largest length of what is taken off, and how many particles are off the grid.
         """
-        chunks = -(-len(pos) // kernels.CHUNK)
-        largest, missing = np.empty(chunks), np.empty(chunks, np.int64)
         where = self.origin, 1.0 / self.cell, self.periodic, (*self.shape, *first)
-        share(kernels.pull, chunks, gradient, pos, *where, acc, largest, missing, least=1)
-        return float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())
+        ranges, found = [], []
+        for pos, acc in several:
+            chunks = -(-len(pos) // kernels.CHUNK)
+            of_chunks = np.empty(chunks), np.empty(chunks, np.int64)
+            ranges.append((chunks, gradient, pos, *where, acc, *of_chunks))
+            found.append(of_chunks)
+        share_all(kernels.pull, ranges, least=1)
+        return [(float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())) for largest, missing in found]
 
     def places(self, pos: Array) -> tuple[Array, int]:
         """Place of the cell of each particle (n,), to sort by for memory locality, and how many places there are."""

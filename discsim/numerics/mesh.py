@@ -67,9 +67,11 @@ class Mesh:
         """The gradient of the potential, for `pull`."""
         self.grid.gradient(self._potential, out=self._gradient)
 
-    def pull(self, pos: Array, acc: Array) -> tuple[float, int]:
-        """Add to `acc` (n, d) what particles at `pos` on the grid feel; the strongest, and how many are off it."""
-        return self.grid.pull(self._gradient, pos, acc, self.first)
+    def pull(self, several: Iterable[tuple[Array, Array]]) -> list[tuple[float, int]]:
+        """Add to accelerations what particles on the grid feel, `several` places and accelerations (n, d); of each the
+        strongest, and how many are off the grid.
+        """
+        return self.grid.pull(self._gradient, several, self.first)
 
     def potential(self, pos: Array) -> Array:
         """The potential (n,) at particles; 0 off the grid."""

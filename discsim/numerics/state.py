@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+NOTHING = np.empty((0, 2))
 
 
 @dataclass(kw_only=True)
@@ -196,7 +197,8 @@ class State:
     lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
-    blank: set[str] = field(default_factory=set)  # species whose `acc` is of another time, for who writes it first
+    # Species whose `acc` is of another time, and what who writes it first begins with: no entries are 0.
+    blank: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)
     pace: Pace | None = None  # of an effect that comes once in some steps
     # Where gas cools: its energies (n,) after a time at `kick_rate`. Kicks of u, and foreseen ones, take it.
@@ -207,6 +209,10 @@ class State:
         left = until - self.time
         self.time = until if abs(dt - left) <= 1e-9 * dt else self.time + dt
         self.step += 1
+
+    def blank_of(self, name: str) -> tuple[bool, Array]:
+        """Whether `acc` of a species is blank, and what it then begins with (n, d)."""
+        return name in self.blank, self.blank.get(name, NOTHING)
 
     @property
     def species(self) -> dict[str, Particles]:

@@ -71,6 +71,21 @@ def share_all(
     return [[one for one, whose in zip(found, of, strict=True) if whose == k] for k in range(len(several))]
 
 
+def share_in_turn(kernels: list[tuple[Any, ...]], count: int, *, least: int = 4096) -> None:
+    """`share` of several kernels, each with its arguments, as one loop: pieces go through all of them in turn.
+
+    Threads do not wait for each other between kernels: of what those before it have made each may read its own range.
+    """
+    threads = numba.get_num_threads()
+
+    def kernel(first: int, last: int) -> None:
+        for one, *arguments in kernels:
+            one(first, last, *arguments)
+
+    runs = pieces(count, least, threads)
+    _run(kernel, [span for run in runs for span in run], (), [len(run) for run in runs], threads)
+
+
 def _run(
     kernel: Callable[..., Any],
     parts: list[tuple[Any, ...]],

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.effects.base import Effect
-from discsim.numerics import world
+from discsim.numerics import room, world
 from discsim.numerics.state import State
 from discsim.numerics.teams import beside, several_threads
 from discsim.numerics.threads import copied, share
@@ -69,9 +69,8 @@ def _add_all(state: State, effects: Effects, costs: Costs) -> None:
     order = [*own, *(name for name in effects if name not in own)]
     state.blank.clear()
     for species, p in state.species.items():
-        first = next((name for name in order if species in effects[name].acts_on), None)
-        if first is not None and effects[first].writes_first:
-            state.blank.add(species)
+        if _written_first(order, effects, species):
+            state.blank[species] = p.acc[:0]
         else:
             share(moves.blank, p.count, p.acc, light=True)
     for name in own:
@@ -80,9 +79,27 @@ def _add_all(state: State, effects: Effects, costs: Costs) -> None:
     if owner is not None:
         alone = {name for acts_on in own.values() for name in acts_on}
         with costs(owner):
-            state.own_acc = {name: copied(p.acc) if name in alone else p.acc[:0] for name, p in state.species.items()}
+            _keep_own(state, alone, effects, order[len(own) :])
     for name in order[len(own) :]:
         _add(state, effects[name], name, costs)
+
+
+def _written_first(order: list[str], effects: Effects, species: str) -> bool:
+    """Whether the first of effects that accelerates a species begins with what is blank."""
+    first = next((name for name in order if species in effects[name].acts_on), None)
+    return first is not None and effects[first].writes_first
+
+
+def _keep_own(state: State, alone: set[str], effects: Effects, left: list[str]) -> None:
+    """What those species that feel something alone feel until now; their `acc` goes on from it."""
+    state.own_acc = {name: p.acc if name in alone else p.acc[:0] for name, p in state.species.items()}
+    for name in alone:
+        p = state.species[name]
+        if _written_first(left, effects, name):
+            p.acc = room.like(p.acc)
+            state.blank[name] = state.own_acc[name]
+        else:
+            p.acc = copied(p.acc)
 
 
 def _do(what: Callable[[State], None], state: State, name: str, costs: Costs, calls: int = 1) -> None:
@@ -95,7 +112,8 @@ def _do(what: Callable[[State], None], state: State, name: str, costs: Costs, ca
 
 def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
     _do(effect.accelerate, state, name, costs)
-    state.blank.difference_update(effect.acts_on)
+    for species in effect.acts_on:
+        state.blank.pop(species, None)
     for p in state.species.values():
         if p.immobile is not None:
             p.acc[p.immobile] = 0.0

@@ -70,13 +70,15 @@ def test_throughput_of_the_main_job_is_told_by_pass(step_cost):
     tables["gas"]["particles"], tables["dust"]["particles"] = 3000, 6000
     found = step_cost.measure(tables)
     passes = found["passes"]
-    assert {"forces", "pull", "attract_mutually", "are_finite"} <= set(passes) and min(passes.values()) >= 0.0
+    assert {"forces", "pull", "attract_mutually", "are_finite", "collect", "fit", "scatter"} <= set(passes) and min(
+        passes.values()
+    ) >= 0.0
     # Each loop once: all of them are most of a step, and no more than it.
     assert 0.5 * found["cpu"] < sum(passes.values()) <= found["cpu"]
     text = io.StringIO()
     script("throughput").show_cases([{"case": "main", "cpu_of_dust": 0.0, **found}], Console(file=text, width=200))
     assert "forces" in text.getvalue() and "outside of loops" in text.getvalue()
-    for share in (threads.share, threads.share_all):  # watched no more
+    for share in (threads.share, threads.share_all, threads.share_in_turn):  # watched no more
         assert share.__module__ == threads.__name__
 
 

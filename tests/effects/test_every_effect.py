@@ -8,6 +8,7 @@ from runs import on_threads
 from stepping import assert_sane, disc
 
 from discsim import Simulation, load_scene
+from discsim.numerics import threads
 from discsim.parts import EFFECTS
 from discsim.scene.tables import removable
 
@@ -63,12 +64,14 @@ def start():
 
 
 def test_the_same_bits_on_any_number_of_threads(monkeypatch, start):
-    """Of effects at once, particles and what is added up over them, in pieces of 50 and of all particles; the field of
-    self-gravity has threads of its own (numerics/test_poisson.py).
+    """Of effects at once, particles and what is added up over them, in pieces of 50 and of all particles, in whatever
+    order they come; the field of self-gravity has threads of its own (numerics/test_poisson.py).
     """
     scene = {name: table for name, table in EVERYTHING.items() if name != "self_gravity"}
     ends = []
-    for _ in on_threads(monkeypatch):
+    for number in on_threads(monkeypatch, (1, 3, 4)):
+        if number == 4:
+            monkeypatch.setattr(threads, "_run", last_piece_first)
         sim = Simulation(scene, start)
         for _ in range(3):
             sim.step()
@@ -76,7 +79,11 @@ def test_the_same_bits_on_any_number_of_threads(monkeypatch, start):
         arrays = [array for group in held for array in group.arrays().values()]
         arrays += [np.atleast_1d(value) for value in asdict(sim.state.ledger).values()]
         ends.append([array.tobytes() for array in arrays])
-    assert ends[0] == ends[1]
+    assert ends[0] == ends[1] == ends[2]
+
+
+def last_piece_first(kernel, parts, arguments, lengths, number):
+    return [kernel(*part, *arguments) for part in parts[::-1]][::-1]
 
 
 def test_effects_act_on_whom_they_say(start):

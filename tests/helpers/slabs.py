@@ -70,7 +70,7 @@ def found(mesh, species):
     off = 0
     for p in species.values():
         p.acc[:] = 0.0
-        off += mesh.pull(p.pos, p.acc)[1]
+        off += mesh.pull([(p.pos, p.acc)])[0][1]
     return {n: np.column_stack([p.acc, mesh.potential(p.pos)]) for n, p in species.items()}, off
 
 

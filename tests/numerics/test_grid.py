@@ -79,11 +79,13 @@ def test_what_is_pulled_is_what_is_gathered(grid):
     """Up to the last nodes of a periodic box, beyond which the first ones are next."""
     pos, _ = particles(grid)
     field = np.random.default_rng(4).normal(size=(*grid.shape, 2))
-    acc = np.zeros(pos.shape)
-    strongest, missing = grid.pull(field, pos, acc)
-    expected = grid.gather(field if pos.shape[1] == 2 else field[:, :, :1], pos)
-    np.testing.assert_allclose(acc, -expected.reshape(acc.shape), atol=ROUNDING)
-    assert strongest == pytest.approx(np.linalg.norm(acc, axis=1).max()) and missing == 0
+    places = pos, pos[:7], pos[:0]  # of some species
+    accelerations = [np.zeros(each.shape) for each in places]
+    found = grid.pull(field, zip(places, accelerations, strict=True))
+    expected = grid.gather(field if pos.shape[1] == 2 else field[:, :, :1], pos).reshape(pos.shape)
+    for acc, (strongest, missing) in zip(accelerations, found, strict=True):
+        np.testing.assert_allclose(acc, -expected[: len(acc)], atol=ROUNDING)
+        assert strongest == pytest.approx(np.linalg.norm(acc, axis=1).max(initial=0.0)) and missing == 0
 
 
 def test_gather_is_exact_for_linear_fields():

@@ -13,7 +13,7 @@ from runs import WAVE, scene_of
 
 from discsim import Simulation
 from discsim.numerics import teams
-from discsim.numerics.threads import fill, pieces, share, share_all
+from discsim.numerics.threads import fill, pieces, share, share_all, share_in_turn
 
 
 def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
@@ -97,6 +97,20 @@ def test_several_ranges_are_one_loop(counts, four_cores, monkeypatch):
     for seen, returned in zip(all_seen, found, strict=True):
         assert (seen == 1).all() and returned[0][0] == 0 and returned[-1][1] == len(seen)
         assert [a for a, _ in returned[1:]] == [b for _, b in returned[:-1]]
+
+
+@pytest.mark.parametrize("count", [0, 7, 3000])
+def test_pieces_go_through_several_kernels_in_turn(count, four_cores, monkeypatch):
+    """As one loop; each kernel finds what those before it made of the piece, and has arguments of its own."""
+    loops, run = [], teams.share
+    monkeypatch.setattr(teams, "share", lambda loop, helpers: loops.append(loop) or run(loop, helpers))
+    seen, twice = np.zeros(count), np.zeros(count)
+
+    def double(first, last, source, out):
+        out[first:last] = 2 * source[first:last]
+
+    share_in_turn([(cover, seen), (double, seen, twice)], count, least=10)
+    assert (seen == 1).all() and (twice == 2).all() and len(loops) == (count > 100)
 
 
 def test_loops_are_shared_among_the_caller_and_the_same_helpers(four_cores):
