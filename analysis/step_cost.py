@@ -11,14 +11,20 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from passes import watched
 
 from discsim.parts import USUAL_SCHEME
 
+if TYPE_CHECKING:
+    from discsim import Simulation
+
+FIRST = 2
 STEPS = 16  # between two sorts of the particles: one is among them
 ETA = 1.41  # 25 neighbours
 MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
@@ -87,18 +93,7 @@ def measure(tables: dict[str, Any]) -> dict[str, Any]:
 
     before = resident()
     sim = Simulation(tables)
-    left = [2]
-
-    def enough() -> bool:
-        left[0] -= 1
-        return left[0] == 0
-
-    sim.evolve(np.inf, enough, only_looks=True)  # compiles
-    start, left[0] = sim.costs.copy(), STEPS
-    cpu, wall = time.process_time(), time.perf_counter()
-    with watched() as passes:
-        sim.evolve(np.inf, enough, only_looks=True)
-    cpu, wall = (time.process_time() - cpu) / STEPS, (time.perf_counter() - wall) / STEPS
+    cpu, wall, effects, passes = timed_steps(sim)
     gas, dust = sim.gas, sim.dust
     reach = SUPPORT[KERNELS[sim.scene.gas.kernel]] * gas.h
     count = gas.count + (dust.count if dust else 0)
@@ -111,12 +106,40 @@ def measure(tables: dict[str, Any]) -> dict[str, Any]:
         "cpu": cpu,
         "wall": wall,
         "neighbours": float(np.median(np.pi * reach**2 * gas.density / gas.mass)),
-        "effects": {name: (sim.costs.seconds[name] - start.seconds[name]) / STEPS for name in sim.effects},
-        "passes": {name: seconds / STEPS for name, seconds in sorted(passes.items(), key=lambda item: -item[1])},
+        "effects": effects,
+        "passes": passes,
         "bytes": (most - before) / count,
         "triad": triad(),
         "fft": fft_pair(sim.state.grid.shape[0]) if "self_gravity" in tables else None,
     }
+
+
+def timed_steps(sim: Simulation) -> tuple[float, float, dict[str, float], dict[str, float]]:
+    """CPU and wall seconds of a step of a simulation, CPU seconds by effect and by pass: the mean over STEPS, behind
+    the FIRST ones, in which kernels compile.
+
+    All in one `evolve`, as in a run: between two of these somebody may change particles, so that what several threads
+    have made of them for the next kick would be made again.
+    """
+    marks: list[tuple[float, float, dict[str, float]]] = []
+    passes: list[Counter[str]] = []
+    with ExitStack() as watching:
+
+        def after_step() -> bool:
+            if sim.state.step == FIRST:
+                passes.append(watching.enter_context(watched()))
+            if sim.state.step in (FIRST, FIRST + STEPS):
+                marks.append((time.process_time(), time.perf_counter(), sim.costs.copy().seconds))
+            return len(marks) == 2
+
+        sim.evolve(np.inf, after_step, only_looks=True)
+    (cpu, wall, before), (cpu_then, wall_then, after) = marks
+    return (
+        (cpu_then - cpu) / STEPS,
+        (wall_then - wall) / STEPS,
+        {name: (after[name] - before[name]) / STEPS for name in sim.effects},
+        {name: seconds / STEPS for name, seconds in passes[0].most_common()},
+    )
 
 
 def resident() -> int:

@@ -171,8 +171,16 @@ class Effect:
         are not called.
         """
 
+    def drift(self, state: State, dt: float) -> None:
+        """Move particles of its own at their velocities over dt. Several threads call those of different effects at the
+        same time: neither it nor `sort` looks at others' particles.
+        """
+
     def move(self, state: State, dt: float) -> None:
-        """Move its particles over dt."""
+        """Move particles over dt in other ways, once they have drifted."""
+
+    def sort(self, state: State) -> None:
+        """Put the arrays of its own particles in the order of their places, now and then."""
 
     def event(self, state: State) -> None:
         """Act on the particles after they have moved; `state.step` and `state.time` are those they have reached."""

@@ -97,9 +97,9 @@ class Effect(base.Effect):
     def kick(self, state: State, dt: float) -> None:
         share(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt, light=True)
 
-    def move(self, state: State, dt: float) -> None:
+    def drift(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.dust, dt)
 
-    def event(self, state: State) -> None:
-        if state.grid is not None and base.to_sort(state.step):
+    def sort(self, state: State) -> None:
+        if state.grid is not None:
             state.dust.sort(*state.grid.places(state.dust.pos))

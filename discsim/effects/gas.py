@@ -248,11 +248,11 @@ class Effect(base.Effect):
     def kick(self, state: State, dt: float) -> None:
         kick_gas(state, dt)
 
-    def move(self, state: State, dt: float) -> None:
+    def drift(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.gas, dt)
 
-    def event(self, state: State) -> None:
-        if base.to_sort(state.step) and state.gas.everywhere > 0:
+    def sort(self, state: State) -> None:
+        if state.gas.everywhere > 0:
             state.gas.sort(*self.sph.keys(state.gas))
 
 

@@ -108,7 +108,7 @@ class Background(base.Effect):
 
 
 class Dust(dust.Effect):
-    def move(self, state: State, dt: float) -> None:
+    def drift(self, state: State, dt: float) -> None:
         share(kernels.drift_dust, state.dust.count, state.dust.pos, state.dust.vel, dt)
 
 
@@ -147,7 +147,7 @@ class Drag(base.Effect):
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))
 
-    def drift(self, pos: np.ndarray, species: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
+    def steady_drift(self, pos: np.ndarray, species: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
         """Radial and azimuthal velocity (n, 2) of the steady drift of populations `species` (n,), the latter beyond
         Kepler's; about the star as it is at the start. size (n,): of grains that have sizes of their own.
         """

@@ -93,7 +93,7 @@ class Balance:
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
             if self.drifts:
-                radial, lag = self.effects["drag"].drift(pos, species, size).T
+                radial, lag = self.effects["drag"].steady_drift(pos, species, size).T
         elif name == "dust" and not self.drifts and scene.radiation_pressure is not None:
             lag = radiation.lag(scene, species, r, keplerian)
         elif scene.gas is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from discsim.kernels.candidates import list_candidates
 from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
 from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, Strengths, force_columns, force_driver
@@ -125,9 +126,20 @@ class Sph:
         """The points and all that their sums may meet."""
         return Around(world.Whole(), points.h, points.mass, self.cells_of(points))
 
-    def listed(self, cells: Cells, some: np.ndarray) -> list[Any]:
-        """Candidates of `some` cells; in single precision sums take less time than what would sort these."""
-        return candidates(cells._replace(filled=some), cells, mutual=True, in_slabs=not self.single)
+    def listed(self, cells: Cells) -> list[Any]:
+        """Candidates of all cells with particles of their own, by the pieces of `share`; in single precision sums take
+        less time than what would sort these.
+        """
+        return candidates(cells, cells, mutual=True, in_slabs=not self.single)
+
+    def list_anew(self, cells: Cells, some: np.ndarray, first: int, last: int) -> Any:
+        """The same of the cells some[first:last]."""
+        return list_candidates(first, last, some, cells.bounds, 1.0, True, not self.single, cells)
+
+    def meet(self, lists: Any) -> None:
+        """Note which cells have these candidates."""
+        cells = self.cells
+        self.met[cells.key[cells.order[lists.slots[: lists.begin[-1]]]]] = True
 
     def outgrown(self, own: np.ndarray) -> np.ndarray:
         """All cells that hold a particle whose h has outgrown their lists; of those with own particles, `own`."""
@@ -160,16 +172,21 @@ class Sph:
         driver = density_driver(self.kernel, self.dim, self.balsara, self.single)
         both, h, mass, cells = self.around(gas)
         self.both, self.cells, self.fullest = both, cells, int(np.diff(cells.start).max())
-        lists = self.lists = self.parts(self.listed(cells, cells.filled))
+        lists = self.lists = self.parts(self.listed(cells))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
         self.shear = [np.empty(len(h) if self.balsara else 0) for _ in range(2)]
         found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), *self.shear)
         given = Given(both.of(vel) if self.balsara else vel, mass)
         wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed), binade(mass)
-        left, again = cells.filled, False
+
+        def again(first: int, last: int) -> None:
+            (part,) = self.parts([self.list_anew(cells, left, first, last)])
+            self.meet(part[0])
+            driver(first, last, part, left, given, found, wanted, unit, cells, True, outgrown)
+
+        left, outgrown = cells.filled, np.zeros(len(cells.filled), np.bool_)
+        share(driver, len(left), left, given, found, wanted, unit, cells, False, outgrown, least=LEAST, each=lists)
         while True:
-            outgrown = np.zeros(len(left), np.bool_)
-            share(driver, len(left), left, given, found, wanted, unit, cells, again, outgrown, least=LEAST, each=lists)
             both.refresh(h)
             left = left[outgrown]
             some = self.outgrown(left)
@@ -178,12 +195,11 @@ class Sph:
             widen(some, 1.2 * self.support, h, cells)
             if not self.meets_all(some):
                 return False
-            lists = self.listed(cells, some)
-            for part in lists:
-                self.met[cells.key[cells.order[part.slots[: part.begin[-1]]]]] = True
+            outgrown = np.zeros(len(left), np.bool_)
+            share(again, len(left), least=LEAST)
             if len(left) < len(some):
-                lists = self.listed(cells, left)
-            lists, again = self.parts(lists), True
+                others = np.setdiff1d(some, left, assume_unique=True)
+                self.meet(self.list_anew(cells, others, 0, len(others)))
         for own, found_ones in ((gas.h, h), (gas.density, found.rho), (gas.gradh, found.gradh)):
             both.keep(own, found_ones)
         return True
@@ -225,13 +241,14 @@ class Sph:
         acc, rate = both.beside(gas.acc), NONE if u is None else both.beside(gas.heating_rate)
         driver, filled = self.driver(u, nu, self._uneven(gas)), self.cells.filled
         met = self.cells._replace(filled=filled[self.met[filled]])
-        rates = []
-        for cells, again in ((self.cells, False), (met, True)):
-            lists = self.parts(self.listed(cells, cells.filled)) if again else self.lists
-            rates += share(
-                driver, len(cells.filled), columns, sound, immobile, acc, rate, strengths, scale, cells,
-                self.met, again, least=LEAST, each=lists,
-            )  # fmt: skip
+        given = columns, sound, immobile, acc, rate, strengths, scale
+
+        def again(first: int, last: int) -> Any:
+            (part,) = self.parts([self.list_anew(met, met.filled, first, last)])
+            return driver(first, last, part, *given, met, self.met, True)
+
+        rates = share(driver, len(filled), *given, self.cells, self.met, False, least=LEAST, each=self.lists)
+        rates += share(again, len(met.filled), least=LEAST)
         both.keep(gas.acc, acc)
         if u is not None:
             both.keep(gas.heating_rate, rate)

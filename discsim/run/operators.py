@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from discsim.effects.base import Effect
+from discsim.effects.base import Effect, to_sort
 from discsim.numerics import world
 from discsim.numerics.state import State
+from discsim.numerics.teams import beside
 from discsim.run import forces, guards
 from discsim.run.costs import Costs
 from discsim.run.forces import Limits, PhysicsError
@@ -61,6 +63,7 @@ class Operators:
 
     def move(self, dt: float) -> None:
         try:
+            self._at_once("drift", dt)
             for name, effect in self.effects.items():
                 with self.costs(name):
                     effect.move(self.state, dt)
@@ -69,9 +72,24 @@ class Operators:
         world.together.forget()
 
     def events(self) -> None:
+        if to_sort(self.state.step):
+            self._at_once("sort")
         for name, effect in self.effects.items():
             with self.costs(name):
                 effect.event(self.state)
+
+    def _at_once(self, what: str, *given: float) -> None:
+        """What effects do with particles of their own alone; several processes ask each other in one order."""
+
+        def do(name: str) -> None:
+            with self.costs(name, calls=0):
+                getattr(self.effects[name], what)(self.state, *given)
+
+        doing = [
+            name for name, effect in self.effects.items() if getattr(type(effect), what) is not getattr(Effect, what)
+        ]
+        for together in [[name] for name in doing] if world.together.many else [doing]:
+            beside(*(partial(do, name) for name in together))
 
     def forces(self) -> None:
         """Accelerations of all effects at the present positions, and the steps that they allow."""
