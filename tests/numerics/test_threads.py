@@ -30,7 +30,7 @@ def test_threads_of_a_simulation_are_its_own(tmp_path, four_cores):
     two = Simulation(scene_of(tmp_path, WAVE, "run.threads=2"))
     Simulation(scene_of(tmp_path, WAVE, "run.threads=1"))
     found = set()
-    for name in ("accelerate", "move", "event", "limit"):
+    for name in ("accelerate", "drift", "sort", "event", "limit"):
         real = getattr(two.effects["gas"], name)
         setattr(two.effects["gas"], name, lambda *given, real=real: found.add(numba.get_num_threads()) or real(*given))
 
