@@ -97,7 +97,9 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
     # Heat goes on from what others' particles lose.
     kicked = len(cells.home) if len(heat) > 0 else drag.agree.own_blocks(len(cells.home))
-    kinds = list(zip((gas, dust), packed, met, strict=True))[not drag.two_way :]  # else gas is kicked elsewhere
+    kinds = list(zip((gas, dust), packed, met, strict=True))
+    if not drag.two_way:
+        del kinds[0]  # the gas feels nothing, and is kicked elsewhere
     passes = [
         (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, drag.exponential, rate)
         for kind, columns, rate in kinds

@@ -1,9 +1,10 @@
 """The contract of an effect: what it may do in a step, and what it says of itself; each overrides what it needs.
 
 A force adds to `acc` and moves nothing. The kick turns `acc` into velocities: each species by itself, or one effect
-for all (`is_kick`), which solves the relaxation of gas and dust with the accelerations inside. A move changes places;
-an operator changes velocities or energies over dt by itself, around the move; an event runs once the particles have
-moved. Each effect may limit the step, and the loop knows which did.
+for all (`is_kick`), which solves the relaxation of gas and dust with the accelerations inside. A species drifts, other
+moves change places too, and arrays are sorted now and then; an operator changes velocities or energies over dt by
+itself, around the move; an event runs once the particles have moved. Each effect may limit the step, and the loop knows
+which did.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ class Effect:
     # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone. What is not
     # shared reaches the relaxation as `state.own_acc`.
     shared = False
-    writes_first = False  # whether its `accelerate` begins anew where acc is that of another time, `state.blank`
+    # Whether its `accelerate` does not look at an `acc` that nobody has written, but begins with `State.blank_of`.
+    writes_first = False
     is_kick = False  # whether it kicks gas and dust together, in place of each species' own; one in a scene at most
     needs_grid = False  # whether `state.grid` has to be there
     # Attributes that it has made of the particles of the start, in `__init__` or `begin`: other processes, which have
@@ -183,7 +185,9 @@ class Effect:
         """Put the arrays of its own particles in the order of their places, now and then."""
 
     def event(self, state: State) -> None:
-        """Act on the particles after they have moved; `state.step` and `state.time` are those they have reached."""
+        """Act on the particles after they have moved, and may have been sorted; `state.step` and `state.time` are those
+        they have reached.
+        """
 
     def potential_energy(self, state: State) -> float:
         """The potential energy that it holds."""

@@ -188,7 +188,7 @@ class Effect(base.Effect):
         self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
         self._kicked = (-1, 0.0)  # step and time of the last kick
         self._places: Any = None  # what the next kick needs of places
-        self._before: np.ndarray | None = None  # velocities of the gas before it
+        self._vel_before: np.ndarray | None = None  # velocities of the gas before it
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -228,7 +228,7 @@ class Effect(base.Effect):
         return self._mass_alone / whole if whole > 0.0 else 0.0
 
     def discard(self) -> None:
-        self._places = self._before = None
+        self._places = self._vel_before = None
 
     def prepare_kick(self, state: State) -> None:
         self.discard()
@@ -240,7 +240,7 @@ class Effect(base.Effect):
             return
         self._sort(state)
         self._places = self.scheme.places(self, state)
-        self._before = copied(state.gas.vel)
+        self._vel_before = copied(state.gas.vel)
 
     def places(self, state: State) -> Any:
         """What the scheme's `places` makes, once: for one kick."""
@@ -256,7 +256,7 @@ class Effect(base.Effect):
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way
         self._kicked = state.step, state.time
-        before, self._before = copied(gas.vel) if self._before is None else self._before, None
+        before, self._vel_before = copied(gas.vel) if self._vel_before is None else self._vel_before, None
         heat = np.zeros(gas.count if self.drag.heating else 0)
         if gas.everywhere > 0 and dust.everywhere > 0:
             # One-way: the gas is kicked below as it is without dust, to the last bit.

@@ -133,7 +133,7 @@ class Sph:
         return candidates(cells, cells, mutual=True, in_slabs=not self.single)
 
     def list_anew(self, cells: Cells, some: np.ndarray, first: int, last: int) -> Any:
-        """The same of the cells some[first:last]."""
+        """Candidates of the cells some[first:last], as `listed` has them."""
         return list_candidates(first, last, some, cells.bounds, 1.0, True, not self.single, cells)
 
     def meet(self, lists: Any) -> None:

@@ -197,7 +197,7 @@ class State:
     lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
-    # Species whose `acc` is of another time, and what who writes it first begins with: no entries are 0.
+    # Species whose `acc` nobody has written, and the array that who writes it first begins with: no entries are 0.
     blank: dict[str, Array] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=Ledger)
     pace: Pace | None = None  # of an effect that comes once in some steps

@@ -41,16 +41,16 @@ def kick_owner(effects: Effects) -> str | None:
 
 
 def accelerate(state: State, effects: Effects, costs: Costs) -> None:
-    """Accelerations of all effects; of what gas and dust at one place do not both feel a copy for the kick's owner.
+    """Accelerations of all effects; what gas and dust at one place do not both feel apart, for the kick's owner.
 
     On several threads effects first prepare at the same time; then the kick's owner prepares its kick while all others
     accelerate. On one thread nothing is prepared early: it would have left the caches before it is used. On several
     processes neither, as what they ask each other has to come in one order.
     """
-    if not several_threads() or world.together.many:
-        _add_all(state, effects, costs)
-        return
     try:
+        if not several_threads() or world.together.many:
+            _add_all(state, effects, costs)
+            return
         preparing = [name for name, effect in effects.items() if type(effect).prepare is not Effect.prepare]
         beside(*(partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in preparing))
         accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
@@ -59,6 +59,7 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
             accelerating.append(partial(_do, effects[owner].prepare_kick, state, owner, costs, calls=0))
         beside(*accelerating)
     except BaseException:
+        state.blank.clear()
         for effect in effects.values():
             effect.discard()
         raise
@@ -93,8 +94,9 @@ def _written_first(order: list[str], effects: Effects, species: str) -> bool:
 def _keep_own(state: State, alone: set[str], effects: Effects, left: list[str]) -> None:
     """What those species that feel something alone feel until now; their `acc` goes on from it."""
     state.own_acc = {name: p.acc if name in alone else p.acc[:0] for name, p in state.species.items()}
-    for name in alone:
-        p = state.species[name]
+    for name, p in state.species.items():
+        if name not in alone:
+            continue
         if _written_first(left, effects, name):
             p.acc = room.like(p.acc)
             state.blank[name] = state.own_acc[name]

@@ -25,6 +25,14 @@ def scene(stokes=0.1, aspect=0.005, particles=8, **tables):
     return base | tables
 
 
+def test_a_force_may_name_gas_that_is_not_there():
+    """It acts on the dust: the grain at rest beside one without it has gained what the force gives."""
+    pushed, left = Simulation(scene(external={"dust": [0.0, 1e-3]})), Simulation(scene())
+    for sim in (pushed, left):
+        sim.operators.forces()
+    np.testing.assert_allclose(pushed.dust.acc - left.dust.acc, [[0.0, 1e-3]] * 8, rtol=0, atol=1e-15)  # rounding at 1
+
+
 LINEAR = [({"law": "stokes-number", "stokes": stokes}, {}) for stokes in (1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6)]
 SIZES = [({"law": "epstein-stokes"}, {"grain_size": s, "grain_density": "3 g/cm3"}) for s in ("1 mm", "1 m", "1 km")]
 

@@ -137,3 +137,23 @@ def test_acceleration_of_each_effect(effect, with_everything):
     )
     acts = (nothing | {"gas": (True, False), "radiation_pressure": (False, True)}).get(effect, (True, True))
     assert (np.abs(gas).max() > 0, np.abs(dust).max() > 0) == acts
+
+
+@pytest.mark.parametrize("threads_there", [1, 3])
+def test_forces_that_end_half_way_leave_nothing_to_those_after_them(monkeypatch, start, threads_there):
+    """What the gas alone feels is set aside until the star goes on from it."""
+    sim = Simulation(EVERYTHING, start)
+    sim.step()
+    expected = sim.acceleration("star")
+    star = sim.effects["star"]
+
+    def fail(state):
+        raise RuntimeError("half-way")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(star, "accelerate", fail)
+        for _ in on_threads(patched, (threads_there,)):
+            with pytest.raises(RuntimeError, match="half-way"):
+                sim.operators.forces()
+    for one, other in zip(expected, sim.acceleration("star"), strict=True):
+        np.testing.assert_array_equal(one, other)
