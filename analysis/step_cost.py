@@ -24,7 +24,7 @@ from discsim.parts import USUAL_SCHEME
 if TYPE_CHECKING:
     from discsim import Simulation
 
-FIRST = 2
+FIRST = 2  # steps, in which kernels compile
 STEPS = 16  # between two sorts of the particles: one is among them
 ETA = 1.41  # 25 neighbours
 MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
@@ -116,7 +116,7 @@ def measure(tables: dict[str, Any]) -> dict[str, Any]:
 
 def timed_steps(sim: Simulation) -> tuple[float, float, dict[str, float], dict[str, float]]:
     """CPU and wall seconds of a step of a simulation, CPU seconds by effect and by pass: the mean over STEPS, behind
-    the FIRST ones, in which kernels compile.
+    the FIRST ones.
 
     All in one `evolve`, as in a run: between two of these somebody may change particles, so that what several threads
     have made of them for the next kick would be made again.

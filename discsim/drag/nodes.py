@@ -89,10 +89,10 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     gas, dust = species_in(drag, state, blocks, gas_vel)
     cells, nodes = _sums(drag, there, few and len(state.own_acc["dust"]) == 0)
     rows_of_gas, rows_of_dust = there.rows
-    gas_columns, collect = _gather(drag, gas, cells, nodes, rows_of_gas, about_star, law.code)
-    share_in_turn([collect], len(nodes.near), least=LEAST)  # dust asks which nodes have gas
-    dust_columns, collect = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
-    sharp = _relax_nodes(drag, state, blocks, cells, nodes, collect, law, about_star, len(heat) > 0)
+    gas_columns, collect_gas = _gather(drag, gas, cells, nodes, rows_of_gas, about_star, law.code)
+    share_in_turn([collect_gas], len(nodes.near), least=LEAST)  # dust asks which nodes have gas
+    dust_columns, collect_dust = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
+    sharp = _relax_nodes(drag, state, blocks, cells, nodes, collect_dust, law, about_star, len(heat) > 0)
     packed = gas_columns, dust_columns
     met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
     # Heat goes on from what others' particles lose.

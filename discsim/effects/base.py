@@ -201,6 +201,11 @@ class Effect:
         return {}
 
 
+def doing(effects: Mapping[str, Effect], what: str) -> list[str]:
+    """Names of the effects that have a method of their own in place of that of `Effect`."""
+    return [name for name, effect in effects.items() if getattr(type(effect), what) is not getattr(Effect, what)]
+
+
 def drift(scene: Scene, particles: Particles, dt: float) -> None:
     """Move at constant velocity over dt; immobile particles stay."""
     if particles.immobile is None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.effects.base import Effect
+from discsim.effects.base import Effect, doing
 from discsim.numerics import room, world
 from discsim.numerics.state import State
 from discsim.numerics.teams import beside, several_threads
@@ -41,7 +41,7 @@ def kick_owner(effects: Effects) -> str | None:
 
 
 def accelerate(state: State, effects: Effects, costs: Costs) -> None:
-    """Accelerations of all effects; what gas and dust at one place do not both feel apart, for the kick's owner.
+    """Accelerations of all effects; and, apart, what gas and dust at one place do not both feel, for the kick's owner.
 
     On several threads effects first prepare at the same time; then the kick's owner prepares its kick while all others
     accelerate. On one thread nothing is prepared early: it would have left the caches before it is used. On several
@@ -51,8 +51,10 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
         if not several_threads() or world.together.many:
             _add_all(state, effects, costs)
             return
-        preparing = [name for name, effect in effects.items() if type(effect).prepare is not Effect.prepare]
-        beside(*(partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in preparing))
+        preparing = (
+            partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in doing(effects, "prepare")
+        )
+        beside(*preparing)
         accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
         owner = kick_owner(effects)
         if owner is not None:

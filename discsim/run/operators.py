@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from discsim.effects.base import Effect, to_sort
+from discsim.effects.base import Effect, doing, to_sort
 from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.teams import beside
@@ -23,7 +23,7 @@ class Operators:
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         self.state, self.effects = state, effects
-        self.operating = [name for name in effects if type(effects[name]).operate is not Effect.operate]
+        self.operating = doing(effects, "operate")
         self.costs = Costs(effects)
         self.limits = Limits()
         self.shown = True
@@ -85,10 +85,8 @@ class Operators:
             with self.costs(name, calls=0):
                 getattr(self.effects[name], what)(self.state, *given)
 
-        doing = [
-            name for name, effect in self.effects.items() if getattr(type(effect), what) is not getattr(Effect, what)
-        ]
-        for together in [[name] for name in doing] if world.together.many else [doing]:
+        names = doing(self.effects, what)
+        for together in [[name] for name in names] if world.together.many else [names]:
             beside(*(partial(do, name) for name in together))
 
     def forces(self) -> None:
