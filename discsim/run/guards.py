@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from itertools import chain
 
 import numpy as np
 
 from discsim.numerics import world
 from discsim.numerics.state import State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import share_all
+from discsim.parts import Lazy
 from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
+
+finite = Lazy("discsim.kernels.finite")
 
 INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
 # In steps of 1/Omega a circular orbit keeps its energy to 12%, of half of it to 1%; in longer ones grains that come
@@ -128,17 +132,6 @@ def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
 
 
 def _are_finite(arrays: list[np.ndarray]) -> bool:
-    """Whether all entries of arrays (n, ...) are: their sum is so, unless they overflow, which is as bad, and costs a
-    tenth. In one loop over all: few arrays are so long that threads gain by one of their own (2026-11).
-    """
-    ends = np.cumsum([len(array) for array in arrays]).tolist()
-
-    def sum_of_rows(first: int, last: int) -> float:
-        parts = [
-            array[max(first + len(array) - end, 0) : max(last + len(array) - end, 0)]
-            for array, end in zip(arrays, ends, strict=True)
-        ]
-        with np.errstate(all="ignore"):
-            return float(sum(np.add.reduce(part, axis=None) for part in parts))
-
-    return math.isfinite(sum(share(sum_of_rows, ends[-1] if ends else 0, light=True)))
+    """Whether all entries of arrays (n, ...) are. In one loop: few are so long that threads gain by one of their own."""
+    rows = [(len(array), array.reshape(len(array), -1)) for array in arrays if array.size > 0]
+    return all(chain(*share_all(finite.are_finite, rows, light=True)))
