@@ -8,7 +8,6 @@ background, where it would be ignored.
 import os
 import signal
 import tempfile
-import threading
 from collections import Counter
 
 import pytest
@@ -40,10 +39,10 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def four_cores(monkeypatch):
-    """numba as it is on four cores: a number for each Python thread."""
+    """As on four cores, whatever number of threads other tests have left."""
     import numba  # only now: it reads the number above
 
-    own = threading.local()
+    from discsim.numerics import teams
+
     monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 4)
-    monkeypatch.setattr(numba, "set_num_threads", lambda number: setattr(own, "number", number))
-    monkeypatch.setattr(numba, "get_num_threads", lambda: getattr(own, "number", 4))
+    monkeypatch.setattr(teams.here, "threads", 0)

@@ -29,24 +29,26 @@ def taken_from(state: State, name: str, gone: np.ndarray) -> tuple[float, float,
     return mass, mass, small
 
 
-def swallow(state: State, number: int, name: str, gone: np.ndarray, grows: bool, moves: bool) -> None:
-    """Let the body `number` take the particles `gone` (their numbers) of a species; they are still to be removed.
+def swallow(
+    state: State, number: int, name: str, gone: np.ndarray, taken: tuple[float, float, float], grows: bool, moves: bool
+) -> None:
+    """Let the body `number` take the particles `gone` (their numbers) of a species, `taken` from it as above; they are
+    still to be removed.
 
     grows: whether their mass becomes its own, moves: and their momentum, at the barycentre of both. One-way dust beside
     gas is counted and does neither, as the gas would notice.
     """
     bodies, particles = state.bodies, state.species[name]
     assert bodies is not None
-    mass = particles.mass[gone]
-    taken, of_it, small = taken_from(state, name, gone)
+    whole, of_it, small = taken
     bodies.accreted[number, SPECIES.index(name)] += of_it
     if small > 0.0:
         bodies.accreted[number, SPECIES.index("dust")] += small
     if not grows or (name == "dust" and state.unnoticed):
         return
-    after = bodies.mass[number] + taken
+    after = bodies.mass[number] + whole
     if moves:
         for own, theirs in ((bodies.pos, particles.pos[gone]), (bodies.vel, particles.vel[gone])):
-            own[number] += totals(mass[:, None] * (theirs - own[number])) / after
-    bodies.gained[number] += taken
+            own[number] += totals(particles.mass[gone, None] * (theirs - own[number])) / after
+    bodies.gained[number] += whole
     bodies.mass[number] = after

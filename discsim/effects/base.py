@@ -77,7 +77,7 @@ class Effect:
     # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone. What is not
     # shared reaches the relaxation as `state.own_acc`.
     shared = False
-    # Whether its `accelerate` does not look at an `acc` that nobody has written, but begins with `State.blank_of`.
+    # Whether its `accelerate` does not look at an `acc` that nobody has written, in `State.blank`, but writes to it.
     writes_first = False
     is_kick = False  # whether it kicks gas and dust together, in place of each species' own; one in a scene at most
     needs_grid = False  # whether `state.grid` has to be there

@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.effects import base
-from discsim.effects.accretion import swallow
+from discsim.effects.accretion import swallow, taken_from
 from discsim.initial import start_of
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES, Bodies
@@ -309,7 +309,8 @@ class Effect(base.Effect):
             kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
             gone = gone[~kept]
         if world.together.most(len(gone)) > 0:
-            swallow(state, k + 1, name, gone, grows=True, moves=bool(self.orbits.live[k]))
+            taken = taken_from(state, name, gone)
+            swallow(state, k + 1, name, gone, taken, grows=True, moves=bool(self.orbits.live[k]))
             p.remove(gone)
 
     def _share(self, state: State, k: int) -> float:

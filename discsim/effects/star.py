@@ -97,6 +97,7 @@ class Effect(base.Effect):
         # Drag by a given disc has to know the whole acceleration; else the star's drift is undone by one of particles.
         self.all_in_kick = scene.model.given is not None
         self._place = 0.0, 0.0
+        self._turned = np.zeros(2), np.zeros(2)  # how far the star has left its straight line in the last drift
         self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
 
     @classmethod
@@ -110,11 +111,11 @@ class Effect(base.Effect):
         both, counted = state.species, self.counted if bodies is not None else []
         for name, p in both.items():
             if name not in counted:
-                share(kernels.attract, p.count, p.pos, p.acc, *state.blank_of(name), *given, light=True)
+                share(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given, light=True)
         if bodies is None:
             return
         mutual = {name: p for name, p in both.items() if name in counted}
-        pulling = [(p.count, p.pos, p.acc, *state.blank_of(name), p.mass, *given) for name, p in mutual.items()]
+        pulling = [(p.count, p.pos, p.acc, name in state.blank, p.mass, *given) for name, p in mutual.items()]
         for name, limbs in zip(mutual, share_all(kernels.attract_mutually, pulling), strict=True):
             bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         if not self.orbits.inertial:
@@ -137,11 +138,15 @@ class Effect(base.Effect):
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
         return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())
 
+    def drift(self, state: State, dt: float) -> None:
+        if state.bodies is not None:
+            self._turned = self.orbits.drift(state.bodies, state.time, dt)
+
     def move(self, state: State, dt: float) -> None:
-        if state.bodies is None:
+        if state.bodies is None or self.orbits.inertial or self.all_in_kick:
             return
-        off, turned = self.orbits.drift(state.bodies, state.time, dt)
-        if self.orbits.inertial or self.all_in_kick or not np.any([off, turned]):
+        off, turned = self._turned
+        if not np.any([off, turned]):
             return
         for p in state.species.values():
             for vectors, moved in ((p.pos, off), (p.vel, turned)):
@@ -168,8 +173,8 @@ class Effect(base.Effect):
         if world.together.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
-        ledger = state.ledger
-        _, own, small = taken_from(state, name, gone)
+        ledger, taken = state.ledger, taken_from(state, name, gone)
+        _, own, small = taken
         setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + own)
         ledger.accreted_small += small
         turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
@@ -177,7 +182,7 @@ class Effect(base.Effect):
         ledger.accreted_momentum += momentum
         ledger.accreted_angular_momentum += float(angular_momentum)
         if state.bodies is not None:
-            swallow(state, 0, name, gone, grows=self.star.grows, moves=self.orbits.inertial)
+            swallow(state, 0, name, gone, taken, grows=self.star.grows, moves=self.orbits.inertial)
         particles.remove(gone)
 
     def potential_energy(self, state: State) -> float:

@@ -17,22 +17,21 @@ ONE, TWO = np.uint64(1), np.uint64(2)
 
 
 @inner
-def start_with(others, begin, end, out):
-    before = others.reshape(-1)
+def blank(begin, end, out):
     for i in range(begin, end):
-        out[i] = before[i] if len(before) > 0 else 0.0
+        out[i] = 0.0
 
 
 @compiled
-def attract(begin, end, pos, acc, first, others, mass, softening, x0, y0):
+def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
     """acc -= G M d / (d^2 + s^2)^(3/2), arrays (n, 2), d the way from (x0, y0); the `first` to write to acc begins with
-    that of `others` (n, 2), or 0 where this has no entries: block by block, so that memory is looked at once.
+    0: block by block, so that memory is looked at once.
     """
     flat, out = pos.reshape(-1), acc.reshape(-1)  # steps of two and unsigned numbers: vectorised
     for block in range(begin, end, SOME):
         number, start = np.uint64(min(SOME, end - block)), np.uint64(block)
         if first:
-            start_with(others, TWO * start, TWO * (start + number), out)
+            blank(TWO * start, TWO * (start + number), out)
         for k in range(number):
             i = start + k
             x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
@@ -52,14 +51,14 @@ def add(begin, end, vectors, x, y):
 
 
 @compiled
-def attract_mutually(begin, end, pos, acc, first, others, mass, pull, softening, x0, y0):
+def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0):
     """`attract` by a mass `pull`, and back: returns the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     flat, out = pos.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):
         number, start = min(SOME, end - block), np.uint64(block)
         if first:
-            start_with(others, TWO * start, TWO * (start + np.uint64(number)), out)
+            blank(TWO * start, TWO * (start + np.uint64(number)), out)
         for k in range(np.uint64(number)):
             i = start + k
             x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0

@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
-import numba
 import numpy as np
 
 from discsim.kernels import move as moves
+from discsim.numerics import teams
 from discsim.numerics.grid import BORDER, ORIGIN, Grid, Node
 from discsim.numerics.poisson import Kernel, Poisson
 from discsim.numerics.state import Particles
@@ -35,7 +35,7 @@ class Mesh:
     @cached_property
     def _poisson(self) -> Poisson:
         grid = self.grid
-        return Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, numba.get_num_threads(), self.border)
+        return Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, teams.number_of_threads(), self.border)
 
     @cached_property
     def density(self) -> Array:

@@ -24,7 +24,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numba
 import numpy as np
 import pyfftw
 from scipy.fft import dctn, next_fast_len
@@ -43,7 +42,7 @@ from discsim.kernels.poisson import (
     store_rows,
     tiles_to_rows,
 )
-from discsim.numerics import threads
+from discsim.numerics import teams, threads
 from discsim.numerics.threads import share
 
 Array = np.ndarray
@@ -141,7 +140,7 @@ class Workers:
 
     def each(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
         """Do `work(worker, batch)` for all batches: each gives the same numbers whichever worker does it."""
-        while len(self._workers) < numba.get_num_threads():  # here: FFTW makes one plan at a time
+        while len(self._workers) < teams.number_of_threads():  # here: FFTW makes one plan at a time
             self._workers.append(Worker(*self._of))
 
         def part(first: int, last: int) -> None:

@@ -3,11 +3,10 @@
 The order is unique, and so the same for any number of threads.
 """
 
-import numba
 import numpy as np
 
 from discsim.kernels import sorting as kernels
-from discsim.numerics import threads
+from discsim.numerics import teams, threads
 from discsim.numerics.threads import share
 
 Array = np.ndarray
@@ -63,7 +62,7 @@ def counts(key: Array, count: int) -> Array:
 def _count(key: Array, count: int) -> tuple[Array, int]:
     # How many of each key each part has, after a 0: summed up, where they go. No more parts than that is small beside
     # the particles.
-    parts = max(1, min(numba.get_num_threads(), len(key) // threads.LIGHT, 4 * len(key) // max(count, 1024)))
+    parts = max(1, min(teams.number_of_threads(), len(key) // threads.LIGHT, 4 * len(key) // max(count, 1024)))
     place = np.zeros(count * parts + 1, np.uint32)
     share(kernels.count_keys, parts, key, parts, place, least=1)
     return place, parts

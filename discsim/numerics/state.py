@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-NOTHING = np.empty((0, 2))
 
 
 @dataclass(kw_only=True)
@@ -104,7 +103,8 @@ class Particles:
         stays[gone[gone >= left] - left] = False
         holes, tail = gone[gone < left], left + np.flatnonzero(stays)
         for name, array in self.arrays().items():
-            array[filled] = come[name][:more]
+            if more > 0:
+                array[filled] = come[name][:more]
             array[holes] = array[tail]
             setattr(self, name, self._with(array[:left], come[name][more:]))
         if self.place is not None:
@@ -197,8 +197,7 @@ class State:
     lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
     # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
     own_acc: dict[str, Array] = field(default_factory=dict)
-    # Species whose `acc` nobody has written, and the array that who writes it first begins with: no entries are 0.
-    blank: dict[str, Array] = field(default_factory=dict)
+    blank: set[str] = field(default_factory=set)  # species to whose `acc` nobody has written yet
     ledger: Ledger = field(default_factory=Ledger)
     pace: Pace | None = None  # of an effect that comes once in some steps
     # Where gas cools: its energies (n,) after a time at `kick_rate`. Kicks of u, and foreseen ones, take it.
@@ -209,10 +208,6 @@ class State:
         left = until - self.time
         self.time = until if abs(dt - left) <= 1e-9 * dt else self.time + dt
         self.step += 1
-
-    def blank_of(self, name: str) -> tuple[bool, Array]:
-        """Whether `acc` of a species is blank, and what it then begins with (n, d)."""
-        return name in self.blank, self.blank.get(name, NOTHING)
 
     @property
     def species(self) -> dict[str, Particles]:

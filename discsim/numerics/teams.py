@@ -31,10 +31,12 @@ TURN = 5e-4
 
 
 class Here(threading.local):
-    """Of this Python thread: the team of the job that it runs, its number there, CPU seconds of others in its loops."""
+    """Of this Python thread: the team of the job that it runs, its number there, CPU seconds of others in its loops;
+    and how many threads these may take, 0 where nobody has said it.
+    """
 
     team: Team | None = None
-    number = 0
+    number = threads = 0
     others = 0.0
 
     def __init__(self) -> None:
@@ -47,6 +49,11 @@ class Here(threading.local):
 
 
 here = Here()
+
+
+def number_of_threads() -> int:
+    """How many threads loops of this Python thread may take. numba's own number of them takes 4 us to ask for."""
+    return here.threads or int(numba.config.NUMBA_NUM_THREADS)
 
 
 class Turns:
@@ -164,7 +171,7 @@ class Job:
         """Do the work; what it raises is for who called, Ctrl-C too."""
         try:
             here.team, here.number = team, thread
-            numba.set_num_threads(len(team.locks))
+            here.threads = len(team.locks)
             self.context.run(self.work)
         except BaseException as fault:
             self.fault = fault
@@ -268,7 +275,7 @@ def share(loop: Loop, helpers: int) -> list[Any]:
 
 def several_threads() -> bool:
     """Whether jobs of this thread run at the same time."""
-    return bool(numba.get_num_threads() > 1) and here.team is None
+    return number_of_threads() > 1 and here.team is None
 
 
 def beside(*jobs: Callable[[], object]) -> None:
@@ -280,7 +287,7 @@ def beside(*jobs: Callable[[], object]) -> None:
         for work in jobs:
             work()
         return
-    helpers = numba.get_num_threads() - 1
+    helpers = number_of_threads() - 1
     team, held = _team(helpers), [Job(work) for work in jobs]
     try:
         with turns:

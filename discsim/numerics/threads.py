@@ -25,8 +25,8 @@ SMALLEST = 8  # a thread has as many of the smallest pieces, or fewer: what othe
 
 def use_threads(number: int | None) -> None:
     """Let loops of this Python thread take `number` threads, at most as many (None: as many) as NUMBA_NUM_THREADS."""
-    most: int = numba.config.NUMBA_NUM_THREADS
-    numba.set_num_threads(most if number is None else min(number, most))
+    most = int(numba.config.NUMBA_NUM_THREADS)
+    teams.here.threads = most if number is None else min(number, most)
 
 
 def share(
@@ -38,7 +38,7 @@ def share(
 
     With `each`, what this returned for the same count and `least`, its own part of that is the third argument.
     """
-    threads = numba.get_num_threads()
+    threads = teams.number_of_threads()
     runs = pieces(count, LIGHT if light else least, threads)
     spans = [span for run in runs for span in run]
     parts = [(*span, *([] if each is None else [each[k]])) for k, span in enumerate(spans)]
@@ -52,7 +52,7 @@ def share_all(
 
     Threads do not wait for each other between short ranges.
     """
-    threads = numba.get_num_threads()
+    threads = teams.number_of_threads()
     counts = [count for count, *_ in several]
     begins = [sum(counts[:k]) for k in range(len(counts))]
     parts: list[tuple[Any, ...]] = []
@@ -76,7 +76,7 @@ def share_in_turn(kernels: list[tuple[Any, ...]], count: int, *, least: int = 40
 
     Threads do not wait for each other between kernels: of what those before it have made each may read its own range.
     """
-    threads = numba.get_num_threads()
+    threads = teams.number_of_threads()
 
     def kernel(first: int, last: int) -> None:
         for one, *arguments in kernels:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -68,41 +68,61 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
 
 
 def _add_all(state: State, effects: Effects, costs: Costs) -> None:
-    own = {name: effect.acts_on for name, effect in effects.items() if not effect.shared}
-    order = [*own, *(name for name in effects if name not in own)]
+    """What gas and dust feel alike comes first: on several threads one of them is still at the kick's places, and loops
+    of few nanoseconds a particle are then no use to two. The sums of the gas's forces, which are, come last.
+    """
+    alike = [name for name, effect in effects.items() if effect.shared]
+    own = [name for name in effects if name not in alike]
+    owner = kick_owner(effects)
     state.blank.clear()
-    for species, p in state.species.items():
-        if _written_first(order, effects, species):
-            state.blank[species] = p.acc[:0]
-        else:
-            share(moves.blank, p.count, p.acc, light=True)
+    _blank(state, effects, alike if owner is not None else [*alike, *own], [*state.species])
+    for name in alike:
+        _add(state, effects[name], name, costs)
+    felt = {species for name in alike for species in effects[name].acts_on}
+    common: dict[str, np.ndarray] = {}
+    if owner is not None:
+        with costs(owner):
+            common = _lay_aside(state, felt & _acted_on(effects, own), effects, own)
     for name in own:
         _add(state, effects[name], name, costs)
-    owner = kick_owner(effects)
     if owner is not None:
-        alone = {name for acts_on in own.values() for name in acts_on}
         with costs(owner):
-            _keep_own(state, alone, effects, order[len(own) :])
-    for name in order[len(own) :]:
-        _add(state, effects[name], name, costs)
+            _join(state, _acted_on(effects, own), common)
 
 
-def _written_first(order: list[str], effects: Effects, species: str) -> bool:
-    """Whether the first of effects that accelerates a species begins with what is blank."""
-    first = next((name for name in order if species in effects[name].acts_on), None)
-    return first is not None and effects[first].writes_first
+def _acted_on(effects: Effects, names: list[str]) -> set[str]:
+    """Species that some effects accelerate."""
+    return {species for name in names for species in effects[name].acts_on}
 
 
-def _keep_own(state: State, alone: set[str], effects: Effects, left: list[str]) -> None:
-    """What those species that feel something alone feel until now; their `acc` goes on from it."""
+def _blank(state: State, effects: Effects, order: list[str], species: Iterable[str]) -> None:
+    """Zeros in `acc` of some species, unless the first effect in `order` that accelerates one writes to it first."""
+    for name in species:
+        p = state.species[name]
+        first = next((effects[one] for one in order if name in effects[one].acts_on), None)
+        if first is not None and first.writes_first:
+            state.blank.add(name)
+        else:
+            share(moves.blank, p.count, p.acc, light=True)
+
+
+def _lay_aside(state: State, species: set[str], effects: Effects, left: list[str]) -> dict[str, np.ndarray]:
+    """What species feel that both feel alike; their `acc` begins anew."""
+    found = {name: p.acc for name, p in state.species.items() if name in species}
+    for name in found:
+        state.species[name].acc = room.like(found[name])
+    _blank(state, effects, left, found)
+    return found
+
+
+def _join(state: State, alone: set[str], common: dict[str, np.ndarray]) -> None:
+    """What each species feels alone is kept apart, and what is `common` comes to it."""
     state.own_acc = {name: p.acc if name in alone else p.acc[:0] for name, p in state.species.items()}
     for name, p in state.species.items():
-        if name not in alone:
-            continue
-        if _written_first(left, effects, name):
-            p.acc = room.like(p.acc)
-            state.blank[name] = state.own_acc[name]
-        else:
+        if name in common:
+            own, p.acc = p.acc, common[name]
+            share(moves.add_scaled, p.count, p.acc, own, 1.0, light=True)
+        elif name in alone:
             p.acc = copied(p.acc)
 
 
@@ -117,7 +137,7 @@ def _do(what: Callable[[State], None], state: State, name: str, costs: Costs, ca
 def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
     _do(effect.accelerate, state, name, costs)
     for species in effect.acts_on:
-        state.blank.pop(species, None)
+        state.blank.discard(species)
     for p in state.species.values():
         if p.immobile is not None:
             p.acc[p.immobile] = 0.0

@@ -132,6 +132,6 @@ def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
 
 
 def _are_finite(arrays: list[np.ndarray]) -> bool:
-    """Whether all entries of arrays (n, ...) are. In one loop: few are so long that threads gain by one of their own."""
+    """Whether all entries of arrays (n, ...) are. In one loop: few are so long that threads gain by one each."""
     rows = [(len(array), array.reshape(len(array), -1)) for array in arrays if array.size > 0]
     return all(chain(*share_all(finite.are_finite, rows, light=True)))

@@ -2,7 +2,6 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,6 +15,7 @@ from discsim.exact import dustybox
 from discsim.kernels.blocks import IGNORE, INSIDE, NEAR
 from discsim.kernels.coupled import ROOM, relax_coupled
 from discsim.kernels.relax import relax_pair, response
+from discsim.numerics import teams
 
 DT = 0.7
 
@@ -183,7 +183,7 @@ def test_blocks_are_nested_squares_of_the_wanted_side():
 @pytest.mark.parametrize("threads", [1, 2])
 def test_blocks_of_a_lattice_of_any_shape(shape, threads, monkeypatch):
     """Squares cut by the lattice's end, each of leaves of its own that hold particles; a corner of 32 x 32 is empty."""
-    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+    monkeypatch.setattr(teams, "number_of_threads", lambda: threads)
     rng = np.random.default_rng(8)
     gas, dust = rng.poisson(3.0, shape), rng.poisson(1.0, shape)
     gas[:32, :32] = dust[:32, :32] = 0 if shape[0] > 32 else 1

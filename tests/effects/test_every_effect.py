@@ -1,6 +1,7 @@
 """Every effect: in a scene that has them all it acts on whom it says, and each can be left out."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from discsim import Simulation, load_scene
 from discsim.numerics import threads
 from discsim.parts import EFFECTS
 from discsim.scene.tables import removable
+
+SETUPS = Path(__file__).parents[2] / "setups"
 
 # Of the kernel that setups with most effects have, and of masses that are unequal from the start, as growth makes them:
 # so sums that compile for one of these tests serve the others.
@@ -141,7 +144,7 @@ def test_acceleration_of_each_effect(effect, with_everything):
 
 @pytest.mark.parametrize("threads_there", [1, 3])
 def test_forces_that_end_half_way_leave_nothing_to_those_after_them(monkeypatch, start, threads_there):
-    """What the gas alone feels is set aside until the star goes on from it."""
+    """The star writes to what nobody has written: not any more, once that has come to nothing."""
     sim = Simulation(EVERYTHING, start)
     sim.step()
     expected = sim.acceleration("star")
@@ -155,5 +158,26 @@ def test_forces_that_end_half_way_leave_nothing_to_those_after_them(monkeypatch,
         for _ in on_threads(patched, (threads_there,)):
             with pytest.raises(RuntimeError, match="half-way"):
                 sim.operators.forces()
-    for one, other in zip(expected, sim.acceleration("star"), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for p in (sim.gas, sim.dust):
+        p.acc[:] = 1.0
+    star.accelerate(sim.state)
+    for one, p in zip(expected, (sim.gas, sim.dust), strict=True):
+        np.testing.assert_allclose(p.acc - 1.0, one, rtol=1e-12, atol=1e-13)  # rounding of what is beside 1
+
+
+@pytest.mark.parametrize("scene", [EVERYTHING, "dusty_wave.toml"])
+@pytest.mark.parametrize("threads_there", [1, 3])
+def test_drag_knows_what_each_species_feels_alone(monkeypatch, start, scene, threads_there):
+    """Of all that it feels, whatever comes first; in a box, where nothing is felt alike, it is all. As exactly as
+    a search for smoothing lengths finds again what it has found.
+    """
+    sim = Simulation(scene, start) if scene is EVERYTHING else Simulation(SETUPS / scene)
+    for _ in on_threads(monkeypatch, (threads_there,)):
+        sim.operators.forces()
+    each = {name: sim.acceleration(name) for name in sim.effects}
+    for k, (name, p) in enumerate(sim.state.species.items()):
+        own = sum(acc[k] for effect, acc in each.items() if not sim.effects[effect].shared)
+        whole = sum(acc[k] for acc in each.values())
+        near = {"rtol": 0.0, "atol": 1e-6 * max(np.abs(acc[k]).max() for acc in each.values())}
+        np.testing.assert_allclose(p.acc, whole, **near)
+        np.testing.assert_allclose(sim.state.own_acc[name] if np.any(own) else 0.0 * own, own, **near)

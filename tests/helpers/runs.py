@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from discsim import Simulation, read_snapshot
-from discsim.numerics import threads
+from discsim.numerics import teams, threads
 from discsim.output.checkpoint import read_checkpoint
 from discsim.output.open_step import left_open
 from discsim.output.snapshot import write_snapshot
@@ -218,5 +218,5 @@ def on_threads(monkeypatch, numbers=(1, 3), least=50):
     pieces = threads.pieces
     monkeypatch.setattr(threads, "pieces", lambda count, own, number: pieces(count, min(own, least), number))
     for number in numbers:
-        monkeypatch.setattr(threads.numba, "get_num_threads", lambda number=number: number)
+        monkeypatch.setattr(teams, "number_of_threads", lambda number=number: number)
         yield number

@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import numba
 import numpy as np
 import pytest
 from clouds import centred, cloud, gravity, maclaurin_disc, scattered
@@ -14,6 +13,7 @@ from clouds import centred, cloud, gravity, maclaurin_disc, scattered
 from discsim import SceneError, Simulation
 from discsim.effects.self_gravity import Effect
 from discsim.exact import maclaurin
+from discsim.numerics import teams
 from discsim.numerics.grid import Grid
 from discsim.numerics.poisson import Plummer, Poisson, Workers
 
@@ -206,7 +206,7 @@ def test_a_solver_made_for_one_thread_may_have_more(monkeypatch):
     solver = Poisson((100, 90), 0.1, Plummer(0.2), periodic=False, threads=1)
     found = []
     for threads in (1, 5):
-        monkeypatch.setattr(numba, "get_num_threads", lambda threads=threads: threads)
+        monkeypatch.setattr(teams, "number_of_threads", lambda threads=threads: threads)
         found.append(solver.solve(surface_density))
     np.testing.assert_array_equal(*found)
 
@@ -215,12 +215,12 @@ HELPERS = Path(__file__).parents[1] / "helpers"
 THREADS = """
 import hashlib, sys
 sys.path.insert(0, {here!r})
-import numba
 from clouds import cloud, gravity, maclaurin_disc
 from discsim.numerics.grid import Grid
+from discsim.numerics.threads import use_threads
 for periodic, corner in ((False, -1.3), (True, -1.25)):
     for threads in (1, 2, 2):
-        numba.set_num_threads(threads)
+        use_threads(threads)
         gas, dust = cloud(maclaurin_disc(20_000), 1e-5), cloud(maclaurin_disc(7_001)[::-1], 1e-6)
         gravity(Grid((corner, corner), 2.6 / 135, (135, 130), periodic), 0.05, gas, dust)
         print(periodic, hashlib.sha256(gas.acc.tobytes() + dust.acc.tobytes()).hexdigest())

@@ -8,12 +8,11 @@ import time
 import weakref
 from contextlib import suppress
 
-import numba
 import pytest
 from loops import meet_in_a_loop
 
-from discsim.numerics.teams import beside, cpu_time
-from discsim.numerics.threads import share
+from discsim.numerics.teams import beside, cpu_time, number_of_threads
+from discsim.numerics.threads import share, use_threads
 
 
 def burn(seconds):
@@ -27,9 +26,9 @@ def test_jobs_run_at_the_same_time_with_the_threads_and_settings_of_their_caller
 
     def job():
         met.wait(30.0)
-        found[threading.get_ident()] = numba.get_num_threads()
+        found[threading.get_ident()] = number_of_threads()
 
-    numba.set_num_threads(4)
+    use_threads(4)
     beside(job, job, job, job)
     assert threading.get_ident() in found and [*found.values()] == [4] * 4
 
@@ -47,7 +46,7 @@ def test_who_has_nothing_to_do_takes_part_in_the_loops_of_others(four_cores):
 
 def run_nine_jobs():
     """All of them, whatever was before, though there are fewer threads."""
-    numba.set_num_threads(2)
+    use_threads(2)
     found = []
     beside(*[lambda k=k: found.append(k) for k in range(9)])
     assert sorted(found) == [*range(9)]
@@ -58,7 +57,7 @@ def test_more_jobs_than_threads_all_run(four_cores):
 
 
 def test_on_one_thread_jobs_run_one_after_another(four_cores):
-    numba.set_num_threads(1)
+    use_threads(1)
     found = []
     beside(*[lambda k=k: found.append((k, threading.get_ident())) for k in range(3)])
     assert found == [(k, threading.get_ident()) for k in range(3)]

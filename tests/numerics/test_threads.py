@@ -4,7 +4,6 @@ import signal
 import threading
 import time
 
-import numba
 import numpy as np
 import pytest
 from deaths import forked, status_of
@@ -13,7 +12,7 @@ from runs import WAVE, scene_of
 
 from discsim import Simulation
 from discsim.numerics import teams
-from discsim.numerics.threads import fill, pieces, share, share_all, share_in_turn
+from discsim.numerics.threads import fill, pieces, share, share_all, share_in_turn, use_threads
 
 
 def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
@@ -32,7 +31,9 @@ def test_threads_of_a_simulation_are_its_own(tmp_path, four_cores):
     found = set()
     for name in ("accelerate", "drift", "sort", "event", "limit"):
         real = getattr(two.effects["gas"], name)
-        setattr(two.effects["gas"], name, lambda *given, real=real: found.add(numba.get_num_threads()) or real(*given))
+        setattr(
+            two.effects["gas"], name, lambda *given, real=real: found.add(teams.number_of_threads()) or real(*given)
+        )
 
     def look():
         with two.synchronised():
@@ -43,7 +44,7 @@ def test_threads_of_a_simulation_are_its_own(tmp_path, four_cores):
     for use in (two.step, lambda: two.run(0.02), lambda: two.evolve(0.03), look):
         Simulation(scene_of(tmp_path, WAVE, "run.threads=3"))
         use()
-        thread = threading.Thread(target=use)  # of another number: numba's default
+        thread = threading.Thread(target=use)  # of another number: as many as there may be
         thread.start()
         thread.join()
     assert found == {2}
@@ -172,7 +173,7 @@ def test_a_loop_within_a_piece_has_helpers_of_its_own(four_cores):
 
 @pytest.mark.parametrize("threads", [1, 4])
 def test_the_first_fault_of_a_loop_reaches_its_caller(four_cores, threads):
-    numba.set_num_threads(threads)
+    use_threads(threads)
 
     def fail(first, last):
         time.sleep(0.02 if first == 0 else 0.0)  # the first to fail is not the first in the range
