@@ -10,10 +10,10 @@ from numba import njit
 
 from discsim.kernels.filling import SOME as ROOM
 from discsim.kernels.filling import with_room
-from discsim.kernels.inner import KERNEL, compiled, inner
+from discsim.kernels.inner import KERNEL, WITHIN, compiled, inner
 from discsim.kernels.totals import LIMBS, SOME, add_some
 
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE, TWO, THREE, FOUR = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
 
 
 @inner
@@ -102,19 +102,36 @@ def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0
     return limbs, (nearest2, crossing2)
 
 
-@njit(**KERNEL, fastmath={"nnan", "nsz"})
+@inner
+def squared(i, flat, x0, y0):
+    """Squared distance of a place from (x0, y0)."""
+    x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
+    return x * x + y * y
+
+
+@njit(**WITHIN, fastmath={"nnan", "nsz"})
+def least_squared(first, last, flat, x0, y0):
+    """The least of places `first` to `last`. Four by four: one number would be waited for at each place."""
+    one = two = three = four = np.inf
+    whole = first + (last - first) // FOUR * FOUR
+    for i in range(first, whole, FOUR):
+        one = min(one, squared(i, flat, x0, y0))
+        two = min(two, squared(i + ONE, flat, x0, y0))
+        three = min(three, squared(i + TWO, flat, x0, y0))
+        four = min(four, squared(i + THREE, flat, x0, y0))
+    for i in range(whole, last):
+        one = min(one, squared(i, flat, x0, y0))
+    return min(min(one, two), min(three, four))
+
+
+@compiled
 def nearest(begin, end, pos, x0, y0):
     """Least squared distance of positions (n, 2) from (x0, y0), inf where there are none; they must be numbers."""
-    least = np.inf
-    flat = pos.reshape(-1)
-    for i in range(np.uint64(begin), np.uint64(end)):
-        x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
-        least = min(least, x * x + y * y)
-    return least
+    return least_squared(np.uint64(begin), np.uint64(end), pos.reshape(-1), x0, y0)
 
 
 @njit(**KERNEL, fastmath={"nnan", "nsz"})
-def divide(begin, end, pos, squared, x0, y0):
+def divide(begin, end, pos, squared_radius, x0, y0):
     """The least squared distance from (x0, y0) of positions (n, 2) that are not nearer than a distance that is given
     squared, and the numbers of those that are.
     """
@@ -122,16 +139,12 @@ def divide(begin, end, pos, squared, x0, y0):
     flat = pos.reshape(-1)
     for block in range(begin, end, SOME):
         first, last = np.uint64(block), np.uint64(min(block + SOME, end))
-        here = np.inf
-        for i in range(first, last):
-            x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
-            here = min(here, x * x + y * y)
-        if here < squared:  # of few blocks; the loop above is vectorised
+        here = least_squared(first, last, flat, x0, y0)
+        if here < squared_radius:  # of few blocks
             here, inside = np.inf, with_room(inside, count)
             for i in range(first, last):
-                x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
-                d2 = x * x + y * y
-                if d2 < squared:
+                d2 = squared(i, flat, x0, y0)
+                if d2 < squared_radius:
                     inside[count] = i
                     count += ONE
                 else:

@@ -196,6 +196,7 @@ class Columns:
         # Rows a power of two apart would share their place in the cache, and a transpose wait for it.
         shape = columns, self.length + 4
         self.given, self.modes = pyfftw.zeros_aligned(shape, complex), pyfftw.zeros_aligned(shape, complex)
+        self.parts = self.modes.view(float)  # real and imaginary, in turn
         given, modes = self.given[:, : self.length], self.modes[:, : self.length]
         self.forth, self.back = _plan(given, modes, "FFTW_FORWARD"), _plan(modes, given, "FFTW_BACKWARD")
 
@@ -203,7 +204,7 @@ class Columns:
         """The columns of a tile (nx, TILE), which are those of the kernel's rows from `first` on."""
         load_columns(tile, self.given)
         self.forth.execute()
-        multiply_columns(self.modes.view(float), kernel, first, self.length)
+        multiply_columns(self.parts, kernel, first, self.length)
         self.back.execute()
         store_columns(self.given, tile)
 
@@ -218,16 +219,16 @@ class PaddedColumns(Columns):
         self.length, self.border = padded // 2, border
         self.wave = np.exp(-1j * np.pi / self.length * np.arange(self.length))
         self._make(2 * TILE)
+        self.halves, self.parts = (each.reshape(2, TILE, -1) for each in (self.given, self.parts))
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
         """The columns of a tile (nx + 2 border, TILE); rows before the first node come last."""
-        halves, modes = (each.reshape(2, TILE, -1) for each in (self.given, self.modes))
         nx = len(tile) - 2 * self.border
-        load_halves(tile, nx, self.wave, halves)
+        load_halves(tile, nx, self.wave, self.halves)
         self.forth.execute()
-        multiply_halves(modes.view(float), kernel, first, self.length)
+        multiply_halves(self.parts, kernel, first, self.length)
         self.back.execute()
-        store_halves(halves, nx, self.border, self.wave, tile)
+        store_halves(self.halves, nx, self.border, self.wave, tile)
 
 
 def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
