@@ -97,7 +97,8 @@ class Effect(base.Effect):
         # Drag by a given disc has to know the whole acceleration; else the star's drift is undone by one of particles.
         self.all_in_kick = scene.model.given is not None
         self._place = 0.0, 0.0
-        self._turned = np.zeros(2), np.zeros(2)  # how far the star has left its straight line in the last drift
+        # By how much the star has left its straight line in the last drift, and its velocity has changed.
+        self._turned = np.zeros(2), np.zeros(2)
         self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
 
     @classmethod
@@ -174,9 +175,8 @@ class Effect(base.Effect):
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
         ledger, taken = state.ledger, taken_from(state, name, gone)
-        _, own, small = taken
-        setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + own)
-        ledger.accreted_small += small
+        setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + taken.own)
+        ledger.accreted_small += taken.small
         turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
         *momentum, angular_momentum = totals(mass[:, None] * np.column_stack([vel, turning]))
         ledger.accreted_momentum += momentum

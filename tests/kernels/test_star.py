@@ -25,6 +25,19 @@ def test_positions_are_divided_by_their_distance(radius):
     assert least == pytest.approx(distance2[distance2 >= radius**2].min(initial=np.inf), rel=1e-14)
 
 
+@pytest.mark.parametrize("number", range(1, 10))
+def test_the_nearest_is_found_wherever_it_is(number):
+    """The places are gone through four by four, and then one by one; (3, 4) and (0, 1) have exact distances."""
+    for which in range(number):
+        pos = np.full((number, 2), [3.0, 4.0])
+        pos[which] = 0.0, 1.0
+        assert star.nearest(0, number, pos, 0.0, 0.0) == 1.0
+        least, inside = star.divide(0, number, pos, 0.5, 0.0, 0.0)
+        assert least == 1.0 and len(inside) == 0
+        least, inside = star.divide(0, number, pos, 2.0, 0.0, 0.0)
+        assert least == (25.0 if number > 1 else np.inf) and inside.tolist() == [which]
+
+
 def test_a_star_pulls_as_it_is_pulled():
     """The same bits as of a star that feels nothing, and momentum is exact: both sums are of the same forces."""
     rng = np.random.default_rng(6)
