@@ -96,20 +96,18 @@ class Blocks(NamedTuple):
     enlarged: Array  # (blocks,)
     lattice: Lattice  # with the origin of this step
 
-    @property
-    def sides(self) -> Array:
-        return self.lattice.side * 2.0**self.level
-
     def period(self, size: Array) -> Array:
         """The period of a space of this size (2,), inf where it is open."""
         return size if self.lattice.periodic else np.full(2, np.inf)
 
-    @property
-    def corners(self) -> Array:
-        lattice, out = self.lattice, np.empty((len(self.level), 2))
-        for axis in range(2):  # one by one: numpy takes five times as long for both
-            out[:, axis] = lattice.origin[axis] + (self.first_leaf[:, axis] + lattice.first[axis]) * lattice.side
-        return out
+    def squares(self) -> tuple[Array, Array]:
+        """The lower corner (blocks, 2) and the side (blocks,) of each block."""
+        lattice, corners, sides = self.lattice, np.empty((len(self.level), 2)), np.empty(len(self.level))
+        share(
+            kernels.squares_of, len(sides), self.first_leaf, self.level, lattice.origin, lattice.first, lattice.side,
+            corners, sides, light=True,
+        )  # fmt: skip
+        return corners, sides
 
 
 def lattice(drag: Drag, state: State) -> Lattice:
@@ -204,7 +202,8 @@ def _in_leaves(
     held = np.zeros(len(n_gas))
     kernels.add_in_units(key, h, 1.0 / unit, held)
     n_gas, n_dust, held = drag.agree.summed(part, n_gas, n_dust, held)
-    return n_gas, n_dust, unit * held
+    held *= unit
+    return n_gas, n_dust, held
 
 
 def _widened(leaves: Lattice, dim: int) -> Lattice:
@@ -300,7 +299,7 @@ def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
     """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
     blocks, about_star = drag.places(state)
     gas, dust = species_in(drag, state, blocks, gas_vel)
-    corners = np.concatenate([blocks.corners, np.zeros((2, 2))])
+    corners = np.concatenate([blocks.squares()[0], np.zeros((2, 2))])
     times = np.empty((len(corners), drag.classes.number))
     share(
         relax_blocks, len(corners), gas, dust, Corners(corners, blocks.period(drag.size)), law_of(drag, dt), linear,

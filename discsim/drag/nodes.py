@@ -11,6 +11,7 @@ from discsim.drag.cells import Blocks, Layout, lattice, law_of, lay_blocks, sort
 from discsim.drag.frame import clockwise, frame
 from discsim.kernels import (
     levels,
+    nodes_columns,
     nodes_fit,
     nodes_gather,
     nodes_grains,
@@ -40,7 +41,8 @@ LEAST = 64  # blocks or nodes in a piece of a loop
 
 
 class Places(NamedTuple):
-    """Where a kick is made: members of blocks, and as in `Cells` and `Nodes` what they are to each other.
+    """Where a kick is made: members of blocks, and as in `Cells` and `Nodes` what they are to each other; there are as
+    many `slots` as species in blocks.
 
     rows (blocks times populations + 1,), of gas and of dust: how many rows of LANES particles come before those of each
     population in each block; gas is one.
@@ -53,6 +55,7 @@ class Places(NamedTuple):
     sides: Array
     home: Array
     slot: Array
+    slots: int
     about: Array
     near: Array
     centre: Array
@@ -76,9 +79,10 @@ def places(drag: Drag, state: State) -> Places:
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
     centre = np.empty((len(near), 2))
     share(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
-    slot = _slots(blocks, drag.classes.number + 1)
-    rows = _rows(blocks.gas_start, len(home)), _rows(blocks.dust_start, len(home) * drag.classes.number)
-    return Places(blocks, about_star, rows, blocks.corners, blocks.sides, home, slot, about, near, centre)
+    slot = np.empty((len(home), drag.classes.number + 1), np.int32)
+    rows = np.empty(len(home) + 1, np.int64), np.empty(slot[:, 1:].size + 1, np.int64)
+    slots = nodes_columns.seat(blocks.gas_start, blocks.dust_start, slot, *rows)
+    return Places(blocks, about_star, rows, *blocks.squares(), home, slot, slots, about, near, centre)
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
@@ -143,9 +147,9 @@ def _are_few(drag: Drag, blocks: Blocks, grains: int) -> bool:
 
 def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
     """Cells and nodes, with room for what they will hold."""
-    blocks, _, _, corners, sides, home, slot, about, near, centre = there
+    blocks, _, _, corners, sides, home, slot, slots, about, near, centre = there
     species = drag.classes.number + 1
-    slots, count = slot.max(initial=-1) + 1, len(home)
+    count = len(home)
     given = _kept(drag, "given of cells", count if by_grain else slots, 9, FIELDS)
     own = _kept(drag, "own of cells", slots, 3, FIELDS)
     total = _kept(drag, "all dust of cells", count if by_grain else 0, 3, FIELDS)
@@ -155,25 +159,6 @@ def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
         Cells(corners, sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
         Nodes(about, near, centre, aligned((len(near), species, FIELDS)), square),
     )
-
-
-def _slots(blocks: Blocks, species: int) -> Array:
-    """Where in sums of cells each species of a block is (blocks, species): the gas of all first, then what dust there
-    is; -1 where there is none.
-    """
-    count = len(blocks.level)
-    held = np.diff(blocks.dust_start[: count * (species - 1) + 1]) > 0
-    slot = np.full((count, species), -1, np.int32)
-    slot[:, 0] = np.arange(count)
-    slot[:, 1:] = np.where(held, count - 1 + np.cumsum(held), -1).reshape(count, species - 1)
-    return slot
-
-
-def _rows(start: Array, count: int) -> Array:
-    """How many rows of LANES come before the members of each of `count` (count + 1,)."""
-    out = np.zeros(count + 1, np.int64)
-    np.cumsum((np.diff(start[: count + 1]) + LANES - 1) // LANES, out=out[1:])
-    return out
 
 
 def _gather(

@@ -20,7 +20,6 @@ from discsim.drag.known import Known
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
-from discsim.numerics import world
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
 from discsim.numerics.threads import copied, share
@@ -179,8 +178,8 @@ class Effect(base.Effect):
         self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size
-        self._mass_alone = 0.0  # of the dust in enlarged cells or without gas, at the last kick
-        self.alone = NOBODY  # numbers of the dust that has no gas to relax with, at the last kick
+        self.alone = NOBODY  # numbers of the dust in enlarged cells or without gas, at the last kick
+        self._masses_alone = np.empty(0)  # what these have
         self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
         self.samples: Samples = {}  # whom the frame looks at
         self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
@@ -221,11 +220,12 @@ class Effect(base.Effect):
 
     @property
     def uncoupled(self) -> float:
-        """Share of the dust mass in enlarged cells or without gas, at the last kick. A sum over all dust: not in each
-        step, which would pay a hundredth of its time for it.
+        """Share of the dust mass in enlarged cells or without gas, at the last kick. Exact sums: not in each step,
+        which would pay a hundredth of its time for them.
         """
-        whole = total(_moving_mass(self.state.dust)) if self._mass_alone > 0.0 else 0.0
-        return self._mass_alone / whole if whole > 0.0 else 0.0
+        alone = total(self._masses_alone)
+        whole = total(_moving_mass(self.state.dust)) if alone > 0.0 else 0.0
+        return alone / whole if whole > 0.0 else 0.0
 
     def discard(self) -> None:
         self._places = self._vel_before = None
@@ -264,7 +264,7 @@ class Effect(base.Effect):
         else:
             share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
             share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt, light=True)
-            self._mass_alone = total(_moving_mass(dust))
+            self._masses_alone = _moving_mass(dust).copy()
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
             kick_gas(state, dt)
@@ -315,7 +315,6 @@ class Effect(base.Effect):
         self._sort(state)
         with state.about_centre(gas_vel):
             self.relax_by(self, state, dt, gas_vel, heat)
-        there = world.together.most(len(self.alone)) > 0
-        self._mass_alone = total(_moving_mass(dust)[self.alone]) if there else 0.0
+        self._masses_alone = _moving_mass(dust)[self.alone]
         if resting is not None:
             dust.vel[dust.immobile] = resting

@@ -228,9 +228,10 @@ class Effect(base.Effect):
         its heat included, which keeps the step second order. Cooling is foreseen as the kick will make it.
         """
         gas = state.gas
-        vel = gas.vel if gas.kick_acc is None else copied(gas.vel)
+        vel = gas.vel
         if gas.kick_acc is not None:
-            share(moves.add_scaled, gas.count, vel, gas.kick_acc, state.lag, light=True)
+            vel = room.like(gas.vel)
+            share(moves.sum_scaled, gas.count, gas.vel, gas.kick_acc, state.lag, vel, light=True)
         return vel, None if gas.u is None else _energy_after(state, state.lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:

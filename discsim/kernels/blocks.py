@@ -86,6 +86,17 @@ def block_keys(first, last, key, number, species, populations):
         key[i] = block * populations + species[i] if populations > 1 else block
 
 
+@lean
+def squares_of(first, last, leaf, level, origin, begin, leaf_side, corner, side):
+    """Write the lower corner (blocks, 2) and the side (blocks,) of each block, from its first `leaf` (blocks, 2) in the
+    part of a lattice that begins at the leaf `begin`.
+    """
+    for block in range(first, last):
+        for axis in range(2):
+            corner[block, axis] = origin[axis] + (leaf[block, axis] + begin[axis]) * leaf_side
+        side[block] = leaf_side * 2.0 ** level[block]
+
+
 @compiled
 def members_of(order, start, chosen):
     """Numbers of the particles in the blocks `chosen` (blocks,)."""

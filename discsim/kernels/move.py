@@ -52,6 +52,14 @@ def add_scaled(begin, end, y, x, dt):
 
 
 @compiled
+def sum_scaled(begin, end, y, x, dt, out):
+    """out = y + dt x for arrays (n, d)."""
+    to, first, second, dim = out.reshape(-1), y.reshape(-1), x.reshape(-1), y.shape[1]
+    for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
+        to[i] = first[i] + dt * second[i]
+
+
+@compiled
 def wrap(begin, end, pos, size):
     """Bring positions (n, d) back into [0, size)."""
     for i in range(begin, end):

@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.formulas.laws import EPSTEIN
 from discsim.kernels.frame import kepler, sense_at
-from discsim.kernels.inner import inner
+from discsim.kernels.inner import inner, lean
 from discsim.kernels.nodes import BX, BY, FIELDS, MASS, ONE, RHO, VX, VY, X, Y
 from discsim.kernels.nodes_weights import cloud
 from discsim.kernels.rows import LANES, LINE, empty_row, fetch, load, store
@@ -26,6 +26,28 @@ SENSE, NORMS, ROOM = 9, 9, 10
 def filled(count):
     """Entries of a column of `count` particles."""
     return (count + LANES - 1) & -LANES
+
+
+@lean
+def seat(gas_start, dust_start, slot, gas_rows, dust_rows):
+    """Where sums and columns of blocks are, from where their gas, and their dust by population, starts.
+
+    Writes where in sums each species of a block is, `slot` (blocks, species): the gas of all first, then what dust
+    there is, -1 where there is none; and how many rows of LANES columns come before those of each population in each
+    block, (blocks + 1,) of the gas and (blocks times populations + 1,) of the dust. Returns how many slots there are.
+    """
+    count, kinds = slot.shape[0], slot.shape[1] - 1
+    slots, gas_rows[0], dust_rows[0] = count, 0, 0
+    for block in range(count):
+        slot[block, 0] = block
+        gas_rows[block + 1] = gas_rows[block] + filled(gas_start[block + 1] - gas_start[block]) // LANES
+        for part in range(kinds):
+            at = block * kinds + part
+            held = dust_start[at + 1] - dust_start[at]
+            dust_rows[at + 1] = dust_rows[at] + filled(held) // LANES
+            slot[block, 1 + part] = slots if held > 0 else -1
+            slots += held > 0
+    return slots
 
 
 @inner

@@ -24,7 +24,7 @@ def aligned(shape: tuple[int, ...], dtype: type = np.float64) -> Array:
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     memory = np.empty(size + LINE, np.uint8)
-    first = -memory.ctypes.data % LINE
+    first = -_begin(memory) % LINE
     return memory[first : first + size].view(dtype).reshape(shape)
 
 
