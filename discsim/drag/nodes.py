@@ -20,7 +20,7 @@ from discsim.kernels import (
     nodes_scatter,
     nodes_sharpen,
 )
-from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, members_of
+from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, members_alone
 from discsim.kernels.drag import free_kick
 from discsim.kernels.frame import Frame
 from discsim.kernels.kinds import Law, Species
@@ -98,7 +98,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     dust_columns, collect_dust = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
     sharp = _relax_nodes(drag, state, blocks, cells, nodes, collect_dust, law, about_star, len(heat) > 0)
     packed = gas_columns, dust_columns
-    met = [np.zeros((len(cells.home), kind.number)) for kind in (gas, dust)]
+    met = [np.empty((len(cells.home), kind.number)) for kind in (gas, dust)]
     # Heat goes on from what others' particles lose.
     kicked = len(cells.home) if len(heat) > 0 else drag.agree.own_blocks(len(cells.home))
     kinds = list(zip((gas, dust), packed, met, strict=True))
@@ -114,10 +114,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     if len(heat) > 0:
         nodes_heat.pass_on(nodes, sharp.heat)
         share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
-    alone = np.ones((len(met[1]) + 2, dust.number), bool)  # also of what lies outside
-    alone[:-2] = (met[1] == 0.0) | blocks.enlarged[:, None]
-    alone[kicked:-2] = False  # of other processes
-    drag.alone = members_of(dust.order, dust.start, alone.ravel())
+    drag.alone = members_alone(dust.order, dust.start, met[1], blocks.enlarged, kicked)  # others have other processes
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, packed[1])
 
 

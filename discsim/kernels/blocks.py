@@ -115,6 +115,20 @@ def members_of(order, start, chosen):
 
 
 @compiled
+def members_alone(order, start, rates, enlarged, count):
+    """Numbers of the particles in the first `count` blocks that are `enlarged` (blocks,), or whose mean rate (blocks,
+    populations) is 0; and of those outside all blocks.
+    """
+    blocks, populations = rates.shape
+    chosen = np.zeros((blocks + 2) * populations, np.bool_)
+    for block in range(count):
+        for part in range(populations):
+            chosen[block * populations + part] = enlarged[block] or rates[block, part] == 0.0
+    chosen[blocks * populations :] = True
+    return members_of(order, start, chosen)
+
+
+@compiled
 def times_of_members(times, order, start):
     """The stopping time of each particle (n,) from those of its block and population."""
     out = np.empty(len(order))

@@ -95,18 +95,17 @@ class Particles:
 
     def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
         """Put particles that `come`, arrays (m, ...) by name, in the places `leaving` (k,), and then the last ones."""
-        come = {name: array[:0] for name, array in self.arrays().items()} if come is None else come
-        more = min(len(come["ids"]), len(leaving))
+        more = 0 if come is None else min(len(come["ids"]), len(leaving))
         filled, gone = leaving[:more], leaving[more:]
         left = self.count - len(gone)
         stays = np.ones(len(gone), bool)
         stays[gone[gone >= left] - left] = False
         holes, tail = gone[gone < left], left + np.flatnonzero(stays)
         for name, array in self.arrays().items():
-            if more > 0:
+            if come is not None:
                 array[filled] = come[name][:more]
             array[holes] = array[tail]
-            setattr(self, name, self._with(array[:left], come[name][more:]))
+            setattr(self, name, array[:left] if come is None else self._with(array[:left], come[name][more:]))
         if self.place is not None:
             self.loose = np.concatenate([self.loose, filled, holes, np.arange(left, self.count)])
 
