@@ -120,11 +120,11 @@ def members_alone(order, start, rates, enlarged, count):
     populations) is 0; and of those outside all blocks.
     """
     blocks, populations = rates.shape
-    chosen = np.zeros((blocks + 2) * populations, np.bool_)
-    for block in range(count):
+    chosen = np.ones((blocks + 2) * populations, np.bool_)
+    for block in range(blocks):
         for part in range(populations):
-            chosen[block * populations + part] = enlarged[block] or rates[block, part] == 0.0
-    chosen[blocks * populations :] = True
+            alone = enlarged[block] or rates[block, part] == 0.0
+            chosen[block * populations + part] = alone and block < count
     return members_of(order, start, chosen)
 
 

@@ -71,10 +71,10 @@ def sorted_blocks(monkeypatch):
 
 def particles_in_blocks(sim, found, where):
     """Median side of the blocks `where` (mask of (n, 2) centres), and mean numbers of gas and dust in those."""
-    centre = found.corners + 0.5 * found.sides[:, None]
-    full = where(centre)
-    side = np.median(found.sides[full])
-    full &= found.sides == side
+    corners, sides = found.squares()
+    full = where(corners + 0.5 * sides[:, None])
+    side = np.median(sides[full])
+    full &= sides == side
     populations = sim.effects["drag"].law.populations
     gas, dust = np.diff(found.gas_start)[:-2], np.diff(found.dust_start[::populations])[:-2]
     return side, gas[full].mean(), dust[full].mean()

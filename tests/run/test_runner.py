@@ -9,6 +9,7 @@ import pytest
 from runs import DISC, SHOCK, WAVE, assert_same_run, at_step, bits_of, rows, scene_of, state_bits
 
 from discsim import Simulation, read_snapshot
+from discsim.run.costs import Costs
 from discsim.run.outputs import output_times
 from discsim.run.runner import run_scene
 from discsim.scene import load_scene
@@ -158,6 +159,17 @@ def test_costs_are_of_the_effects_named(tmp_path):
         assert [row["effect"] for row in found] == named
         assert all(int(row["calls"]) > 0 and float(row["cpu_seconds"]) >= 0 for row in found)
         assert sum(float(row["share"]) for row in found) == pytest.approx(1, abs=1e-3)  # four digits each
+
+
+def test_costs_of_what_raises_are_not_added():
+    costs = Costs(["gas"])
+    with costs("gas", calls=2):
+        pass
+    seconds = costs.seconds["gas"]
+    assert costs.calls == {"gas": 2} and seconds > 0.0
+    with pytest.raises(ValueError, match="half-way"), costs("gas"):
+        raise ValueError("half-way")
+    assert costs.calls == {"gas": 2} and costs.seconds["gas"] == seconds
 
 
 def test_a_run_of_one_step(tmp_path):
