@@ -81,7 +81,7 @@ def places(drag: Drag, state: State) -> Places:
     share(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
     slot = np.empty((len(home), drag.classes.number + 1), np.int32)
     rows = np.empty(len(home) + 1, np.int64), np.empty(slot[:, 1:].size + 1, np.int64)
-    slots = nodes_columns.seat(blocks.gas_start, blocks.dust_start, slot, *rows)
+    slots = nodes_columns.find_slots(blocks.gas_start, blocks.dust_start, slot, *rows)
     return Places(blocks, about_star, rows, *blocks.squares(), home, slot, slots, about, near, centre)
 
 
@@ -114,7 +114,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     if len(heat) > 0:
         nodes_heat.pass_on(nodes, sharp.heat)
         share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
-    drag.alone = members_alone(dust.order, dust.start, met[1], blocks.enlarged, kicked)  # others have other processes
+    drag.alone = members_alone(dust.order, dust.start, met[1], blocks.enlarged, kicked)
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, packed[1])
 
 

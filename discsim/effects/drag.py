@@ -264,7 +264,7 @@ class Effect(base.Effect):
         else:
             share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
             share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt, light=True)
-            self._masses_alone = _moving_mass(dust).copy()
+            self._let_alone(dust, np.arange(dust.count))
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
             kick_gas(state, dt)
@@ -315,6 +315,10 @@ class Effect(base.Effect):
         self._sort(state)
         with state.about_centre(gas_vel):
             self.relax_by(self, state, dt, gas_vel, heat)
-        self._masses_alone = _moving_mass(dust)[self.alone]
+        self._let_alone(dust, self.alone)
         if resting is not None:
             dust.vel[dust.immobile] = resting
+
+    def _let_alone(self, dust: Dust, alone: np.ndarray) -> None:
+        """Note which dust a kick has left alone, by its numbers; its mass is that of now."""
+        self.alone, self._masses_alone = alone, _moving_mass(dust)[alone]

@@ -116,8 +116,8 @@ def members_of(order, start, chosen):
 
 @compiled
 def members_alone(order, start, rates, enlarged, count):
-    """Numbers of the particles in the first `count` blocks that are `enlarged` (blocks,), or whose mean rate (blocks,
-    populations) is 0; and of those outside all blocks.
+    """Numbers of the particles in the first `count` blocks, the process's own, that are `enlarged` (blocks,), or whose
+    mean rate (blocks, populations) is 0; and of those outside all blocks.
     """
     blocks, populations = rates.shape
     chosen = np.ones((blocks + 2) * populations, np.bool_)

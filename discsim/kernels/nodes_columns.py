@@ -29,7 +29,7 @@ def filled(count):
 
 
 @lean
-def seat(gas_start, dust_start, slot, gas_rows, dust_rows):
+def find_slots(gas_start, dust_start, slot, gas_rows, dust_rows):
     """Where sums and columns of blocks are, from where their gas, and their dust by population, starts.
 
     Writes where in sums each species of a block is, `slot` (blocks, species): the gas of all first, then what dust

@@ -4,29 +4,11 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from pathlib import Path
 
 from discsim.numerics.teams import cpu_time
 from discsim.output.files import written
-
-
-class Spent(AbstractContextManager[None]):
-    """What is done within, unless it raises, is added to costs. Forty a step: a generator would take three times as
-    long.
-    """
-
-    def __init__(self, costs: Costs, name: str, calls: int) -> None:
-        self.costs, self.name, self.calls = costs, name, calls
-
-    def __enter__(self) -> None:
-        self.start = cpu_time()
-
-    def __exit__(self, kind: type[BaseException] | None, *fault: object) -> None:
-        if kind is None:
-            spent = cpu_time() - self.start  # before the sum is read: another thread may add to it at the same time
-            self.costs.seconds[self.name] += spent
-            self.costs.calls[self.name] += self.calls
 
 
 class Costs:
@@ -36,9 +18,14 @@ class Costs:
         self.calls = dict.fromkeys(names, 0)
         self.seconds = dict.fromkeys(self.calls, 0.0)
 
-    def __call__(self, name: str, calls: int = 1) -> AbstractContextManager[None]:
+    @contextmanager
+    def __call__(self, name: str, calls: int = 1) -> Iterator[None]:
         """Add what this thread and those that help it do within to `name`, and count it as `calls` calls."""
-        return Spent(self, name, calls)
+        start = cpu_time()
+        yield
+        spent = cpu_time() - start  # before the sum is read: another thread may add to it at the same time
+        self.seconds[name] += spent
+        self.calls[name] += calls
 
     @property
     def total(self) -> float:

@@ -8,7 +8,7 @@ from dusty import ISOTHERMAL, scene
 
 from discsim import Simulation
 from discsim.exact import dustybox
-from discsim.kernels.blocks import add_in_units
+from discsim.kernels.blocks import add_in_units, members_alone, members_of, squares_of
 
 # Cells that lack a species
 
@@ -235,3 +235,24 @@ def test_sums_in_whole_units(count):
     add_in_units(key[order], values[order], 64.0, out[1])
     np.testing.assert_array_equal(out[0], np.bincount(key, np.rint(64.0 * values), 6))
     np.testing.assert_array_equal(out[0], out[1])
+
+
+def test_members_that_are_alone():
+    """Those of enlarged blocks, of a population without a rate, and outside; not of what others' blocks hold."""
+    random, count = np.random.default_rng(8), 6
+    rates, enlarged = random.integers(0, 2, (9, 2)) * 1.5, random.random(9) < 0.3
+    start = np.append(0, np.cumsum(random.integers(0, 4, (9 + 2) * 2)))
+    order = random.permutation(start[-1]).astype(np.uint32)
+    chosen = np.ones((11, 2), bool)
+    chosen[:9] = (rates == 0.0) | enlarged[:, None]
+    chosen[count:9] = False
+    found = members_alone(order, start, rates, enlarged, count)
+    assert list(found) == list(members_of(order, start, chosen.ravel()))
+    assert list(found) == [i for k in np.flatnonzero(chosen.ravel()) for i in order[start[k] : start[k + 1]]]
+
+
+def test_squares_of_blocks():
+    leaf, level = np.array([[0, 3], [4, 8], [2, 2]], np.int32), np.array([0, 2, 1])
+    corner, side = np.empty((3, 2)), np.empty(3)
+    squares_of(0, 3, leaf, level, np.array([-1.0, 0.5]), (10, 20), 0.25, corner, side)
+    assert corner.tolist() == [[1.5, 6.25], [2.5, 7.5], [2.0, 6.0]] and side.tolist() == [0.25, 1.0, 0.5]

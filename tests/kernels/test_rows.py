@@ -5,9 +5,8 @@ import pytest
 from numba import njit
 
 from discsim.kernels import rows
-from discsim.kernels.blocks import members_alone, members_of, squares_of
 from discsim.kernels.nodes import BX, BY, FIELDS, MASS, RHO
-from discsim.kernels.nodes_columns import NORMS, ROOM, filled, leave_out, seat, weigh
+from discsim.kernels.nodes_columns import NORMS, ROOM, filled, find_slots, leave_out, weigh
 from discsim.kernels.nodes_gather import give, own_moments
 from discsim.kernels.nodes_weights import cloud, to_polynomial, value_at
 from discsim.kernels.rows import LANES, empty_row, lane, load, root, store, sums_of
@@ -163,29 +162,8 @@ def test_where_sums_and_columns_of_blocks_are(blocks, populations):
     starts = [np.append(0, np.cumsum(np.append(held.ravel(), [9] * 2 * populations))) for held in (gas, dust)]
     slot = np.empty((blocks, 1 + populations), np.int32)
     gas_rows, dust_rows = np.empty(blocks + 1, np.int64), np.empty(blocks * populations + 1, np.int64)
-    assert seat(*starts, slot, gas_rows, dust_rows) == blocks + np.count_nonzero(dust)
+    assert find_slots(*starts, slot, gas_rows, dust_rows) == blocks + np.count_nonzero(dust)
     assert list(slot[:, 0]) == list(range(blocks)) and np.all((slot[:, 1:] < 0) == (dust == 0))
     assert list(slot[:, 1:][dust > 0]) == list(range(blocks, blocks + np.count_nonzero(dust)))
     for found, held in ((gas_rows, gas), (dust_rows, dust.ravel())):
         assert list(found) == [0, *np.cumsum(-(-held // LANES))]
-
-
-def test_members_that_are_alone():
-    """Those of enlarged blocks, of a population without a rate, and outside; not of what others' blocks hold."""
-    random, count = np.random.default_rng(8), 6
-    rates, enlarged = random.integers(0, 2, (9, 2)) * 1.5, random.random(9) < 0.3
-    start = np.append(0, np.cumsum(random.integers(0, 4, (9 + 2) * 2)))
-    order = random.permutation(start[-1]).astype(np.uint32)
-    chosen = np.ones((11, 2), bool)
-    chosen[:9] = (rates == 0.0) | enlarged[:, None]
-    chosen[count:9] = False
-    found = members_alone(order, start, rates, enlarged, count)
-    assert list(found) == list(members_of(order, start, chosen.ravel()))
-    assert list(found) == [i for k in np.flatnonzero(chosen.ravel()) for i in order[start[k] : start[k + 1]]]
-
-
-def test_squares_of_blocks():
-    leaf, level = np.array([[0, 3], [4, 8], [2, 2]], np.int32), np.array([0, 2, 1])
-    corner, side = np.empty((3, 2)), np.empty(3)
-    squares_of(0, 3, leaf, level, np.array([-1.0, 0.5]), (10, 20), 0.25, corner, side)
-    assert corner.tolist() == [[1.5, 6.25], [2.5, 7.5], [2.0, 6.0]] and side.tolist() == [0.25, 1.0, 0.5]

@@ -166,7 +166,7 @@ def test_costs_of_what_raises_are_not_added():
     with costs("gas", calls=2):
         pass
     seconds = costs.seconds["gas"]
-    assert costs.calls == {"gas": 2} and seconds > 0.0
+    assert costs.calls == {"gas": 2} and seconds >= 0.0
     with pytest.raises(ValueError, match="half-way"), costs("gas"):
         raise ValueError("half-way")
     assert costs.calls == {"gas": 2} and costs.seconds["gas"] == seconds
