@@ -120,7 +120,11 @@ class Workshop:
                 if "stopped" in run:
                     trial.stopped = run["stopped"]
                 elif not trial.stopped:
-                    trial.runs.append(Measured(run["cpu"], self.measure.error(run, self.reference)))
+                    error = self.measure.error(run, self.reference)
+                    if math.isfinite(error):
+                        trial.runs.append(Measured(run["cpu"], error))
+                    else:
+                        trial.stopped = "without a finite error"
 
     def _trial(self, place: Place) -> Trial:
         return self.trials.setdefault(place, Trial(place))
@@ -264,14 +268,15 @@ class Cheapest:
         if self.wanted.error is None:
             self.bench.run([scene], self.wanted.repeat)
             if self.scene is None:
-                self.ended = f"the scene itself has no error: {self.bench.trials[scene].stopped}"
-                return
+                raise StudyError(f"the scene as it stands has no error: it was {self.bench.trials[scene].stopped}")
             self.goal = self.scene.error
         if self.goal < self.floor:
             say(f"{percent(self.goal)} is below what seeds scatter by: the search is for {percent(self.floor)}")
             self.goal = self.floor
         search = Search(self.knobs.all, self.bench, self.goal, self.knobs.start(), say, self.wanted.repeat)
         self.found = search.run()
+        if not search.done():
+            raise StudyError(f"no run came to its end; the scene as it stands was {self.bench.trials[scene].stopped}")
         if self.found is None:
             self.ended = "no setting that was tried reaches it"
 

@@ -17,7 +17,7 @@ from discsim import __version__
 from discsim.output.files import written
 from discsim.scene.units import clock
 from discsim.study.findings import show
-from discsim.study.points import Point, Varied, axis_of, combinations, label_of, lines_of
+from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, lines_of
 from discsim.study.runs import Runs, Say
 
 WIDTH = 110  # letters that the tables take, also where there is no terminal
@@ -113,6 +113,9 @@ class Study:
         say(f"{title}: {len(self.points)} combinations, {self.repeat} of each, into {self.directory}")
         self.run(say, parallel)
         self.write()
+        if not any(point.done for point in self.points):
+            stopped = self.points[0].runs[0]["stopped"]
+            raise StudyError(f"no run came to its end; that with {label_of(self.points[0].settings)} was {stopped}")
         from discsim.study.costfigure import cost_figure  # slow to import, and needed only here
 
         cost_figure(self, self.directory / "cost.png")

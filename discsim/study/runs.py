@@ -13,11 +13,13 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from discsim.effects.base import SORT_EVERY
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.study.points import Settings, StudyError, label_of
-from discsim.study.workers import end_with_parent
+from discsim.study.workers import end_with_parent, in_words, results
 
 RUNS = "runs.jsonl"
 WARM = 2.0  # seconds of steps that are made before any is measured, at most; two are always
@@ -91,7 +93,7 @@ class Runs:
             return
         with ProcessPoolExecutor(parallel, initializer=end_with_parent) as pool:
             try:
-                yield from (future.result() for future in [pool.submit(one_run, *job) for job in jobs])
+                yield from results(pool.submit(one_run, *job) for job in jobs)
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
@@ -102,44 +104,63 @@ def one_run(
 ) -> dict[str, Any]:
     """Run a scene and measure it: CPU seconds, steps, particle updates, errors, what is seen of it, drifts.
 
-    Or why it stopped. Raises Late at the deadline.
+    Or why it stopped, whatever its start, its steps or its measures raise. Raises Late at the deadline.
     """
-    from discsim.run.simulation import PhysicsError, Simulation
+    from discsim.run.simulation import PhysicsError
+
+    begun = [time.process_time()]  # of the run, then of its steps
+    try:
+        return _measured(path, overrides, without, limits or Limits(), say, begun)
+    except Late:
+        raise
+    except PhysicsError as fault:
+        stopped = f"stopped by the physics: {fault}"
+    except SceneError as fault:
+        stopped = f"refused by its start: {fault}"
+    except Exception as fault:  # a trial that fails in any way is given up, and a study goes on with the others
+        stopped = in_words(fault)
+    return {"stopped": stopped, "cpu": time.process_time() - begun[-1]}
+
+
+def _measured(
+    path: Path, overrides: Sequence[str], without: Sequence[str], limits: Limits, say: Say | None, begun: list[float]
+) -> dict[str, Any]:
+    """The run of `one_run`; the CPU time at which its steps begin is added to `begun`."""
+    from discsim.run.simulation import Simulation
     from discsim.study.errors import drifts, measure_of, totals
     from discsim.study.measures import seen
 
-    limits = limits or Limits()
     scene = load_scene(path, overrides, without)
-    begun = time.process_time()
-    try:
-        _compile(Simulation(scene))
-        sim = Simulation(scene)
-        before = totals(sim)
-        updates, due, begun = [0], [time.monotonic() + LINE_EVERY], time.process_time()
+    _compile(Simulation(scene))
+    sim = Simulation(scene)
+    before = totals(sim)
+    updates, due = [0], [time.monotonic() + LINE_EVERY]
+    begun.append(time.process_time())
 
-        def count() -> bool:
-            updates[0] += sum(p.count for p in sim.state.species.values())
-            if time.monotonic() > limits.deadline:
-                raise Late(time.process_time() - begun)
-            if say is not None and time.monotonic() > due[0]:
-                due[0] = time.monotonic() + LINE_EVERY
-                say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of the time")
-            return time.process_time() - begun > limits.cpu
+    def count() -> bool:
+        updates[0] += sum(p.count for p in sim.state.species.values())
+        if time.monotonic() > limits.deadline:
+            raise Late(time.process_time() - begun[-1])
+        if say is not None and time.monotonic() > due[0]:
+            due[0] = time.monotonic() + LINE_EVERY
+            say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of the time")
+        return time.process_time() - begun[-1] > limits.cpu
 
-        if not sim.evolve(scene.run.until, count, only_looks=True):
-            words = f"given up after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
-            return {"stopped": words, "cpu": limits.cpu, "most": limits.cpu}
-        sim.run(scene.run.until)  # closes the last kick
-        cpu = time.process_time() - begun
-    except PhysicsError as fault:
-        return {"stopped": f"stopped by the physics: {fault}", "cpu": time.process_time() - begun}
+    if not sim.evolve(scene.run.until, count, only_looks=True):
+        words = f"given up after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
+        return {"stopped": words, "cpu": limits.cpu, "most": limits.cpu}
+    sim.run(scene.run.until)  # closes the last kick
+    cpu = time.process_time() - begun[-1]
     measure = measure_of(scene)
+    errors = measure.errors(sim) if measure else {}
+    if not np.isfinite([*errors.values()]).all():
+        return {"stopped": "without a finite error at its end", "cpu": cpu}
     return {
         "cpu": cpu,
         "steps": sim.state.step,
         "updates": updates[0],
         "drifts": drifts(before, totals(sim)),
-        **({"errors": measure.errors(sim)} if measure else {}),
+        **({"errors": errors} if measure else {}),
         **seen(sim),
     }
 

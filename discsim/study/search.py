@@ -92,11 +92,10 @@ class Search:
 
     def run(self) -> Trial | None:
         """The cheapest place that reaches the goal; None where the search found none. Raises Spent."""
-        self.bench.run([self.centre], self.repeat)
-        if self.at(self.centre) and self.here.scatter > 0.0:
-            self.bench.run([self.centre], SEEDS)
-        if not self.at(self.centre):
+        if not self._begin():
             return None
+        if self.here.scatter > 0.0:
+            self.bench.run([self.centre], SEEDS)
         self.noise = 2.0 * self.here.scatter / max(self.here.error, 1e-300)
         times = [_ln(run.cpu) for run in self.here.runs]
         self.steady = max(STEADY, 2.0 * stdev(times) if len(times) > 1 else 0.0)
@@ -112,6 +111,17 @@ class Search:
         self.aim = self.goal
         groups = [[place] for place in self._good()[:TRIES]]  # what one seed or another had good
         return next((found for found in map(self._finals, groups) if found), None)
+
+    def _begin(self) -> bool:
+        """Run the start; where it gives no result, what is half as far from the scene. False: nor does the scene."""
+        while True:
+            if self.bench.allowed(self.centre):
+                self.bench.run([self.centre], self.repeat)
+                if self.at(self.centre):
+                    return True
+            if not any(self.centre):
+                return False
+            self.centre = tuple(int(rung / 2) for rung in self.centre)
 
     def _good(self) -> list[Place]:
         """Places that reach the aim, the cheapest first."""

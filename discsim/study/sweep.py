@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import re
 import signal
+import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -23,12 +24,16 @@ from discsim import __version__
 from discsim.output.files import written
 from discsim.run.directory import only_begun
 from discsim.scene import load_scene
+from discsim.scene.differences import refuse_another
 from discsim.study.outcomes import chosen, found_in
 from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, leaves
 from discsim.study.runs import Runs, Say
-from discsim.study.workers import end_with_parent
+from discsim.study.workers import end_with_parent, in_words, results
 
-DONE, PHYSICS, INTERRUPTED = 0, 3, 128  # exit statuses of a run; interrupted: 128 + the signal
+DONE, REFUSED, PHYSICS, FAILED, INTERRUPTED = 0, 2, 3, 70, 128  # exit statuses of a run; interrupted: 128 + the signal
+GIVEN_UP = {
+    REFUSED: "could not start", PHYSICS: "stopped by the physics", FAILED: "ended by an error of discsim",
+}  # fmt: skip
 REACHED = 1e-9  # share of the end by which a run may miss it
 
 
@@ -66,24 +71,38 @@ class Sweep:
     def make(self, title: str, parallel: int, console: Console) -> None:
         """Make the runs that are not at their end, and the table and the figure of all.
 
-        Raises RunFailed, and KeyboardInterrupt once the runs that were going on have written their checkpoints.
+        A run that its start refuses, or that fails, is told and left out. Raises SceneError where runs of other scenes
+        are there, RunFailed where no run could be made, and KeyboardInterrupt once the runs that were going on have
+        written their checkpoints.
         """
+        self._refuse_others()
         say: Say = console.print
         say(f"discsim {__version__}\n{title}: {len(self.points)} combinations, into {self.directory}")
+        given_up = []
         for number, status in enumerate(self._statuses(parallel)):
             if status > INTERRUPTED:
                 raise KeyboardInterrupt
-            if status not in (DONE, PHYSICS):
+            if status != DONE and status not in GIVEN_UP:
                 raise RunFailed(status)
+            given_up += [status] if status in (REFUSED, FAILED) else []
             point = self.points[number]
             point.runs = [self._result(number, status)]
             say(f"{number + 1}/{len(self.points)}  {label_of(point.settings)}: {self._words(point)}")
             self.write()
+        if len(given_up) == len(self.points):
+            raise RunFailed(given_up[0])
         from discsim.study.sweepfigure import sweep_figure  # slow to import, and needed only here
 
         sweep_figure(self, self.directory / "sweep.png")
         console.print(self.table())
         say(f"table {self.directory / 'sweep.csv'}\nfigure {self.directory / 'sweep.png'}")
+
+    def _refuse_others(self) -> None:
+        """Raise SceneError where a directory holds a run of another scene: nothing is written then."""
+        for folder, scene in zip(self.folders, self.scenes, strict=True):
+            path = folder / "scene.toml"
+            if path.exists():
+                refuse_another(path, path.read_bytes(), scene)
 
     def _statuses(self, parallel: int) -> Iterator[int]:
         """Exit statuses of the runs in their order, made as they are asked for, or so many at a time."""
@@ -98,7 +117,7 @@ class Sweep:
         with ProcessPoolExecutor(parallel, initializer=_leave_interrupts) as pool:
             before = signal.signal(signal.SIGTERM, signal.default_int_handler)
             try:
-                yield from (future.result() for future in [pool.submit(one_run, *job) for job in jobs])
+                yield from results(pool.submit(one_run, *job) for job in jobs)
             except BaseException:
                 for process in multiprocessing.active_children():
                     os.kill(process.pid, signal.SIGINT)
@@ -108,8 +127,8 @@ class Sweep:
                 signal.signal(signal.SIGTERM, before)
 
     def _result(self, number: int, status: int) -> dict[str, Any]:
-        if status == PHYSICS:
-            return {"stopped": "stopped by the physics"}
+        if status in GIVEN_UP:
+            return {"stopped": GIVEN_UP[status]}
         scene = self.scenes[number]
         found = found_in(self.folders[number], scene, self.wanted[number])
         if found.time < (1.0 - REACHED) * scene.run.until:
@@ -151,11 +170,15 @@ def folder_name(point: Point) -> str:
 
 
 def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], directory: Path) -> int:
-    """Make a run, or go on with the one there; its exit status."""
+    """Make a run, or go on with the one there; its exit status. What is wrong is one message on stderr."""
     from discsim.run.runner import run_scene
 
     begun = (directory / "checkpoint.h5").exists() or only_begun(directory)
-    return run_scene(load_scene(path, overrides, without), directory, resume=begun, quiet=True)
+    try:
+        return run_scene(load_scene(path, overrides, without), directory, resume=begun, quiet=True)
+    except Exception as fault:  # a run that fails in any way is given up, and the sweep goes on with the others
+        print(f"{directory}: {in_words(fault)}", file=sys.stderr)
+        return FAILED
 
 
 def _leave_interrupts() -> None:

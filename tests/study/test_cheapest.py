@@ -1,6 +1,8 @@
 """`discsim cost --error`: the search with real runs of a small wave, its files and messages, and with fakes."""
 
 import json
+import os
+import signal
 from functools import cache
 from types import SimpleNamespace
 
@@ -9,6 +11,7 @@ from test_cost import WAVE, invoke
 
 from discsim import Simulation, load_scene
 from discsim.preview.check import report
+from discsim.scene import SceneError
 from discsim.study import runs as study_runs
 from discsim.study.cheapest import Cheapest, Wanted
 from discsim.study.errors import measure_of
@@ -187,6 +190,46 @@ def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
     assert (tmp_path / "s" / "cheapest.toml").exists()
     nothing = invoke(wave, "--error", "0.01%", *FEW, "--budget", "1e-9 s", "-o", tmp_path / "t")
     assert nothing.exit_code == 4 and "no run came to its end" in nothing.output
+
+
+@pytest.mark.parametrize("parallel", [1, 2])
+def test_a_trial_that_raises_anything_is_given_up(wave, tmp_path, monkeypatch, undrawn, parallel):
+    """Of a real search: every start with fewer than 40 particles is refused, every one with other kernels fails."""
+    own = Simulation.__init__
+
+    def begin(sim, scene, *arguments, **named):
+        if scene.gas.particles < 40:
+            raise SceneError(["no balance"])
+        if scene.gas.kernel != "cubic":
+            raise IndexError("list index out of range")
+        own(sim, scene, *arguments, **named)
+
+    monkeypatch.setattr(Simulation, "__init__", begin)
+    keep = ["--keep", "drag.scheme", "--keep", "gas.precision"]
+    done = invoke(wave, "--error", "1%", *keep, "--parallel", parallel, "-o", tmp_path / "s")
+    assert done.exit_code == 0 and "Traceback" not in done.output, done.output
+    assert "cheapest for 1%" in done.output
+    for words in ("refused by its start: no balance", "ended by IndexError: list index out of range"):
+        assert words in (tmp_path / "s" / "cost.log").read_text()
+    assert "quintic (ended by IndexError)" in done.output
+
+
+@pytest.mark.parametrize("error", ["1%", "scene"])
+@pytest.mark.parametrize("fault", [SceneError(["no balance"]), TypeError("no number")])
+def test_a_scene_none_of_whose_trials_can_be_run_ends_in_one_message(wave, tmp_path, monkeypatch, error, fault):
+    def begin(sim, *arguments, **named):
+        raise fault
+
+    monkeypatch.setattr(Simulation, "__init__", begin)
+    done = invoke(wave, "--error", error, *FEW, "-o", tmp_path / "s")
+    assert done.exit_code == 2 and done.stderr.count("\n") == 1 and str(fault) in done.stderr
+    assert "the scene as it stands" in done.stderr
+
+
+def test_a_killed_process_of_runs_is_one_message(wave, tmp_path, monkeypatch):
+    monkeypatch.setattr(Simulation, "__init__", lambda *arguments, **named: os.kill(os.getpid(), signal.SIGKILL))
+    done = invoke(wave, "--error", "1%", *FEW, "--parallel", 2, "-o", tmp_path / "s")
+    assert done.exit_code == 2 and done.stderr.count("\n") == 1 and "was killed" in done.stderr
 
 
 def test_a_run_ends_at_its_limits(wave):

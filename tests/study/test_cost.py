@@ -11,10 +11,12 @@ from typer.testing import CliRunner
 from discsim import Simulation, load_scene
 from discsim.cli import app
 from discsim.run.simulation import PhysicsError
+from discsim.scene import SceneError
 from discsim.study.cost import Study
 from discsim.study.errors import drifts, measure_of, profile_errors, totals
 from discsim.study.findings import fitted_power, price
 from discsim.study.points import Point, StudyError, Varied
+from discsim.study.runs import one_run
 
 WAVE = """
 [units]
@@ -243,3 +245,63 @@ def test_what_the_physics_stops_is_told_and_left_out(wave, tmp_path, monkeypatch
     study.make("wave", 1)
     good, bad = rows_of(tmp_path / "s")
     assert good["status"] == "done" and "gas particle 7 is not finite" in bad["status"] and bad["error"] == ""
+
+
+FAULTS = {
+    "refused by its start: no balance": SceneError(["no balance"]),
+    "stopped by the physics: not finite": PhysicsError("not finite"),
+    "ended by ValueError: two lines": ValueError("two\n lines"),
+    "ended by MemoryError": MemoryError(),
+    "ended by IndexError": IndexError("list index out of range"),
+    "ended by TypeError": TypeError("'NoneType' object is not subscriptable"),
+    "ended by FileNotFoundError": FileNotFoundError("gone"),
+    "ended by ZeroDivisionError": ZeroDivisionError("division by zero"),
+}
+
+
+def failing(monkeypatch, fault, with_particles, where="__init__"):
+    """Let simulations of so many particles raise `fault` in a method."""
+    own = getattr(Simulation, where)
+
+    def fail(sim, *arguments, **named):
+        scene = arguments[0] if where == "__init__" else sim.scene
+        if with_particles is None or scene.gas.particles == with_particles:
+            raise fault
+        return own(sim, *arguments, **named)
+
+    monkeypatch.setattr(Simulation, where, fail)
+
+
+@pytest.mark.parametrize("where", ["__init__", "evolve"])
+@pytest.mark.parametrize("words", FAULTS)
+def test_a_run_that_raises_anything_is_told_and_left_out(wave, tmp_path, monkeypatch, words, where):
+    failing(monkeypatch, FAULTS[words], 40, where)
+    done = invoke(wave, "--vary", "gas.particles,dust.particles=30,40", "-o", tmp_path / "s")
+    assert done.exit_code == 0 and "Traceback" not in done.output, done.output
+    good, bad = rows_of(tmp_path / "s")
+    assert good["status"] == "done" and bad["status"].startswith(words) and bad["error"] == ""
+    assert words in done.output
+
+
+@pytest.mark.parametrize("words", ["refused by its start: no balance", "ended by TypeError"])
+def test_where_every_run_fails_one_message_says_so(wave, tmp_path, monkeypatch, words):
+    failing(monkeypatch, FAULTS[words], None)
+    done = invoke(wave, "--vary", "gas.particles,dust.particles=30,40", "-o", tmp_path / "s")
+    assert done.exit_code == 2 and done.stderr.count("\n") == 1
+    assert "no run came to its end; that with gas.particles = 30" in done.stderr and words in done.stderr
+
+
+def test_a_real_start_that_is_refused_is_left_out(tmp_path):
+    """Of the cubic kernel with so wide an h forces are left in a layer; it is refused while the start is made."""
+    few = ["--set", "gas.particles=40", "--set", "dust.particles=10", "--set", "run.until=0.05"]
+    done = invoke("settling", *few, "--vary", "gas.kernel,gas.eta=wendland-c4:2,cubic:2.2", "-o", tmp_path / "s")
+    assert done.exit_code == 0, done.output
+    assert [row["status"].partition(":")[0] for row in rows_of(tmp_path / "s")] == ["done", "refused by its start"]
+
+
+def test_an_error_that_is_not_finite_is_no_result(wave, tmp_path, monkeypatch):
+    measure = measure_of(load_scene(wave))
+    monkeypatch.setattr(
+        "discsim.study.errors.measure_of", lambda scene: measure._replace(errors=lambda sim: {"gas": float("nan")})
+    )
+    assert "without a finite error" in one_run(wave, [], [])["stopped"]

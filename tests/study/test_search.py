@@ -148,6 +148,39 @@ def test_what_nothing_reaches_is_none():
     assert min(trial.error for trial in model.trials.values()) == pytest.approx(0.1 / 4.0)
 
 
+@pytest.mark.parametrize(("least", "began"), [(-2, (-2, -1)), (0, (0, 0))])
+@pytest.mark.parametrize("forbidden", [False, True])
+def test_where_the_start_gives_no_result_the_search_begins_nearer_to_the_scene(least, began, forbidden):
+    """Coarse places stop, or are no scenes at all: half-way to the scene, or the scene, is the first that is run."""
+
+    class Refusing(Model):
+        def allowed(self, place):
+            return not forbidden or place[0] >= least
+
+        def run(self, places, number=1, most=math.inf):
+            assert all(map(self.allowed, places))
+            for place in places:
+                if place[0] < least:
+                    self.trials.setdefault(place, Trial(place)).stopped = "refused by its start"
+            super().run(places, number, most)
+
+    model = Refusing([PARTICLES, STEP])
+    found = found_in(model, 0.02, (-5, -3))
+    assert model.order[0] == began
+    assert found.error <= 0.02 and found.place[0] >= least
+    assert found_in(Refusing([PARTICLES, STEP]), 0.02, (-5, -3)).cpu == found.cpu
+
+
+def test_where_the_scene_itself_gives_no_result_none_is_found():
+    class Refusing(Model):
+        def run(self, places, number=1, most=math.inf):
+            for place in places:
+                self.trials.setdefault(place, Trial(place)).stopped = "refused by its start"
+
+    model = Refusing([PARTICLES, STEP])
+    assert found_in(model, 0.02, (-5, -3)) is None and (0, 0) in model.trials
+
+
 def test_the_budget_is_kept():
     model = Model((PARTICLES, STEP), budget=5.0)
     with pytest.raises(Spent):

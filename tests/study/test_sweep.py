@@ -14,7 +14,8 @@ from discsim import load_scene, read_snapshot
 from discsim.cli import app
 from discsim.output.history import COLUMNS
 from discsim.run.runner import run_scene
-from discsim.scene import tomltext
+from discsim.run.simulation import Simulation
+from discsim.scene import SceneError, tomltext
 from discsim.study import sweep as sweeps
 from discsim.study.outcomes import chosen, found_in, outcomes_of
 from discsim.study.points import StudyError
@@ -138,6 +139,29 @@ def test_of_two_keys_each_pair_is_run_and_one_that_fails_is_told(scene, tmp_path
     rows = table(tmp_path / "b")
     assert [row["status"] for row in rows] == ["stopped by the physics"] * 2 + ["done"] * 2
     assert rows[0]["dust-r50"] == "" and rows[3]["directory"] == "stokes=10,direction=two-way"
+
+
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [(SceneError(["no balance"]), "could not start"), (TypeError("no number"), "ended by an error of discsim")],
+)
+def test_a_run_that_cannot_start_or_fails_is_told(scene, tmp_path, monkeypatch, fault, status, capfd):
+    own, refused = Simulation.__init__, [0.1]
+
+    def begin(sim, scene, *arguments, **named):
+        if scene.drag.stokes in refused:
+            raise fault
+        own(sim, scene, *arguments, **named)
+
+    monkeypatch.setattr(Simulation, "__init__", begin)
+    short = [*STOKES, "-o", tmp_path / "b", "--set", "run.until=0.02"]
+    done = command(scene, *short)
+    assert done.exit_code == 0, done.output
+    assert [row["status"] for row in table(tmp_path / "b")] == [status, "done", "done"]
+    refused += [1.0, 10.0]
+    none = command(scene, *STOKES, "-o", tmp_path / "c")
+    assert none.exit_code in (2, 70) and "Traceback" not in none.output
+    assert str(fault) in none.stderr + capfd.readouterr().err and not (tmp_path / "c" / "sweep.png").exists()
 
 
 def test_several_at_a_time_are_the_same(scene, tmp_path):
