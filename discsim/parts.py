@@ -14,8 +14,10 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
+from discsim.printable import UserError
 
-class PartError(Exception):
+
+class PartError(UserError):
     """A part of another package that cannot be imported; the message says which, and why."""
 
 

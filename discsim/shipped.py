@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+from discsim.printable import UserError
+
 HERE = Path(__file__).parent
 PLACES = (HERE / "setups", HERE.parent / "setups")
 _LABEL = re.compile(r"([A-Z][A-Za-z ]*): +(.+)")
 
 
-class ShippedError(Exception):
+class ShippedError(UserError):
     """A name that stands for no scene, or a copy that would replace a file; the message says which."""
 
 

@@ -10,8 +10,8 @@ import discsim
 HOME = Path(discsim.__file__).parent
 # From the ground up: each imports itself and what stands before it.
 FLOORS = (
-    "parts", "formulas", "kernels", "exact", "scene", "numerics", "physics", "drag", "initial", "effects", "output",
-    "plot", "preview", "run", "study", "report", "shipped", "launch", "ranks", "cli",
+    "printable", "userfiles", "parts", "formulas", "kernels", "exact", "scene", "numerics", "physics", "drag",
+    "initial", "effects", "output", "plot", "preview", "run", "study", "report", "shipped", "launch", "ranks", "cli",
 )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from discsim import collect_rarely
 from discsim.cli.base import app, refuse
-from discsim.parts import PartError
+from discsim.printable import UserError
 
 # isort: off
 from discsim.cli import runs, scenes, costs, looking  # in the order in which the help has their commands
@@ -17,5 +17,5 @@ def main() -> None:
     collect_rarely()
     try:
         app(prog_name="discsim")
-    except PartError as error:
+    except UserError as error:
         refuse(str(error))

@@ -11,6 +11,7 @@ import typer
 
 from discsim import shipped
 from discsim.launch import size_and_rank
+from discsim.printable import printable_lines
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -28,8 +29,13 @@ app = typer.Typer(
 
 def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
     if size_and_rank()[1] == 0:  # of several MPI ranks, which find the same, one tells
-        print(message, file=sys.stderr)
+        print(printable_lines(message), file=sys.stderr)
     raise SystemExit(status)
+
+
+def tell(text: object) -> None:
+    """Print lines on standard output."""
+    typer.echo(printable_lines(text))
 
 
 def _scene_file(given: Path) -> Path:
@@ -61,7 +67,7 @@ def _version(wanted: bool) -> None:
     if wanted:
         from discsim import __version__
 
-        typer.echo(f"discsim {__version__}")
+        tell(f"discsim {__version__}")
         raise typer.Exit
 
 

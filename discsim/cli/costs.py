@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from discsim.cli.base import INTERRUPTED, SceneArgument, SetOption, VaryOption, WithoutOption, app, load, refuse
+from discsim.printable import printable
 from discsim.run.directory import DirectoryError, directory_fault, held
 
 NOT_REACHED = 4
@@ -51,7 +52,7 @@ def cost(
 
     changed = settings or (), without or ()
     directory = output or Path("runs") / f"{scene.stem}-{'cost' if error is None else 'cheapest'}"
-    title = loaded.title or str(scene)
+    title = loaded.title or printable(scene)
     try:
         from discsim.study.points import StudyError, Varied
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, refuse
+from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, refuse, tell
 
 WindowOption = Annotated[
     str | None, typer.Option(metavar="R", help='Part to show: "50 au", "10 au,50 au" in radius, "X,Y,R" on a map.')
@@ -43,7 +43,7 @@ def report(
         refuse(str(wrong))
     except OSError as error:
         refuse(f"{error.filename or path}: {error.strerror}", NOT_WRITTEN)
-    typer.echo(f"{path}: a page of the run in {directory}")
+    tell(f"{path}: a page of the run in {directory}")
 
 
 @app.command()
@@ -78,7 +78,7 @@ def plot(
     if fields:
         from discsim.output.fields.names import table
 
-        typer.echo(table())
+        tell(table())
         return
     kinds = {"--profile": profile, "--polar": polar, "--time": time, "--against": against is not None}
     given = [name for name, there in kinds.items() if there]
@@ -104,7 +104,7 @@ def plot(
         save(request.figure, where)
         return where
 
-    typer.echo(_drawn(make))
+    tell(_drawn(make))
 
 
 @app.command()
@@ -133,7 +133,7 @@ def movie(
         film.save(where, _count if sys.stderr.isatty() else None)
         return where
 
-    typer.echo(_drawn(make))
+    tell(_drawn(make))
 
 
 def _count(done: int, of: int) -> None:

@@ -17,8 +17,10 @@ from discsim.cli.base import (
     app,
     load,
     refuse,
+    tell,
 )
 from discsim.launch import size_and_rank
+from discsim.printable import printable
 from discsim.run.directory import DirectoryError, directory_fault, held
 
 if TYPE_CHECKING:
@@ -94,11 +96,11 @@ def branch(
     if fault:
         refuse(fault)
     if preview or not quiet:
-        typer.echo(made.words)
+        tell(made.words)
     if preview:
         from discsim.preview.check import report
 
-        typer.echo(f"\n{report(made.scene)}")
+        tell(f"\n{report(made.scene)}")
         return
     from discsim.run.runner import run_scene
 
@@ -140,7 +142,7 @@ def sweep(
         varied = [Varied.from_text(text) for text in vary]
         made = Sweep(scene, varied, directory, measure or (), settings or (), without or ())
         with held(directory):
-            made.make(loaded.title or str(scene), parallel, console)
+            made.make(loaded.title or printable(scene), parallel, console)
     except (SceneError, StudyError, DirectoryError, SnapshotError) as wrong:
         refuse(str(wrong))
     except RunFailed as failed:

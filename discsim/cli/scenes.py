@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import NOT_WRITTEN, SceneArgument, SetOption, WithoutOption, app, load, refuse
+from discsim.cli.base import NOT_WRITTEN, SceneArgument, SetOption, WithoutOption, app, load, refuse, tell
 from discsim.shipped import ShippedError, copy_setup
 from discsim.shipped import setups as shipped_setups
 
@@ -18,7 +18,7 @@ def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOpti
     loaded = load(scene, settings or (), without or ())
     from discsim.preview.check import report
 
-    typer.echo(report(loaded))
+    tell(report(loaded))
 
 
 @app.command()
@@ -26,7 +26,7 @@ def setups() -> None:
     """List the setups that come with discsim: name, title, what it is and how long it takes."""
     for each in shipped_setups().values():
         takes = each.notes.get("How long", "").partition(",")[0].rstrip(".")
-        typer.echo(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
+        tell(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
 
 
 @app.command()
@@ -44,7 +44,7 @@ def new(
         refuse(str(error))
     except OSError as error:
         refuse(f"{path}: cannot be written: {error.strerror}", NOT_WRITTEN)
-    typer.echo(f"{path}: a copy of the setup {name}; run it with: discsim run {path}")
+    tell(f"{path}: a copy of the setup {name}; run it with: discsim run {path}")
 
 
 @app.command()
@@ -52,4 +52,4 @@ def effects() -> None:
     """List every effect: its equation, its keys with units and defaults."""
     from discsim.preview.reference import effects_text
 
-    typer.echo(effects_text())
+    tell(effects_text())

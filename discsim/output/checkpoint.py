@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 
 from discsim.output import hdf5
+from discsim.printable import UserError
 
 Array = np.ndarray
 Scalar = str | int | float | bool
@@ -19,7 +20,7 @@ PARTICLES = ("gas", "dust", "own_acc")  # groups of arrays with a row a particle
 ROWS = 1 << 20  # that are checked at a time
 
 
-class CheckpointError(Exception):
+class CheckpointError(UserError):
     """The file is absent, damaged, or no checkpoint; the message says which."""
 
 

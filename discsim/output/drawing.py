@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.mathtext import MathTextParser
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
@@ -18,12 +20,16 @@ from discsim.output.bins import RINGS, range_of_mass
 from discsim.output.fields.base import WRITTEN, Field
 from discsim.output.fields.values import Window, has_centre, in_rings
 from discsim.parts import FIELDS
+from discsim.printable import printable
 
 if TYPE_CHECKING:
     from discsim.output.fields.binned import Binned
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
+
+DOLLAR = re.compile(r"(?<!\\)\$")  # one that begins or ends mathematics
+WIDEST = 2000.0  # points of a line with mathematics: what is wider is no title, and may take all memory
 
 # Of Okabe & Ito (2008), which the colour-blind tell apart, and lines of their own for print without colour.
 COLOURS = {"gas": "#0072B2", "dust": "#D55E00", "small_dust": "#009E73"}
@@ -35,6 +41,23 @@ PLAIN = (1e-4, 1e5)  # numbers that are written without a power of ten
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # room beside and under axes; that of titles
 COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, their side, pitch of profiles
 BAR = (0.08, 0.2)  # distance and width of a colour bar
+
+
+def figure_text(text: str) -> str:
+    """A text of a user for a figure: mathematics between dollars where matplotlib can typeset it, else as it stands."""
+    line = printable(text)
+    if not DOLLAR.search(line) or (len(DOLLAR.findall(line)) % 2 == 0 and _typesets(line)):
+        return line
+    return DOLLAR.sub(r"\\$", line)
+
+
+def _typesets(line: str) -> bool:
+    """Whether matplotlib can typeset a line with mathematics, in a size that a figure has."""
+    try:
+        width, height, *_ = MathTextParser("path").parse(line)
+    except Exception:  # of whatever kind: it is the text of a user that matplotlib cannot read
+        return False
+    return max(width, height) < WIDEST
 
 
 def in_units(snap: Snapshot, dimension: str) -> tuple[float, str]:

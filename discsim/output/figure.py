@@ -30,6 +30,7 @@ from discsim.output.drawing import (
     TITLE,
     axes_at,
     draw,
+    figure_text,
     in_units,
     log_ticks,
     map_picture,
@@ -58,8 +59,7 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
 
 def _title(snap: Snapshot) -> str:
     time = f"t = {snap.units.show_time(snap.time)}"
-    name = snap.tables.get("title", "")
-    return f"{name}\n{time}" if name else time
+    return f"{figure_text(snap.title)}\n{time}" if snap.title else time
 
 
 def _around(snap: Snapshot) -> str | None:

@@ -23,6 +23,7 @@ from discsim.numerics.totals import total, totals
 from discsim.output.files import written
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
+from discsim.printable import UserError
 
 if TYPE_CHECKING:
     from discsim.effects.base import Effect
@@ -46,7 +47,7 @@ def columns_of(scene: Scene) -> tuple[str, ...]:
     return COLUMNS if scene.table("growth") is None else (*COLUMNS, *OF_GROWTH)
 
 
-class HistoryError(Exception):
+class HistoryError(UserError):
     """A history.csv that a run cannot go on with; the message says where it is wrong."""
 
 

@@ -24,6 +24,7 @@ from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layo
 from discsim.parts import STARTS, Lazy
 from discsim.physics.eos import eos_of
 from discsim.physics.profile import reference_density
+from discsim.printable import UserError, printable
 from discsim.scene import SceneError, html
 from discsim.scene.units import Units
 
@@ -40,7 +41,7 @@ Array = np.ndarray
 growth = Lazy("discsim.physics.growth")
 
 
-class SnapshotError(Exception):
+class SnapshotError(UserError):
     """The file is absent, damaged, or no snapshot of ours; the message says which."""
 
 
@@ -137,6 +138,11 @@ class Snapshot:
         return tomllib.loads(self.scene_text)
 
     @property
+    def title(self) -> str:
+        """The title of the scene, printable; "" where it has none."""
+        return printable(self.tables.get("title", ""))
+
+    @property
     def species(self) -> dict[str, SnapshotParticles]:
         """The kinds of particles present, by name."""
         both = {"gas": self.gas, "dust": self.dust}
@@ -147,7 +153,7 @@ class Snapshot:
         for name, particles in self.species.items():
             held = [key for key, array in vars(particles).items() if isinstance(array, np.ndarray)]
             rows.append((name, f"{particles.count:,} particles: {', '.join([*held, *particles.columns])}"))
-        return html.table(self.tables.get("title") or "A snapshot", rows)
+        return html.table(self.title or "A snapshot", rows)
 
     def about_centre(self) -> Snapshot:
         """The snapshot about its moving star, where that is the centre of the disc; the box stays where it is."""

@@ -24,6 +24,7 @@ from pydantic import BeforeValidator, ValidationInfo
 
 from discsim.scene.fields import LARGEST, InputFile, Words, fault, units_of
 from discsim.scene.units import UnitError, Units, clipped
+from discsim.userfiles import read_text, system_message
 
 Array = np.ndarray
 NAMES = {
@@ -34,6 +35,7 @@ UNITS = {"r": "au", "Sigma": "g/cm2", "T": "K"}  # like which those of the colum
 EACH = ", ".join(dict.fromkeys(NAMES.values()))
 SMOOTH = ("Sigma", "T", "resolution")  # as cubics
 PLAIN = {"ratio": "a ratio", "resolution": "a resolution"}  # which have no unit
+LARGEST_TABLE = 2**24  # bytes
 COLUMN = re.compile(r"([A-Za-z_]\w*)(?:\s*[\[(]([^\])]*)[\])])?[\s,]*")
 
 
@@ -106,11 +108,13 @@ class Columns(InputFile):
 def _read(value: Any, info: ValidationInfo) -> Columns | None:
     if value is None:
         return None
-    found = InputFile.read(value, info)
+    found = InputFile.read(value, info, LARGEST_TABLE)
     try:
-        text = found.path.read_text(encoding="utf-8")
+        text = read_text(found.path)
     except UnicodeDecodeError:
         raise fault(f"{found.path}: not a text; expected a table, {_wanted(units_of(info))}") from None
+    except OSError as error:
+        raise fault(system_message(error, "read", found.path)) from None
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     try:
         names, factors = _header(lines, units_of(info))
@@ -142,8 +146,8 @@ def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list
     number, line = lines[0]
     text = line.lstrip("# \t")
     found = COLUMN.findall(text)
-    if not found or COLUMN.sub("", text):
-        raise _Wrong(f':{number}: "{clipped(line)}" is no header; expected {_wanted(units)}')
+    if COLUMN.sub("", text) or not any(word.lower() in NAMES for word, _ in found):
+        raise _Wrong(f":{number}: no header of a table; expected {_wanted(units)}")  # says nothing of another file
     names, factors = [], []
     for word, unit in found:
         name = NAMES.get(word.lower())

@@ -23,6 +23,7 @@ from discsim.output.drawing import (
     Picture,
     axes_at,
     draw,
+    figure_text,
     norm_of,
     scale_bar,
 )  # fmt: skip
@@ -193,8 +194,8 @@ def _of_same(word: str, name: str) -> str:
 def titles_of(snaps: Sequence[Snapshot], found: Sequence[Named]) -> tuple[str, list[str]]:
     """The title of a figure and those of its columns: what all have in common, and what they differ in."""
     times = [snap.units.show_time(snap.time) for snap in snaps]
-    runs = [each.name for each in found]
-    title = snaps[0].tables.get("title", "") if len(set(runs)) == 1 else ""
+    runs = [figure_text(each.name) for each in found]
+    title = figure_text(snaps[0].title) if len(set(runs)) == 1 else ""
     same_time = len(set(times)) == 1
     head = "\n".join(text for text in (title, f"t = {times[0]}" if same_time else "") if text)
     several = len(set(runs)) > 1

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discsim import __version__
+from discsim.output.drawing import figure_text
 from discsim.output.files import written
 from discsim.plot import compose, pictures
 from discsim.plot.compose import Board
@@ -87,8 +88,8 @@ class Request:
         names, snaps = self._read([files[0] for files, _ in runs])
         flat, look = compose.flat(names), self.look.shared(snaps, "time")
         made = [pictures.in_time(files, flat, look) for files, _ in runs]
-        titles = [name for _, name in runs] if len(runs) > 1 else [""]
-        head = str(snaps[0].tables.get("title", "")) if len(runs) == 1 else ""
+        titles = [figure_text(name) for _, name in runs] if len(runs) > 1 else [""]
+        head = figure_text(snaps[0].title) if len(runs) == 1 else ""
         rows = compose.of_pictures(made, titles, look, compare=self.compare)
         return Board(head, rows, notes=compose.notes_of(flat, look), headed=any(titles))
 

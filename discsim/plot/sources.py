@@ -11,10 +11,11 @@ import numpy as np
 from discsim.output import hdf5
 from discsim.output.fields.names import columns
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, units_of
+from discsim.printable import UserError
 from discsim.scene.units import UnitError, Units
 
 
-class PlotError(Exception):
+class PlotError(UserError):
     """What cannot be drawn; the message says why, and what was expected."""
 
 

@@ -23,6 +23,7 @@ from discsim.output.layout import GROUPS
 from discsim.output.open_step import KICKED, left_open
 from discsim.output.parts import tidy
 from discsim.output.snapshot import Extent, extent_of, write_snapshot
+from discsim.printable import printable
 from discsim.ranks import files
 from discsim.ranks.agreed import alike, led
 from discsim.ranks.begin import divide
@@ -70,10 +71,10 @@ class Told(Progress):
 
     failed = ""
 
-    def fail(self, text: str) -> None:
+    def fail(self, *lines: str) -> None:
         self.screen.clear()
-        self.failed = text
-        self.note(text)
+        self.failed = "\n".join(map(printable, lines))
+        self.note(self.failed)
 
 
 class Untold(Told):

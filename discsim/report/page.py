@@ -22,6 +22,7 @@ from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview.check import effect_lines
 from discsim.preview.derived import derived
 from discsim.preview.reference import docstring, parts, pieces
+from discsim.printable import UserError, printable, printable_lines
 from discsim.report import figures
 from discsim.report.totals import totals
 from discsim.scene import Scene, load_scene
@@ -31,7 +32,7 @@ from discsim.study.outcomes import chosen, found_in
 LIBRARIES = ("numpy", "numba", "scipy", "astropy", "h5py", "matplotlib")
 
 
-class ReportError(Exception):
+class ReportError(UserError):
     """There is no run to tell of; the message says why."""
 
 
@@ -46,12 +47,12 @@ def write_report(directory: Path, path: Path) -> None:
         raise ReportError(f"{directory / 'history.csv'}: no rows; expected those of a run")
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("discsim.report", "."), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
+        finalize=_printable_text, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     found = totals(scene, rows)
     text = environment.get_template("page.html.j2").render(
-        title=scene.title or directory.resolve().name,
-        directory=directory,
+        title=scene.title or printable(directory.resolve().name),
+        directory=printable(directory),
         facts=[*_facts(scene, rows), ("snapshots", str(len(snapshots)))],
         outcomes=_outcomes(directory, scene),
         pictures=[figures.of_snapshot(each) for each in dict.fromkeys((snapshots[0], snapshots[-1]))],
@@ -62,11 +63,16 @@ def write_report(directory: Path, path: Path) -> None:
         costs=_costs(directory / "costs.csv"),
         warnings=_warnings(directory / "run.log"),
         scene=(directory / "scene.toml").read_text(encoding="utf-8"),
-        command=f"discsim run {directory / 'scene.toml'} -o {directory}-again",
+        command=printable(f"discsim run {directory / 'scene.toml'} -o {directory}-again"),
         versions=_versions(directory / "run.log"),
     )
     with written(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def _printable_text(value: object) -> object:
+    """A text of the page without control characters; markup that the template has made stays."""
+    return value if hasattr(value, "__html__") else printable_lines(value)
 
 
 def _facts(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]]:

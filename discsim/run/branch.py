@@ -15,13 +15,14 @@ from typing import Any, NamedTuple
 from discsim.initial import start_of
 from discsim.output.restart import KIND
 from discsim.parts import EFFECTS
+from discsim.printable import UserError, printable, printable_lines
 from discsim.scene import Scene, load_scene
 from discsim.scene.differences import differences
 from discsim.scene.messages import value_at
 from discsim.scene.reading import parsed, read
 
 
-class BranchError(Exception):
+class BranchError(UserError):
     """There is no such snapshot, or no run can begin with it; the message says why."""
 
 
@@ -36,7 +37,9 @@ class Branch(NamedTuple):
     def words(self) -> str:
         """From where and when, and with what changed, in lines."""
         when = self.scene.initial.file.time_words
-        return "\n  ".join([f"branch of {self.snapshot} at t = {when}, with", *(self.changes or ["nothing changed"])])
+        return "\n  ".join(
+            [f"branch of {printable(self.snapshot)} at t = {when}, with", *(self.changes or ["nothing changed"])]
+        )
 
 
 def branch(run: Path, number: int | None, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Branch:
@@ -49,7 +52,7 @@ def branch(run: Path, number: int | None, settings: Sequence[str] = (), without:
     scene = load_scene(path, [f"initial={initial}", *settings], without)
     changes = list(_changes(before, scene))
     head = Branch(scene, snapshot, changes).words
-    comment = "".join(f"# {line}\n" for line in _printable(head).split("\n"))
+    comment = "".join(f"# {line}\n" for line in printable_lines(head).split("\n"))
     return Branch(scene.model_copy(update={"text": f"{comment}\n{scene.text}"}), snapshot, changes)
 
 
@@ -101,8 +104,3 @@ def _changes(before: Scene, after: Scene) -> Iterator[str]:
 
 def _shown(value: Any) -> str:
     return "its default" if value is None else json.dumps(value, ensure_ascii=False)
-
-
-def _printable(text: str) -> str:
-    """Without what a comment of TOML cannot hold."""
-    return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text)

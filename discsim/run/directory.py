@@ -15,6 +15,7 @@ from typing import Any
 
 from discsim.output.files import PARTS, keep_names, written
 from discsim.parts import Lazy
+from discsim.printable import UserError
 from discsim.scene import Scene, tomltext
 from discsim.scene.loading import files_of
 
@@ -42,7 +43,7 @@ if fcntl is not None:
     os.register_at_fork(after_in_child=_let_go)
 
 
-class DirectoryError(Exception):
+class DirectoryError(UserError):
     """A run cannot use its directory as it is; the message says why."""
 
 

@@ -15,6 +15,7 @@ from discsim.numerics.state import State
 from discsim.numerics.teams import beside, several_threads
 from discsim.numerics.threads import copied, share
 from discsim.parts import Lazy
+from discsim.printable import UserError
 from discsim.run.costs import Costs
 
 moves = Lazy("discsim.kernels.move")
@@ -22,7 +23,7 @@ moves = Lazy("discsim.kernels.move")
 Effects = Mapping[str, Effect]
 
 
-class PhysicsError(Exception):
+class PhysicsError(UserError):
     """The run cannot go on: something is not finite, or the step has collapsed."""
 
 

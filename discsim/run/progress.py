@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from discsim.numerics import world
+from discsim.printable import printable
 from discsim.run.screen import Screen
 from discsim.scene.units import clock
 
@@ -40,13 +41,14 @@ class Progress:
             self.note(line)
 
     def say(self, text: str) -> None:
-        """Lines for the screen and the log."""
-        self.note(text)
+        """A line for the screen and the log."""
+        self.note(printable(text))
         if not self.quiet:
-            self.screen.line(text)
+            self.screen.line(printable(text))
 
-    def fail(self, text: str) -> None:
-        """An error: one message on stderr, and in the log."""
+    def fail(self, *lines: str) -> None:
+        """Print an error, one message of one or more lines, on stderr, and keep it in the log."""
+        text = "\n".join(map(printable, lines))
         self.screen.clear()
         with suppress(OSError):  # of a terminal that is gone
             print(text, file=sys.stderr)
@@ -84,6 +86,7 @@ class Progress:
             self._log = None
 
     def note(self, text: str) -> None:
+        """Lines for the log alone."""
         if self._log is None:
             self._early.append(text)
         else:

@@ -15,15 +15,15 @@ from discsim import __version__
 from discsim.initial import start_time
 from discsim.kernels import cache
 from discsim.output import hdf5
-from discsim.output.checkpoint import CheckpointError, Scalar, write_checkpoint
+from discsim.output.checkpoint import Scalar, write_checkpoint
 from discsim.output.files import command, written
-from discsim.output.history import HistoryError
 from discsim.output.open_step import left_open
 from discsim.output.parts import tidy
 from discsim.output.snapshot import write_snapshot
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
+from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints
 from discsim.run.compilation import Compilation
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
@@ -34,9 +34,10 @@ from discsim.run.progress import Progress
 from discsim.run.records import Records
 from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import PhysicsError, Simulation
-from discsim.scene import Scene, SceneError
+from discsim.scene import Scene
 from discsim.scene.differences import refuse_another
 from discsim.scene.units import clock
+from discsim.userfiles import system_message
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
 SMALL = 20_000  # particles: below it history has a row for every step
@@ -60,22 +61,22 @@ def ended(run: Run, resume: bool) -> int:
     with run.interrupts, event.install_listener("numba:compile", run.compilation):
         try:
             return run.go(resume)
-        except (SceneError, CheckpointError, DirectoryError, HistoryError) as fault:
-            fail(str(fault))
-            return WRONG_INPUT
         except PhysicsError as fault:
-            fail(f"stopped by the physics {run.where()}: {fault}\n{run.way_back()}")
+            fail(f"stopped by the physics {run.where()}: {fault}", run.way_back())
             return PHYSICS
+        except UserError as fault:
+            fail(*str(fault).split("\n"))
+            return WRONG_INPUT
         except MemoryError as fault:
-            fail(f"out of memory {run.where()}: {fault or 'no room for an array'}\n{run.way_back()}")
+            fail(f"out of memory {run.where()}: {fault or 'no room for an array'}", run.way_back())
             return PHYSICS
         except OSError as fault:
-            reason = (fault.strerror or str(fault)).partition("\n")[0]
             if of_numba_cache(fault):
+                reason = fault.strerror or str(fault)
                 cure = "Make room there, or set NUMBA_CACHE_DIR to another directory"
                 fail(f"{cache.place}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
             else:
-                fail(f"{fault.filename or directory}: cannot be written: {reason}. {run.way_back()}")
+                fail(f"{system_message(fault, 'written', directory)}. {run.way_back()}")
             return NOT_WRITTEN
         except cache.CacheError as fault:
             fail(str(fault))

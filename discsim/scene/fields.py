@@ -6,8 +6,10 @@ while the table is validated, with the scene's `Units` as the validation context
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import math
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +18,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
+from discsim.printable import printable
 from discsim.scene.units import UnitError, Units, clipped, seconds
+from discsim.userfiles import open_plain
 
 MOST_PARTICLES = 10_000_000_000
 MOST_SNAPSHOTS = 1_000_000
@@ -204,20 +208,25 @@ class InputFile:
     digest: str
 
     def __str__(self) -> str:
-        return f'"{self.path.name}"'
+        return f'"{printable(self.path.name)}"'
 
     @classmethod
-    def read(cls, value: Any, info: ValidationInfo) -> InputFile:
-        """The file that `value` names, relative to the scene's folder."""
+    def read(cls, value: Any, info: ValidationInfo, most: float = math.inf) -> InputFile:
+        """The plain file of at most `most` bytes that `value` names, relative to the scene's folder."""
         if not isinstance(value, str) or not value:
             raise fault(f'{shown(value)} is no path; expected one in quotes, like "profile.txt"')
-        path = (info.context or {}).get("folder", Path()) / Path(value).expanduser()
         try:
-            with path.open("rb") as file:
+            path = (info.context or {}).get("folder", Path()) / Path(value).expanduser()
+            with open_plain(path) as file:
+                if os.fstat(file.fileno()).st_size > most:
+                    raise OSError(errno.EFBIG, f"is larger than {most / 2**20:.3g} MiB")
                 return cls(path.absolute(), hashlib.file_digest(file, "sha256").hexdigest())
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise fault(f"{shown(value)}: {path}: {reason.lower()}; expected a file, relative to the scene's") from None
+        except OSError as error:
+            where, reason = str(path), error.strerror or str(error)
+        except (ValueError, RuntimeError) as error:  # no name of a file, or of a user without a home
+            where, reason = "", str(error)
+        begins = f"{shown(value)}: {where}: " if where else f"{shown(value)}: "
+        raise fault(f"{begins}{reason[:1].lower()}{reason[1:]}; expected a file, relative to the scene's")
 
 
 class Table(BaseModel):

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, MODELS, STARTS, found_at
+from discsim.printable import printable
 from discsim.scene import html, tables, tomltext
 from discsim.scene.fields import InputFile, shown
 from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
@@ -161,16 +162,15 @@ def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:
 
 def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """The parts of the Scene that could be read, and every fault."""
+    unknown = [name for name in data if name not in TABLES and name != "title"]
     faults: list[Problem] = [
-        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}")
-        for name in data
-        if name not in TABLES and name != "title"
+        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}") for name in unknown
     ]
     title = data.get("title", "")
     if not isinstance(title, str):
         faults.append((("title",), f"{shown(title)} is not a text; expected one in quotes"))
     # A mistyped table is one fault: the one that was meant is neither missing nor absent.
-    meant = {nearest(name, _table_names()) or "": None for name in data if name not in TABLES}
+    meant = {nearest(name, _table_names()) or "": None for name in unknown}
     required = [name for name in REQUIRED if not own_particles or name != "initial"]
     missing = [name for name in required if name not in data and name not in meant]
     faults += [((), f"missing table [{name}]; expected one") for name in missing]
@@ -188,7 +188,7 @@ def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple
                 _count(filled, getattr(found[name], "counts", {}))
     faults += [_as_written(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
     others = {name: found.pop(name) for name in list(found) if name not in Scene.model_fields}
-    return {"title": title, "units": units, "others": others, **found}, faults
+    return {"title": printable(title), "units": units, "others": others, **found}, faults
 
 
 def _table_names() -> list[str]:

@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from discsim.printable import UserError, printable
 from discsim.scene import fields, tomltext
 from discsim.scene.fields import models_in, shown
 from discsim.scene.rules import Problem
@@ -16,12 +17,15 @@ from discsim.scene.units import ECHOED, Units, clipped
 KeyPath = tuple[str | int, ...]
 
 
-class SceneError(Exception):
+class SceneError(UserError):
     """A scene that cannot run; `problems` has one message a fault."""
 
     def __init__(self, problems: Sequence[str]) -> None:
-        super().__init__("\n".join(problems))
-        self.problems = list(problems)
+        self.problems = [printable(problem) for problem in problems]
+        Exception.__init__(self, "\n".join(self.problems))
+
+    def __reduce__(self) -> tuple[type[SceneError], tuple[list[str]]]:
+        return SceneError, (self.problems,)
 
 
 class Origins:

@@ -8,13 +8,15 @@ from typing import Any
 
 from discsim.scene.messages import KeyPath, SceneError, name_of
 from discsim.scene.tables import REQUIRED
+from discsim.userfiles import read_plain
 
+LARGEST_SCENE = 2**20  # bytes
 DEEPEST = 8  # tables and lists within each other; a scene needs four
 
 
 def read(path: Path) -> str:
     try:
-        content = path.read_bytes()
+        content = read_plain(path, LARGEST_SCENE)
     except FileNotFoundError:
         raise SceneError([f"{path}: there is no such file; expected a scene, a TOML file"]) from None
     except IsADirectoryError:

@@ -14,6 +14,8 @@ from difflib import get_close_matches
 from functools import cache, cached_property
 from typing import Any
 
+from discsim.printable import printable
+
 Exponents = tuple[float, float, float]
 
 # Exponents of mass, length, time.
@@ -67,7 +69,8 @@ RANGES = {"length": (1e-20, 1e40, "cm"), "mass": (1e-40, 1e60, "g")}
 
 
 def clipped(text: str) -> str:
-    """A text for a message: its beginning, where it is long."""
+    """A text for a message, printable: its beginning, where it is long."""
+    text = printable(text)
     return text if len(text) <= ECHOED else text[: ECHOED - 3] + "..."
 
 

@@ -20,6 +20,7 @@ from rich.console import Console
 from discsim import __version__
 from discsim.output.files import written
 from discsim.preview.accuracy import learn
+from discsim.printable import printable
 from discsim.scene import load_scene, near
 from discsim.scene.units import UnitError, clock, seconds
 from discsim.study.cost import WIDTH
@@ -236,7 +237,7 @@ class Cheapest:
         say = _Teller(console, log)
         self._bench = Workshop(self.runs, self.knobs, self.measure, self.wanted, say)
         say(f"discsim {__version__}")
-        say(f"{title}: the least CPU time for an error of {self._goal_words()}, into {self.directory}")
+        say(f"{title}: the least CPU time for an error of {self._goal_words()}, into {printable(self.directory)}")
         say("knobs: " + ", ".join(knob.name for knob in self.knobs.all))
         try:
             self._search(say)
@@ -249,13 +250,12 @@ class Cheapest:
         say(text.get().rstrip())
         if any(trial.runs for trial in self.bench.trials.values()):
             frontier_figure(self, self.directory / "cost.png")
-            say(f"figure {self.directory / 'cost.png'}")
+            say(f"figure {printable(self.directory / 'cost.png')}")
             self._learn()
         if self.found is not None:
             self._write()
-            say(
-                f"scene {self.directory / 'cheapest.toml'}, which takes: discsim run {self.directory / 'cheapest.toml'}"
-            )
+            path = printable(self.directory / "cheapest.toml")
+            say(f"scene {path}, which takes: discsim run {path}")
         return self.found is not None
 
     def _goal_words(self) -> str:
@@ -323,9 +323,9 @@ class Cheapest:
         changes = [f"{key}={value}" for key, value in self.settings_of(self.found).items()]
         text = load_scene(self.path, [*self.settings, *changes], self.without).text
         head = (
-            f"# Found by: discsim cost {self.path} --error {self._goal_words()}\n"
+            f"# Found by: discsim cost {printable(self.path)} --error {self._goal_words()}\n"
             f"# {self.measure.name}: error {percent(self.found.error)}, {self.found.cpu:.3g} s of CPU on one thread; "
-            f"changed: {', '.join(changes) or 'nothing'}\n"
+            f"changed: {printable(', '.join(changes) or 'nothing')}\n"
         )
         with written(self.directory / "cheapest.toml") as temporary:
             temporary.write_text(head + text, encoding="utf-8")

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from discsim import __version__
 from discsim.output.files import written
+from discsim.printable import printable
 from discsim.scene.units import clock
 from discsim.study.findings import show
 from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, lines_of
@@ -110,7 +111,7 @@ class Study:
 
         log = self.directory / "cost.log"
         say(f"discsim {__version__}")
-        say(f"{title}: {len(self.points)} combinations, {self.repeat} of each, into {self.directory}")
+        say(f"{title}: {len(self.points)} combinations, {self.repeat} of each, into {printable(self.directory)}")
         self.run(say, parallel)
         self.write()
         if not any(point.done for point in self.points):
@@ -122,7 +123,8 @@ class Study:
         with console.capture() as text:
             show(self, console)
         say(text.get().rstrip())
-        say(f"table {self.directory / 'cost.csv'}\nfigure {self.directory / 'cost.png'}")
+        for what, name in (("table", "cost.csv"), ("figure", "cost.png")):
+            say(f"{what} {printable(self.directory / name)}")
         return True
 
     # Findings

@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from discsim import __version__
+from discsim.output.drawing import figure_text
 from discsim.study.points import label_of
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ def cost_figure(study: Study, path: Path) -> None:
     for number, (name, points) in enumerate(study.lines().items()):
         marker = "osD^vP*X<>"[number % 10]
         cpu, errors = [point.cpu for point in points], [point.error for point in points]
-        axes.plot(cpu, errors, marker + "-", color=f"C{number % 10}", label=name)
+        axes.plot(cpu, errors, marker + "-", color=f"C{number % 10}", label=figure_text(name))
         if study.axis:
             for point in (points[0], points[-1]):
-                text = point.settings[study.axis.keys[0]]
+                text = figure_text(point.settings[study.axis.keys[0]])
                 axes.annotate(text, (point.cpu, point.error or 0.0), (4, 4), textcoords="offset points", fontsize=7)
     front = study.front()
     if front:
@@ -46,7 +47,7 @@ def cost_figure(study: Study, path: Path) -> None:
     if study.exact:
         axes.set_title(study.exact, fontsize=9)
     elif study.reference is not None:
-        axes.set_title(f"against {label_of(study.reference.settings)}", fontsize=9)
+        axes.set_title(f"against {figure_text(label_of(study.reference.settings))}", fontsize=9)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=150, metadata={"Software": f"discsim {__version__}"})

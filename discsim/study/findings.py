@@ -10,6 +10,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
+from discsim.printable import printable
 from discsim.study.points import Point, Varied, label_of, leaves, number_in
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def show(study: Study, console: Console) -> None:
     keys = [key for each in study.varied for key in each.keys]
     runs = Table("", *leaves(keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
     for point in study.points:
-        values = [point.settings[key] for key in keys]
+        values = [printable(point.settings[key]) for key in keys]
         if not point.done:
             runs.add_row("", *values, point.runs[0]["stopped"] if point.runs else "not run")
             continue

@@ -17,6 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from discsim import __version__
+from discsim.output.drawing import figure_text
+from discsim.printable import printable
 from discsim.scene.units import clock
 from discsim.study.knobs import Knobs
 from discsim.study.points import percent
@@ -147,7 +149,7 @@ def value_words(knobs: Knobs, place: Place, k: int) -> str:
     """What knob k has at a place, for people."""
     settings, key = knobs.settings(place) or {}, knobs.all[k].keys[0]
     value: Any = settings[key].strip('"') if key in settings else knobs.base.value(key)
-    return "default" if value is None else str(value)
+    return "default" if value is None else printable(value)
 
 
 def powers(trials: Sequence[Trial], k: int, ratio: float) -> tuple[float, float] | None:
@@ -206,7 +208,8 @@ def frontier_figure(study: Cheapest, path: Path) -> None:
     axes.set_xlabel("CPU time of the steps on one thread [s]")
     axes.set_ylabel(f"error: {study.measure.words}", wrap=True)
     axes.grid(alpha=0.3, which="both", lw=0.4)
-    title = f"{study.path.stem}: error against CPU time"
-    axes.set_title(f"{title}\nfound: {study.words(found)}" if found else title, fontsize=10, wrap=True)
+    title = f"{figure_text(study.path.stem)}: error against CPU time"
+    found_words = f"\nfound: {figure_text(study.words(found))}" if found else ""
+    axes.set_title(title + found_words, fontsize=10, wrap=True)
     axes.legend(fontsize=8, framealpha=0.9)
     figure.savefig(path, dpi=150, metadata={"Software": f"discsim {__version__}"})

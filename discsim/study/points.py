@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from discsim.printable import UserError, printable
+
 Settings = dict[str, str]  # key of the scene: its value, as text
 
 
-class StudyError(Exception):
+class StudyError(UserError):
     """A study that cannot be made, or gone on with."""
 
 
@@ -128,8 +130,9 @@ def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Poi
 
 
 def label_of(settings: Settings) -> str:
-    """Settings in words."""
-    return ", ".join(f"{name} = {value}" for name, value in zip(leaves(settings), settings.values(), strict=True))
+    """Settings in words, printable."""
+    pairs = zip(leaves(settings), settings.values(), strict=True)
+    return printable(", ".join(f"{name} = {value}" for name, value in pairs))
 
 
 def leaves(keys: Iterable[str]) -> list[str]:

@@ -22,6 +22,7 @@ from rich.table import Table
 
 from discsim import __version__
 from discsim.output.files import written
+from discsim.printable import printable
 from discsim.run.directory import only_begun
 from discsim.scene import load_scene
 from discsim.scene.differences import refuse_another
@@ -77,7 +78,7 @@ class Sweep:
         """
         self._refuse_others()
         say: Say = console.print
-        say(f"discsim {__version__}\n{title}: {len(self.points)} combinations, into {self.directory}")
+        say(f"discsim {__version__}\n{title}: {len(self.points)} combinations, into {printable(self.directory)}")
         given_up = []
         for number, status in enumerate(self._statuses(parallel)):
             if status > INTERRUPTED:
@@ -95,7 +96,8 @@ class Sweep:
 
         sweep_figure(self, self.directory / "sweep.png")
         console.print(self.table())
-        say(f"table {self.directory / 'sweep.csv'}\nfigure {self.directory / 'sweep.png'}")
+        for what, name in (("table", "sweep.csv"), ("figure", "sweep.png")):
+            say(f"{what} {printable(self.directory / name)}")
 
     def _refuse_others(self) -> None:
         """Raise SceneError where a directory holds a run of another scene: nothing is written then."""
@@ -150,7 +152,7 @@ class Sweep:
         out = Table(*leaves(self.keys), *(each.head for each in self.measures), box=SIMPLE)
         for point in self.points:
             numbers = [f"{point.runs[0][each.name]:.4g}" for each in self.measures] if point.done else []
-            out.add_row(*point.settings.values(), *(numbers or [self._words(point)]))
+            out.add_row(*map(printable, point.settings.values()), *(numbers or [self._words(point)]))
         return out
 
     def write(self) -> None:

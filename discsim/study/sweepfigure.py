@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from discsim import __version__
+from discsim.output.drawing import figure_text
 from discsim.study.points import Point, leaves, lines_of, number_in
 
 if TYPE_CHECKING:
@@ -45,11 +46,11 @@ def _panel(axes: Axes, sweep: Sweep, measure: Outcome) -> None:
     for number, (name, points) in enumerate(lines_of(done, axis).items()):
         along = sorted(points, key=place)
         values = [point.runs[0][measure.name] for point in along]
-        axes.plot([place(point) for point in along], values, "osD^v"[number % 5] + "-", label=name)
+        axes.plot([place(point) for point in along], values, "osD^v"[number % 5] + "-", label=figure_text(name))
     unit = next(iter(units)) if numeric else ""
-    axes.set(xlabel=leaves(axis.keys)[0] + (f" [{unit}]" if unit else ""), ylabel=measure.head)
+    axes.set(xlabel=figure_text(leaves(axis.keys)[0] + (f" [{unit}]" if unit else "")), ylabel=measure.head)
     if not numeric:
-        axes.set_xticks(range(len(first)), first)
+        axes.set_xticks(range(len(first)), [figure_text(each) for each in first])
     elif min(axis.numbers) > 0.0 and max(axis.numbers) > WIDE * min(axis.numbers):
         axes.set_xscale("log")
     axes.grid(alpha=0.3)

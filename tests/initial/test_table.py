@@ -67,7 +67,7 @@ def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
     ("text", "wrong"),
     [
         ("", "empty; expected a header"),
-        ("1 2\n2 3\n", ':1: "1 2" is no header'),
+        ("1 2\n2 3\n", ":1: no header of a table"),
         ("r Sigma\n1 1\n2 x\n", ':3: "x" is not a number'),
         ("r Sigma\n1 1\n2\n", ":3: 1 numbers; expected 2: r, Sigma"),
         ("r Sigma\n2 1\n1 1\n", ":3: r = 1 is not beyond 2"),

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.printable import UserError
+
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
     from discsim.scene.units import Units
@@ -47,7 +49,7 @@ WRITTEN = {
 }
 
 
-class FieldError(Exception):
+class FieldError(UserError):
     """A field that there is not, or that a run lacks; the message says which, and what there is."""
 
 

@@ -1,0 +1,48 @@
+"""Text of others, made safe for a terminal, a log, a table, a page or a figure.
+
+Titles, keys, values and file names come from users, and from files that somebody else may have made. Escape sequences
+of terminals, marks of right-to-left writing and line breaks in them could hide or forge what discsim says. Here they
+become what Python writes in their place, like `\\x1b`, `\\u202e` and `\\n`.
+"""
+
+from __future__ import annotations
+
+
+class UserError(Exception):
+    """A fault that its user can mend. Its text is one printable line."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
+def printable(text: object) -> str:
+    """Escape control characters, line breaks and invisible characters of a text.
+
+    Parameters
+    ----------
+    text
+        What is shown of an object, `str(text)`.
+
+    Returns
+    -------
+    str
+        One line of printable characters.
+
+    Examples
+    --------
+    >>> printable("red \\x1b[31m, then a new line\\n")
+    'red \\\\x1b[31m, then a new line\\\\n'
+    """
+    line = str(text)
+    if line.isprintable():
+        return line
+    return "".join(letter if letter.isprintable() else _escaped(letter) for letter in line)
+
+
+def printable_lines(text: object) -> str:
+    """Escape as `printable` does, but keep line breaks: for texts whose lines are discsim's own."""
+    return "\n".join(map(printable, str(text).split("\n")))
+
+
+def _escaped(letter: str) -> str:
+    return letter.encode("unicode_escape").decode("ascii")
