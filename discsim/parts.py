@@ -100,6 +100,11 @@ class Lazy:
         return getattr(self._module, name)
 
 
+def command_of_extra(extra: str) -> str:
+    """How to install what an extra of pyproject.toml brings, for messages; docs/install.md has the list of extras."""
+    return f"pip install -e '.[{extra}]' in a clone of discsim"
+
+
 # Equations of state, kinds of `gas.eos`.
 EOS = Parts(
     "discsim.eos",

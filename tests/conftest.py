@@ -1,4 +1,4 @@
-"""One thread for every test: parallel regions of a few particles only wait. Read when numba is first imported.
+"""The environment is the same for every test, whatever the user's shell has set (`helpers/environment.py`).
 
 What runs learn of this machine's speed stays among the tests. Examples of property tests are the same every time.
 Garbage is looked for as rarely as a command does it. Ctrl-C interrupts tests as well that a shell has started in the
@@ -10,13 +10,14 @@ import signal
 import tempfile
 from collections import Counter
 
+import environment
 import pytest
 from hypothesis import settings
 
 from discsim import collect_rarely
 from discsim.numerics import threads
 
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+environment.settle(os.environ)
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="discsim-tests-")
 collect_rarely()
 threads.LIGHT = 64  # where a test has several threads, they share what they share in runs of many particles

@@ -1,10 +1,12 @@
 """The notebook of the documentation: it runs in a kernel, and an interrupt in its midst changes no bit."""
 
+import ast
 from copy import deepcopy
 from pathlib import Path
 
 import nbformat
 import pytest
+from checkout import EXTRAS, packages_of
 from nbclient import NotebookClient
 
 PATH = Path(__file__).parents[1] / "docs/notebook.ipynb"
@@ -13,6 +15,7 @@ import hashlib
 arrays = [array for p in (sim.gas, sim.dust) for array in p.arrays().values()]
 hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest(), times, radii
 """
+IMPORTED = "import sys; sorted({name.split('.')[0] for name in sys.modules})"
 # Ctrl-C, as the kernel has it, in the midst of the tenth step.
 INTERRUPTED = """
 import signal
@@ -41,7 +44,7 @@ def cells():
     again = [deepcopy(book.cells[k]) for k in (made, look, run)]
     again[2].metadata["tags"] = ["raises-exception"]
     book.cells += [code(BITS), *again[:2], code(INTERRUPTED), again[2]]
-    book.cells += [code("sim.state.step"), deepcopy(book.cells[run]), code(BITS)]
+    book.cells += [code("sim.state.step"), deepcopy(book.cells[run]), code(BITS), code(IMPORTED)]
     NotebookClient(book, timeout=300, kernel_name="python3").execute()
     return book.cells[:own], book.cells[own:]
 
@@ -61,7 +64,14 @@ def test_ten_cells_lead_from_a_scene_to_a_figure(cells):
 
 
 def test_interrupted_it_comes_to_the_same_bits(cells):
-    _, (bits, _, _, _, stopped, step, _, again) = cells
+    _, (bits, _, _, _, stopped, step, _, again, _) = cells
     assert [out.ename for out in stopped.outputs if out.output_type == "error"] == ["KeyboardInterrupt"]
     assert value(step) == "10"  # the step was made whole
     assert value(bits) == value(again)
+
+
+def test_the_site_is_installed_with_what_its_notebook_imports(cells):
+    """Of the packages that extras name: pandas comes with `to_pandas()`, though no cell imports it."""
+    imported = {name.replace("_", "-") for name in ast.literal_eval(value(cells[1][-1]))}
+    optional = {package for extra in EXTRAS for package in packages_of(extra)}
+    assert "pandas" in imported & optional <= packages_of("docs")

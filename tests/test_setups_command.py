@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from checkout import copy_of_tree
 from typer.testing import CliRunner
 
 from discsim import __version__, cli, load_scene, shipped
@@ -186,11 +187,7 @@ def test_the_version_is_told_once():
 def test_a_wheel_needs_no_clone(work):
     """Built from a copy of the tree, installed with what it depends on in an environment of its own."""
     copy, environment = work / "copy", work / "venv"
-    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
-    names = subprocess.run(listing, cwd=HOME, capture_output=True, text=True, check=True).stdout
-    for name in names.split("\0")[:-1]:
-        (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(HOME / name, copy / name)
+    copy_of_tree(copy)
     outside = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
 
     def made(*words):
@@ -201,7 +198,7 @@ def test_a_wheel_needs_no_clone(work):
     made(sys.executable, "-m", "venv", environment)
     made(environment / "bin/pip", "wheel", "--no-deps", "-w", work / "dist", copy)
     shutil.rmtree(copy)
-    (wheel,) = (work / "dist").glob(f"discsim-{__version__}-*.whl")
+    (wheel,) = (work / "dist").glob(f"discsim2d-{__version__}-*.whl")
     made(environment / "bin/pip", "install", wheel)
     discsim = environment / "bin/discsim"
     assert made(discsim, "--version") == f"discsim {__version__}\n"

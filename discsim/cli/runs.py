@@ -20,7 +20,11 @@ from discsim.cli.base import (
     tell,
 )
 from discsim.launch import size_and_rank
+<<<<<<< Updated upstream
 from discsim.printable import printable
+=======
+from discsim.parts import command_of_extra
+>>>>>>> Stashed changes
 from discsim.run.directory import DirectoryError, directory_fault, held
 
 if TYPE_CHECKING:
@@ -63,7 +67,7 @@ def _on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
     try:
         import mpi4py  # noqa: F401
     except ImportError:
-        refuse("started as several MPI ranks, but mpi4py is not installed; expected pip install 'discsim[mpi]'")
+        refuse(f"started as several MPI ranks, but mpi4py is not installed; expected {command_of_extra('mpi')}")
     from discsim.ranks.run import run_on_ranks
 
     return run_on_ranks(scene, directory, resume, quiet)

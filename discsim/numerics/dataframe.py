@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from discsim.parts import command_of_extra
+
 SHORT = {"pos": "", "vel": "v", "acc": "a"}  # how columns of their components begin
 AXES = "xy"
 
@@ -19,7 +21,8 @@ def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
     try:
         import pandas
     except ImportError as error:
-        raise ImportError("to_pandas() needs pandas, which is not there; try: pip install 'discsim[pandas]'") from error
+        needed = "to_pandas() needs pandas, which is not installed"
+        raise ImportError(f"{needed}; expected {command_of_extra('pandas')}") from error
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if name == "ids":

@@ -22,6 +22,7 @@ import numpy as np
 from discsim.numerics.dataframe import dataframe_of
 from discsim.output.fields.values import repeats
 from discsim.output.layout import GROUPS, PLAIN_UNITS
+from discsim.parts import command_of_extra
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot, SnapshotParticles
@@ -105,8 +106,8 @@ def _tool(snap: Snapshot, name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        hint = f"to_{name}() needs {name}, which is not there; try: pip install 'discsim[tools]'"
-        raise ImportError(hint) from error
+        needed = f"to_{name}() needs {name}, which is not installed"
+        raise ImportError(f"{needed}; expected {command_of_extra('tools')}") from error
 
 
 def _kinds(snap: Snapshot) -> dict[str, SnapshotParticles]:

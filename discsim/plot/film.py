@@ -19,6 +19,7 @@ from PIL import Image
 
 from discsim.output.drawing import norm_of
 from discsim.output.files import written
+from discsim.parts import command_of_extra
 from discsim.plot import compose, pictures
 from discsim.plot.compose import Board
 from discsim.plot.look import Look
@@ -100,7 +101,8 @@ def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None
     if path.suffix.lower() != ".mp4":
         raise PlotError(f"{path}: no format of films; expected a name that ends in .mp4 or .gif")
     if not find_spec("imageio_ffmpeg"):
-        raise PlotError(f"{path}: mp4 needs imageio-ffmpeg; expected pip install 'discsim[movie]', or -o NAME.gif")
+        remedy = f"-o NAME.gif, or {command_of_extra('movie')}"
+        raise PlotError(f"{path}: mp4 needs imageio-ffmpeg, which is not installed; expected {remedy}")
     return _mp4
 
 

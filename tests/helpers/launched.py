@@ -15,7 +15,7 @@ ENVIRONMENT = os.environ | {"NUMBA_NUM_THREADS": "1"}
 RANKED = Path(__file__).with_name("ranked.py")
 LONGEST = 600  # seconds, after which a run hangs
 needs_mpi = pytest.mark.skipif(
-    find_spec("mpi4py") is None or not MPIEXEC, reason="needs mpi4py: pip install 'discsim[mpi]'"
+    find_spec("mpi4py") is None or not MPIEXEC, reason="needs mpi4py: pip install -e '.[mpi]'"
 )
 MARKS = [pytest.mark.ranks, needs_mpi]
 

@@ -62,7 +62,7 @@ def written(path, scene, gas, dust):
 def test_without_a_tool_one_is_told(tmp_path, rng, monkeypatch, tool):
     monkeypatch.setitem(sys.modules, tool, None)
     snap = written(tmp_path, DISC, gas_of(rng, 400), None)
-    with pytest.raises(ImportError, match=rf"to_{tool}\(\) needs {tool}.*pip install 'discsim\[tools\]'"):
+    with pytest.raises(ImportError, match=rf"to_{tool}\(\) needs {tool}.*pip install -e '[.]\[tools\]'"):
         getattr(snap, f"to_{tool}")()
 
 

@@ -251,7 +251,7 @@ def test_faults_are_one_message(run, tube, tmp_path, monkeypatch, arguments, wor
 
 def test_films_without_their_library(run, tmp_path, monkeypatch):
     monkeypatch.setattr("discsim.plot.film.find_spec", lambda name: None)
-    with pytest.raises(PlotError, match="mp4 needs imageio-ffmpeg"):
+    with pytest.raises(PlotError, match=r"mp4 needs imageio-ffmpeg.*pip install -e '[.]\[movie\]'"):
         discsim.plot.movie(run, tmp_path / "a.mp4")
     with pytest.raises(PlotError, match="no format of films"):
         discsim.plot.movie(run, tmp_path / "a.avi")

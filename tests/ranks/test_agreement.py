@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 if find_spec("mpi4py") is None:
-    pytest.skip("needs mpi4py: pip install 'discsim[mpi]'", allow_module_level=True)
+    pytest.skip("needs mpi4py: pip install -e '.[mpi]'", allow_module_level=True)
 
 from discsim.drag.cells import Merged
 from discsim.ranks.drag import Agreement

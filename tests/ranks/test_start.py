@@ -13,7 +13,7 @@ from discsim.scene import load_scene
 from setups import SETUPS
 
 if find_spec("mpi4py") is None:
-    pytest.skip("needs mpi4py: pip install 'discsim[mpi]'", allow_module_level=True)
+    pytest.skip("needs mpi4py: pip install -e '.[mpi]'", allow_module_level=True)
 
 from discsim.ranks.start import told, without_particles
 

@@ -32,7 +32,7 @@ def at_once(monkeypatch):
 
 
 def log_of(out):
-    return (out / "run.log").read_text().splitlines()
+    return (out / "run.log").read_text(encoding="utf-8").splitlines()
 
 
 SIZES = [(100, 24), (38, 24), (120, 9), (61, 5), (23, 30), (200, 50), (7, 3), (90, 24)]

@@ -129,7 +129,7 @@ def test_without_pandas_one_is_told(monkeypatch):
         return found(name, *arguments)
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(ImportError, match=r"needs pandas.*pip install 'discsim\[pandas\]'"):
+    with pytest.raises(ImportError, match=r"needs pandas.*pip install -e '[.]\[pandas\]'"):
         made().gas.to_pandas()
 
 

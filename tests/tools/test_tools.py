@@ -1,6 +1,6 @@
 """Snapshots in the field's tools: their mass, and the surface density that they render, against the start's.
 
-Where a tool is not installed its tests are skipped: pip install 'discsim[tools]'.
+Where a tool is not installed its tests are skipped: pip install -e '.[tools]'.
 """
 
 import re
@@ -27,24 +27,24 @@ def disc(tmp_path_factory):
 
 @pytest.fixture
 def yt():
-    module = pytest.importorskip("yt", reason="needs yt: pip install 'discsim[tools]'")
+    module = pytest.importorskip("yt", reason="needs yt: pip install -e '.[tools]'")
     module.set_log_level("error")
     return module
 
 
 @pytest.fixture
 def pynbody():
-    return pytest.importorskip("pynbody", reason="needs pynbody: pip install 'discsim[tools]'")
+    return pytest.importorskip("pynbody", reason="needs pynbody: pip install -e '.[tools]'")
 
 
 @pytest.fixture
 def sarracen():
-    return pytest.importorskip("sarracen", reason="needs sarracen: pip install 'discsim[tools]'")
+    return pytest.importorskip("sarracen", reason="needs sarracen: pip install -e '.[tools]'")
 
 
 @pytest.fixture
 def swiftsimio():
-    return pytest.importorskip("swiftsimio", reason="needs swiftsimio: pip install 'discsim[tools]'")
+    return pytest.importorskip("swiftsimio", reason="needs swiftsimio: pip install -e '.[tools]'")
 
 
 def yt_picture(yt, ds):
