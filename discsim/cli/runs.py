@@ -20,11 +20,8 @@ from discsim.cli.base import (
     tell,
 )
 from discsim.launch import size_and_rank
-<<<<<<< Updated upstream
-from discsim.printable import printable
-=======
 from discsim.parts import command_of_extra
->>>>>>> Stashed changes
+from discsim.printable import printable
 from discsim.run.directory import DirectoryError, directory_fault, held
 
 if TYPE_CHECKING:
