@@ -53,9 +53,9 @@ def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
     return content
 
 
-def read_text(path: str | os.PathLike[str], errors: str = "strict") -> str:
+def read_text(path: str | os.PathLike[str], errors: str = "strict", most: int = LARGEST_TEXT) -> str:
     """Read a plain file of UTF-8, with the line breaks of Unix. Raises OSError, UnicodeDecodeError."""
-    return read_plain(path).decode("utf-8", errors).replace("\r\n", "\n")
+    return read_plain(path, most).decode("utf-8", errors).replace("\r\n", "\n")
 
 
 def system_message(fault: OSError, verb: str, path: Path | str) -> str:

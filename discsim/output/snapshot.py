@@ -83,7 +83,7 @@ class SnapshotParticles:
 
     def quantity(self, name: str) -> Any:
         """The array `name` as an astropy Quantity. Raises KeyError where it is not stored."""
-        from astropy import units as u
+        from discsim.scene.astropy_units import units as u
 
         array = self.columns[name] if name in self.columns else getattr(self, name, None)
         if array is None or name not in self.dimensions_of:
@@ -388,7 +388,7 @@ def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
         # What readers make the pressure of, (gamma - 1) rho u, with the index that the file tells them.
         derived["u"] = 1.5 * per_mass if gamma is None else per_mass / (gamma - 1.0)
     if scene.units.system == "physical":
-        from astropy import constants
+        from discsim.scene.astropy_units import constants
 
         # P/rho is c_s^2 of isothermal gas and c_s^2/gamma of adiabatic: one formula for both.
         molecule = scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e).cgs.value

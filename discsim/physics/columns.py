@@ -85,7 +85,7 @@ class Columns(InputFile):
         """P / Sigma at the radii `r` (n,), of gas of mean molecular weight `weight`; velocity: its code unit in cgs."""
         if not self.kelvin:
             return self.value("T", r)
-        from astropy import constants
+        from discsim.scene.astropy_units import constants
 
         molecule = weight * (constants.m_p + constants.m_e).cgs.value
         return self.value("T", r) * (constants.k_B.cgs.value / molecule / velocity**2)

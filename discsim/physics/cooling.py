@@ -49,7 +49,7 @@ def light(scene: Scene) -> Array:
     """What radiative cooling takes of physics, in code units: 2 sigma (T/u)^4, the code unit of density in g/cm3 at a
     height of one unit of length, (c/u)^2 of the isothermal speed, T/u in K, and cm2/g.
     """
-    from astropy import constants
+    from discsim.scene.astropy_units import constants
 
     eos: Any = scene.gas.eos
     units = scene.units

@@ -29,7 +29,7 @@ def mean_free_column(scene: Any) -> float:
     the cross-section of H2, 2e-15 cm^2 (Chapman & Cowling 1970)."""
     if scene.drag.mean_free_column is not None:
         return scene.drag.mean_free_column
-    from astropy import constants
+    from discsim.scene.astropy_units import constants
 
     molecule = scene.table(scene.model.table).eos.mean_molecular_weight * constants.u.cgs.value
     return molecule / 2e-15 / scene.units.cgs("surface_density")

@@ -16,19 +16,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import tomllib
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from discsim.initial import start_of, start_time
-from discsim.output.files import written
 from discsim.parts import USUAL_SCHEME
 from discsim.physics import viscosity
 from discsim.physics.local import Local
+from discsim.preview import learnt
 from discsim.preview.derived import drag_cell_sides, local
 from discsim.scene import Scene
 from discsim.scene.differences import FREE_TO_CHANGE
@@ -113,26 +111,21 @@ def digest(scene: Scene) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _store() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "discsim" / "errors.json"
-
-
 def _kept() -> list[dict[str, Any]]:
-    try:
-        runs = json.loads(_store().read_text())["runs"]
-        return [run for run in runs if {"scene", "measure", "error", "cpu"} <= run.keys()]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return []
+    return learnt.kept("errors", _is_entry)
+
+
+def _is_entry(run: dict[str, Any]) -> bool:
+    numbers = (run.get("error"), run.get("cpu"))
+    return (
+        isinstance(run.get("scene"), str)
+        and isinstance(run.get("measure"), str)
+        and all(isinstance(number, int | float) for number in numbers)
+    )
 
 
 def learn(scene: Scene, measure: str, error: float, cpu: float) -> None:
     """Keep the error and the CPU seconds that a scene had. Where nothing can be kept, nothing is."""
     own = {"scene": digest(scene), "measure": measure, "error": error, "cpu": cpu}
     others = [run for run in _kept() if (run["scene"], run["measure"]) != (own["scene"], measure)]
-    path = _store()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with written(path) as temporary:
-            temporary.write_text(json.dumps({"runs": [*others[1 - KEPT :], own]}, indent=1) + "\n")
-    except OSError:
-        return
+    learnt.keep("errors", [*others[1 - KEPT :], own])

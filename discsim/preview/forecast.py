@@ -8,19 +8,16 @@ with [background]); another machine differs by a factor, which long runs that ha
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import platform
 import statistics
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from discsim.effects import effect_classes
 from discsim.effects.base import Counts
 from discsim.initial import start_of, start_time
-from discsim.output.files import written
 from discsim.physics import profile
+from discsim.preview import learnt
 from discsim.preview.derived import grid, grid_bytes, local, particle_count
 from discsim.scene import Scene
 
@@ -91,17 +88,9 @@ def _steps_of_relaxation(scene: Scene) -> float:
     return orbits * orbit / (scene.run.courant * SHRINK * float(step.min()))
 
 
-def _store() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "discsim" / "speed.json"
-
-
 def _kept() -> list[dict[str, Any]]:
     """What runs have left: of each its machine and its slowness."""
-    try:
-        runs = json.loads(_store().read_text())["runs"]
-        return [run for run in runs if isinstance(run["machine"], str) and 0.05 < run["slowness"] < 50.0]
-    except (OSError, ValueError, KeyError, TypeError):
-        return []
+    return learnt.kept("speed", lambda run: isinstance(run.get("machine"), str) and 0.05 < run["slowness"] < 50.0)
 
 
 def known_runs() -> list[float]:
@@ -131,10 +120,4 @@ def learn(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> 
     own = [run for run in runs if run["machine"] == here]
     others = [run for run in runs if run["machine"] != here]
     own.append({"machine": here, "slowness": cpu_seconds / steps / stored})
-    path = _store()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with written(path) as temporary:
-            temporary.write_text(json.dumps({"runs": others[-OTHERS:] + own[-KEPT:]}, indent=1) + "\n")
-    except OSError:
-        return
+    learnt.keep("speed", others[-OTHERS:] + own[-KEPT:])

@@ -85,7 +85,7 @@ def parse_quantity(text: str) -> Any:
 
     Raises UnitError where there is no number, no unit, an unknown unit or a value that is not finite.
     """
-    from astropy import units as u
+    from discsim.scene.astropy_units import units as u
 
     match = _NUMBER.fullmatch(text)
     text = clipped(text)
@@ -161,8 +161,8 @@ class Units:
     def time(self) -> Any:
         if self.system == "code":
             return None
-        from astropy import constants
-        from astropy import units as u
+        from discsim.scene.astropy_units import constants
+        from discsim.scene.astropy_units import units as u
 
         return u.Unit((((1 * self.length) ** 3 / (constants.G * (1 * self.mass))) ** 0.5).to(u.yr))
 
@@ -180,7 +180,7 @@ class Units:
 
     def quantity(self, array: Any, name: str) -> Any:
         """`array` in code units as an astropy Quantity of the dimension `name`; plain in the code system."""
-        from astropy import units as u
+        from discsim.scene.astropy_units import units as u
 
         return u.Quantity(array, self._product(name) or u.dimensionless_unscaled)
 
@@ -243,7 +243,7 @@ class Units:
     def _unit(self, text: str) -> Any:
         if self.system == "code":
             return None
-        from astropy import units as u
+        from discsim.scene.astropy_units import units as u
 
         quantity = parse_quantity(text)
         return quantity.unit if quantity.value == 1 else u.Unit(quantity)
@@ -258,7 +258,7 @@ class Units:
     def _bases_cgs(self) -> Exponents:
         if self.system == "code":
             return (1.0, 1.0, 1.0)
-        from astropy import units as u
+        from discsim.scene.astropy_units import units as u
 
         return (self.mass.to(u.g), self.length.to(u.cm), self.time.to(u.s))
 
@@ -267,7 +267,7 @@ class Units:
 
     def _scale(self, quantity: Any) -> tuple[float, Exponents]:
         """The factor from the quantity's unit to code units, and its exponents of mass, length, time."""
-        from astropy import units as u
+        from discsim.scene.astropy_units import units as u
 
         try:
             unit = quantity.unit.decompose(bases=[u.g, u.cm, u.s])
@@ -304,7 +304,7 @@ _SHOWN = {
 
 @cache
 def _cgs_value(text: str) -> float:
-    from astropy import units as u
+    from discsim.scene.astropy_units import units as u
 
     return u.Unit(text).decompose(bases=[u.g, u.cm, u.s]).scale
 
@@ -318,7 +318,7 @@ def _dimension_words(quantity: Any) -> str:
 
 def seconds(text: str) -> float:
     """Wall-clock seconds of a text like "10 min"; raises UnitError."""
-    from astropy import units as u
+    from discsim.scene.astropy_units import units as u
 
     quantity = parse_quantity(text)
     if not quantity.unit.is_equivalent(u.s):

@@ -101,7 +101,7 @@ class Field:
 
     def quantity(self, units: Units, values: Array) -> Any:
         """Values in code units as an astropy Quantity, in the unit of axes."""
-        from astropy import units as u
+        from discsim.scene.astropy_units import units as u
 
         return u.Quantity(self.factor(units) * values, self.shown_unit(units))
 

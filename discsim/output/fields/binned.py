@@ -31,7 +31,7 @@ class Optics:
     @property
     def frequency(self) -> float:
         """In Hz."""
-        from astropy import units as u
+        from discsim.scene.astropy_units import units as u
 
         return float(self.wavelength.to_value(u.Hz, equivalencies=u.spectral()))
 
@@ -42,7 +42,7 @@ class Optics:
 
     def planck(self, temperature: Array) -> Array:
         """B_nu(T) in mJy/arcsec2 of temperatures in K; nothing at T = 0."""
-        from astropy import constants, units
+        from discsim.scene.astropy_units import constants, units
 
         nu, h, c, k = self.frequency, *(getattr(constants, name).cgs.value for name in ("h", "c", "k_B"))
         with np.errstate(divide="ignore", over="ignore"):
@@ -56,7 +56,7 @@ class Optics:
 
     @classmethod
     def usual(cls) -> Optics:
-        from astropy import units
+        from discsim.scene.astropy_units import units
 
         return cls(1.3 * units.mm)
 
