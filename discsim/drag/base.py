@@ -25,8 +25,9 @@ OWN_INTEGRATION: Keys = {"an integration of its own": ("integration",)}
 
 # Arrays that particles in one block may have to know of each other; and where of accelerations that is only those that
 # gas and dust do not share (`state.own_acc`).
-EVERYTHING = ("pos", "vel", "acc", "mass", "h", "density", "sound_speed")
-UNSHARED = ("pos", "vel", "mass", "density", "sound_speed")
+# Small dust is a part of the mass where dust grows.
+EVERYTHING = ("pos", "vel", "acc", "mass", "h", "density", "sound_speed", "small")
+UNSHARED = ("pos", "vel", "mass", "density", "sound_speed", "small")
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def warnings(scene: Scene, at: Local) -> Iterator[str]:
 
 def _times(scene: Scene, at: Local) -> list[np.ndarray]:
     """Stopping time of each population at the places of `at`; no entry where it is not defined."""
-    return laws.stopping_times(scene, at.density, at.sound_speed, at.omega)
+    return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
 def _of_slip(scene: Scene, at: Local) -> Iterator[str]:

@@ -20,6 +20,7 @@ from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
 from discsim.numerics.totals import mean
+from discsim.physics.eos import thermal_speed
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -264,7 +265,7 @@ def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tupl
     about = drag.agree(ABOUT_GRAINS, lambda: about_grains(drag, state))
     return (
         Species(
-            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, gas.sound_speed,
+            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, thermal_speed(state.scene, gas),
             blocks.gas_order, blocks.gas_start, 1, 0,
         ),
         Species(

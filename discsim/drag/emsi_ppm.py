@@ -32,7 +32,7 @@ def advance(drag: Drag, tube: Tube, cells: Array, dt: float) -> Array:
     for part in ppm.STAGES:
         after = tube.moved(cells, now, part * dt)
         kernels.relax_together(
-            drag.law.code, drag.law.grains[0], tube.sound_speed(now), cells, now, after, part * dt, drag.exponential,
+            drag.law.code, drag.law.grains[0], tube.thermal_speed(now), cells, now, after, part * dt, drag.exponential,
             tube.adiabatic, drag.heating,
         )  # fmt: skip
         now = after

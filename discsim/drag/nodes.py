@@ -96,7 +96,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     gas_columns, collect_gas = _gather(drag, gas, cells, nodes, rows_of_gas, about_star, law.code)
     share_in_turn([collect_gas], len(nodes.near), least=LEAST)  # dust asks which nodes have gas
     dust_columns, collect_dust = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
-    sharp = _relax_nodes(drag, state, blocks, cells, nodes, collect_dust, law, about_star, len(heat) > 0)
+    sharp = _relax_nodes(drag, state, blocks, gas, cells, nodes, collect_dust, law, about_star, len(heat) > 0)
     packed = gas_columns, dust_columns
     met = [np.empty((len(cells.home), kind.number)) for kind in (gas, dust)]
     # Heat goes on from what others' particles lose.
@@ -180,17 +180,17 @@ def _gather(
     return (begin, column), (nodes_gather.collect, kind, cells, nodes, square)
 
 
-def _mean_sound(state: State, blocks: Blocks) -> Array:
-    """Mean sound speed of the gas in each block (blocks,)."""
+def _mean_thermal_speed(gas: Species, blocks: Blocks) -> Array:
+    """Mean thermal speed of the gas in each block (blocks,)."""
     number = np.diff(blocks.gas_start[: len(blocks.level) + 1])
     of_block = np.repeat(np.arange(len(number)), number)
-    speeds = state.gas.sound_speed[blocks.gas_order[: len(of_block)]]
+    speeds = gas.sound[blocks.gas_order[: len(of_block)]]
     return np.bincount(of_block, speeds, len(number)) / np.maximum(number, 1)
 
 
 def _relax_nodes(
-    drag: Drag, state: State, blocks: Blocks, cells: Cells, nodes: Nodes, collect: tuple[Any, ...], law: Law,
-    about_star: Frame, heating: bool,
+    drag: Drag, state: State, blocks: Blocks, gas: Species, cells: Cells, nodes: Nodes, collect: tuple[Any, ...],
+    law: Law, about_star: Frame, heating: bool,
 ) -> Sharp:  # fmt: skip
     """Relax the slip at nodes, once `collect` has summed up what these have of the dust."""
     total, species = nodes.sums.shape[:2]
@@ -200,7 +200,7 @@ def _relax_nodes(
     sound = None
     if drag.law.nonlinear:
         sound = np.empty(total)
-        passes.append((nodes_relax.mean_sound, nodes, cells.own, _mean_sound(state, blocks), sound))
+        passes.append((nodes_relax.mean_sound, nodes, cells.own, _mean_thermal_speed(gas, blocks), sound))
     share_in_turn(passes, total, least=LEAST)
     change = Change(*aligned((2, total, species, 2)), *aligned((2, total, species)))
     share(

@@ -24,6 +24,7 @@ from discsim.numerics.sorting import counting_sort
 from discsim.numerics.sph import Sph
 from discsim.numerics.threads import share
 from discsim.parts import USUAL_SCHEME
+from discsim.physics.eos import thermal_speed
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -83,7 +84,7 @@ def _pairs_of(
     part, time, rate = np.empty(len(index)), np.empty(len(index)), np.empty(n)
     share(
         kernels.couple, n, kernels.Couples(start, index, part, time), weight,
-        kernels.Side(gas.mass, gas.density, gas.vel), gas.sound_speed,
+        kernels.Side(gas.mass, gas.density, gas.vel), thermal_speed(drag.scene, gas),
         kernels.Side(cloud.mass, cloud.density, vel), cloud.pos, drag.law.code, grain, drag.law.nonlinear, *drag.star,
         whole, rate,
     )  # fmt: skip

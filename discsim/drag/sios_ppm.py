@@ -34,7 +34,7 @@ def advance(drag: Drag, tube: Tube, cells: Array, dt: float) -> Array:
     for part in ppm.STAGES:
         now = tube.moved(cells, now, part * dt)
     kernels.relax_apart(
-        drag.law.code, drag.law.grains[0], tube.sound_speed(now), now, dt, tube.adiabatic, drag.heating
+        drag.law.code, drag.law.grains[0], tube.thermal_speed(now), now, dt, tube.adiabatic, drag.heating
     )  # fmt: skip
     return now
 

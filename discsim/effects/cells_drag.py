@@ -16,6 +16,7 @@ from discsim.effects import base
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.parts import SCHEMES, Lazy
+from discsim.physics.eos import thermal_speed
 from discsim.physics.laws import SceneLaw
 
 if TYPE_CHECKING:
@@ -51,7 +52,8 @@ class Effect(base.Effect):
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Stopping times of the dust in each cell (n,)."""
         gas, dust = state.gas, state.dust
-        return kernels.stopping_times(self.law.code, self.law.grains[0], gas.density, dust.density, gas.sound_speed)
+        sound = thermal_speed(state.scene, gas)
+        return kernels.stopping_times(self.law.code, self.law.grains[0], gas.density, dust.density, sound)
 
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))

@@ -205,7 +205,7 @@ class Effect(base.Effect):
     def stopping_time(
         self, population: int, density: np.ndarray, sound: np.ndarray, omega: np.ndarray, ratio: float
     ) -> np.ndarray:
-        """Stopping time of a population in gas of given density, sound speed and Omega (n,)."""
+        """Stopping time of a population in gas of given density, thermal speed and Omega (n,)."""
         return self.law.stopping_time(population, density, sound, omega, ratio)
 
     @property

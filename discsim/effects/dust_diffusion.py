@@ -31,7 +31,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import copied, share
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics import diffusion
-from discsim.physics.eos import eos_of
+from discsim.physics.eos import thermal_speed
 from discsim.scene.fields import Default, Diffusivity, Number, Table
 from discsim.scene.rules import Draft, Problem
 
@@ -231,7 +231,7 @@ class _Surroundings:
             share(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.star_mass), field)
             return field
         gas, met = state.gas, self.gas.meet(pos, state.dust.place)
-        speed2 = gas.sound_speed**2 / eos_of(effect.scene).heat_ratio(effect.scene.gas.eos)
+        speed2 = thermal_speed(effect.scene, gas) ** 2
         field = np.zeros((len(met.grain_pos), columns))
         share(
             kernels.gas_driver(effect.sph.kernel, effect.dim), len(met.grain_cells.filled), met.grain_cells, met.cells,

@@ -7,7 +7,6 @@ h is a third of quintic-h's.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,11 +16,11 @@ from pydantic import Field
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import room
-from discsim.numerics.state import Gas, State
+from discsim.numerics.state import State
 from discsim.numerics.threads import blocks, copied, fill, share
 from discsim.parts import EOS, Lazy
 from discsim.physics import viscosity
-from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius
+from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
 from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
@@ -186,8 +185,8 @@ class Effect(base.Effect):
         (vel, u), self._predicted = self._predicted, None
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(state, u)
         if gas.nu is not None:
-            pos = state.from_centre(gas.pos)
-            fill(gas.nu, lambda piece: self._diffusivity(gas, pos, piece))
+            pos, speed = state.from_centre(gas.pos), thermal_speed(self.scene, gas)
+            fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece]))
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = None if gas.pressure_acc is None else copied(gas.acc)
@@ -216,10 +215,6 @@ class Effect(base.Effect):
 
         share(part, gas.count)
         return out
-
-    def _diffusivity(self, gas: Gas, pos: np.ndarray, piece: slice) -> np.ndarray:
-        speed = gas.sound_speed[piece] / math.sqrt(eos_of(self.scene).heat_ratio(self.scene.gas.eos))
-        return viscosity.diffusivity(self.scene, radius(pos[piece]), speed)
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Velocity and energy at the time of the positions, which viscosity and pressure need.

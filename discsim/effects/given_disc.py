@@ -1,6 +1,6 @@
 """The gas as a given disc (`[background]`), and dust in it with one-way drag: no SPH, no cells, no grid.
 
-Sigma and c_s are functions of the radius (`physics/given_disc.py`), and the gas turns in balance, Omega_g^2 r =
+Sigma and temperature are functions of the radius (`physics/given_disc.py`), and the gas turns in balance, Omega_g^2 r =
 GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick relaxes each particle exactly to its steady drift there
 (`kernels/background.py`), and limits no step. Dust moves with its radial velocity and angular momentum (eq. 1), so
 that circles stay circles.

@@ -1,4 +1,4 @@
-"""Laws of the stopping time, of one grain in gas of density rho_g and sound speed c_s that passes at a speed w.
+"""Laws of the stopping time, of one grain in gas of density rho_g and thermal speed c_s that passes at a speed w.
 
     constant        t = rho_d / K
     stopping-time   t given
@@ -8,7 +8,8 @@
     epstein-stokes  (1) where lambda >= 4 s / 9, else 1/t = (9 lambda / 4 s) rho_g c / (s rho_s) times    (3)
                     max(1, Re^0.4, 0.44 Re / 24),   Re = 2 s w / nu,   nu = lambda c / 2                  (4)
 
-c is c_s, or with the kinetic convention the mean thermal speed sqrt(8/pi) c_s; rho_s is the grain's material density;
+c_s = sqrt(P / rho_g) is the isothermal sound speed of any gas. c is the mean speed of molecules, sqrt(8/pi) c_s, or
+with the convention of the papers c_s; rho_s is the grain's material density;
 the mean free path lambda = (mean free column) / rho_g. In two dimensions rho_g = Sigma Omega / (sqrt(2 pi) c_s).
 (1), (3) and (4): Weidenschilling 1977, with the drag coefficients 24/Re, 24/Re^0.6 and 0.44 (Whipple 1972), each where
 it is the largest, so that the drag is continuous; (2): Kwok 1975. `kernels/laws.py` compiles all this.

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.numerics.state import Dust, Gas, State
-from discsim.parts import STARTS
+from discsim.parts import STARTS, Lazy
 from discsim.physics.grains import has_sizes, sizes_of
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
     from discsim.scene import Scene
 
+growth = Lazy("discsim.physics.growth")
 Given = dict[str, dict[str, Any]]
 SPECIES = ("gas", "dust")
 
@@ -115,10 +116,14 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
     small = None
     if scene.table("growth") is not None:
         small = np.array(given.get("small", np.zeros(n)), float)
-    if eos_of(scene).holds_heat:
-        u = np.array(u, float) if u is not None else initial_energy(scene, radius(common["pos"]))
-    else:
+    if not eos_of(scene).holds_heat:
         u = None
+    elif u is not None:
+        u = np.array(u, float)
+    else:
+        u = initial_energy(scene, radius(common["pos"]))
+        if small is not None and growth.laden(scene):  # the energy is that of the gas, per mass of all
+            u = u * (1.0 - small / common["mass"])
     if scene.gas.smoothing_length is not None:
         h = np.full(n, scene.gas.smoothing_length)
     else:

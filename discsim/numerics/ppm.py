@@ -80,10 +80,10 @@ class Tube:
             pressure = self.isothermal_speed**2 * density
         return np.array([density, v, pressure, dust_density, u])
 
-    def sound_speed(self, cells: Array) -> Array:
+    def thermal_speed(self, cells: Array) -> Array:
         density, _, pressure, _, _ = self.primitive(cells)
         with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
-            return np.sqrt((self.gamma or 1.0) * pressure / density)
+            return np.sqrt(pressure / density)
 
     def moved(self, start: Array, now: Array, dt: float) -> Array:
         """start + dt L(now): fluxes and pressure, no drag."""

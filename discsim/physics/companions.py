@@ -41,10 +41,10 @@ def central_mass(scene: Scene) -> float:
 
 
 def scale_height(scene: Scene, r: Array | float) -> Array:
-    """H = c_s / Omega (n,) at radius r, of the temperature that the scene gives (a polytrope gives none)."""
+    """H = c_T / Omega (n,) at radius r, of the temperature that the scene gives (a polytrope gives none)."""
     r = np.asarray(r, dtype=float)
     if scene.background is not None:
-        speed = scene.model.given(scene).sound_speed(r)
+        speed = scene.model.given(scene).thermal_speed(r)
     else:
         speed = EOS[scene.gas.eos.kind].thermal_speed(scene, r)
     return speed / np.sqrt(central_mass(scene) / r**3)

@@ -64,7 +64,7 @@ def at_places(scene: Scene, at: Local) -> list[tuple[Array, Array]]:
     if omega is None:
         omega = np.full_like(at.density, frequency(scene))
     given = constant(scene)
-    times = laws.stopping_times(scene, at.density, at.sound_speed, at.omega)
+    times = laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
     if scene.table("dust_diffusion").D is not None:
         return [(np.full_like(at.density, given), np.zeros_like(at.density))] * len(scene.dust or ())
     if given is not None:

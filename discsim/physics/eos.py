@@ -4,6 +4,9 @@ isothermal          P = c_s^2 rho
 locally-isothermal  P = c_s^2 rho,  c_s^2 = (H/r)_0^2 (G M / r_0) (r / r_0)^-q
 adiabatic           P = (gamma - 1) rho u,  c_s^2 = gamma P / rho
 polytropic          P = K rho^gamma,  c_s^2 = gamma P / rho
+
+c_s is the speed of sound waves. The thermal speed of any gas is c_T = sqrt(P / rho) = sqrt(k_B T / m), the isothermal
+sound speed: it sets the scale height H = c_T / Omega, the drag on grains, turbulent viscosities and temperatures.
 """
 
 from __future__ import annotations
@@ -20,8 +23,10 @@ from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Veloc
 from discsim.scene.rules import Draft, Problem, Rule
 
 if TYPE_CHECKING:
+    from discsim.numerics.state import Gas
     from discsim.scene import Scene
 
+growth = Lazy("discsim.physics.growth")
 totals = Lazy("discsim.numerics.totals")
 Array = np.ndarray
 
@@ -112,8 +117,11 @@ class Eos:
     takes_temperature = False  # whether a start may bring a temperature of its own, in place of the table's
     rules: tuple[Rule, ...] = ()  # what a scene whose [gas] has it must have
 
-    def thermal_speed(self, scene: Scene, r: Array) -> Array:
-        """sqrt(P / rho) at radius `r` that the scene's temperature asks for; of adiabatic gas the initial one."""
+    def thermal_speed(self, scene: Scene, r: Array, density: Array | None = None) -> Array:
+        """sqrt(P / rho) at radius `r` that the scene's temperature asks for; of adiabatic gas the initial one.
+
+        Gas whose temperature follows from its density needs that too.
+        """
         own = _speed_of_start(scene, r) if self.takes_temperature else None
         return self.scene_speed(scene, r) if own is None else own
 
@@ -144,9 +152,9 @@ class Eos:
         """gamma of P = (gamma - 1) rho u, for snapshots; None where the gas has no such energy."""
         return None
 
-    def heat_ratio(self, eos: Any) -> float:
-        """(wave speed / thermal speed)^2 where density and temperature vary together: gamma of adiabatic gas."""
-        return 1.0
+    def adiabatic_index(self, eos: Any, density: Array) -> Array | float:
+        """Adiabatic index d ln P / d ln rho = rho c_s^2 / P at a density: the squared ratio of c_s to thermal speed."""
+        return self.index(eos) or 1.0
 
     def pressure_and_sound_speed(
         self, scene: Scene, pos: Array, density: Array, u: Array | None
@@ -176,9 +184,9 @@ class Eos:
         return eos.temperature_index if getattr(eos, "aspect_ratio", None) is not None else 0.0
 
     def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
-        """(c_s^2 at radius 1, q, f) of a disc of this gas with Sigma = sigma r^-p about a star:
+        """(c_T^2 at radius 1, q, f) of a disc of this gas with Sigma = sigma r^-p about a star:
 
-        c_s^2 ~ r^-q, and the pull of the pressure -(1/Sigma) dP/dr = f c_s^2 / r.
+        c_T^2 = P / Sigma ~ r^-q, and P ~ r^-f: the pull of the pressure is -(1/Sigma) dP/dr = f c_T^2 / r.
         """
         return eos.sound_speed**2, 0.0, p
 
@@ -230,9 +238,6 @@ class AdiabaticGas(Eos):
     def index(self, eos: Any) -> float | None:
         return eos.gamma
 
-    def heat_ratio(self, eos: Any) -> float:
-        return eos.gamma
-
     def pressure_and_sound_speed(
         self, scene: Scene, pos: Array, density: Array, u: Array | None
     ) -> tuple[Array, Array]:
@@ -256,6 +261,11 @@ class PolytropicGas(Eos):
     def index(self, eos: Any) -> float | None:
         return eos.gamma
 
+    def thermal_speed(self, scene: Scene, r: Array | None, density: Array | None = None) -> Array:
+        assert density is not None
+        eos: Any = scene.gas.eos
+        return np.sqrt(eos.constant * density ** (eos.gamma - 1.0))
+
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
         eos: Any = scene.gas.eos
         return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1.0))
@@ -277,8 +287,7 @@ class PolytropicGas(Eos):
         return 0.5 * (3.0 - eos.gamma)
 
     def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
-        # dP/dSigma is gamma K Sigma^(gamma - 1).
-        return eos.gamma * eos.constant * sigma ** (eos.gamma - 1), p * (eos.gamma - 1), p
+        return eos.constant * sigma ** (eos.gamma - 1), p * (eos.gamma - 1), p * eos.gamma
 
 
 ISOTHERMAL = IsothermalGas()
@@ -300,6 +309,17 @@ def initial_energy(scene: Scene, r: Array) -> Array | None:
 def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
     """P and c_s, (n,) each, from positions, densities and specific internal energies."""
     return eos_of(scene).pressure_and_sound_speed(scene, pos, density, u)
+
+
+def thermal_speed(scene: Scene, gas: Gas) -> Array:
+    """sqrt(P / rho) (n,) of gas particles, for H, drag and turbulence; rho leaves out small dust that they carry."""
+    eos, keys = eos_of(scene), scene.gas.eos
+    index = eos.adiabatic_index(keys, gas.density)
+    if gas.small is not None and eos.holds_heat:  # c_s is that of gas and small dust together
+        index = index * growth.gas_share(scene, gas)
+    if np.ndim(index) == 0 and index == 1.0:
+        return gas.sound_speed
+    return gas.sound_speed / np.sqrt(index)
 
 
 def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:

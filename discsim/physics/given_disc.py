@@ -21,10 +21,10 @@ NODES, INWARDS = 16_384, 1e5  # of the table in ln r, from beyond the corners of
 
 
 class GivenDisc:
-    """Sigma and c_s in code units; radii (n,) in, values (n,) out.
+    """Sigma and thermal speed c_T = sqrt(P / Sigma) in code units; radii (n,) in, values (n,) out.
 
-    laws: (Sigma, p, c_s^2, q, f) of power laws Sigma ~ r^-p and c_s^2 ~ r^-q, the first and third at radius 1, with
-    -(1/Sigma) dP/dr = f c_s^2 / r. plain: whether they are all there is to it.
+    laws: (Sigma, p, c_T^2, q, f) of power laws Sigma ~ r^-p and c_T^2 ~ r^-q, the first and third at radius 1, with
+    -(1/Sigma) dP/dr = f c_T^2 / r. plain: whether they are all there is to it.
     """
 
     def __init__(self, scene: Scene):
@@ -43,12 +43,16 @@ class GivenDisc:
         return self._density_and_slope(r)[0]
 
     def sound_speed(self, r: Array) -> Array:
+        """Speed of sound waves."""
+        return self.thermal_speed(r) * np.sqrt(self.eos.adiabatic_index(self.given.eos, self.surface_density(r)))
+
+    def thermal_speed(self, r: Array) -> Array:
         if self.plain:
             return np.sqrt(self.laws[2] * r ** -self.laws[3])
         return np.sqrt(self._speed2_and_pull(r)[0])
 
     def table(self) -> tuple[Array, float, float]:
-        """(nodes, 5) of ln Sigma, ln c_s^2, g = f c_s^2, dg / d ln r and v_r at even ln r, the first of these, and how
+        """(nodes, 5) of ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and v_r at even ln r, the first of these, and how
         many nodes there are per unit; no nodes where power laws are all there is to it.
         """
         if self.plain and not self.viscous:
@@ -59,7 +63,7 @@ class GivenDisc:
         speed2, pull = self._speed2_and_pull(r)
         flow = np.zeros_like(r)
         if self.viscous:
-            flow = viscosity.radial_flow(self.scene, r, self.surface_density, self.sound_speed)
+            flow = viscosity.radial_flow(self.scene, r, self.surface_density, self.thermal_speed)
         columns = np.log(self._density_and_slope(r)[0]), np.log(speed2), pull, np.gradient(pull, log), flow
         return np.stack(columns, axis=1), float(log[0]), (NODES - 1) / float(log[-1] - log[0])
 
@@ -76,7 +80,7 @@ class GivenDisc:
         return density, slope
 
     def _speed2_and_pull(self, r: Array) -> tuple[Array, Array]:
-        """c_s^2 and g, with -(1/Sigma) dP/dr = g / r."""
+        """c_T^2 and g, with -(1/Sigma) dP/dr = g / r."""
         scene, file = self.scene, self.given.file
         density, slope = self._density_and_slope(r)
         if file is not None and file.has("T"):

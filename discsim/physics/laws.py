@@ -67,7 +67,7 @@ class SceneLaw:
         return rows
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:
-        """Stopping time at vanishing slip of a population in gas of given density, sound speed and Omega (n,)."""
+        """Stopping time at vanishing slip of a population in gas of given density, thermal speed and Omega (n,)."""
         return kernels.stopping_times(self.code, self.grains[population], ratio, density, sound, omega)
 
 
@@ -80,7 +80,7 @@ def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
 
 
 def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Array | None) -> list[Array]:
-    """Stopping time at vanishing slip of each population in gas of given density, sound speed and Omega (n,).
+    """Stopping time at vanishing slip of each population in gas of given density, thermal speed and Omega (n,).
 
     For few places. None where a scene does not define one, and no entry then where the law needs it.
     """

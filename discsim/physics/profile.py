@@ -136,6 +136,11 @@ def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
     return eos_of(scene).sound_speed(scene, r, density)
 
 
+def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array:
+    """sqrt(P / Sigma) of the gas at radius `r`, of a polytrope at a surface density `density`."""
+    return eos_of(scene).thermal_speed(scene, r, density)
+
+
 def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
     """Speed of sound waves, as the gas of a run has it: of adiabatic gas the adiabatic one."""
     return eos_of(scene).wave_speed(scene, r, density)

@@ -7,8 +7,8 @@
             - tanh(ln(r / dead_outer) / dead_width)] / 2 of the way to it          (3)
     v_r   = -3 / (Sigma sqrt(r)) d(nu Sigma sqrt(r))/dr                            (4)  Lynden-Bell & Pringle 1974
 
-c_s is the isothermal sound speed, sqrt(P / Sigma), of gas that holds heat that of its present temperature; of a
-polytrope it is sqrt(dP/dSigma), as in every H of discsim. Omega_K is that of circles about the star, softened as it is.
+c_s is the thermal speed sqrt(P / Sigma), as in every H of discsim, of gas that holds heat that of its present
+temperature. Omega_K is that of circles about the star, softened as it is.
 
 What the gas has beside it: of the artificial viscosity's linear term on all pairs, half as much on approaching ones,
 and of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas,
@@ -65,36 +65,37 @@ def reference_radius(scene: Scene) -> float:
     return getattr(scene.initial, "reference_radius", 1.0)
 
 
-def diffusivity(scene: Scene, r: Array, sound_speed: Array | None = None) -> Array:
+def diffusivity(scene: Scene, r: Array, thermal_speed: Array | None = None) -> Array:
     """nu (n,) at the radii `r` (n,) in code units, eq. (1).
 
-    sound_speed: c_s (n,) of the gas there; without it, that of the temperature that the scene starts with, which a
+    thermal_speed: c_s (n,) of the gas there; without it, that of the temperature that the scene starts with, which a
     polytrope does not have.
     """
     keys: Any = scene.table("alpha_viscosity")
     if keys.nu is not None:
         return np.full(np.shape(r), keys.nu)
     r = np.maximum(r, 1e-300)
-    if sound_speed is None:
-        sound_speed = profile.sound_speed(scene, r, np.ones_like(r))
-    return alpha(scene, r) * sound_speed**2 / profile.kepler_omega(scene, r)
+    if thermal_speed is None:
+        thermal_speed = profile.thermal_speed(scene, r)
+    return alpha(scene, r) * thermal_speed**2 / profile.kepler_omega(scene, r)
 
 
 def radial_flow(
     scene: Scene,
     r: Array,
     surface_density: Callable[[Array], Array],
-    sound_speed: Callable[[Array], Array] | None = None,
+    thermal_speed: Callable[[Array], Array] | None = None,
 ) -> Array:
     """Radial velocity (n,) at the radii `r` (n,) of a disc that its viscosity moves, eq. (4), where Sigma is not 0.
 
-    surface_density, sound_speed: functions of radii (n,), of the smooth disc. Its slope is of fourth order: off by
+    surface_density, thermal_speed: functions of radii (n,), of the smooth disc. The slope is of fourth order: off by
     about (STEP r / l)^4 where these vary over l.
     """
 
     def torque(radius: Array) -> Array:
-        speed = None if sound_speed is None else sound_speed(radius)
-        return diffusivity(scene, radius, speed) * surface_density(radius) * np.sqrt(radius)
+        sigma = surface_density(radius)
+        speed = profile.thermal_speed(scene, radius, sigma) if thermal_speed is None else thermal_speed(radius)
+        return diffusivity(scene, radius, speed) * sigma * np.sqrt(radius)
 
     near, far = (torque(r * np.exp(step)) - torque(r * np.exp(-step)) for step in (STEP, 2.0 * STEP))
     rise = (8.0 * near - far) / 6.0  # over 2 STEP

@@ -1,7 +1,7 @@
 """Numbers that follow from a scene, at the edges and the middle of a disc or in the states of another start.
 
 H = c_T / Omega, Q = c_s Omega / (pi G Sigma), h = eta (m/Sigma)^(1/d), St = t_stop Omega; c_s is the speed of sound
-waves, c_T that of isothermal ones, Omega that of circles about the softened star.
+waves, c_T = sqrt(P / Sigma) the thermal speed, Omega that of circles about the softened star.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of, start_time
 from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
-from discsim.parts import SCHEMES
+from discsim.parts import EOS, SCHEMES
 from discsim.physics import laws, profile, viscosity
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_sizes, typical_size
@@ -44,8 +44,7 @@ def _local(scene: Scene, places: Places) -> Local:
     radius, density = places.radius, places.density
     omega = profile.kepler_omega(scene, radius) if scene.star and radius is not None else None
     sound = _sound_speed(scene, places)
-    ratio = eos_of(scene).heat_ratio(scene.gas.eos) if scene.gas else 1.0
-    thermal = None if sound is None else sound / math.sqrt(ratio)
+    thermal = None if sound is None else sound / np.sqrt(_adiabatic_index(scene, density))
     h = _smoothing(scene, places)
     fine = None if h is None else resolution(scene, h)
     step = None if h is None or sound is None else longest_step(scene, h, sound)
@@ -88,7 +87,7 @@ def dust_masses(scene: Scene) -> list[float]:
 
 def stopping_times(scene: Scene, at: Local) -> list[Array]:
     """Stopping time of each population at the places of `at`; no entry where it is not defined."""
-    return laws.stopping_times(scene, at.density, at.sound_speed, at.omega)
+    return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
 def derived(scene: Scene) -> list[tuple[str, str]]:
@@ -264,7 +263,12 @@ def _sound_speed(scene: Scene, places: Places) -> Array | None:
     speed = eos_of(scene).start_speed(scene, radius, density)
     if speed is not None or places.pressure is None:
         return speed
-    return np.sqrt(eos_of(scene).heat_ratio(scene.gas.eos) * places.pressure / density)
+    return np.sqrt(_adiabatic_index(scene, density) * places.pressure / density)
+
+
+def _adiabatic_index(scene: Scene, density: Array) -> Array | float:
+    eos: Any = scene.table(scene.model.table).eos
+    return EOS[eos.kind].adiabatic_index(eos, density)
 
 
 def _smoothing(scene: Scene, places: Places) -> Array | None:

@@ -124,13 +124,15 @@ def test_epstein_in_the_given_density():
     ids=lambda eos: eos["kind"] if isinstance(eos, dict) else "",
 )
 def test_given_gas_of_any_kind_is_in_balance(eos, pressure):
-    """Its f c_s^2 / r is -(1/Sigma) dP/dr; c_s^2 = dP/dSigma where that is all that changes P."""
+    """f c_T^2 / r is -(1/Sigma) dP/dr with c_T^2 = P / Sigma; c_s^2 is dP/dSigma at constant entropy."""
     disc = GivenDisc(load_scene(scene(background={"surface_density": 0.01, "surface_density_index": 1.3, "eos": eos})))
     r, dr = np.array([0.5, 1.0, 3.0]), 1e-5
     sigma = disc.surface_density(r)
     np.testing.assert_allclose(sigma, 0.01 * r**-1.3)
     slope = (pressure(r + dr, disc.surface_density(r + dr)) - pressure(r - dr, disc.surface_density(r - dr))) / (2 * dr)
-    np.testing.assert_allclose(disc.laws[4] * disc.sound_speed(r) ** 2 / r, -slope / sigma, rtol=1e-8)  # dr^2 / r^2
+    thermal2 = disc.thermal_speed(r) ** 2
+    np.testing.assert_allclose(thermal2, pressure(r, sigma) / sigma, rtol=1e-12)
+    np.testing.assert_allclose(disc.laws[4] * thermal2 / r, -slope / sigma, rtol=1e-8)  # dr^2 / r^2
     stiffness = (pressure(r, 1.0001 * sigma) - pressure(r, 0.9999 * sigma)) / (0.0002 * sigma)
     np.testing.assert_allclose(disc.sound_speed(r) ** 2, stiffness, rtol=1e-8)
 

@@ -18,8 +18,7 @@ Array = np.ndarray
 @base.density("gas", r"$\Sigma_SPECIES$", reads=("gas.small", "gas.density"))
 def surface_density(snap: Snapshot) -> Array:
     """surface density: Sigma = sum m / area, without the small dust that gas carries"""
-    small = snap.gas.small
-    return snap.gas.mass if small is None else snap.gas.mass - small
+    return snap.gas.mass * _gas_share(snap)
 
 
 @base.of_particles("gas", "density", r"$\Sigma_\mathrm{SPH}$", needs=("gas.density",))
@@ -51,13 +50,14 @@ def sound_speed(snap: Snapshot) -> Array:
     "",
     "aspect ratio $H/r$",
     needs=("gas.pressure", "gas.density", "plane", "star"),
+    reads=("gas.small",),
     scale="linear",
     colours="cividis",
 )
 def aspect_ratio(snap: Snapshot) -> Array:
-    """aspect ratio: H / r = sqrt(P / Sigma) / (Omega_K r)"""
+    """aspect ratio: H / r = sqrt(P / Sigma) / (Omega_K r), without the small dust that gas carries"""
     r = snap.gas.radius
-    return np.sqrt(snap.gas.pressure / snap.gas.density) / (omega(snap, r) * r)
+    return np.sqrt(snap.gas.pressure / (snap.gas.density * _gas_share(snap))) / (omega(snap, r) * r)
 
 
 @base.of_particles(
@@ -72,3 +72,10 @@ def toomre_q(snap: Snapshot) -> Array:
 def h(snap: Snapshot) -> Array:
     """smoothing length: h"""
     return snap.gas.h
+
+
+def _gas_share(snap: Snapshot) -> Array | float:
+    """Share of each particle's mass (n,) that is gas; small dust is a part of it with two-way drag alone."""
+    small = snap.gas.small
+    one_way = snap.tables.get("drag", {}).get("direction") == "one-way"
+    return 1.0 if small is None or one_way else 1.0 - small / snap.gas.mass
