@@ -20,6 +20,16 @@ unit of f, with C = sum_j f_j eps_j / (1 + St_j^2) and D = sum_j f_j eps_j St_j 
     gas    azimuth   W = -((1 + A) C + B D) / (2 N)               (6)
     dust   radial    (V + 2 St_j W + St_j f_j) / (1 + St_j^2)     (7)
     dust   azimuth   (W - St_j V / 2 - St_j^2 f_j / 2) / (1 + St_j^2)    (8)
+
+All this is linear in eta. `about_circles` keeps the centrifugal forces whole. Gas alone has the circle of speed
+v_g = v_K (1 - 2 eta)^(1/2). With velocities (V, v_g + W) of the gas and (v_j, v_g + w_j) of the dust, frequencies
+Omega_c = (v_g + W) / r and Omega_j = (v_g + w_j) / r of their own, and F_j = (v_K^2 - v_g^2) / r - Omega f_j,
+
+    (2 v_g + W) W / r   = sum_j eps_j (V - v_j) / t_j,    Omega_c V / 2   = sum_j eps_j (w_j - W) / t_j          (9)
+    (2 v_g + w_j) w_j / r = F_j + (v_j - V) / t_j,        Omega_j v_j / 2 = -(w_j - W) / t_j                     (10)
+
+Gas without dust and dust without gas are then on their exact circles, and so is a mixture with St -> 0 at any ratio. As
+in (1) to (8) v dv/dr is left out, of order (St eta)^2, and angular momentum rises with radius as on Keplerian circles.
 """
 
 from __future__ import annotations
@@ -28,6 +38,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+ROUNDS, CLOSE = 60, 1e-15  # iterations for the factors of (9) and (10), at most, and their tolerance in v_K
+SLOWEST = 1e-3  # least rotation over the Keplerian one, below which there is no balance
 
 
 class Drift(NamedTuple):
@@ -69,6 +82,50 @@ def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, pu
         dust_azimuthal=-(1 + a + b * stokes) * scale / (1 + stokes**2),  # eq. (4)
     )
     return found if push is None else Drift(*map(np.add, found, _pushed(stokes, share, np.asarray(push, dtype=float))))
+
+
+def about_circles(
+    stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, keplerian: ArrayLike, push: ArrayLike | None = None
+) -> Drift:
+    """Solve eqs. (9) and (10): `of_populations` for a headwind of any size, which is eta v_K with eta < 1/2.
+
+    Parameters
+    ----------
+    stokes, ratios : (populations, n), as in `of_populations`
+    headwind, keplerian : (n,), eta v_K and v_K
+    push : (populations, n), as in `of_populations`
+
+    Returns
+    -------
+    Drift
+        Velocities relative to Keplerian rotation; the gas's of shape (n,), the dust's (populations, n).
+    """
+    stokes, ratios, headwind, unit = (np.asarray(x, dtype=float) for x in (stokes, ratios, headwind, keplerian))
+    lag = 2 * headwind / unit  # v_K is 1 from here on
+    circle = np.sqrt(np.maximum(1 - lag, SLOWEST**2))
+    force = lag - (0.0 if push is None else np.asarray(push, dtype=float) / unit) + np.zeros_like(stokes)
+    gas, dust = np.zeros_like(circle), np.zeros_like(stokes)  # W and w_j
+    for _ in range(ROUNDS):
+        # The factors 2 v_g + W and Omega / 2 are those of the last iteration; the rest is linear.
+        own_gas, own = np.maximum(circle + gas, SLOWEST), np.maximum(circle + dust, SLOWEST)
+        turn_gas, turn, shear_gas, shear = circle + own_gas, circle + own, 0.5 * own_gas, 0.5 * own
+        held = 1 / (1 + stokes * (turn * shear) * stokes)
+        load = ratios * held
+        radial_by_gas, radial_by_turn = (load * shear).sum(axis=0), (load * shear * turn * stokes).sum(axis=0)
+        push_out, push_along = (load * force).sum(axis=0), (load * shear * stokes * force).sum(axis=0)
+        by_turn = turn_gas + (load * turn).sum(axis=0)
+        by_radial = shear_gas + radial_by_gas
+        whole = by_turn * by_radial + radial_by_turn**2
+        before = gas, dust
+        gas = (push_out * by_radial + radial_by_turn * push_along) / whole
+        gas_radial = (push_along * by_turn - radial_by_turn * push_out) / whole
+        slip = turn * gas - force
+        dust_radial = (gas_radial + stokes * slip) * held
+        dust = (gas - stokes * shear * (gas_radial - stokes * force)) * held
+        if max(np.abs(gas - before[0]).max(initial=0.0), np.abs(dust - before[1]).max(initial=0.0)) < CLOSE:
+            break
+    lags = np.maximum(-lag, SLOWEST**2 - 1) / (1 + circle)
+    return Drift(*(unit * v for v in (gas_radial, lags + gas, dust_radial, lags + dust)))
 
 
 def _pushed(stokes: np.ndarray, share: np.ndarray, push: np.ndarray) -> Drift:

@@ -2,9 +2,10 @@
 
 Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr, with g(r) the mean inward pull of star, companions and self-gravity at r,
 and v_r that its viscosity gives, where there is [alpha_viscosity].
-Dust: with drag the steady drift of Nakagawa, Sekiya & Hayashi (1986) for the local Stokes numbers and dust-to-gas
-ratios of all populations, which gas with two-way drag takes part in; one-way dust that for a ratio of zero. Without
-drag, or where `initial.dust_velocity` is "balance", circles: v_phi^2 / r = g(r).
+Dust: with drag the steady drift of Nakagawa, Sekiya & Hayashi (1986) about that circle of the gas (eqs. 9 and 10 of
+`exact/nsh.py`), for the local Stokes numbers and dust-to-gas ratios of all populations, which gas with two-way drag
+takes part in; one-way dust that for a ratio of zero. Without drag, or where `initial.dust_velocity` is "balance",
+circles: v_phi^2 / r = g(r).
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ class Balance:
         # Grains of many sizes are some kinds that load the gas; what becomes of one is that of a kind without mass.
         scene, drag = self.scene, self.effects["drag"]
         density = disc.surface_density(r)
-        sound = profile.sound_speed(scene, r, density)
+        sound = profile.thermal_speed(scene, r, density)
         typical, kinds, loads, pushed = np.empty((len(scene.dust), len(r))), [], [], []
         push = radiation.pushes(scene, r, omega * r)
         for k, population in enumerate(scene.dust):
@@ -148,8 +149,8 @@ class Balance:
             kinds.append(factor * typical[at])
             loads.append(np.zeros(len(r)))
             pushed.append(None if push is None else push[at])
-        found = nsh.of_populations(
-            np.array(kinds), np.array(loads), headwind, None if push is None else np.array(pushed)
+        found = nsh.about_circles(
+            np.array(kinds), np.array(loads), headwind, omega * r, None if push is None else np.array(pushed)
         )
         if species is None:
             return found.gas_radial, found.gas_azimuthal
