@@ -136,6 +136,29 @@ def test_what_a_companion_does_not_feel():
     assert np.abs(sim.bodies.vel[1] - [0.0, 1.0]).max() < 1e-10
 
 
+def test_companions_that_a_star_does_not_feel_feel_each_other_alone():
+    """About a star that nothing pulls, masses 1 : .05 : .02: an N-body code whose star stays."""
+    pair = [
+        PLANET | {"mass": 0.05, "eccentricity": 0.3, "orbit": "live"},
+        PLANET | {"mass": 0.02, "semi_major_axis": 2.5, "phase": -130.0, "orbit": "live"},
+    ]
+    scene = tables(pair, star={"indirect": []}, run={"until": 1.0, "timestep": 0.01})
+    sim = Simulation(scene, particles={"dust": GRAIN})
+    mass, start = sim.bodies.mass[1:].copy(), np.concatenate([sim.bodies.pos[1:], sim.bodies.vel[1:]])
+
+    def slope(_, z):
+        r, v = z.reshape(2, 2, 2)
+        away = r[1] - r[0]
+        pull = away / math.hypot(*away) ** 3
+        acc = -r / np.hypot(*r.T)[:, None] ** 3 + np.array([mass[1] * pull, -mass[0] * pull])
+        return np.concatenate([v, acc]).ravel()
+
+    sim.run(5.0)
+    end = solve_ivp(slope, (0.0, 5.0), start.ravel(), method="DOP853", rtol=1e-12, atol=1e-13).y[:4, -1]
+    # Of second order in the step, as above; the star's recoil would be .05 of the pull.
+    assert np.abs(sim.bodies.pos[1:] - end.reshape(2, 2)).max() < 1e-4
+
+
 def test_a_ramp_is_sin_squared():
     companion = PLANET | {"mass": 0.1, "ramp": 4.0, "orbit": "live"}
     frames = []
@@ -183,6 +206,23 @@ def test_pulls_are_mutual():
     sim.step(1e-9)
     force = (grains["mass"][:, None] * exact).sum(axis=0)
     assert np.abs(0.3 * sim.bodies.pulled[1, 1] + force).max() < 1e-7 * np.abs(force).max()  # of the step
+
+
+def test_the_energy_of_a_companion_is_that_of_its_pull():
+    """By differences of its potential energy, within its softening and beyond."""
+    pair = PLANET | {"mass": 0.3, "semi_major_axis": 2.0, "eccentricity": 0.5, "softening": "0.4"}
+    grains = {"pos": [[1.1, 0.1], [0.2, -1.4]], "vel": np.zeros((2, 2)), "mass": [2.0, 3.0]}
+    sim = Simulation(tables(pair, star={"mass": 1.7}), particles={"dust": grains})
+    force = sim.dust.mass[:, None] * sim.acceleration("companion")[1]
+    energy, step = sim.effects["companion"].potential_energy, 1e-5
+    found = np.empty((2, 2))
+    for at in np.ndindex(2, 2):
+        ends = []
+        for way in (step, -2.0 * step, step):
+            sim.dust.pos[at] += way
+            ends.append(energy(sim.state))
+        found[at] = (ends[1] - ends[0]) / (2.0 * step)
+    np.testing.assert_allclose(found, force, rtol=1e-7)  # step^2 / softening^2, and rounding / step
 
 
 @pytest.mark.parametrize("species", ["gas", "dust"])

@@ -71,6 +71,43 @@ def test_a_star_grows(frame):
         assert np.abs(after - before).max() < 1e-13 * size
 
 
+def test_what_a_moving_star_takes_keeps_angular_momentum():
+    """About the origin, where the barycentre is: a star of a pair 1 : .3 is .23 of its distance away from there."""
+    pair = PLANET | {"mass": 0.3, "semi_major_axis": 2.0, "eccentricity": 0.5, "phase": 70.0}
+    star = {"frame": "inertial", "accretion_radius": 0.3}
+    pos = 0.5 * np.random.default_rng(5).standard_normal((400, 2))
+    grains = {"pos": pos, "vel": pos[:, ::-1] * [-1.3, 0.7] + [0.2, 0.5], "mass": np.full(400, 1e-6)}
+    sim = Simulation(tables(pair, star=star), particles={"dust": grains})
+
+    def spin():
+        p = sim.dust
+        return (p.mass * (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0])).sum()
+
+    before = spin()
+    assert np.hypot(*sim.bodies.pos[0]) > 0.2
+    sim.effects["star"].event(sim.state)
+    assert 20 < sim.dust.count < 380
+    taken = sim.state.ledger.accreted_angular_momentum
+    assert abs(taken) > 1e-6
+    assert spin() + taken == pytest.approx(before, rel=1e-12)  # rounding of 400 terms
+
+
+def test_a_heavy_companion_takes_its_share_in_the_orbit_of_both():
+    """1 - exp(-rate dt / P) of what goes with it, P = 2 pi (r^3 / (M + m))^(1/2) at its present distance."""
+    planet = PLANET | {"mass": 0.8, "semi_major_axis": 2.0, "eccentricity": 0.5, "accretion_radius": 0.2}
+    scene = tables(planet | {"accretion_rate": 300.0, "softening": "0.1"}, star={"frame": "star"})
+    start = Simulation(scene, particles={"dust": GRAIN}).bodies
+    pos = start.pos[1] + 0.02 * np.random.default_rng(3).standard_normal((20_000, 2))
+    grains = {"pos": pos, "vel": np.tile(start.vel[1], (20_000, 1)), "mass": np.full(20_000, 1e-12)}
+    sim = Simulation(scene, particles={"dust": grains})
+    dt = sim.step(0.005)
+    assert np.hypot(*sim.bodies.pos[1]) == pytest.approx(1.0, rel=1e-3)  # near its pericentre
+    left = math.exp(-300.0 * dt * math.sqrt(1.8) / (2.0 * math.pi))
+    # Three sigma of a binomial, and what the distance changes in a step.
+    assert sim.dust.count / 20_000 == pytest.approx(left, abs=0.012)
+    assert 0.2 < left < 0.8
+
+
 # Files
 
 
