@@ -134,6 +134,25 @@ def test_quick_cooling_is_a_held_temperature():
     assert np.abs(one - other).max() < 1e-3
 
 
+def test_the_orbits_of_a_softened_star_are_longer():
+    """beta / Omega with Omega^2 = G M / (r^2 + s^2)^(3/2): after a kick u is that of one zone at each place."""
+    eos = {"kind": "adiabatic", "gamma": 1.6, "aspect_ratio": 0.1, "reference_radius": 2.0}
+    sim = Simulation(
+        disc(
+            gas={"particles": 300, "eos": eos},
+            star={"mass": 1.3, "softening": 0.9},
+            cooling={"kind": "beta", "beta": 0.7, "aspect_ratio": 0.05},
+        )
+    )
+    gas = sim.gas
+    r = np.hypot(*gas.pos.T)
+    gas.u[:], gas.kick_rate[:] = 3e-3, 1e-4
+    settled = 0.05**2 * 1.3 / 2.0 * np.sqrt(2.0 / r) / 0.6
+    t_cool = 0.7 * np.sqrt((r**2 + 0.81) ** 1.5 / 1.3)
+    found = sim.state.cooled(gas, 0.4)
+    np.testing.assert_allclose(found, exact.towards(3e-3, settled, 1e-4, t_cool, 0.4), rtol=1e-12)
+
+
 # Light
 
 
@@ -182,6 +201,34 @@ def test_balance_of_a_viscous_irradiated_disc(opacity):
     wanted = (irradiated**4 + heat * sigma * physics.depth(tau) / 2.0 / constants.sigma_sb).to(u.K**4) ** 0.25
     np.testing.assert_allclose(found.value, wanted.value, rtol=1e-3)
     assert (found > 1.005 * irradiated).any()
+
+
+def test_hot_gas_shines_through_the_molecules_of_its_midplane():
+    """2 sigma T^4 / (tau_eff Sigma) with Bell & Lin's 1e-8 rho^(2/3) T^3 between 2200 and 3000 K at .2 au,
+    rho = Sigma Omega / (sqrt(2 pi) c_s); in cgs by astropy, of a step in which u changes by less than 1e-3.
+    """
+    tables = shining(opacity="bell-lin") | {"space": {"size": "1 au"}}
+    tables["initial"] = {"kind": "disc", "mass": "1e-4 Msun", "inner": "0.15 au", "outer": "0.25 au"}
+    tables["star"] = {"mass": "1.7 Msun"}
+    tables["gas"]["particles"] = 300
+    sim = Simulation(tables)
+    sim._prepare()
+    gas, units = sim.gas, sim.scene.units
+    mean = sim.scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e)
+    r, sigma = units.quantity(np.hypot(*gas.pos.T), "length").cgs, units.quantity(gas.density, "density").cgs
+    temperature = np.linspace(2200.0, 3000.0, gas.count) * u.K
+    heat = (constants.k_B * temperature / mean / (GAMMA - 1.0)).cgs
+    gas.u[:], gas.kick_rate[:] = heat.value / units.cgs("specific_energy"), 0.0
+    omega = np.sqrt(1.7 * constants.G * u.Msun / r**3).cgs
+    rho = (sigma * omega / np.sqrt(2 * np.pi * constants.k_B * temperature / mean)).cgs.value
+    kappa = 1e-8 * rho ** (2 / 3) * temperature.value**3
+    tau = 0.5 * kappa * sigma.value
+    rate = (2.0 * constants.sigma_sb * temperature**4 / physics.depth(tau) / sigma).cgs
+    dt = (3e-4 * heat / rate).min()
+    lost = gas.u - sim.state.cooled(gas, dt.cgs.value / units.cgs("time"))
+    assert (tau > 0.1).all()
+    # Its star's light gives back (400 / 2200)^4 = .1% at most, and the rate changes by some times 3e-4 within the step.
+    np.testing.assert_allclose(lost * units.cgs("specific_energy"), (rate * dt).cgs.value, rtol=5e-3)
 
 
 @pytest.mark.slow

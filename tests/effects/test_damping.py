@@ -54,6 +54,42 @@ def test_what_it_takes_is_in_the_ledger():
     assert (np.abs(taken) > 1e-3 * p.mass.sum()).all()
 
 
+def test_the_ledger_of_a_moving_disc_is_about_the_origin():
+    """A zone about a star that is .2 away from the barycentre of a pair, and moves."""
+    pair = {"mass": 0.3, "semi_major_axis": 2.0, "eccentricity": 0.5, "softening": "0.1", "phase": 70.0}
+    sim = Simulation(dust(damping={"inner": [0.5, 9.0]}, star={"mass": 1.0, "frame": "inertial"}, companion=[pair]))
+    p = sim.dust
+    p.vel *= 1.02
+    p.vel += [0.03, -0.01]
+
+    def totals():
+        return np.array([*(p.mass @ p.vel), p.mass @ (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0])])
+
+    assert np.hypot(*sim.bodies.pos[0]) > 0.2
+    before = totals()
+    sim.effects["damping"].operate(sim.state, 0.5)
+    taken = np.array([*sim.state.ledger.damped_momentum, sim.state.ledger.damped_angular_momentum])
+    np.testing.assert_allclose(before - totals(), taken, atol=1e-17)  # rounding of a mass of 1e-5
+    assert (np.abs(taken) > 1e-4 * p.mass.sum()).all()
+
+
+def test_each_population_relaxes_to_its_own_drift():
+    """St = .1 and 2 in a given disc: from motion of neither, back to the velocities of its start."""
+    given = {"surface_density": 1e-3, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1}}
+    grains = [{"particles": 200, "ratio": 0.01, "grain_size": s, "grain_density": 1.0} for s in (3e-5, 6e-4)]
+    drag = {"law": "epstein", "direction": "one-way"}
+    start = {"kind": "disc", "mass": 1e-3, "inner": 1.0, "outer": 3.0, "dust_velocity": "drift"}
+    sim = Simulation(dust(damping={"inner": [0.9, 1.1], "outer": [0.5, 1.0]}, background=given, drag=drag,
+                          initial=start) | {"dust": grains})  # fmt: skip
+    p, before = sim.dust, sim.dust.vel.copy()
+    falls = [radial(p)[p.species == k].mean() for k in range(2)]
+    assert falls[0] > 0.5 * falls[1] and falls[1] < -1e-3
+    p.vel += [0.1, 0.2]
+    sim.effects["damping"].operate(sim.state, 1e6)
+    # Nodes of a table in ln r, between which drifts of 1e-2 are linear.
+    np.testing.assert_allclose(p.vel, before, rtol=0, atol=1e-6)
+
+
 def test_circles_stay_where_velocities_are_half_a_step_off():
     """Without the turn of half a step the zone would brake circles by (Omega dt)^2 / 4, and grains fall."""
     turns = 10 * 2 * np.pi
@@ -64,6 +100,21 @@ def test_circles_stay_where_velocities_are_half_a_step_off():
     # The start is off a leapfrog's circle by (Omega dt)^2 / 8 = 1.2e-3 of velocity; what falls would move by 2e-2.
     assert np.abs(moved).max() < 2e-3
     assert np.abs(radial(sim.dust)).max() < 1e-4  # undamped 2e-3
+
+
+@pytest.mark.parametrize("integrator", ["kdk", "euler"])
+def test_a_zone_damps_at_its_rate_in_steps(integrator):
+    """Radial motion falls by exp(-R t) over twenty steps, R t = .9, whatever makes them."""
+    zone = {"outer": [0.2, 2.0], "time": 0.005}
+    sim = Simulation(dust(damping=zone, run={"until": 0.08, "timestep": 0.004, "integrator": integrator}))
+    p = sim.dust
+    p.vel += 0.1 * p.pos / np.hypot(*p.pos.T)[:, None]
+    sim.run()
+    outer = np.hypot(*p.pos.T) > 2.05
+    assert outer.sum() > 50
+    rate = 1.0 / (0.005 * 2.0 * np.pi * 2.0**1.5)
+    # Circles of forward Euler widen at Omega^2 r dt or less, 2% of what is left here.
+    assert radial(p)[outer].mean() == pytest.approx(0.1 * np.exp(-0.08 * rate), rel=0.05)
 
 
 @pytest.mark.parametrize("time", [1e-12, 1e12])
