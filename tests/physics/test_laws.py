@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from discsim import Simulation
 from discsim.exact import dustybox
 from discsim.formulas import laws as formulas
-from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK
+from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, STOPPING_TIME
 from discsim.kernels.background import Disc, path_at
 from discsim.kernels.background import relax_by_speed as relax_in_disc
 from discsim.kernels.coupled import ROOM
@@ -211,6 +211,48 @@ def slip_by_ode(path, delta, m, a_r, a_phi, dt):
     # Many steps, so that none passes over a slip at which the law changes.
     found = solve_ivp(slope, (0, dt), [delta, m], method="LSODA", rtol=1e-11, atol=1e-12, max_step=dt / 50)
     return found.y[:, -1]
+
+
+def flowing(r, pull, time, star=1.3, softening=0.7):
+    """The path at a radius of a grain of population 1 in a disc of uneven pressure that flows inwards, in units of its
+    own star; light leaves `pull` of that star's pull on it.
+    """
+    log = np.linspace(-1.0, 1.0, 2001)
+    pull_of_gas = 0.01 * np.exp(0.3 * log)  # g, with -(1/Sigma) dP/dr = g / r
+    columns = -log, np.log(0.01) - 0.2 * log, pull_of_gas, 0.3 * pull_of_gas, -0.02 * np.exp(-0.5 * log)
+    grains, ratios = np.array([[1.0, 0.0, 0.0, 0.0, 0.0], [time, 0.0, 0.0, 0.0, 0.0]]), np.full(2, 0.01)
+    pulls, no_laws = np.array([1.0, pull]), np.array([1.0, 1.0, 0.01, 0.5, 1.5])
+    disc = Disc(
+        STOPPING_TIME, grains, True, ratios, pulls, star, softening, no_laws, np.stack(columns, axis=1), -1.0, 1000.0
+    )
+    return path_at(0.6 * r, 0.8 * r, 1, disc)
+
+
+@pytest.mark.parametrize("pull", [1.0, 0.6, 0.05])
+def test_a_grain_that_feels_no_drag_is_on_its_own_circle(pull):
+    """v_phi^2 = beta's share of G M r^2 / (r^2 + s^2)^(3/2), however the gas turns and flows."""
+    for r in (0.5, 1.1, 2.0):
+        path = flowing(r, pull, 1e12)
+        speed = math.sqrt(pull * 1.3 * r**2 / (r**2 + 0.49) ** 1.5)
+        assert path.orbit + path.azimuthal == pytest.approx(speed, rel=1e-9)
+        assert abs(path.radial) < 1e-9
+
+
+@pytest.mark.parametrize("pull", [1.0, 0.6])
+@pytest.mark.parametrize("time", [0.03, 1.0, 20.0])
+def test_a_steady_drift_in_gas_that_flows_has_no_torque_left(pull, time):
+    """What drag takes of its angular momentum is what the gas has less of where it drifts to, by differences of the
+    gas's own; and the force that is left on its path, `push`, is that of its place and velocity.
+    """
+    for r in (0.5, 1.1, 2.0):
+        path, d = flowing(r, pull, time), 1e-4
+        gas = [x * flowing(x, pull, time).orbit for x in (r - d, r + d)]
+        assert path.time == time and path.slip - path.radial == pytest.approx(0.02 / math.sqrt(r), rel=1e-6)
+        carried = path.radial * (gas[1] - gas[0]) / (2.0 * d)
+        assert carried == pytest.approx(-r * path.azimuthal / time, rel=1e-4)  # of a table with nodes of .001
+        pulled = pull * 1.3 * r / (r**2 + 0.49) ** 1.5
+        force = (path.orbit + path.azimuthal) ** 2 / r - pulled - path.slip / time
+        assert path.push == pytest.approx(force, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", GRAINS)
