@@ -85,6 +85,17 @@ def test_a_line_spreads():
     assert np.abs(sim.dust.vel).max() < 1e-13  # without a star velocities stay; the gas's have rounding
 
 
+def test_a_line_spreads_where_a_step_has_many_of_the_walk():
+    """By 2 D t as well: each of some ten parts of a step has random numbers of its own."""
+    drag = {"law": "stopping-time", "t_stop": 0.01, "direction": "one-way"}
+    sim = Simulation(box(dust=20_000, D=0.05, until=0.02, drag=drag))
+    sim.dust.pos[:] = 0.5
+    sim.run()
+    assert sim.state.step < 8
+    # The variance of 20,000 grains is known to 1%.
+    assert sim.dust.pos[:, 0].var() == pytest.approx(2.0 * 0.05 * 0.02, rel=0.04)
+
+
 @pytest.mark.slow
 def test_dust_follows_the_gas_into_a_bump():
     """Grains that begin evenly end where Sigma_d ~ Sigma_g = 1 + cos(2 pi x) / 2, of which the mean of cos is 1/4."""
@@ -163,8 +174,9 @@ def test_a_layer_is_as_thick_as_settling_and_diffusion_have_it(stokes):
     assert np.sqrt(np.mean(squares)) == pytest.approx(exact, rel=0.03)
 
 
-def test_circles_stay_circles():
-    """Grains on circles are on circles after a walk, with velocities half a step behind their places."""
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_circles_stay_circles(sense):
+    """Grains on circles are on circles after a walk, with velocities half a step behind their places; clockwise too."""
     sim = Simulation(disc())
     sim._prepare()
     effect, dust, lag = sim.effects["dust_diffusion"], sim.dust, 0.03
@@ -174,7 +186,8 @@ def test_circles_stay_circles():
         x, y = dust.pos.T / r
         sine = r**-1.5 * lag
         cosine = np.sqrt(1.0 - sine**2)
-        return np.stack([x * sine - y * cosine, y * sine + x * cosine], axis=1) / np.sqrt(r)[:, None]
+        radial, azimuthal = sine, sense * cosine
+        return np.stack([x * radial - y * azimuthal, y * radial + x * azimuthal], axis=1) / np.sqrt(r)[:, None]
 
     dust.vel[:] = circles()
     before = dust.pos.copy()
@@ -183,6 +196,26 @@ def test_circles_stay_circles():
     effect.move(sim.state, 2.0 * lag)
     assert np.abs(dust.pos - before).max() > 0.01
     np.testing.assert_allclose(dust.vel, circles(), atol=1e-12)
+
+
+@pytest.mark.parametrize("stokes", [0.3, 1.0, 3.0])
+def test_grains_walk_towards_where_they_are_stirred_more(stokes):
+    """grad D by the slope of 1 / (1 + St^2): of grains of one stopping time St falls outwards as r^-3/2, and beside
+    those of one Stokes number, which have the same D and random numbers, they move by dt 3 D St^2 / (1 + St^2) / r.
+    """
+    found, alpha, r, dt = [], 0.02, 1.3, 1e-3
+    laws = {"law": "stokes-number", "stokes": stokes}, {"law": "stopping-time", "t_stop": stokes * r**1.5}
+    for law in laws:
+        sim = Simulation(given(stokes, alpha, 1.0, dust=40, drag=law | {"direction": "one-way"}))
+        angle = np.arange(40.0)
+        sim.dust.pos[:] = r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        sim.effects["drag"].stopping_times = np.full(40, stokes * r**1.5)
+        sim.effects["dust_diffusion"].move(sim.state, dt)
+        found.append(sim.dust.pos.copy())
+    outwards = ((found[1] - found[0]) * np.stack([np.cos(angle), np.sin(angle)], axis=1)).sum(axis=1)
+    strength = alpha * 0.01 * np.sqrt(r) / (1.0 + stokes**2)  # alpha c_s^2 / Omega with H/r = .1, c_s^2 = .01 / r
+    expected = dt * 3.0 * strength * stokes**2 / (1.0 + stokes**2) / r
+    np.testing.assert_allclose(outwards, expected, rtol=1e-3)  # slopes by differences over 1e-4
 
 
 def spin(p):
