@@ -147,6 +147,19 @@ def test_mass_is_exact_with_what_is_accreted(direction):
     np.testing.assert_allclose(row["mass_gas"] + row["accreted_gas"] + bodies.accreted[1, 0], before / 1.3, rtol=1e-13)
 
 
+def test_a_body_gains_the_small_dust_of_the_gas_that_it_takes():
+    """A companion and a star that grow weigh what they had, with gas, grown dust and the small dust in the gas."""
+    companion = {"mass": 2e-3, "semi_major_axis": 1.1, "eccentricity": 0.2, "softening": 0.05, "accretion_radius": 0.1}
+    scene = disc(until=0.4, size=SMALL, companion=companion)
+    sim = Simulation(changed(scene, star={"mass": 1.3, "accretion_radius": 0.7, "grows": True, "indirect": []}))
+    sim.run()
+    taken = sim.bodies.accreted
+    assert (taken[:, 1] > 0.1 * taken[:, 0]).all()  # a ratio of .3, all of it small at the start
+    np.testing.assert_allclose(
+        sim.bodies.mass, np.array([1.3, 2e-3]) + taken.sum(axis=1), rtol=1e-13
+    )  # rounding of sums
+
+
 def handed(sim):
     """What one event of growth changes of mass, momentum and angular momentum, and hands over, over those of all."""
     mass, momentum, spin = totals(sim)
@@ -226,6 +239,21 @@ def test_small_dust_starts_where_dust_is_and_in_balance():
     eta = 0.5 * 1.5 * 0.01 * np.sqrt(r)
     # The pressure moves twice its mass; dust particles are a seed of 1e-12.
     np.testing.assert_allclose(speed * np.sqrt(r), np.sqrt(1.0 - eta), atol=1e-10)
+
+
+def test_grown_dust_at_the_start_loads_gas_with_its_small_dust():
+    """Grown and small dust of .75 and .25 of the gas: nothing flows through a circle, and so v_g = -.6 v_d."""
+    sim = Simulation(disc(ratio=1.0, size=1e-5, growth={"small_ratio": 0.25}))
+    falls = []
+    for p in (sim.gas, sim.dust):
+        r = np.hypot(*p.pos.T)
+        middle = (r > 0.9) & (r < 1.3)
+        # Nearly as a power of r there.
+        fit = np.polyfit(np.log(r[middle]), ((p.pos * p.vel).sum(axis=1) / r)[middle], 2)
+        falls.append(np.polyval(fit, np.log(1.1)))
+    gas, dust = falls
+    assert gas > 1e-5 > 0.0 > dust
+    assert gas / dust == pytest.approx(-0.75 / 1.25, rel=1e-3)  # of the fit
 
 
 # Runs

@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from runs import put_out
 
 from discsim import Simulation
 from discsim.numerics.state import Dust, Gas
@@ -144,6 +145,32 @@ def test_quantities(disc):
     np.testing.assert_allclose(snap.quantity("gas.temperature").to_value("K"), expected.value, rtol=1e-12)
     with pytest.raises(KeyError, match="holds no 'u'"):
         snap.quantity("gas.u")
+
+
+def test_gas_that_carries_small_dust_is_as_warm_as_without(tmp_path):
+    """T = mu m_H c_s^2 / k of the gas alone, (H/r)^2 G M / r at 5 au, where half as much small dust as gas weighs with
+    it and does not press.
+    """
+    from astropy import constants
+    from astropy import units as u
+
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.07, "reference_radius": "5 au", "mean_molecular_weight": 2.1}
+    tables = {
+        "run": {"until": "1 yr"}, "space": {"size": "40 au"}, "star": {"mass": "1.6 Msun"},
+        "initial": {"kind": "disc", "mass": "0.001 Msun", "inner": "5 au", "outer": "15 au"},
+        "gas": {"particles": 300, "kernel": "cubic", "eos": eos, "viscosity": {}},
+        "dust": {"particles": 200, "ratio": 0.8, "grain_size": "1 mm", "grain_density": "1 g/cm3"},
+        "drag": {"law": "epstein"},
+        "growth": {"fragmentation_speed": "10 m/s", "alpha": 1e-3, "small_size": "1 um", "small_ratio": 0.5},
+    }  # fmt: skip
+    sim = Simulation(tables)
+    sim._prepare()
+    put_out(sim, tmp_path / "0.h5")
+    gas = read_snapshot(tmp_path / "0.h5").gas
+    np.testing.assert_allclose(gas.small / gas.mass, 1.0 / 3.0, rtol=1e-9)
+    speed2 = 0.07**2 * constants.G * 1.6 * u.Msun / (5 * u.au) * (gas.radius / 5.0) ** -0.5
+    expected = (speed2 * 2.1 * (constants.m_p + constants.m_e) / constants.k_B).to_value("K")
+    np.testing.assert_allclose(gas.temperature, expected, rtol=1e-6)  # of sums of single masses, and units
 
 
 def test_layout(disc):
