@@ -36,6 +36,21 @@ def test_the_layer_is_at_rest():
     assert np.abs(sim.gas.vel).max() < 1e-8  # the immobile gas is not accelerated either
 
 
+def test_a_layer_of_any_density_is_borne_at_its_ends():
+    """Midplane density .3, H = .5: the SPH density of what moves is the Gaussian to its last particle."""
+    scene = layer(0.01, 1.0, particles=400) | {"initial": {"kind": "settling", "density": 0.3, "vertical_extent": 1.0}}
+    del scene["dust"], scene["drag"]
+    scene["gas"]["eos"] = {"kind": "isothermal", "sound_speed": 0.4}
+    scene |= {"external": {"vertical_frequency": 0.8}, "space": {"dimensions": 1, "size": 3.0}}
+    sim = Simulation(scene)
+    sim.acceleration("gas")
+    free = ~sim.gas.immobile
+    z = sim.gas.pos[free, 0]
+    assert np.abs(z).max() > 0.95
+    # What a Gaussian is smoothed by over h, as above.
+    np.testing.assert_allclose(sim.gas.density[free], 0.3 * np.exp(-0.5 * (z / 0.5) ** 2), rtol=0.03)
+
+
 def test_a_layer_without_a_balance_is_told():
     with pytest.raises(SceneError, match=r"gas\.kernel: forces of .* expected \"wendland-c4\""):
         Simulation(layer(0.01, 1.0, gas={"kernel": "cubic", "eta": 2.0}))
@@ -46,6 +61,23 @@ def test_sedov():
     # The shock is some h wide, and a spacing is .017: 3.9% seen, 1.3% at 1e4 particles.
     assert radius == pytest.approx(1.0, abs=0.05)
     assert abs(lost) < 0.002  # by steps; .0003 seen
+
+
+def test_a_vortex_of_any_density_begins_in_balance():
+    """dP/dr = rho v^2 / r of its start, P = (gamma - 1) rho u, by differences between particles of a radius."""
+    start = {"kind": "vortex", "density": 0.3, "speed": 1.7, "radius": 0.15}
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "initial": start,
+        "space": {"size": 1.0, "boundary": "periodic"},
+        "gas": {"particles": 10_000, "eos": {"kind": "adiabatic", "gamma": 1.6}},
+    }  # fmt: skip
+    gas = Simulation(tables).gas
+    x, y = (gas.pos - 0.5).T
+    r = np.hypot(x, y)
+    rising = np.argsort(r)
+    r, pressure, v = r[rising], 0.6 * 0.3 * gas.u[rising], ((x * gas.vel[:, 1] - y * gas.vel[:, 0]) / r)[rising]
+    held = np.cumsum(0.5 * np.diff(r) * ((0.3 * v**2 / r)[1:] + (0.3 * v**2 / r)[:-1]))
+    np.testing.assert_allclose(pressure[1:] - pressure[0], held, rtol=0, atol=1e-3 * held[-1])  # the trapezium rule
 
 
 def test_gresho():

@@ -84,6 +84,22 @@ def test_a_lattice_refined_is_as_dense(lattice):
     assert np.abs(change).max() < 0.02 and abs(change.mean()) < 0.005  # found: 1.3% and .3%
 
 
+def test_a_clump_refined_anywhere_keeps_momentum():
+    """Momentum and angular momentum of a warm, turning clump far from the origin."""
+    rng = np.random.default_rng(4)
+    away = rng.uniform(-0.5, 0.5, (300, 2))
+    vel = [0.4, -1.1] + away @ [[0.3, 2.0], [-1.2, 0.1]] + 0.1 * rng.standard_normal((300, 2))
+    coarse = {"pos": away + np.array([5.0, -3.0]), "vel": vel, "mass": rng.uniform(0.5, 1.5, 300)}
+    fine = refined(coarse, 4)
+
+    def kept(p):
+        spin = p["pos"][:, 0] * p["vel"][:, 1] - p["pos"][:, 1] * p["vel"][:, 0]
+        return np.array([*(p["mass"] @ p["vel"]), p["mass"] @ spin])
+
+    size = np.abs(kept(coarse)).max()
+    np.testing.assert_allclose(kept(fine), kept(coarse), rtol=0, atol=1e-12 * size)  # rounding of 1200 terms
+
+
 def test_thinned_it_keeps_mass_and_profile(run):
     sim, path = run
     thin = restart(path, thin=4)

@@ -50,6 +50,15 @@ def test_power_laws_in_a_file_are_that_disc(tmp_path):
     np.testing.assert_allclose(below / mass, np.diff(edges) / (3.0**0.5 - 1.0), atol=0.02)  # a ring of 3000 in 40
 
 
+def test_the_ratio_of_a_file_is_that_of_all_populations(tmp_path):
+    """Two that share it as 5 : 3."""
+    dust = [{"particles": 1000, "ratio": 0.5}, {"particles": 600, "ratio": 0.3}]
+    sim = Simulation(scene(table(tmp_path), dust=dust))
+    whole = 2.0 * np.pi * 2e-6 * (3.0**1.5 - 1.0) / 1.5
+    held = [sim.dust.mass[sim.dust.species == k].sum() for k in range(2)]
+    np.testing.assert_allclose(held, [0.625 * whole, 0.375 * whole], rtol=1e-4)  # linear in ln r between 60 rows
+
+
 def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
     rough = "r Sigma\n" + "\n".join(f"{x} {y}" for x, y in [(1, 1e-4), (1.5, 3e-4), (2, 1e-4), (3, 2e-5)])
     eos = {"kind": "locally-isothermal", "aspect_ratio": 0.05}

@@ -147,6 +147,18 @@ def test_sound_is_second_order():
     assert np.log2(errors[0] / errors[2]) / 2 >= 1.9
 
 
+def test_a_wave_runs_the_way_of_its_direction():
+    """Two waves on the side that run to the left, on a flow to the left, are the mirror image of those to the right."""
+    ends = []
+    for way in (1, -1):
+        start = {"kind": "wave", "wavenumber": 2, "direction": [way], "velocity": 0.3 * way, "amplitude": 0.01}
+        sim = Simulation(scene(start, 60, 0.3, 5.0, ratio=0.4))
+        sim.run()
+        ends.append([way * p.vel[::way, 0] for p in (sim.gas, sim.dust)])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-13)  # rounding
+    assert np.ptp(ends[0][0]) > 0.01
+
+
 # What is conserved
 
 
