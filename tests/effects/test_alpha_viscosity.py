@@ -269,6 +269,20 @@ def test_check_tells_alpha_beside_what_the_scheme_has():
     assert "alpha asked for" not in report(load_scene(DISC))
 
 
+def test_noise_falls_with_the_square_of_the_neighbours():
+    """Beyond 34: .04 c_s h (34 / N)^2, N = pi (support eta)^2 in even gas, and no more of it with fewer."""
+    of_h = []
+    for kernel, eta, support in (("quintic", 1.0, 3.0), ("quintic", 1.7, 3.0), ("wendland-c4", 2.4, 2.0)):
+        given = disc(alpha=1e-3)
+        given["gas"] = given["gas"] | {"kernel": kernel, "eta": eta}
+        scene = load_scene(given)
+        at = local(scene)
+        of_h.append((np.pi * (support * eta) ** 2, viscosity.noise(scene, at) / (at.thermal_speed * at.resolution)))
+    for neighbours, found in of_h:
+        np.testing.assert_allclose(found, 0.04 * min(1.0, (34.0 / neighbours) ** 2), rtol=1e-12)  # the formula
+    assert of_h[0][0] < 34.0 < 50.0 < of_h[2][0] < of_h[1][0]
+
+
 def test_a_scene_without_it_has_none_of_it():
     sim = Simulation(DISC)
     assert sim.gas.nu is None and sim.gas.kick_acc is None and "alpha_viscosity" not in sim.effects

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
+from discsim.effects.base import Counts
+from discsim.effects.drag import Effect as Drag
 from discsim.effects.gas import NEIGHBOUR
 from discsim.preview.check import report
 from discsim.preview.forecast import forecast, known_runs, learn, slowness
@@ -51,6 +53,14 @@ def test_every_effect_costs(store):
     more = forecast(load_scene("setups/dusty_disc.toml", ["gas.particles=400000"]))
     assert more.steps == pytest.approx(2 * whole.steps, rel=1e-6)  # half the spacing
     assert forecast(load_scene("setups/dusty_wave.toml")) is None
+
+
+@pytest.mark.parametrize("scheme", ["tsc", "idic-linear"])
+def test_drag_costs_by_all_that_it_couples(scheme):
+    """A grain takes as long as a gas particle: 100 of gas with 2900 of dust three times as long as 900 with 100."""
+    scene = load_scene("setups/dusty_disc.toml", [f"drag.scheme={scheme}"])
+    few, many = (Drag.nanoseconds(scene, Counts(gas, dust, 64)) for gas, dust in ((900, 100), (100, 2900)))
+    assert few > 0.0 and many == pytest.approx(3.0 * few)
 
 
 @pytest.mark.parametrize(("kernel", "reach"), [("cubic", 2.0), ("quintic", 3.0)])
