@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import os
 
+from discsim.printable import UserError
+
 # Number of processes and of this one: MPICH, Intel MPI and Slurm's pmi2; Open MPI; MVAPICH.
 LAUNCHERS = (
     ("PMI_SIZE", "PMI_RANK"),
@@ -14,9 +16,23 @@ LAUNCHERS = (
 )
 
 
+class LaunchError(UserError):
+    """The environment speaks of a launcher, but not of its processes; the message says how."""
+
+
 def size_and_rank() -> tuple[int, int]:
-    """How many processes were started together, and which of them this is; (1, 0) without a launcher."""
-    for size, rank in LAUNCHERS:
-        if size in os.environ and rank in os.environ:
-            return int(os.environ[size]), int(os.environ[rank])
+    """How many processes were started together, and which of them this is; (1, 0) without a launcher.
+
+    Raises LaunchError where the environment holds no such numbers.
+    """
+    for names in LAUNCHERS:
+        texts = [os.environ[name] for name in names if name in os.environ]
+        if len(texts) == len(names):
+            if not all(text.isdecimal() for text in texts) or int(texts[1]) >= int(texts[0]):
+                given = " and ".join(f'{name}="{text}"' for name, text in zip(names, texts, strict=True))
+                raise LaunchError(
+                    f"{given} in the environment are not those of an MPI launcher: expected a number of processes and "
+                    "a smaller one of this process, or neither of the two variables"
+                )
+            return int(texts[0]), int(texts[1])
     return 1, 0

@@ -8,7 +8,7 @@ Another package adds its own as entry points, under the name that scenes are to 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -30,12 +30,12 @@ def of_packages() -> Any:
 class Parts(Mapping[str, Any]):
     """Parts of one kind by name, in the order of the lines; those of other packages come last.
 
-    homes: name -> "module:object". Looking a name up imports its module, and raises PartError where another package's
-    cannot be. Names alone import nothing.
+    homes: name -> "module:object". has: attributes of every part. Looking a name up imports its module, and raises
+    PartError where another package's cannot be imported or lacks an attribute. Names alone import nothing.
     """
 
-    def __init__(self, group: str, homes: Mapping[str, str]) -> None:
-        self.group, self._own = group, dict(homes)
+    def __init__(self, group: str, homes: Mapping[str, str], has: Sequence[str] = ()) -> None:
+        self.group, self._own, self._has = group, dict(homes), has
 
     @cached_property
     def homes(self) -> dict[str, str]:
@@ -57,7 +57,7 @@ class Parts(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         home = self.homes[name]
         try:
-            return found_at(home)
+            found = found_at(home)
         except Exception as error:  # whatever another package does
             if name in self._own:
                 raise
@@ -66,6 +66,12 @@ class Parts(Mapping[str, Any]):
                 f'{self.group}: "{name}" of another package cannot be imported from {home}: {wrong}; '
                 "expected that package to be mended or uninstalled"
             ) from error
+        if lacks := [attribute for attribute in self._has if not hasattr(found, attribute)]:
+            raise PartError(
+                f'{self.group}: "{name}" of another package, {home}, has no {lacks[0]}; '
+                "expected an object as the recipes have it, or that package to be uninstalled"
+            )
+        return found
 
     def __contains__(self, name: object) -> bool:
         return name in self.homes  # without the import that a Mapping would look with
@@ -97,7 +103,12 @@ class Lazy:
         return import_module(self._name)
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # what copying and pickling ask for
+            raise AttributeError(name)
         return getattr(self._module, name)
+
+    def __reduce__(self) -> tuple[type[Lazy], tuple[str]]:
+        return Lazy, (self._name,)
 
 
 def command_of_extra(extra: str) -> str:
@@ -114,6 +125,7 @@ EOS = Parts(
         "adiabatic": "discsim.physics.eos:ADIABATIC",
         "polytropic": "discsim.physics.eos:POLYTROPIC",
     },
+    has=("keys", "rules", "pressure_and_sound_speed"),
 )
 
 # Laws of the stopping time, words of `drag.law`.
@@ -127,6 +139,7 @@ LAWS = Parts(
         "stokes-number": "discsim.physics.laws:STOKES_NUMBER",
         "stokes-over-density": "discsim.physics.laws:STOKES_OVER_DENSITY",
     },
+    has=("form", "value", "rules"),
 )
 
 # Drag schemes, words of `drag.scheme`.
@@ -144,6 +157,7 @@ SCHEMES = Parts(
         "sios-ppm": "discsim.drag.sios_ppm:SCHEME",
         "emsi-ppm": "discsim.drag.emsi_ppm:SCHEME",
     },
+    has=("relax", "advance", "cells"),
 )
 USUAL_SCHEME = "tsc"  # where a scene names none, and what warnings of another recommend
 
@@ -164,6 +178,7 @@ STARTS = Parts(
         "settling": "discsim.initial.settling:START",
         "vortex": "discsim.initial.vortex:START",
     },
+    has=("keys", "particles", "rules"),
 )
 
 # Effects, tables of a scene, in the order of a step.
@@ -185,6 +200,7 @@ EFFECTS = Parts(
         "damping": "discsim.effects.damping:Effect",
         "growth": "discsim.effects.growth:Effect",
     },
+    has=("keys", "rules", "begin"),
 )
 
 # Fields that can be drawn, names of `discsim plot --field` and `snap.field`.
@@ -226,6 +242,7 @@ FIELDS = Parts(
         "optical_depth": "discsim.output.fields.together:optical_depth",
         "emission": "discsim.output.fields.together:emission",
     },
+    has=("kind", "species", "values"),
 )
 
 # What the gas is made of; the first one that a scene is of. Other packages bring none, and no integrators.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from discsim import shipped
-from discsim.launch import size_and_rank
+from discsim.launch import LaunchError, size_and_rank
 from discsim.printable import printable_lines
 
 if TYPE_CHECKING:
@@ -28,14 +28,21 @@ app = typer.Typer(
 
 
 def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
-    if size_and_rank()[1] == 0:  # of several MPI ranks, which find the same, one tells
+    try:
+        leads = size_and_rank()[1] == 0  # of several MPI ranks, which find the same, one tells
+    except LaunchError:
+        leads = True
+    if leads:
         print(printable_lines(message), file=sys.stderr)
     raise SystemExit(status)
 
 
 def tell(text: object) -> None:
-    """Print lines on standard output."""
-    typer.echo(printable_lines(text))
+    """Print lines on standard output. Raises OSError, which names it."""
+    try:
+        typer.echo(printable_lines(text))
+    except OSError as fault:
+        raise OSError(fault.errno, fault.strerror, "standard output") from None
 
 
 def _scene_file(given: Path) -> Path:

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, refuse, tell
+from discsim.userfiles import system_message
 
 WindowOption = Annotated[
     str | None, typer.Option(metavar="R", help='Part to show: "50 au", "10 au,50 au" in radius, "X,Y,R" on a map.')
@@ -42,7 +43,7 @@ def report(
     except (ReportError, SceneError, SnapshotError, StudyError) as wrong:
         refuse(str(wrong))
     except OSError as error:
-        refuse(f"{error.filename or path}: {error.strerror}", NOT_WRITTEN)
+        refuse(system_message(error, "read or written", path), NOT_WRITTEN)
     tell(f"{path}: a page of the run in {directory}")
 
 
@@ -151,6 +152,6 @@ def _drawn(make: Callable[[], Path]) -> Path:
     except (FieldError, PlotError, SnapshotError) as wrong:
         refuse(str(wrong))
     except OSError as error:
-        refuse(f"{error.filename or 'the figure'}: cannot be written: {error.strerror}", NOT_WRITTEN)
+        refuse(system_message(error, "written", "the figure"), NOT_WRITTEN)
     except KeyboardInterrupt:
         refuse("interrupted; nothing was written", INTERRUPTED)

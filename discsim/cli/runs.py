@@ -23,6 +23,7 @@ from discsim.launch import size_and_rank
 from discsim.parts import command_of_extra
 from discsim.printable import printable
 from discsim.run.directory import DirectoryError, directory_fault, held
+from discsim.userfiles import system_message
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -149,6 +150,6 @@ def sweep(
     except RunFailed as failed:
         raise SystemExit(failed.status) from None
     except OSError as error:
-        refuse(f"{error.filename or directory}: {error.strerror}", NOT_WRITTEN)
+        refuse(system_message(error, "read or written", directory), NOT_WRITTEN)
     except KeyboardInterrupt:
         refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)

@@ -10,6 +10,7 @@ import typer
 from discsim.cli.base import NOT_WRITTEN, SceneArgument, SetOption, WithoutOption, app, load, refuse, tell
 from discsim.shipped import ShippedError, copy_setup
 from discsim.shipped import setups as shipped_setups
+from discsim.userfiles import system_message
 
 
 @app.command()
@@ -43,7 +44,7 @@ def new(
     except ShippedError as error:
         refuse(str(error))
     except OSError as error:
-        refuse(f"{path}: cannot be written: {error.strerror}", NOT_WRITTEN)
+        refuse(system_message(error, "written", path), NOT_WRITTEN)
     tell(f"{path}: a copy of the setup {name}; run it with: discsim run {path}")
 
 

@@ -11,8 +11,9 @@ from typing import Any, NoReturn
 import h5py
 import numpy as np
 
+from discsim import __version__
 from discsim.output import hdf5
-from discsim.printable import UserError
+from discsim.printable import UserError, printable
 
 Array = np.ndarray
 Scalar = str | int | float | bool
@@ -99,3 +100,17 @@ def _values(path: str | os.PathLike[str], file: h5py.File) -> dict[str, Scalar]:
 
 def _scalar(value: np.generic) -> Scalar:
     return value.decode() if isinstance(value, bytes) else value.item()
+
+
+class OtherVersionWarning(UserWarning):
+    """A run goes on from a checkpoint that another version of discsim has written."""
+
+
+def other_version(path: str | os.PathLike[str]) -> str:
+    """What is to be said where another version of discsim has written a checkpoint; else "". Raises CheckpointError."""
+    with hdf5.reading(path, CheckpointError, "checkpoint") as file:
+        written_by = _scalar(file.attrs["version"])
+    if written_by == __version__:
+        return ""
+    words = f"{path} is of discsim {written_by}, and this is {__version__}"
+    return printable(f"{words}: the run goes on, but not with the bits that it would have had there")

@@ -24,6 +24,7 @@ from discsim.output.files import written
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
 from discsim.printable import UserError
+from discsim.userfiles import read_text
 
 if TYPE_CHECKING:
     from discsim.effects.base import Effect
@@ -39,6 +40,7 @@ COLUMNS = (
     "accreted_dust", "uncoupled_dust", "accretion_rate_gas", "accretion_rate_dust", "radiated",
 )  # fmt: skip
 OF_GROWTH = ("mass_small", "accreted_small")  # small dust, where dust grows; "gas" is then without it
+LARGEST = 2**31  # bytes of a history that is read
 WORDS = ("dt_set_by",)  # columns that are no numbers
 
 
@@ -138,7 +140,7 @@ def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
 
 def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
     """The header, the lines after it, and those of them that are whole rows, up to the first that is not."""
-    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+    text = read_text(path, "replace", most=LARGEST) if path.exists() else ""
     head, *table = [line.split(",") for line in text.splitlines()] or [[]]
     return head, table, list(itertools.takewhile(partial(_is_row, columns), table)) if head == [*columns] else []
 

@@ -268,7 +268,9 @@ class PolytropicGas(Eos):
 
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
         eos: Any = scene.gas.eos
-        return np.sqrt(eos.gamma * eos.constant * density ** (eos.gamma - 1.0))
+        there = density > 0.0  # beyond an edge, where there is no gas, sound has no speed
+        speed2 = eos.gamma * eos.constant * np.where(there, density, 1.0) ** (eos.gamma - 1.0)
+        return np.where(there, np.sqrt(speed2), 0.0)
 
     def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
         return self.sound_speed(scene, r, density)

@@ -169,6 +169,6 @@ def pressure_acceleration(scene: Scene, r: Array) -> Array:
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:
             phase = 0.5 * np.pi * np.clip(sign * (r - edge) / width, 1e-6, 1.0)
-            steepest = np.sqrt(central_mass(scene) / r**3 / speed2) if scene.star else np.inf
-            out = out - sign * speed2 * np.minimum(np.pi / width / np.tan(phase), steepest)
+            steepest = np.sqrt(speed2 * central_mass(scene) / r**3) if scene.star else np.inf  # c_s^2 / H
+            out = out - sign * np.minimum(speed2 * np.pi / width / np.tan(phase), steepest)
     return out

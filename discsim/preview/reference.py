@@ -36,9 +36,9 @@ class Part(NamedTuple):
 def effects_text() -> str:
     """Every effect with its equation and keys, then the tables that set up a run."""
     lines: list[str] = []
-    for name in EFFECTS:
+    for name, effect in EFFECTS.items():
         lines += ["", f"[{name}]", *_indented(docstring(EFFECTS.module(name))), "", *_text_of(name)]
-        if EFFECTS[name].lists_schemes:
+        if effect.lists_schemes:
             lines += _schemes()
     lines += ["", "Tables that set up a run"]
     for name in SETUP_TABLES:
@@ -64,9 +64,10 @@ def scene_markdown() -> str:
 
 
 def docstring(module: str) -> str:
-    """The docstring of a module, which is its equation, without importing it."""
+    """The docstring of a module, which is its equation, without importing it; "" of one that has no Python source."""
     found = find_spec(module)
-    assert found is not None and found.origin is not None
+    if found is None or found.origin is None or not found.origin.endswith(".py"):
+        return ""
     return ast.get_docstring(ast.parse(Path(found.origin).read_text(encoding="utf-8"))) or ""
 
 

@@ -6,7 +6,6 @@ for paper.
 
 from __future__ import annotations
 
-import csv
 import platform
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -16,6 +15,7 @@ from typing import Any
 import jinja2
 
 from discsim import __version__
+from discsim.output.costtable import read_costs
 from discsim.output.files import written
 from discsim.output.history import read_history
 from discsim.parts import EFFECTS, SCHEMES
@@ -28,6 +28,7 @@ from discsim.report.totals import totals
 from discsim.scene import Scene, load_scene
 from discsim.scene.units import clock
 from discsim.study.outcomes import chosen, found_in
+from discsim.userfiles import read_text
 
 LIBRARIES = ("numpy", "numba", "scipy", "astropy", "h5py", "matplotlib")
 
@@ -37,7 +38,7 @@ class ReportError(UserError):
 
 
 def write_report(directory: Path, path: Path) -> None:
-    """Write the page of the run in `directory` to `path`. Raises ReportError, SceneError, SnapshotError, OSError."""
+    """Write the page of the run in `directory` to `path`. Raises OSError, UserError."""
     snapshots = sorted((directory / "snapshots").glob("*.h5"))
     if not snapshots or not (directory / "scene.toml").exists():
         raise ReportError(f"{directory}: no run here; expected a directory with scene.toml and snapshots")
@@ -62,7 +63,7 @@ def write_report(directory: Path, path: Path) -> None:
         derived=derived(scene) if scene.initial is not None else [],
         costs=_costs(directory / "costs.csv"),
         warnings=_warnings(directory / "run.log"),
-        scene=(directory / "scene.toml").read_text(encoding="utf-8"),
+        scene=read_text(directory / "scene.toml"),
         command=printable(f"discsim run {directory / 'scene.toml'} -o {directory}-again"),
         versions=_versions(directory / "run.log"),
     )
@@ -111,13 +112,11 @@ def _costs(path: Path) -> list[dict[str, Any]]:
     """Rows of costs.csv, the dearest first; none where the run has not written them."""
     if not path.exists():
         return []
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = [
-            {"effect": row["effect"], "calls": row["calls"], "time": _seconds(float(row["cpu_seconds"])),
-             "share": 100.0 * float(row["share"])}
-            for row in csv.DictReader(file)
-        ]  # fmt: skip
-    return sorted(rows, key=lambda row: -row["share"])
+    rows = sorted(read_costs(path), key=lambda row: -row.share)
+    return [
+        {"effect": row.effect, "calls": row.calls, "time": _seconds(row.seconds), "share": 100.0 * row.share}
+        for row in rows
+    ]
 
 
 def _seconds(value: float) -> str:
@@ -125,7 +124,7 @@ def _seconds(value: float) -> str:
 
 
 def _log(path: Path) -> list[str]:
-    return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+    return read_text(path, "replace").splitlines() if path.exists() else []
 
 
 def _warnings(log: Path) -> list[str]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import time
+import traceback
 from collections.abc import Callable
 
 from numba import config
-from numba.core import event
+from numba.core import caching, event
 
 from discsim.run import ahead
 from discsim.run.interrupts import Interrupts
@@ -41,3 +42,9 @@ class Compilation(event.Listener):
         if self.second is not None:
             self.second.kill()
             self.second.wait()
+
+
+def of_numba_cache(fault: BaseException) -> bool:
+    """Whether an exception came out of the writing of numba's cache."""
+    frames = traceback.walk_tb(fault.__traceback__)
+    return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)

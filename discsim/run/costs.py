@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from discsim.numerics.teams import cpu_time
+from discsim.output.costtable import COLUMNS
 from discsim.output.files import written
 
 
@@ -54,7 +55,7 @@ class Costs:
     def rows(self) -> Iterator[list[str]]:
         """The lines of the table, the first of which names its columns."""
         shares = self.shares
-        yield ["effect", "calls", "cpu_seconds", "share"]
+        yield [*COLUMNS]
         for name, seconds in self.seconds.items():
             yield [name, str(self.calls[name]), f"{seconds:.4f}", f"{shares[name]:.4f}"]
 

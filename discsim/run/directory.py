@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import stat
 import time
 import tomllib
 from collections.abc import Iterator
@@ -29,6 +30,9 @@ CHECKPOINTS = ("checkpoint.h5", "checkpoint_before.h5")  # the last one, and the
 LEFT_BY_A_RUN = ("scene.toml", *CHECKPOINTS, "snapshots")
 # What flock answers where a file system has no locks.
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
+# What open answers where there is a link, a directory or a socket in place of a lock.
+NO_LOCK_FILE = (errno.ELOOP, errno.EISDIR, errno.ENXIO)
+NO_LOCK = "is no plain file, where a run keeps its lock; expected another directory, or that to be removed"
 
 _locks: set[int] = set()  # descriptors that this process holds
 
@@ -70,25 +74,30 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
     return None
 
 
-def with_own_files(scene: Scene, directory: Path) -> Scene:
-    """The scene with copies in `directory` of the files that it names, so that the run there needs nothing else.
+def with_own_files(scene: Scene, directory: Path) -> tuple[Scene, list[Path]]:
+    """Copy the files that a scene names into `directory`, so that the run there needs nothing else. Raises OSError.
 
-    Raises OSError.
+    Returns
+    -------
+    tuple
+        The scene that names the copies, and the copies that were not there before.
     """
+    made: list[Path] = []
     data: dict[str, Any] = tomllib.loads(scene.text)
     values: list[tuple[list[str], str]] = []
     update: dict[str, Any] = {}
     for table, key, file in files_of(dict(scene)):
         path = directory / f"{table}{file.path.suffix}"
         if file.path != path.absolute():
+            made += [] if path.exists() else [path]
             with written(path) as temporary:
                 parts.copy(file.path, path, temporary)
         values.append(([table, key], path.name))
         tomltext.with_value(data, [table, key], path.name)
         update[table] = scene.table(table).model_copy(update={key: replace(file, path=path.absolute())})
     if not values:
-        return scene
-    return scene.model_copy(update={**update, "text": tomltext.edited(scene.text, data, values, [])})
+        return scene, []
+    return scene.model_copy(update={**update, "text": tomltext.edited(scene.text, data, values, [])}), made
 
 
 def only_begun(directory: Path) -> bool:
@@ -125,12 +134,13 @@ def held(directory: Path) -> Iterator[bool]:
 def _locked(path: Path) -> int | None:
     """The descriptor of the locked file at `path`, with this process's name in it; None where nothing can be locked."""
     while fcntl is not None:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        file, is_ours = _opened(path)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if _is_at(file, path):
-                os.ftruncate(file, 0)
-                os.write(file, f"process {os.getpid()} on {socket.gethostname()} since {time.ctime()}".encode())
+                if is_ours:
+                    os.ftruncate(file, 0)
+                    os.write(file, f"process {os.getpid()} on {socket.gethostname()} since {time.ctime()}".encode())
                 _locks.add(file)
                 return file
             os.close(file)  # its holder ended and removed it after we had opened it
@@ -145,6 +155,31 @@ def _locked(path: Path) -> int | None:
             path.unlink(missing_ok=True)
             break
     return None
+
+
+def _opened(path: Path) -> tuple[int, bool]:
+    """A descriptor of the lock at `path`, and whether it may be written. Raises DirectoryError, OSError.
+
+    Another user's lock that a run has left behind can be held as well. A link is not followed: what it leads to would
+    be emptied.
+    """
+    flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        file, is_ours = os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o666), True
+    except PermissionError:
+        try:
+            file, is_ours = os.open(path, os.O_RDONLY | flags), False
+        except PermissionError:
+            wanted = "expected another directory, or that file to be removed once that user's run has ended"
+            raise DirectoryError(f"{path}: is a lock of another user, which cannot be opened; {wanted}") from None
+    except OSError as fault:
+        if fault.errno not in NO_LOCK_FILE:
+            raise
+        raise DirectoryError(f"{path}: {NO_LOCK}") from None
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise DirectoryError(f"{path}: {NO_LOCK}")
+    return file, is_ours
 
 
 def _is_at(file: int, path: Path) -> bool:

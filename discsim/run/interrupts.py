@@ -6,10 +6,14 @@ import signal
 from types import FrameType
 from typing import Any
 
+ANNOUNCED = (signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2, signal.SIGXCPU)
+
 
 class Interrupts:
-    """Ctrl-C, SIGTERM and the end of the terminal: the first is noted, for the end of a step; the second raises
-    KeyboardInterrupt. Where nohup has a process outlive its terminal, it does.
+    """Signals that end a run: the first is noted, for the end of a step; the second raises KeyboardInterrupt.
+
+    They are Ctrl-C, SIGTERM, the end of the terminal, and those with which batch systems announce the end of a job.
+    What a parent process has its children ignore, as nohup does, stays ignored.
     """
 
     def __init__(self) -> None:
@@ -17,8 +21,8 @@ class Interrupts:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+        for number in (signal.SIGINT, signal.SIGTERM, *ANNOUNCED):
+            if number not in ANNOUNCED or signal.getsignal(number) != signal.SIG_IGN:
                 self._before[number] = signal.signal(number, self._note)
 
     def __exit__(self, *fault: object) -> None:

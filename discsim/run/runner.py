@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import signal
 import time
-import traceback
+import warnings as python_warnings
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from numba.core import caching, event
+from numba.core import event
 
 from discsim import __version__
 from discsim.initial import start_time
 from discsim.kernels import cache
 from discsim.output import hdf5
-from discsim.output.checkpoint import Scalar, write_checkpoint
+from discsim.output.checkpoint import OtherVersionWarning, Scalar, other_version, write_checkpoint
 from discsim.output.files import command, written
 from discsim.output.open_step import left_open
 from discsim.output.parts import tidy
@@ -25,7 +25,7 @@ from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
 from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints
-from discsim.run.compilation import Compilation
+from discsim.run.compilation import Compilation, of_numba_cache
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
 from discsim.run.forces import kick_owner
 from discsim.run.interrupts import Interrupts
@@ -37,7 +37,7 @@ from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene
 from discsim.scene.differences import refuse_another
 from discsim.scene.units import clock
-from discsim.userfiles import system_message
+from discsim.userfiles import NO_HANDLES, read_plain, system_message
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
 SMALL = 20_000  # particles: below it history has a row for every step
@@ -71,7 +71,7 @@ def ended(run: Run, resume: bool) -> int:
             fail(f"out of memory {run.where()}: {fault or 'no room for an array'}", run.way_back())
             return PHYSICS
         except OSError as fault:
-            if of_numba_cache(fault):
+            if of_numba_cache(fault) and fault.errno not in NO_HANDLES:
                 reason = fault.strerror or str(fault)
                 cure = "Make room there, or set NUMBA_CACHE_DIR to another directory"
                 fail(f"{cache.place}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
@@ -105,6 +105,7 @@ class Run:
         self.put_out = start_time(scene)  # time of the last snapshot
         self.dt, self.set_by = 0.0, ""  # of the last step
         self.held = ExitStack()
+        self.copied: list[Path] = []  # files that the run is given before it begins
         count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
         self.rows_every = 1 if count < SMALL else ROW_EVERY
 
@@ -154,6 +155,9 @@ class Run:
         if hasattr(self, "records"):
             with suppress(OSError):  # of a row that found no room: told already
                 self.records.close()
+        for path in self.copied:  # of a run that did not begin
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
         self.held.close()
 
     def _show(self, t: float) -> str:
@@ -178,14 +182,14 @@ class Run:
         return DONE
 
     def _copy_files(self) -> None:
-        self.scene = with_own_files(self.scene, self.directory)
+        self.scene, self.copied = with_own_files(self.scene, self.directory)
 
     def _can_go_on(self) -> bool:
         """Whether there is a checkpoint; without one the scene must be that of the run, which begins anew."""
         if not only_begun(self.directory):
             return True
         path = self.directory / "scene.toml"
-        refuse_another(path, path.read_bytes(), self.scene)
+        refuse_another(path, read_plain(path), self.scene)
         self.progress.say(f"{self.directory}: nothing was saved there yet; the run begins anew")
         return False
 
@@ -197,6 +201,8 @@ class Run:
         if self.checkpoints.fault:
             goes_on = f"goes on from {self.checkpoints.chosen}, of t = {self._show(float(values['time']))}"
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
+        if remark := other_version(self.checkpoints.chosen):
+            self.progress.say(f"warning: {remark}")
         return float(values["time"])
 
     def _simulation(self, to_restore: bool) -> Simulation:
@@ -247,10 +253,13 @@ class Run:
         tidy(folder)
         self.progress.open_log(self.directory / "run.log", resume)
         self.records.open()
+        self.copied.clear()
 
     def _take_up(self) -> list[str]:
         """Take up the state of the checkpoint and the rows until there; what is to be told of these. Writes nothing."""
-        values = self._restore(self.checkpoints.chosen)
+        with python_warnings.catch_warnings():
+            python_warnings.simplefilter("ignore", OtherVersionWarning)  # told already
+            values = self._restore(self.checkpoints.chosen)
         self.saved_time = self.sim.time
         self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
         return self._take_up_rows(values)
@@ -381,9 +390,3 @@ class Run:
             return shares
         outside = 1.0 - (costs.total - self.costs_before.total) / (time.process_time() - self.cpu_after_first)
         return f"{shares}; outside the effects {outside:.0%} of all CPU time"
-
-
-def of_numba_cache(fault: BaseException) -> bool:
-    """Whether an exception came out of the writing of numba's cache."""
-    frames = traceback.walk_tb(fault.__traceback__)
-    return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -24,7 +25,14 @@ from discsim.numerics.bodies import Bodies
 from discsim.numerics.memory import keep_freed
 from discsim.numerics.state import Dust, Gas, Ledger, Pace, State
 from discsim.numerics.threads import use_threads
-from discsim.output.checkpoint import CheckpointError, Scalar, read_checkpoint, write_checkpoint
+from discsim.output.checkpoint import (
+    CheckpointError,
+    OtherVersionWarning,
+    Scalar,
+    other_version,
+    read_checkpoint,
+    write_checkpoint,
+)
 from discsim.parts import INTEGRATORS, found_at
 from discsim.preview.memory import too_much
 from discsim.run import guards
@@ -72,6 +80,11 @@ class Simulation:
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
         self._fresh = self._in_midst = False
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        raise TypeError(
+            "a Simulation cannot be pickled or copied; expected save(path), and restore(path) of another one"
+        )
 
     @property
     def time(self) -> float:
@@ -287,6 +300,8 @@ class Simulation:
             effect.discard()
             effect.forget()
         self._fresh, self._in_midst = True, False  # forces are among the arrays
+        if remark := other_version(path):
+            warnings.warn(remark, OtherVersionWarning, stacklevel=2)
         return values
 
     # The step

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import TYPE_CHECKING
+
+from discsim.scene.fields import MOST_SNAPSHOTS
 
 if TYPE_CHECKING:
     from discsim.run.progress import Progress
@@ -22,8 +25,10 @@ class Watch:
         every: float | None,
         callback: Callable[[Simulation], object] | None,
     ) -> None:
-        if every is not None and (callback is None or not every > 0.0):
-            raise ValueError(f"every = {every}; expected a positive time, and a callback that is called then")
+        if not math.isfinite(until):
+            raise ValueError(f"until = {until}; expected a finite time in code units, or a Quantity")
+        if every is not None:
+            _check_interval(every, until - sim.time, callback)
         self.sim, self.until, self.every, self.callback = sim, until, every, callback
         self.time, self.target = sim.time, until
         self.shown: Progress | None = None
@@ -67,3 +72,12 @@ class Watch:
             return False
         with sim.synchronised():
             return bool(self.callback(sim))
+
+
+def _check_interval(every: float, span: float, callback: Callable[[Simulation], object] | None) -> None:
+    """Raise ValueError for an interval of calls that is no time, has no call, or would have calls without end."""
+    if callback is None or not 0.0 < every < math.inf:
+        raise ValueError(f"every = {every}; expected a positive time, and a callback that is called then")
+    if span > MOST_SNAPSHOTS * every:
+        wrong = f"every = {every} makes {span / every:.3g} calls; expected {MOST_SNAPSHOTS:,} at most"
+        raise ValueError(f"{wrong}, so at least {span / MOST_SNAPSHOTS:.3g}")

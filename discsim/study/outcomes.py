@@ -12,13 +12,13 @@ is, and in one dimension, where masses are columns.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from discsim.output.costtable import read_costs
 from discsim.output.history import WORDS, columns_of, read_history
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.scene import Scene, near
@@ -106,13 +106,12 @@ class Found(NamedTuple):
 
 
 def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
-    """What a run of the scene in a directory has come to. Raises OSError, SnapshotError, StudyError of an empty one."""
+    """What a run of the scene in a directory has come to. Raises OSError, UserError."""
     rows = read_history(directory / "history.csv", scene)
     if not rows:
         raise StudyError(f"{directory / 'history.csv'}: no rows; expected those of a run")
     values = {name: float(value) for name, value in rows[-1].items() if name not in WORDS}
-    with (directory / "costs.csv").open(newline="", encoding="utf-8") as file:
-        values["cpu"] = sum(float(row["cpu_seconds"]) for row in csv.DictReader(file))
+    values["cpu"] = sum(row.seconds for row in read_costs(directory / "costs.csv"))
     if any("-" in each.name for each in wanted):
         values |= _of_particles(directory / "snapshots")
     return Found(values["time"], {each.name: each.factor * values[each.name] for each in wanted})

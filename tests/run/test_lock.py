@@ -156,3 +156,56 @@ def test_a_second_study_is_refused_while_one_goes_on(tmp_path):
         done = CliRunner().invoke(app, ["cost", str(scene.path), "--vary", "gas.particles=50,60", "-o", str(out)])
         assert done.exit_code == 2 and done.stderr.startswith(f"{out}: a run is going on there (process {os.getpid()} ")
         assert os.listdir(out) == [".lock"]
+
+
+@pytest.fixture
+def as_of_another_user(monkeypatch):
+    """Files named .lock cannot be written, as another user's; `unreadable`: nor read."""
+    opened = os.open
+
+    def refused(unreadable):
+        def open_file(path, flags, *mode, **more):
+            if os.fspath(path).endswith(".lock") and (unreadable or flags & os.O_RDWR):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(path))
+            return opened(path, flags, *mode, **more)
+
+        monkeypatch.setattr(os, "open", open_file)
+
+    return refused
+
+
+def test_a_lock_that_another_users_run_has_left_is_held(tmp_path, as_of_another_user):
+    (tmp_path / ".lock").write_text("process 1 on elsewhere")
+    as_of_another_user(unreadable=False)
+    with held(tmp_path) as locked:
+        assert locked and (tmp_path / ".lock").read_text() == "process 1 on elsewhere"
+        with pytest.raises(DirectoryError, match="a run is going on there"), held(tmp_path):
+            pass
+    assert not (tmp_path / ".lock").exists()
+
+
+def test_a_lock_that_cannot_be_opened_is_one_message(tmp_path, as_of_another_user, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / ".lock").touch()
+    as_of_another_user(unreadable=True)
+    assert run_scene(scene_of(tmp_path, WAVE), out) == 2
+    said = capsys.readouterr()
+    assert (
+        said.out == ""
+        and said.err.startswith(f"{out / '.lock'}: is a lock of another user")
+        and said.err.count("\n") == 1
+    )
+    assert os.listdir(out) == [".lock"]
+
+
+@pytest.mark.parametrize("kind", ["link", "fifo", "directory"])
+def test_what_is_no_lock_is_left_alone(tmp_path, kind, capsys):
+    """A link would have what it leads to emptied."""
+    out, own = tmp_path / "out", tmp_path / "own.txt"
+    out.mkdir()
+    own.write_text("a diary")
+    {"link": lambda p: p.symlink_to(own), "fifo": os.mkfifo, "directory": os.mkdir}[kind](out / ".lock")
+    assert run_scene(scene_of(tmp_path, WAVE), out) == 2
+    assert capsys.readouterr().err.startswith(f"{out / '.lock'}: is no plain file, where a run keeps its lock")
+    assert own.read_text() == "a diary" and os.listdir(out) == [".lock"]

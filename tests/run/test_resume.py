@@ -1,5 +1,6 @@
 """Runs that are killed at any moment go on to the files of one that never stopped."""
 
+import errno
 import os
 import shutil
 import signal
@@ -12,11 +13,12 @@ from runs import DISC, SHOCK, WAVE, assert_same_files, at_step, contents, rows, 
 
 import discsim
 from discsim import Simulation, __version__, read_snapshot
-from discsim.output.checkpoint import read_checkpoint
+from discsim.output.checkpoint import OtherVersionWarning, read_checkpoint
 from discsim.output.files import command
 from discsim.output.history import history_row
 from discsim.run.runner import Run, run_scene
 from discsim.run.simulation import PhysicsError
+from discsim.scene import SceneError
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
 
@@ -291,3 +293,67 @@ def test_compiling_is_no_cost_of_a_run_that_was_killed(tmp_path, monkeypatch):
         assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
     groups, values = read_checkpoint(out / "checkpoint.h5")
     assert values["step"] == 1 and not groups["costs"]["calls"].any()
+
+
+def test_a_checkpoint_of_another_version_is_told(tmp_path, monkeypatch, capsys):
+    scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr("discsim.output.hdf5.__version__", "0.0.7")
+        at_step(patch, 4, lambda sim: signal.raise_signal(signal.SIGTERM))
+        assert run_scene(scene, out, quiet=True) == 143
+    words = f"{out / 'checkpoint.h5'} is of discsim 0.0.7, and this is {__version__}: the run goes on, but"
+    sim = Simulation(scene, to_restore=True)
+    with pytest.warns(OtherVersionWarning) as told:
+        sim.restore(out / "checkpoint.h5")
+    assert str(told[0].message).startswith(words) and len(told) == 1
+    capsys.readouterr()
+    assert run_scene(scene, out, resume=True) == 0
+    said = capsys.readouterr()
+    assert said.out.count(f"warning: {words}") == 1 and said.err == ""
+    assert (out / "run.log").read_text().count(words) == 1
+    again = Simulation(scene, to_restore=True)
+    again.restore(out / "checkpoint.h5")  # that of this version is taken without a word
+
+
+def test_a_start_that_is_refused_leaves_nothing(tmp_path, monkeypatch, capsys):
+    """Neither a directory nor the table that the run would have had there."""
+    (tmp_path / "disc.txt").write_text("# r  Sigma\n0.7 0.02\n1.9 0.01\n")
+    start = 'kind = "table"\nfile = "disc.txt"\n'
+    scene = scene_of(tmp_path, DISC.replace('kind = "disc"\nmass = 0.05\ninner = 0.5\nouter = 2\n', start))
+
+    def refused(*given, **more):
+        raise SceneError(["scene: gas: falls in"])
+
+    monkeypatch.setattr("discsim.run.runner.Simulation", refused)
+    before = sorted(os.listdir(tmp_path))
+    assert run_scene(scene, tmp_path / "new/out", quiet=True) == 2
+    assert capsys.readouterr().err == "scene: gas: falls in\n"
+    assert sorted(os.listdir(tmp_path)) == before
+    (tmp_path / "here").mkdir()  # one that is there stays as it is
+    (tmp_path / "here/initial.txt").write_text("a diary")
+    assert run_scene(scene, tmp_path / "here", quiet=True) == 2
+    assert os.listdir(tmp_path / "here") == ["initial.txt"]
+
+
+def test_too_few_file_handles_are_not_blamed_on_the_directory(tmp_path, monkeypatch, capsys):
+    def full(*given, **more):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "some.csv")
+
+    monkeypatch.setattr("discsim.run.runner.write_snapshot", full)
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
+    said = capsys.readouterr().err
+    assert (
+        said.startswith("too many files are open for this process; expected a higher limit") and "written" not in said
+    )
+
+
+def test_a_damaged_last_snapshot_is_one_message_where_the_figure_is_missing(tmp_path, monkeypatch, capsys):
+    scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
+    assert run_scene(scene, out, quiet=True) == 0
+    (out / "last_state.png").unlink()
+    (out / "snapshots/0002.h5").write_bytes(b"damaged")
+    monkeypatch.undo()
+    capsys.readouterr()
+    assert run_scene(scene, out, resume=True, quiet=True) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"{out / 'snapshots/0002.h5'}: not a snapshot") and said.count("\n") == 1

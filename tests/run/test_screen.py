@@ -119,20 +119,22 @@ def test_a_reader_that_leaves_does_not_end_the_run(tmp_path):
     assert "done at t = 0.1" in (out / "run.log").read_text()
 
 
-def test_a_terminal_that_is_closed_leaves_a_checkpoint(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU"])
+def test_a_terminal_or_job_that_ends_leaves_a_checkpoint(tmp_path, monkeypatch, capsys, name):
+    number = signal.Signals[name]
     scene, out = scene_of(tmp_path, SHOCK), tmp_path / "out"
-    before = signal.signal(signal.SIGHUP, lambda *given: pytest.fail("nobody took it"))
+    before = signal.signal(number, lambda *given: pytest.fail("nobody took it"))
     try:
         with monkeypatch.context() as patch:
-            at_step(patch, 3, lambda sim: signal.raise_signal(signal.SIGHUP))
-            assert run_scene(scene, out, quiet=True) == 129
-        assert "interrupted by SIGHUP" in capsys.readouterr().err
+            at_step(patch, 3, lambda sim: signal.raise_signal(number))
+            assert run_scene(scene, out, quiet=True) == 128 + number
+        assert f"interrupted by {name}" in capsys.readouterr().err
         assert read_checkpoint(out / "checkpoint.h5")[1]["step"] == 3
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup has it
+        signal.signal(number, signal.SIG_IGN)  # as nohup has it
         with monkeypatch.context() as patch:
-            at_step(patch, 5, lambda sim: signal.raise_signal(signal.SIGHUP))
+            at_step(patch, 5, lambda sim: signal.raise_signal(number))
             assert run_scene(scene, out, resume=True, quiet=True) == 0
     finally:
-        signal.signal(signal.SIGHUP, before)
+        signal.signal(number, before)
     assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
     assert_same_run(tmp_path / "straight", out)

@@ -1,6 +1,9 @@
 """What watches a run from Python: callbacks that change nothing, times that are landed on, progress, tables."""
 
 import builtins
+import copy
+import math
+import pickle
 import signal
 
 import numpy as np
@@ -10,6 +13,7 @@ from runs import at_step, state_bits
 
 from discsim import Simulation, load_scene, read_snapshot
 from discsim.output.snapshot import write_snapshot
+from discsim.parts import Lazy
 
 SCENE = {
     "title": "a <disc>",
@@ -148,3 +152,27 @@ def test_notebooks_show_small_tables_with_escaped_words(tmp_path):
         assert "a &lt;disc&gt;" in shown and "<disc>" not in shown
         assert all(word in shown for word in words)
     assert "<td" in load_scene(SCENE | {"title": ""})._repr_html_()
+
+
+def test_times_that_are_none_are_refused():
+    sim = made()
+    for until in (math.nan, math.inf, -math.inf):
+        with pytest.raises(ValueError, match="expected a finite time"):
+            sim.run(until)
+    for every in (math.nan, math.inf, 0.0, -1.0, 1e-300, 2e-7 * 0.3):
+        with pytest.raises(ValueError, match=r"every = .*; expected"):
+            sim.run(0.3, every=every, callback=lambda sim: None)
+    assert sim.time == 0.0 and sim.state.step == 0
+
+
+def test_a_simulation_is_saved_and_not_pickled():
+    for copied in (pickle.dumps, copy.copy, copy.deepcopy):
+        with pytest.raises(TypeError, match="cannot be pickled or copied; expected save"):
+            copied(made())
+
+
+def test_scenes_and_lazy_modules_can_be_pickled():
+    scene = load_scene(SCENE)
+    assert pickle.loads(pickle.dumps(scene)) == scene == copy.deepcopy(scene)
+    again = pickle.loads(pickle.dumps(Lazy("discsim.formulas.smoothing")))
+    assert again.SMOOTHING is copy.copy(again).SMOOTHING

@@ -1,0 +1,48 @@
+"""costs.csv: CPU seconds of a run by effect, as `run/costs.py` writes them, read again."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+from discsim.printable import UserError
+from discsim.userfiles import read_text
+
+COLUMNS = ("effect", "calls", "cpu_seconds", "share")
+
+
+class CostsError(UserError):
+    """A costs.csv that is not as a run writes it; the message says where."""
+
+
+class Cost(NamedTuple):
+    """Calls, CPU seconds and share of the total of an effect."""
+
+    effect: str
+    calls: int
+    seconds: float
+    share: float
+
+
+def read_costs(path: Path) -> list[Cost]:
+    """Read the rows of a costs.csv. Raises CostsError, OSError."""
+    try:
+        lines = list(csv.reader(read_text(path).splitlines()))
+    except (ValueError, csv.Error):  # no UTF-8, or a field without end
+        raise CostsError(f"{path}: no table; expected the costs of a run") from None
+    if not lines or lines[0] != [*COLUMNS]:
+        raise CostsError(f"{path}:1: no header of costs; expected {','.join(COLUMNS)}")
+    return [_cost(path, number, line) for number, line in enumerate(lines[1:], 2)]
+
+
+def _cost(path: Path, number: int, line: list[str]) -> Cost:
+    try:
+        effect, calls, seconds, share = line
+        found = Cost(effect, int(calls), float(seconds), float(share))
+    except ValueError:
+        found = Cost("", 0, math.nan, math.nan)
+    if not (math.isfinite(found.seconds) and math.isfinite(found.share)):
+        raise CostsError(f"{path}:{number}: no row of costs; expected {','.join(COLUMNS)}")
+    return found
