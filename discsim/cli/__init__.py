@@ -29,7 +29,7 @@ def main() -> None:
     except UserError as error:
         status = _refused(str(error))
     except OSError as fault:
-        status = _refused(system_message(fault, "used", "a file"), NOT_WRITTEN)
+        status = _refused(system_message(fault, "read or written", "a file"), NOT_WRITTEN)
     lost = _unwritten()
     if lost is not None and lost.errno != errno.EPIPE and not status:
         status = _refused(system_message(lost, "written", "standard output"), NOT_WRITTEN)

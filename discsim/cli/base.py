@@ -12,6 +12,7 @@ import typer
 from discsim import shipped
 from discsim.launch import LaunchError, size_and_rank
 from discsim.printable import printable_lines
+from discsim.userfiles import system_message
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -38,11 +39,13 @@ def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
 
 
 def tell(text: object) -> None:
-    """Print lines on standard output. Raises OSError, which names it."""
+    """Print lines on standard output. Raises BrokenPipeError where nobody reads it."""
     try:
         typer.echo(printable_lines(text))
+    except BrokenPipeError:
+        raise
     except OSError as fault:
-        raise OSError(fault.errno, fault.strerror, "standard output") from None
+        refuse(system_message(fault, "written", "standard output"), NOT_WRITTEN)
 
 
 def _scene_file(given: Path) -> Path:
