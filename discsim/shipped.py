@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-from discsim.printable import UserError
+from discsim.printable import UserError, printable
 
 HERE = Path(__file__).parent
 PLACES = (HERE / "setups", HERE.parent / "setups")
@@ -38,7 +38,7 @@ class Setup:
     def title(self) -> str:
         """Empty where there is none, as perhaps in a scene that somebody left in the folder of a clone."""
         try:
-            return str(tomllib.loads(self.text).get("title", ""))
+            return printable(tomllib.loads(self.text).get("title", ""))
         except tomllib.TOMLDecodeError:
             return ""
 

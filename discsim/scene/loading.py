@@ -149,6 +149,11 @@ def load_scene(
     for where, place in named:  # so that the text can be read from anywhere
         tomltext.with_value(data, where, place)
     text = tomltext.edited(text, data, [*values, *named], removed) if path else tomltext.dumped(data)
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:  # of a command line, or a dict, in another encoding
+        wrong = f'"{printable(text[max(error.start - 20, 0) : error.end])}" is no text of Unicode'
+        raise SceneError([f"{path or 'scene'}: {wrong}; expected one in UTF-8"]) from None
     return Scene(**found, text=text, path=path)
 
 
