@@ -56,8 +56,10 @@ def test_keys_and_values_of_a_scene_are_one_message_each(tmp_path):
 
 def test_text_in_another_encoding_is_one_message(tmp_path):
     """As a shell gives it, with a byte that is not UTF-8; no such scene could be written down."""
-    (tmp_path / "a.toml").write_text("units.system = 'code'\nrun.until = 1.3\nspace.size = 2\nspace.boundary = 'periodic'\n"
-        "initial.kind = 'box'\ngas = {particles = 90, eos = {kind = 'isothermal', sound_speed = 0.7}}\n")  # fmt: skip
+    (tmp_path / "a.toml").write_text(
+        "units.system = 'code'\nrun.until = 1.3\nspace = {size = 2, boundary = 'periodic'}\n"
+        "initial.kind = 'box'\ngas = {particles = 90, eos = {kind = 'isothermal', sound_speed = 0.7}}\n"
+    )
     with pytest.raises(SceneError) as fault:
         load_scene(tmp_path / "a.toml", ["title=Stra\udcdfe"])
     (problem,) = fault.value.problems

@@ -20,6 +20,7 @@ from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.study.points import Settings, StudyError, label_of
 from discsim.study.workers import end_with_parent, in_words, results
+from discsim.userfiles import read_text
 
 RUNS = "runs.jsonl"
 WARM = 2.0  # seconds of steps that are made before any is measured, at most; two are always
@@ -64,17 +65,18 @@ class Runs:
         base = load_scene(self.path, self.settings, self.without)
         head = {"scene": tomllib.loads(base.text), **what}
         path = self.directory / RUNS
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        text = read_text(path, "replace") if path.exists() else ""
         whole = text[: text.rfind("\n") + 1]  # a crash leaves a line without its end
         if not whole:
             self.directory.mkdir(parents=True, exist_ok=True)
             whole = json.dumps(head) + "\n"
-        lines = [json.loads(line) for line in whole.splitlines()]
-        if lines[0] != head:
+        lines = whole.removesuffix("\n").split("\n")
+        if _entry(path, 1, lines[0]) != head:
             raise StudyError(f"{self.directory}: holds a study of another scene, or of other keys; expected another -o")
+        found = [_entry(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
         if whole != text:
             path.write_text(whole, encoding="utf-8")
-        return [(run.pop("settings"), run) for run in lines[1:]]
+        return [(run.pop("settings"), run) for run in found]
 
     def keep(self, settings: Settings, run: dict[str, Any]) -> None:
         with (self.directory / RUNS).open("a", encoding="utf-8") as file:
@@ -97,6 +99,17 @@ class Runs:
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
+
+
+def _entry(path: Path, number: int, line: str, table: str | None = None) -> dict[str, Any]:
+    """A line of the runs of a study, which has a `table`. Raises StudyError where it is damaged."""
+    try:
+        entry = json.loads(line)
+    except (ValueError, RecursionError):
+        entry = None
+    if not isinstance(entry, dict) or (table is not None and not isinstance(entry.get(table), dict)):
+        raise StudyError(f"{path}:{number}: no run of a study; expected another -o, or that line to be removed")
+    return entry
 
 
 def one_run(
