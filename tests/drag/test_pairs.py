@@ -121,6 +121,30 @@ def test_a_kick_towards_interpolated_velocities(scheme, x):
     np.testing.assert_allclose(sim.dust.vel, u, rtol=0, atol=1e-12)
 
 
+def test_lines_of_sight_add_up_to_the_whole_drag_in_two_dimensions():
+    """d times what is along a line, over the pairs of a grain of mk: of even gas and dust on lattices half a spacing
+    apart all of 1 / t_stop, but for r^2 / (r^2 + eta^2), whichever way the dust moves.
+    """
+    n, dt, time, slip = 16, 1e-3, 0.2, np.array([1.0, -2.0])
+    x = np.stack(np.meshgrid((np.arange(n) + 0.25) / n, (np.arange(n) + 0.25) / n), axis=-1).reshape(-1, 2)
+    mass = np.full(n * n, 1.0 / n**2)
+    given = {"gas": {"pos": x, "vel": np.zeros((n * n, 2)), "mass": mass},
+             "dust": {"pos": x + 0.5 / n, "vel": np.tile(slip, (n * n, 1)), "mass": 0.3 * mass}}  # fmt: skip
+    drag = {"law": "stopping-time", "t_stop": time, "scheme": "mk"}
+    sim = Simulation(scene(drag, n * n, n * n, 0.3, dimensions=2), particles=given)
+    sim._prepare()
+    h = sim.gas.h[0]
+    away = np.stack(np.meshgrid(*[(np.arange(-6, 6) + 0.5) / n] * 2), axis=-1).reshape(-1, 2)
+    r2 = (away**2).sum(axis=1)
+    weight = np.array([shape.py_func(KERNELS["cubic"], 2, min(np.sqrt(d) / h, 2.0))[0] for d in r2])
+    weight *= NORM[1][KERNELS["cubic"]] / h**2 / n**2 / sim.gas.density[0]
+    share = (weight * r2 / (r2 + 1e-3 * h**2)).sum()
+    assert 0.9 < share < 1.0
+    sim.operators.kick(dt)
+    np.testing.assert_allclose(sim.dust.vel, np.tile(slip * (1.0 - share * dt / time), (n * n, 1)), rtol=1e-9)
+    np.testing.assert_allclose(sim.gas.vel.mean(axis=0), 0.3 * share * dt / time * slip, rtol=1e-9)
+
+
 @every_scheme
 def test_dust_without_gas_is_free_and_told(scheme):
     """Gas in one corner: the dust far from it keeps its velocity, and half the mass is uncoupled."""

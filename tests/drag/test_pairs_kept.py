@@ -109,6 +109,21 @@ def test_interpolation_heats_to_first_order(scheme):
     assert misses[0] / misses[1] == pytest.approx(2.0, rel=0.15)  # next order
 
 
+@pytest.mark.parametrize("scheme", INTERPOLATING)
+def test_gas_that_heavy_dust_brakes_keeps_its_energy(scheme):
+    """Against dust at rest that nothing moves all that motion loses is heat, in one kick of x = .3 of its drag."""
+    gas = {"particles": 40, "eos": ADIABATIC}
+    box = {"kind": "box", "gas_velocity": 1.7, "dust_velocity": 0.0}
+    drag = {"law": "constant", "K": 3.0, "scheme": scheme}
+    sim = Simulation(scene(drag, gas, ratio=1e9, initial=box))
+    sim._prepare()
+    before = sim.gas.u.copy()
+    sim.operators.kick(0.1)
+    left = 1.7 * 0.7 if scheme == "esph" else 1.7 / 1.3
+    np.testing.assert_allclose(sim.gas.vel, left, rtol=1e-7)  # of dust that moves by 1e-9
+    np.testing.assert_allclose(sim.gas.u - before, 0.5 * (1.7**2 - left**2), rtol=1e-6)
+
+
 # Frames, order, threads
 
 
