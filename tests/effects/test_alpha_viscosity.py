@@ -93,6 +93,47 @@ def test_alpha_is_the_power_the_step_and_the_dead_zone():
     np.testing.assert_allclose(found, 0.01 + share * (1e-4 - 0.01), rtol=1e-12)
 
 
+def test_a_power_of_alpha_is_about_the_reference_radius():
+    """alpha = .02 (r / 2.5)^index of a disc that refers to 2.5, in a run as in the formula; q = 1.2 of the gas."""
+    scene = disc(alpha=0.02, index=-0.6)
+    scene["initial"] = scene["initial"] | {"reference_radius": 2.5}
+    r = np.array([0.7, 1.0, 1.9])
+    np.testing.assert_allclose(viscosity.alpha(load_scene(scene), r), 0.02 * (r / 2.5) ** -0.6, rtol=1e-12)
+    sim = Simulation(scene)
+    sim.effects["gas"].accelerate(sim.state)
+    r = np.hypot(*sim.gas.pos.T)
+    wanted = 0.02 * (r / 2.5) ** -0.6 * sim.gas.sound_speed**2 * r**1.5
+    np.testing.assert_allclose(sim.gas.nu, wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("pairs", "braked"), [("all", 1.0), ("approaching", 0.5)])
+@pytest.mark.parametrize(("switch", "left"), [("none", 1.0), ("balsara", 0.25)])
+def test_check_foretells_the_artificial_viscosity_of_a_shear(pairs, braked, switch, left):
+    """[3/16 alpha <q> (h/H) (1 or 1/2) c_s/c_T + beta <q^2> (h/H)^2 / (4 pi)], at a shear of 3/2 Omega."""
+    tables = disc(alpha=1e-3) | {"star": {"mass": 1.7}}
+    tables["gas"] = tables["gas"] | {
+        "viscosity": {"alpha": 0.7, "beta": 3.0, "pairs": pairs, "switch": switch},
+        "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1, "temperature_index": 1.0},
+    }
+    scene = load_scene(tables)
+    at = local(scene)
+    wide = at.h / (0.1 * at.radius)  # h/H
+    wanted = 3 / 16 * 0.7 * 5 / 7 * wide * braked * 1.4**0.5 + 3.0 * 31 / 49 * wide**2 / (4 * np.pi)
+    found = viscosity.artificial(scene, at) * np.sqrt(1.7 / at.radius**3) / (0.01 * 1.7 / at.radius)
+    np.testing.assert_allclose(found, left * wanted, rtol=1e-12)
+    rows = dict(line.strip().split("  ", 1) for line in report(scene).splitlines() if "alpha of artificial" in line)
+    (text,) = rows.values()
+    np.testing.assert_allclose([float(word) for word in text.split(",")], left * wanted, rtol=0.05)  # two digits
+
+
+@pytest.mark.parametrize(("pairs", "braked"), [("all", 1.0), ("approaching", 0.5)])
+def test_artificial_viscosity_brakes_a_shear_wave_as_foretold(pairs, braked):
+    """3/16 alpha <q> c_s h with all pairs, half of it with approaching ones; a lattice has some per cent less."""
+    sim = box(lattice(32), np.zeros((1024, 2)), nu=None, viscosity={"alpha": 0.5, "beta": 0.0, "pairs": pairs})
+    foretold = 3 / 16 * 0.5 * 5 / 7 * braked
+    assert strength(sim, 1) * NU / sim.gas.h.mean() == pytest.approx(foretold, rel=0.1)
+
+
 def test_the_flow_of_power_laws_is_a_power_law():
     """nu ~ r^(1/2), Sigma ~ 1/r: nu Sigma sqrt(r) is uniform and nothing flows; Sigma ~ 1/nu has -3 nu / (2 r)."""
     scene, r = load_scene(disc(alpha=0.01)), np.array([0.5, 1.0, 2.0])

@@ -65,6 +65,49 @@ def disc(until=1.0, gas=1200, **tables):
     }
 
 
+@pytest.mark.parametrize("law", ["epstein", "epstein-stokes"])
+def test_drift_of_stirred_dust_has_every_gradient(law):
+    """grad D + D grad ln Sigma of D = alpha c^2 / (Omega (1 + St^2)), St about 1, by differences of D and Sigma.
+
+    In Stokes' regime St ~ 1 / c, whose gradient is half that of c^2; about a softened star, in gas with a bump.
+    """
+    from discsim.kernels import diffusion as kernels
+
+    tables = given(1.0, 0.02, 1.0, star={"mass": 1.3, "softening": 0.3})
+    tables["background"]["eos"] |= {"temperature_index": 0.8}
+    tables["drag"] = {"law": law, "direction": "one-way"}
+    tables["dust"] |= {"grain_size": 3e-4, "grain_density": 1.1}
+    if law == "epstein-stokes":
+        tables["drag"]["mean_free_column"] = 1e-8
+        tables["dust"]["grain_size"] = 5e-5
+    sim = Simulation(tables)
+    drag, stirs = sim.effects["drag"], sim.effects["dust_diffusion"]
+    row, stirring = stirs._turbulence(sim.state)
+
+    def at(r):
+        """D, the drift and Sigma at places on a ray, and St."""
+        pos = np.stack([0.6 * r, 0.8 * r], axis=1)
+        field, strength = np.zeros((len(r), 7)), np.empty(len(r))
+        drift, times, norm = np.empty((len(r), 2)), np.empty(len(r)), np.ones(len(r))
+        kernels.given_about(0, len(r), pos, drag.kernel_disc(1.3), field)
+        omega = np.sqrt(1.3 / (r * r + 0.09) ** 1.5)
+        speed = np.sqrt(field[:, kernels.SPEED2])
+        for i in range(len(r)):
+            times[i] = drag.law.stopping_time(0, field[i : i + 1, 0], speed[i : i + 1], omega[i : i + 1], 0.01)[0]
+        kernels.strengths(
+            0, len(r), pos, np.zeros(4), row[: len(r)], field, times, norm, True, stirring, strength, drift
+        )
+        return strength, drift @ [0.6, 0.8], field[:, kernels.DENSITY].copy(), times * omega
+
+    r = np.array([0.8, 0.95, 1.08, 1.3])
+    strength, drift, _, stokes = at(r)
+    assert stokes.min() > 0.1 and stokes.max() < 10.0
+    (more, _, dense, _), (less, _, thin, _) = at(r * 1.002), at(r / 1.002)
+    wide = r * (1.002 - 1 / 1.002)
+    wanted = (more - less) / wide + strength * np.log(dense / thin) / wide
+    np.testing.assert_allclose(drift, wanted, rtol=0.005, atol=0.005 * strength.max())  # differences over .004 r
+
+
 def density(scene, r):
     return Simulation(scene).effects["drag"].disc.surface_density(r)
 

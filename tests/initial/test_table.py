@@ -8,6 +8,7 @@ from scenes import problems
 from discsim import Simulation, load_scene
 from discsim.output.snapshot import write_snapshot
 from discsim.physics import profile
+from discsim.physics.given_disc import GivenDisc
 from discsim.preview.derived import derived, local
 from discsim.scene import SceneError
 
@@ -57,6 +58,37 @@ def test_the_ratio_of_a_file_is_that_of_all_populations(tmp_path):
     whole = 2.0 * np.pi * 2e-6 * (3.0**1.5 - 1.0) / 1.5
     held = [sim.dust.mass[sim.dust.species == k].sum() for k in range(2)]
     np.testing.assert_allclose(held, [0.625 * whole, 0.375 * whole], rtol=1e-4)  # linear in ln r between 60 rows
+
+
+@pytest.mark.parametrize("mu", [0.6, 1.3])
+def test_kelvins_of_a_table_are_those_of_its_molecules(tmp_path, mu):
+    """c_T^2 = k_B T / (mu m_H) with a mean molecular weight of its own, of SPH gas and of a given disc."""
+    r, kelvin = np.geomspace(5.0, 30.0, 40), np.geomspace(300.0, 40.0, 40)
+    path = tmp_path / "disc.txt"
+    rows = "\n".join(f"{x:.17g} {200 / x:.17g} {t:.17g}" for x, t in zip(r, kelvin, strict=True))
+    path.write_text(f"# r [au]  Sigma [g/cm2]  T [K]\n{rows}\n")
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.05, "mean_molecular_weight": mu}
+    tables = {
+        "run": {"until": "1 yr"}, "space": {"size": "80 au"}, "star": {"mass": "1 Msun"},
+        "initial": {"kind": "table", "file": str(path)}, "gas": {"particles": 400, "eos": eos},
+    }  # fmt: skip
+    sim = Simulation(tables)
+    sim.step(1e-9)
+    start = {"kind": "disc", "surface_density": "20 g/cm2", "inner": "6 au", "outer": "25 au"}
+    beside = {
+        "initial": start, "gas": None, "background": {"file": str(path), "eos": eos},
+        "dust": {"particles": 400, "ratio": 0.01},
+        "drag": {"law": "stokes-number", "stokes": 0.1, "direction": "one-way"},
+    }  # fmt: skip
+    given = GivenDisc(load_scene({k: v for k, v in (tables | beside).items() if v is not None}))
+    unit = sim.scene.units.cgs("velocity")
+    for place, speed in (
+        (np.hypot(*sim.gas.pos.T), sim.gas.sound_speed),
+        (r[5:-5], given.thermal_speed(r[5:-5])),
+    ):
+        found = np.exp(np.interp(np.log(place), np.log(r), np.log(kelvin)))
+        hydrogen = 1.6735328e-24  # g
+        np.testing.assert_allclose((speed * unit) ** 2, 1.380649e-16 * found / (mu * hydrogen), rtol=1e-6)
 
 
 def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
