@@ -145,7 +145,7 @@ def box() -> Figure:
                 "initial": {"kind": "box", "density": "1e-9 g/cm3", "dust_velocity": "4 km/s"},
                 "gas": {"particles": 40, "eos": {"kind": "isothermal", "sound_speed": "1 km/s"}},
                 "dust": {"particles": 40, "ratio": 0.5, "grain_size": size, "grain_density": "3 g/cm3"},
-                "drag": {"law": "epstein-stokes", "supersonic": True},
+                "drag": {"law": "epstein-stokes", "convention": "papers", "supersonic": True},
             }
         )
         law, start = sim.effects["drag"].law, float(sim.dust.vel[0, 0])

@@ -27,7 +27,7 @@ from discsim.study.scripts import some_of, write_csv
 
 ASPECT, SIGMA, RATIO, WINDOW, ORBITS = 0.1, 1e-4, 0.5, 0.15, (0.5, 2.5)
 SMALLEST, LARGEST = 0.04, 1.2  # Stokes numbers at r = 1: neighbours among eight are classes of their own
-OF_STOKES = SIGMA / np.sqrt(2.0 * np.pi)  # St = sqrt(2 pi) s rho_s / Sigma
+OF_STOKES = SIGMA / (0.5 * np.pi)  # St = (pi/2) s rho_s / Sigma
 LOOK = 0.2  # time between looks
 COLUMNS = ("scheme", "bins", "stokes", "drift", "theory", "ratio", "headwind")
 

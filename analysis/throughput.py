@@ -203,7 +203,7 @@ def of_sizes(dust: int, per_gas: int, sizes: int, scheme: str) -> dict[str, Any]
     """The disc with grains of one or SIZES sizes, `per_gas` particles of them for each of gas."""
     tables = scene(dust // per_gas, dust, {"dust": {"ratio": 0.1, "grain_density": 1.0}})
     start = tables["initial"]
-    of_stokes = start["mass"] / (2.0 * np.pi) ** 1.5 / (start["outer"] - start["inner"])  # St = sqrt(2 pi) s / Sigma
+    of_stokes = start["mass"] / np.pi**2 / (start["outer"] - start["inner"])  # St = (pi/2) s / Sigma
     smallest, one, largest = (stokes * of_stokes for stokes in STOKES)
     many = {"smallest": smallest, "largest": largest, "bins": sizes}
     tables["dust"]["grain_size"] = one if sizes == 1 else many

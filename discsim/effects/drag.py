@@ -62,7 +62,7 @@ class Keys(Table):
         None, gt=0, description='t_stop Omega; with "stokes-over-density" where the disc has its Sigma_ref'
     )
     convention: Literal["papers", "kinetic"] = Field(
-        "papers", description='Epstein: t_stop = s rho_s / (c_s rho_g), or "kinetic": times sqrt(pi/8)'
+        "kinetic", description='Epstein: t_stop = sqrt(pi/8) s rho_s / (c_s rho_g), or "papers": s rho_s / (c_s rho_g)'
     )
     supersonic: StrictBool = Field(False, description="Epstein: faster by sqrt(1 + (9 pi/128) (slip / c_s)^2)")
     mean_free_column: Annotated[float | None, Measure("surface_density"), Default("mu m_u / 2e-15 cm2")] = Field(

@@ -42,6 +42,7 @@ Array = np.ndarray
 MOST = 1000  # to refine or thin by
 ORBIT = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys of a companion that stays on its way
 SHELLS = 40  # rings of a preview
+SAME_RING = 1e-9  # relative difference of radii within a ring of a start
 
 
 @dataclass(frozen=True)
@@ -281,8 +282,7 @@ def _rings(scene: Scene) -> Places:
     arrays = _in_code(scene, "gas" if held is snap.gas and scene.gas is not None else "dust", held)
     r = np.sqrt((arrays["pos"] ** 2).sum(axis=1))
     order = np.argsort(r, kind="stable")
-    r = r[order]
-    edges = np.unique(np.quantile(r, np.linspace(0.0, 1.0, SHELLS + 1)))
+    edges = _ring_edges(r[order])
     number, mean = np.histogram(r, edges)[0], arrays["mass"].mean()
     area = np.pi * np.diff(edges**2)
     filled = (area > 0.0) & (number > 0)
@@ -291,6 +291,20 @@ def _rings(scene: Scene) -> Places:
         return Places([], density, middle)
     mass = np.histogram(r, edges, weights=arrays["mass"][order])[0][filled]
     return Places([], mass / area[filled], middle, relative_mass=mass / (number[filled] * mean))
+
+
+def _ring_edges(r: Array) -> Array:
+    """Edges of SHELLS rings of about as many particles each, at sorted radii (n,); none divides a ring of the start,
+    whose particles have one radius to rounding.
+    """
+    first = np.flatnonzero(np.diff(r) > SAME_RING * r[1:]) + 1  # of each radius but the innermost
+    if len(first) == 0:
+        return np.unique(r[[0, -1]])
+    wanted = np.linspace(0, len(r), SHELLS + 1)[1:-1]
+    cuts = np.unique(first[np.clip(np.searchsorted(first, wanted), 0, len(first) - 1)])
+    between = 0.5 * (r[cuts - 1] + r[cuts])
+    inner = max(0.0, 1.5 * r[0] - 0.5 * r[first[0]])  # half a spacing beyond the outermost radii
+    return np.concatenate([[inner], between, [1.5 * r[-1] - 0.5 * r[first[-1] - 1]]])
 
 
 def places(scene: Scene) -> Places:

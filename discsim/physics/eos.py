@@ -263,8 +263,7 @@ class PolytropicGas(Eos):
 
     def thermal_speed(self, scene: Scene, r: Array | None, density: Array | None = None) -> Array:
         assert density is not None
-        eos: Any = scene.gas.eos
-        return np.sqrt(eos.constant * density ** (eos.gamma - 1.0))
+        return self.sound_speed(scene, r, density) / np.sqrt(scene.gas.eos.gamma)
 
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
         eos: Any = scene.gas.eos

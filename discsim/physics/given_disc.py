@@ -51,6 +51,11 @@ class GivenDisc:
             return np.sqrt(self.laws[2] * r ** -self.laws[3])
         return np.sqrt(self._speed2_and_pull(r)[0])
 
+    def pressure_slope(self, r: Array) -> Array:
+        """-d ln P / d ln r."""
+        speed2, pull = self._speed2_and_pull(r)
+        return pull / speed2
+
     def table(self) -> tuple[Array, float, float]:
         """(nodes, 5) of ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and v_r at even ln r, the first of these, and how
         many nodes there are per unit; no nodes where power laws are all there is to it.

@@ -12,12 +12,12 @@ GOLDEN = 0.6180339887498949  # multiples of it, without their whole part, are sp
 
 
 def epstein_stopping_time(
-    grain_size: Any, grain_density: Any, sound_speed: Any, gas_density: Any, convention: str = "papers"
+    grain_size: Any, grain_density: Any, sound_speed: Any, gas_density: Any, convention: str = "kinetic"
 ) -> Any:
-    """Epstein stopping time of a grain, from astropy Quantities; `gas_density` is the volume density.
+    """Epstein stopping time of a grain, from astropy Quantities; `gas_density` is the volume density, c_s isothermal.
 
-    "papers": t = s rho_s / (c_s rho_g), as in Stoyanovskaya et al. 2018 (arXiv:1811.06506);
-    "kinetic": sqrt(pi/8) of that, the free-molecular drag with the mean thermal speed sqrt(8/pi) c_s.
+    "kinetic": t = sqrt(pi/8) s rho_s / (c_s rho_g), free-molecular drag, with the mean molecular speed sqrt(8/pi) c_s;
+    "papers": t = s rho_s / (c_s rho_g), as in Stoyanovskaya et al. 2018 (arXiv:1811.06506).
     """
     factor = {"papers": 1.0, "kinetic": math.sqrt(math.pi / 8)}[convention]
     time = factor * grain_size * grain_density / (sound_speed * gas_density)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from discsim.formulas import growth as formulas
-from discsim.parts import STARTS
 from discsim.physics import profile, viscosity
 from discsim.physics.grains import epstein_stopping_time
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 RANGE = 200.0  # of a_* over a_min in code units: that of the usual 1 um and 5e-3 um
 SEED = 1e-12  # of its share of all dust, that a dust particle keeps where all dust is small
-STEEP = 2.75  # -d ln P / d ln r where the start says none: of a disc with Sigma ~ 1/r and c_s^2 ~ r^-1/2
 
 
 def smallest_size(scene: Scene) -> float:
@@ -83,9 +81,13 @@ def limits(scene: Scene, at: Local) -> Limits | None:
     """At the places of `at`, with all dust that the scene starts with; None where there are no orbits.
 
     The drift limit is 2 Sigma_d / (pi rho_s gamma) (v_K / c_s)^2, gamma = |d ln P / d ln r|, of Birnstiel et al. (2012)
-    eq. 18 without its factor f_d; the growth time that of settled grains, Sigma_g / (Sigma_d Omega).
+    eq. 18 without its factor f_d, with the pressure integrated over height, which moves the gas of a run; the growth
+    time is that of settled grains, Sigma_g / (Sigma_d Omega).
     """
     if at.radius is None or at.omega is None or at.thermal_speed is None:
+        return None
+    slopes = profile.pressure_slopes(scene, at.radius)
+    if slopes is None:
         return None
     (dust,) = scene.dust or ()
     speed2, material = at.thermal_speed**2, dust.grain_density
@@ -97,10 +99,7 @@ def limits(scene: Scene, at: Local) -> Limits | None:
             for sigma, a, c2 in zip(at.density, strength, speed2, strict=True)
         ]
     )
-    steep = np.full_like(speed2, STEEP)
-    if scene.initial is not None and STARTS[scene.initial.kind].radial is not None:
-        pull = profile.radial(scene).pressure_acceleration(at.radius)
-        steep = np.maximum(np.abs(pull) * at.radius / speed2, 1e-100)
+    steep = np.maximum(np.abs(slopes[0]), 1e-100)
     drift = 2.0 * dust.ratio * at.density / (np.pi * material * steep) * (at.radius * at.omega) ** 2 / speed2
     largest = np.maximum(np.minimum(breaks, drift), scene.table("growth").small_size)
     volume = at.density * at.omega / (np.sqrt(2.0 * np.pi) * at.thermal_speed)

@@ -33,6 +33,7 @@ class Law:
     key: str = ""  # of [drag], which the law needs and others that have not this key refuse
     of_grains: bool = False  # whether dust has to have a grain's size and density
     orbits: tuple[int, ...] = ()  # dimensions of space in which it is defined on circles about a star alone
+    formula: Callable[[Scene], str] | None = None  # of t_stop as the scene has it, for previews
     rules: tuple[Rule, ...] = ()  # what a scene with this law must have
     # In gas and dust at rest that are uniform, where it is defined there: eps / t_stop from [drag], eps and rho_g, ...
     uniform_rate: Callable[[Any, float, float], float] | None = None
@@ -113,6 +114,18 @@ def _over_density(scene: Scene, population: Any) -> float:
     return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
 
 
+def _epstein_formula(scene: Scene) -> str:
+    kinetic = scene.drag.convention == "kinetic"
+    time = "sqrt(pi/8) s rho_s / (c_s rho_g)" if kinetic else "s rho_s / (c_s rho_g)"
+    if scene.space.dimensions == 1:
+        return time
+    return f"{time}, St = {'(pi/2)' if kinetic else 'sqrt(2 pi)'} s rho_s / Sigma"
+
+
+def _stokes_formula(scene: Scene) -> str:
+    return f"{_epstein_formula(scene)}; longer where the mean free path is below 4 s / 9"
+
+
 def _grains(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         for key in ("grain_size", "grain_density"):
@@ -149,13 +162,24 @@ def _disc(draft: Draft) -> Iterator[Problem]:
         )
 
 
-EPSTEIN = Law(formulas.EPSTEIN, _of_grain, of_grains=True, orbits=(2,), rules=(_grains, _height))
+EPSTEIN = Law(
+    formulas.EPSTEIN, _of_grain, of_grains=True, orbits=(2,), formula=_epstein_formula, rules=(_grains, _height)
+)  # fmt: skip
 EPSTEIN_STOKES = Law(
-    formulas.EPSTEIN_STOKES, _of_grain, of_grains=True, orbits=(2,), rules=(_grains, _height, _column)
-)  # fmt: skip
+    formulas.EPSTEIN_STOKES,
+    _of_grain,
+    of_grains=True,
+    orbits=(2,),
+    formula=_stokes_formula,
+    rules=(_grains, _height, _column),
+)
 CONSTANT = Law(
-    formulas.CONSTANT, _of_key("K"), "K", uniform_rate=lambda drag, ratio, density: drag.K / density
-)  # fmt: skip
+    formulas.CONSTANT,
+    _of_key("K"),
+    "K",
+    formula=lambda scene: "rho_d / K",
+    uniform_rate=lambda drag, ratio, density: drag.K / density,
+)
 STOPPING_TIME = Law(
     formulas.STOPPING_TIME,
     _of_key("t_stop"),
@@ -163,5 +187,19 @@ STOPPING_TIME = Law(
     uniform_rate=lambda drag, ratio, density: ratio / drag.t_stop,
     uniform_time=lambda drag: drag.t_stop,
 )
-STOKES_NUMBER = Law(formulas.STOKES_NUMBER, _of_key("stokes"), "stokes", orbits=(1, 2), rules=(_star,))
-STOKES_OVER_DENSITY = Law(formulas.EPSTEIN, _over_density, "stokes", orbits=(1, 2), rules=(_disc,))
+STOKES_NUMBER = Law(
+    formulas.STOKES_NUMBER,
+    _of_key("stokes"),
+    "stokes",
+    orbits=(1, 2),
+    formula=lambda scene: "stokes / Omega",
+    rules=(_star,),
+)
+STOKES_OVER_DENSITY = Law(
+    formulas.EPSTEIN,
+    _over_density,
+    "stokes",
+    orbits=(1, 2),
+    formula=lambda scene: "(stokes / Omega) Sigma_ref / Sigma",
+    rules=(_disc,),
+)

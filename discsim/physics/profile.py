@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 SAMPLES = 20_001
 SLOPE = 1e-4  # of r, over which the slope of a Sigma of no known power is taken
+NEAR, FEWEST = 0.3, 3  # in ln r, of rings of particles through which a slope is taken, and their least number
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,54 @@ def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array
 def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
     """Speed of sound waves, as the gas of a run has it: of adiabatic gas the adiabatic one."""
     return eos_of(scene).wave_speed(scene, r, density)
+
+
+def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
+    """-d ln P / d ln r of the gas at radii (n,): of P integrated over height, which moves a disc of two dimensions, and
+    of that in the midplane, P / (sqrt(2 pi) H), of a disc with a thickness. None where the scene is no disc.
+    """
+    start = None if scene.initial is None else STARTS[scene.initial.kind]
+    ends: tuple[float, float] = (0.0, np.inf)
+    density: Callable[[Array], Array]
+    given = None if scene.model.given is None else scene.model.given(scene)
+    if given is not None:
+        slope = given.pressure_slope(r)
+    elif scene.gas is None or start is None or scene.star is None:
+        return None
+    elif start.radial is not None:
+        disc = start.radial(scene)
+        ends, density = (disc.inner, disc.outer), disc.surface_density
+        with np.errstate(divide="ignore", invalid="ignore"):  # a polytrope is cold where it ends
+            slope = np.nan_to_num(disc.pressure_acceleration(r) * r / thermal_speed(scene, r, density(r)) ** 2)
+    else:
+        rings = start.all_over(scene)[0]
+        if rings.radius is None or len(rings.radius) < FEWEST:
+            return None
+        log = np.log(rings.radius)
+        pressure = rings.density * thermal_speed(scene, rings.radius, rings.density) ** 2
+        slope = np.array([-_slope_at(x, log, np.log(pressure)) for x in np.log(r)])
+
+        def between_rings(radius: Array) -> Array:
+            return np.exp(np.interp(np.log(radius), log, np.log(rings.density)))
+
+        density = between_rings
+
+    def height(radius: Array) -> Array:
+        speed = given.thermal_speed(radius) if given is not None else thermal_speed(scene, radius, density(radius))
+        return speed / kepler_omega(scene, radius)
+
+    near, far = (np.clip(r * (1.0 + step), *ends) for step in (-SLOPE, SLOPE))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise = np.log(height(far) / height(near)) / np.log(far / near)
+    return slope, slope + np.nan_to_num(rise, posinf=0.0, neginf=0.0)
+
+
+def _slope_at(x: float, places: Array, values: Array) -> float:
+    """Slope at `x` of noisy `values` (n,) at sorted `places` (n,): that of a line through those within NEAR of x."""
+    distance = np.abs(places - x)
+    weight = np.maximum(1.0 - distance / max(NEAR, np.sort(distance)[: FEWEST + 1][-1]), 0.0)
+    middle = np.average(places, weights=weight)
+    return float((weight * (places - middle)) @ values / (weight @ (places - middle) ** 2))
 
 
 def kepler_omega(scene: Scene, r: Array | float) -> Array:

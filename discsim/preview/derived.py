@@ -18,7 +18,7 @@ from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of, start_time
 from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
-from discsim.parts import EOS, SCHEMES
+from discsim.parts import EOS, LAWS, SCHEMES
 from discsim.physics import laws, profile, viscosity
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_sizes, typical_size
@@ -145,6 +145,10 @@ def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         if at.resolution is not None:
             yield "h/H", _plain(at.resolution / at.scale_height)
             yield "Toomre Q", _plain(at.toomre_q)
+        slopes = profile.pressure_slopes(scene, at.radius)
+        names = "headwind eta v_K", "headwind of midplane pressure"
+        for name, slope in zip(names, slopes or (), strict=False):
+            yield name, _list(scene.units, 0.5 * slope * at.thermal_speed**2 / (at.radius * at.omega), "velocity")
 
 
 def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -154,6 +158,8 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         if has_sizes(dust):
             yield f"mean size of the grains{which}, by mass", scene.units.show(typical_size(dust), "length")
             which += " of the mean size"
+        if i == 0 and (formula := LAWS[scene.drag.law].formula) is not None:
+            yield "formula of the stopping time", formula(scene)
         yield f"stopping time{which}", _list(scene.units, time, "time")
         if at.omega is not None:
             yield f"Stokes number{which}", _plain(time * at.omega)

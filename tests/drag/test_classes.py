@@ -25,7 +25,7 @@ def box(dust, *, direction="two-way", scheme="tsc", particles=None, **drag):
         "initial": {"kind": "box", "density": 1.0},
         "gas": {"particles": 100, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
         "dust": dust,
-        "drag": {"law": "epstein", "scheme": scheme, "direction": direction, **drag},
+        "drag": {"law": "epstein", "convention": "papers", "scheme": scheme, "direction": direction, **drag},
     }
     return Simulation(scene, particles=particles)
 
@@ -141,7 +141,7 @@ def disc(scheme, bins, direction="two-way", largest=0.5):
     """A ring of the density that `prescribed` gives, with Stokes numbers at r = 1 from .005 to `largest`."""
     inner, outer = 0.85, 1.2
     density = 0.01 / (2 * np.pi * (outer - inner))
-    per_stokes = density / np.sqrt(2 * np.pi)  # St = sqrt(2 pi) s rho_s / Sigma
+    per_stokes = density / (0.5 * np.pi)  # St = (pi/2) s rho_s / Sigma
     return Simulation(
         {
             "units": {"system": "code"},
@@ -183,7 +183,7 @@ def drifts(sim):
             speeds = (sim.dust.pos * sim.dust.vel).sum(axis=1) / np.sqrt(r)
             found.append([speeds[middle & (sim.dust.size == s)].mean() - gas for s in sizes])
             # Sigma ~ 1/r and so St ~ r
-            stokes = np.sqrt(2 * np.pi) * sizes[:, None] * r[middle] * (2 * np.pi * 0.35) / 0.01
+            stokes = 0.5 * np.pi * sizes[:, None] * r[middle] * (2 * np.pi * 0.35) / 0.01
             loads = (shares * scene.dust[0].ratio)[:, None] * np.ones(len(r[middle]))
             exact = nsh.of_populations(stokes, loads, np.full(len(r[middle]), 0.05**2))
             expected.append((exact.dust_radial - exact.gas_radial).mean(axis=1))
@@ -303,7 +303,7 @@ def test_each_grain_drifts_by_its_own_size_in_a_given_disc():
         sim.step()
     dust = sim.dust
     r = np.sqrt((dust.pos**2).sum(axis=1))
-    stokes = np.sqrt(2 * np.pi) * dust.size * r / 1e-3  # Sigma ~ 1/r
+    stokes = 0.5 * np.pi * dust.size * r / 1e-3  # Sigma ~ 1/r
     drift = (dust.pos * dust.vel).sum(axis=1) / r
     small = stokes < 0.1
     # eta v_K = (p + q) h^2/2 v_K = .01 v_K; beyond first order in it the drift differs by as much.

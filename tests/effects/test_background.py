@@ -107,8 +107,8 @@ def test_epstein_in_the_given_density():
     sim = Simulation(tables)
     found = sim.effects["drag"].current_stopping_times(sim.state)
     r = np.sqrt((sim.dust.pos**2).sum(axis=1))
-    # t = s rho_s sqrt(2 pi) / (Sigma Omega).
-    np.testing.assert_allclose(found, 2e-6 * np.sqrt(2 * np.pi) / (1e-4 / r * r**-1.5), rtol=1e-12)
+    # t = (pi/2) s rho_s / (Sigma Omega).
+    np.testing.assert_allclose(found, 2e-6 * 0.5 * np.pi / (1e-4 / r * r**-1.5), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

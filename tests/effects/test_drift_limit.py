@@ -38,7 +38,7 @@ def start(share):
             "damping": {"inner": [0.5, 0.65], "outer": [3.5, 4.0], "time": 5e-4},
             # Fewer grains feel themselves: what is about one is then more than what is in its ring.
             "dust": {"particles": 32_000, "ratio": RATIO, "grain_size": 1e-5, "grain_density": 1.0},
-            "drag": {"law": "epstein", "direction": "one-way"},
+            "drag": {"law": "epstein", "convention": "papers", "direction": "one-way"},
             "growth": {"fragmentation_speed": 1e3, "alpha": 0.01, "small_size": 1e-10, "small_ratio": 0.0},
         }
     )

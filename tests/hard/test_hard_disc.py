@@ -74,8 +74,8 @@ def test_grains_from_a_micron_to_a_kilometre(size):
 
 
 METRES = {"1 um": 1e-6, "1 mm": 1e-3, "10 cm": 0.1, "1 m": 1.0, "1 km": 1e3}
-# (pi / 2) s rho_s / Sigma at 4 au, with this law's sqrt(2 pi) for pi / 2; Sigma of mass / (2 pi 4 au r).
-STOKES_OF_A_METRE = np.sqrt(2 * np.pi) * 300.0 / (0.002 * 1.989e33 / (2 * np.pi * 4.0 * 4.0 * 1.496e13**2))
+# (pi / 2) s rho_s / Sigma at 4 au; Sigma of mass / (2 pi 4 au r).
+STOKES_OF_A_METRE = 0.5 * np.pi * 300.0 / (0.002 * 1.989e33 / (2 * np.pi * 4.0 * 4.0 * 1.496e13**2))
 
 
 # Temperatures

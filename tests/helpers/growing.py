@@ -25,7 +25,7 @@ def disc(until=1.0, gas=1000, dust=800, size=1e-6, ratio=0.3, growth=None, direc
         },
         "dust": {"particles": dust, "ratio": ratio, "grain_size": size, "grain_density": MATERIAL},
         "star": {"mass": 1.0, "accretion_radius": 0.6},
-        "drag": {"law": "epstein", "direction": direction},
+        "drag": {"law": "epstein", "convention": "papers", "direction": direction},
         "growth": {"fragmentation_speed": 0.02, "alpha": 1e-3, "small_size": SMALL, **(growth or {})},
         **tables,
     }

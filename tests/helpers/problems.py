@@ -9,7 +9,7 @@ from discsim.initial.blast import front
 
 def layer(stop, until, law="stopping-time", particles=120, gas=None):
     """A layer of H = 1 with Omega = 1, +-2 high; grains with t_stop = `stop` in the midplane."""
-    drag = {"law": law, "direction": "one-way"}
+    drag = {"law": law, "convention": "papers", "direction": "one-way"}
     return {
         "units": {"system": "code"}, "run": {"until": until}, "space": {"dimensions": 1, "size": 4.0},
         "initial": {"kind": "settling"},

@@ -250,14 +250,14 @@ def test_energy_of_a_tube_with_dust():
 
 
 def test_epstein_law():
-    """t_stop = s rho_s / (c_s rho_g) in every cell, and grains that follow it."""
+    """t_stop = sqrt(pi/8) s rho_s / (c_s rho_g) in every cell, and grains that follow it."""
     source = scene({"kind": "wave", "amplitude": 0.1}, 50, 0.01, TINY)
     source["dust"] |= {"grain_size": 0.02, "grain_density": 0.5}
     source["drag"] = {"law": "epstein", "scheme": "emsi-ppm"}
     sim = Simulation(source)
     sim.run()
     found = sim.effects["drag"].current_stopping_times(sim.state)
-    np.testing.assert_allclose(found, 0.01 / sim.gas.density, rtol=1e-12)
+    np.testing.assert_allclose(found, np.sqrt(np.pi / 8) * 0.01 / sim.gas.density, rtol=1e-12)
 
 
 # DustyWave, t = .5, eps = 1

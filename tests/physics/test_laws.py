@@ -308,7 +308,10 @@ def box(size, scheme="tsc", direction="two-way", velocity="4 km/s", **drag):
         "initial": {"kind": "box", "density": "1e-9 g/cm3", "dust_velocity": velocity},
         "gas": {"particles": 40, "eos": {"kind": "isothermal", "sound_speed": "1 km/s"}},
         "dust": {"particles": 40, "ratio": 0.5, "grain_size": size, "grain_density": "3 g/cm3"},
-        "drag": {"law": "epstein-stokes", "scheme": scheme, "direction": direction, "supersonic": True} | drag,
+        "drag": {
+            "law": "epstein-stokes", "convention": "papers", "scheme": scheme, "direction": direction,
+            "supersonic": True,
+        } | drag,
     }  # fmt: skip
 
 

@@ -46,8 +46,9 @@ def test_derived_numbers_of_a_disc(tmp_path):
     assert rows["surface density of the gas"] == "157.1 g/cm2, 28.57 g/cm2, 15.71 g/cm2"
     # Q = (H/r) M / (pi Sigma r^2) = 0.05 * 9 * 2 = 0.9 of M/M_d = 10 at 10 au.
     assert rows["Toomre Q"] == "9, 2.51, 1.6"
-    # St = sqrt(2 pi) s rho_s / Sigma with rho_g = Sigma / (sqrt(2 pi) H): 7.52 / 157.1.
-    assert rows["Stokes number"] == "0.0479, 0.263, 0.479"
+    # St = (pi/2) s rho_s / Sigma of molecules with their mean speed: 4.712 / 157.1.
+    assert rows["Stokes number"] == "0.03, 0.165, 0.3"
+    assert rows["formula of the stopping time"].endswith("St = (pi/2) s rho_s / Sigma")
     assert rows["orbital period"].startswith("31.62 yr")  # 10^1.5
     assert rows["mass of a dust particle"] == "0.001665 Mearth"  # 1e-3 Msun / 2e5
 
@@ -106,7 +107,7 @@ WARNINGS = [
         "self_gravity.thickness = 10 au is 1.1 H at 100 au, above 1: lower it to 8.891 au",
     ),
     (THIN, 'self_gravity.softening is not used by kernel "thin-disc": leave it out'),
-    (["dust.grain_size=1 m"], "dust: St = 47.9 at 100 au, above 10"),
+    (["dust.grain_size=1 m"], "dust: St = 30 at 100 au, above 10"),
     (
         ["gas.kernel=cubic", "drag.scheme=idic-linear", "dust.ratio=1"],
         "7.3 gas particles in a drag cell at 100 au, below 8: raise gas.particles 1.1 times, or drag.cell 1.05 times",
@@ -131,7 +132,7 @@ PAIRS = [
     (["gas.particles=1000"], "a mass that collapses at 100 au has", []),
     (["space.cells=8"], "what collapses at 100 au is 2.8 grid cells wide", []),
     (['drag.scheme="mk"'], 'drag.scheme "mk" is explicit: at 10 au its steps are', ["dust.grain_size=10 m"]),
-    (['drag.scheme="mk"'], "h is 11 times c_s t_stop at 10 au, above 1", ["dust.grain_size=10 m"]),
+    (['drag.scheme="mk"'], "h is 17 times c_s t_stop at 10 au, above 1", ["dust.grain_size=10 m"]),
     (['drag.scheme="lab14"'], "h is", ['drag.scheme="reconstructed"']),
     # Dust placed evenly has no shot noise.
     (
