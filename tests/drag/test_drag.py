@@ -302,6 +302,31 @@ def test_what_is_left_of_gas_decays_by_all_populations():
         np.testing.assert_allclose(p.vel[np.argsort(p.ids)] * teeth, np.exp(-share * 0.7 / 0.4), rtol=0.02)
 
 
+@pytest.mark.parametrize("slopes", [[[1.0, 0.5], [0.0, 0.0]], [[0.0, 0.0], [1.0, -0.7]]], ids=["along x", "along y"])
+def test_a_force_linear_in_space_has_its_terminal_velocity_at_once(slopes):
+    """Dust at random places in gas at rest, in a kick of 1e4 stopping times: a t_stop everywhere but at the edges."""
+    rng, given = np.random.default_rng(3), {}
+    for name, mass in (("gas", 1.0), ("dust", 0.3)):
+        given[name] = {
+            "pos": rng.uniform(-1.0, 1.0, (1600, 2)), "vel": np.zeros((1600, 2)), "mass": np.full(1600, mass / 1600),
+        }  # fmt: skip
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 4.0, "cells": 32},
+        "gas": {"particles": 1600, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+        "dust": {"particles": 1600, "ratio": 0.3}, "external": {"dust": 1.0},
+        "drag": {"law": "stopping-time", "t_stop": 1e-4, "direction": "one-way", "cell_length": 0.2},
+    }  # fmt: skip
+    sim = Simulation(tables, particles=given)
+    sim._prepare()
+    force = np.array([0.3, -0.2]) + sim.dust.pos @ slopes
+    sim.dust.acc[:] = sim.state.own_acc["dust"][:] = force
+    sim.operators.kick(1.0)
+    inside = np.abs(sim.dust.pos).max(axis=1) < 0.6
+    assert inside.sum() > 400
+    # Rounding of what a force of 1 makes of velocities in the kick.
+    np.testing.assert_allclose(sim.dust.vel[inside], 1e-4 * force[inside], rtol=0, atol=1e-14)
+
+
 def test_a_cell_keeps_the_rotation_of_gas_and_dust():
     """Gas and dust that turn against each other in one cell of idic-linear, of unlike widths, their centroids at one
     place: what slopes exchange is weighed with the moments of inertia, and no angular momentum is lost.
