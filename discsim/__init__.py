@@ -6,17 +6,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
-__all__ = ["SceneError", "Simulation", "load_scene", "plot", "read_snapshot"]
+__all__ = ["SceneError", "Simulation", "Snapshot", "SnapshotError", "load_scene", "plot", "read_snapshot"]
 
 if TYPE_CHECKING:
     from discsim import plot
-    from discsim.output.snapshot import read_snapshot
+    from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
     from discsim.run.simulation import Simulation
     from discsim.scene import SceneError, load_scene
 
 _HOMES = {
     "SceneError": "discsim.scene",
     "Simulation": "discsim.run.simulation",
+    "Snapshot": "discsim.output.snapshot",
+    "SnapshotError": "discsim.output.snapshot",
     "load_scene": "discsim.scene",
     "read_snapshot": "discsim.output.snapshot",
 }
@@ -40,3 +42,7 @@ def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return import_module(f"discsim.{name}")
     raise AttributeError(f"module 'discsim' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])

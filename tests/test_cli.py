@@ -193,3 +193,38 @@ def test_effects_lists_a_key_that_is_a_value_or_a_table_as_both():
     row = next(line for line in lines if line.split()[:1] == ["grain_size"])
     assert row.split(maxsplit=1)[1].startswith("length, or a table ")
     assert any(line.strip().startswith("[dust.grain_size] Grains of many sizes") for line in lines)
+
+
+@pytest.mark.parametrize("name, key", [("drag", "scheme"), ("run", "courant")])
+def test_effects_prints_one_table(name, key):
+    done = discsim_command("effects", name)
+    lines = done.stdout.splitlines()
+    assert done.exit_code == 0 and lines[0] == f"[{name}]" and any(line.split()[:1] == [key] for line in lines)
+    assert done.stdout in discsim_command("effects").stdout
+    assert not any(line.startswith("[") for line in lines[1:])
+
+
+def test_effects_names_the_nearest_table(calls):
+    assert refused(calls, "effects", "dust_difusion").endswith('did you mean "dust_diffusion"?')
+
+
+# Texts of the command line
+
+
+def test_summaries_fit_a_terminal(monkeypatch):
+    """Of 80 columns: no command is described by half a sentence."""
+    monkeypatch.setenv("COLUMNS", "80")
+    text = discsim_command("--help").stdout
+    assert len(text.splitlines()) > 15 and "..." not in text.split("Commands:")[1]
+
+
+@pytest.mark.parametrize(
+    "option, words",
+    [
+        (("--until", "5"), '--until 5: run.until: 5 has no unit; a time needs a unit, like "100 yr"'),
+        (("--until", "5 pc"), '--until 5 pc: run.until: "5 pc" is a length; expected a time, like "100 yr"'),
+        (("--set", "run.until=5"), "--set run.until=5: run.until: 5 has no unit"),
+    ],
+)
+def test_an_option_is_named_as_it_was_typed(tmp_path, calls, option, words):
+    assert refused(calls, "run", write(tmp_path, DISC), *option).startswith(words)

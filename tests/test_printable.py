@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from discsim.output.checkpoint import CheckpointError
 from discsim.printable import UserError, printable, printable_lines
 from discsim.scene import SceneError, load_scene
-from discsim.scene.html import table
+from discsim.scene.summary import Summarised
 
 
 @given(st.text(st.characters(), max_size=40))
@@ -67,7 +67,12 @@ def test_text_in_another_encoding_is_one_message(tmp_path):
 
 
 def test_a_title_is_printable_in_a_notebook():
-    html = table("<b>\x1b[1m\u202e", [("a\x07", "b\nc")])
+    class Named(Summarised):
+        def summary(self):
+            return "<b>\x1b[1m\u202e", [("a\x07", "b\nc")]
+
+    html = Named()._repr_html_()
+    assert repr(Named()) == str(Named()) == "<b>\\x1b[1m\\u202e\n  a\\x07  b\\nc"
     assert "\x1b" not in html and "\x07" not in html and "\u202e" not in html
     assert "&lt;b&gt;\\x1b[1m\\u202e" in html and "b\\nc" in html
 

@@ -46,7 +46,10 @@ def cost(
     settings: SetOption = None,
     without: WithoutOption = None,
 ) -> None:
-    """What accuracy costs in time: a table of runs with --vary, the cheapest setting with --error."""
+    """Measure what accuracy costs, or find the cheapest setting.
+
+    --vary makes a table of runs, --error finds the setting.
+    """
     loaded = load(scene, settings or (), without or ())
     from discsim.scene import SceneError
 

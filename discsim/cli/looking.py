@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -31,7 +32,7 @@ def report(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page [DIR/report.html].")
     ] = None,
 ) -> None:
-    """A page of a run, for a browser or for paper: pictures, conservation, cost, effects with equations, scene."""
+    """Write a page of a run, for a browser or for paper. It has pictures, conservation, cost, effects and the scene."""
     from discsim.output.snapshot import SnapshotError
     from discsim.report.page import ReportError, write_report
     from discsim.scene import SceneError
@@ -87,7 +88,8 @@ def plot(
         refuse(
             "no run to draw; expected DIR or FILE" if not sources else f"{' and '.join(given)}: expected one of them"
         )
-    from discsim.plot.request import Request, look_of, save, usual_path
+    from discsim.output.fields.look import look_of
+    from discsim.plot.request import Request, save, usual_path
 
     kind = "phase" if against else given[0].removeprefix("--") if given else None
 
@@ -99,7 +101,7 @@ def plot(
             at or (),
             against,
             compare is not None,
-            look_of(window, limits, distance, wavelength, opacity),
+            look_of(window, limits, distance, wavelength, opacity, prefix="--"),
         )
         where = output or usual_path(request)
         save(request.figure, where)
@@ -124,28 +126,40 @@ def movie(
     ] = None,
 ) -> None:
     """Make a film of a run, a frame a snapshot."""
+    from discsim.output.fields.look import look_of
     from discsim.plot.film import Film, usual_path
-    from discsim.plot.request import look_of
 
     def make() -> Path:
-        look = look_of(window, limits, distance, wavelength, opacity)
+        look = look_of(window, limits, distance, wavelength, opacity, prefix="--")
         film = Film(source, field.split(",") if field else (), "polar" if polar else "map", rate, look)
         where = output or usual_path(film)
-        film.save(where, _count if sys.stderr.isatty() else None)
+        film.save(where, _frames())
         return where
 
     tell(_drawn(make))
 
 
-def _count(done: int, of: int) -> None:
-    print(f"\rframe {done} of {of}", end="\n" if done == of else "", file=sys.stderr, flush=True)
+def _frames() -> Callable[[int, int], None]:
+    """Tell of the frames of a film on stderr: on a terminal each in its place, else a line now and then."""
+    from discsim.run.progress import LINE_EVERY
+
+    due = time.monotonic()
+
+    def say(done: int, of: int) -> None:
+        nonlocal due
+        if sys.stderr.isatty():
+            print(f"\rframe {done} of {of}", end="\n" if done == of else "", file=sys.stderr, flush=True)
+        elif time.monotonic() >= due or done == of:
+            due = time.monotonic() + LINE_EVERY
+            print(f"frame {done} of {of}", file=sys.stderr, flush=True)
+
+    return say
 
 
 def _drawn(make: Callable[[], Path]) -> Path:
     """What draws a figure or film, with its faults as messages."""
-    from discsim.output.fields.base import FieldError
+    from discsim.output.fields.base import FieldError, PlotError
     from discsim.output.snapshot import SnapshotError
-    from discsim.plot.sources import PlotError
 
     try:
         return make()

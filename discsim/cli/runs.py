@@ -44,11 +44,13 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
     """Run a scene."""
-    overrides = list(settings or ())
+    from discsim.scene.overrides import Option
+
+    overrides: list[str] = list(settings or ())
     if until is not None:
-        overrides.append(f"run.until={until}")
+        overrides.append(Option("--until", "run.until", until))
     if threads is not None:
-        overrides.append(f"run.threads={threads}")
+        overrides.append(Option("--threads", "run.threads", threads))
     loaded = load(scene, overrides, without or ())
     directory = output or Path("runs") / scene.stem
     if size_and_rank()[0] > 1:
@@ -84,13 +86,15 @@ def branch(
     preview: Annotated[bool, typer.Option("--check", help="Say what changes, as `check` does, and stop.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
-    """A new run from a snapshot of a run, with other physics: the time goes on."""
+    """Start a new run from a snapshot, with other physics. The time goes on."""
     from discsim.run.branch import BranchError
     from discsim.run.branch import branch as branch_of
     from discsim.scene import SceneError
+    from discsim.scene.overrides import Option
 
     try:
-        made = branch_of(directory, at, [*(settings or ()), *([f"run.until={until}"] if until else [])], without or ())
+        ends = [] if until is None else [Option("--until", "run.until", until)]
+        made = branch_of(directory, at, [*(settings or ()), *ends], without or ())
     except (BranchError, SceneError) as error:
         refuse(str(error))
     into = output or directory.parent / f"{directory.resolve().name}-{made.snapshot.stem}"
@@ -124,7 +128,7 @@ def sweep(
     settings: SetOption = None,
     without: WithoutOption = None,
 ) -> None:
-    """Runs with every combination of some values, a directory each, and a table and a figure of what they came to."""
+    """Run a scene with every combination of some values. A table and a figure compare the results."""
     loaded = load(scene, settings or (), without or ())
     if not vary:
         refuse("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")

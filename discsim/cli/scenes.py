@@ -15,7 +15,7 @@ from discsim.userfiles import system_message
 
 @app.command()
 def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOption = None) -> None:
-    """Validate a scene: the effects that will run, derived numbers, warnings."""
+    """Validate a scene: its effects, derived numbers, warnings."""
     loaded = load(scene, settings or (), without or ())
     from discsim.preview.check import report
 
@@ -24,7 +24,7 @@ def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOpti
 
 @app.command()
 def setups() -> None:
-    """List the setups that come with discsim: name, title, what it is and how long it takes."""
+    """List the setups that come with discsim. Each has its name, title, subject and duration."""
     for each in shipped_setups().values():
         takes = each.notes.get("How long", "").partition(",")[0].rstrip(".")
         tell(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
@@ -37,7 +37,7 @@ def new(
         Path | None, typer.Argument(help="New scene file [NAME.toml].", metavar="[FILE.toml]", readable=False)
     ] = None,
 ) -> None:
-    """Copy a setup that comes with discsim, as the start of a scene of one's own."""
+    """Copy a setup, as the start of a scene of your own."""
     path = file or Path(f"{name}.toml")
     try:
         copy_setup(name, path)
@@ -49,8 +49,14 @@ def new(
 
 
 @app.command()
-def effects() -> None:
-    """List every effect: its equation, its keys with units and defaults."""
+def effects(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One table, like drag or run [all].")] = None,
+) -> None:
+    """List the effects: equations, and keys with units and defaults."""
     from discsim.preview.reference import effects_text
+    from discsim.printable import UserError
 
-    tell(effects_text())
+    try:
+        tell(effects_text(name))
+    except UserError as wrong:
+        refuse(str(wrong))

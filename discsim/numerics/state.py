@@ -13,6 +13,7 @@ import numpy as np
 from discsim.numerics import room, world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.dataframe import dataframe_of
+from discsim.scene.summary import Rows, Summarised
 
 if TYPE_CHECKING:
     from discsim.numerics.grid import Grid
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(kw_only=True)
-class Particles:
+@dataclass(kw_only=True, repr=False)
+class Particles(Summarised):
     """Particles of one kind, in code units; every array has one entry a particle.
 
     pos, vel, acc have shape (n, dimensions); mass and ids have shape (n,).
@@ -47,6 +48,10 @@ class Particles:
         """The arrays by name, without those that this run does not hold."""
         named = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: array for name, array in named.items() if array is not None}
+
+    def summary(self) -> tuple[str, Rows]:
+        rows = [(name, array.shape) for name, array in self.arrays().items()]
+        return f"{type(self).__name__}: {self.count:,} particles", rows
 
     def to_pandas(self) -> Any:
         """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
@@ -127,7 +132,7 @@ class Particles:
         return same
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, repr=False)
 class Gas(Particles):
     """SPH particles. `h` is the smoothing length, `gradh` the factor Omega of the grad-h terms."""
 
@@ -151,7 +156,7 @@ class Gas(Particles):
     h_before: Array | None = None  # from which the search for h began (where h is not fixed)
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, repr=False)
 class Dust(Particles):
     """Dust particles of one or several populations."""
 

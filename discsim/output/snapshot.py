@@ -11,21 +11,31 @@ import os
 import tomllib
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from discsim.numerics.dataframe import dataframe_of
 from discsim.output import hdf5, open_step
 from discsim.output.bins import square_window
+from discsim.output.contents import (
+    Extent,
+    derived_arrays,
+    extent_of,
+    into_box,
+    present_kinds,
+    support_radius,
+    unit_texts,
+)
 from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
 from discsim.parts import STARTS, Lazy
-from discsim.physics.eos import eos_of
 from discsim.physics.profile import reference_density
 from discsim.printable import UserError, printable
-from discsim.scene import SceneError, html
+from discsim.scene import SceneError
+from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
@@ -33,7 +43,7 @@ if TYPE_CHECKING:
 
     from discsim.effects.base import Column
     from discsim.numerics.bodies import Bodies
-    from discsim.numerics.state import Dust, Gas, Particles
+    from discsim.numerics.state import Dust, Gas
     from discsim.output.open_step import OpenStep
     from discsim.scene import Scene
 
@@ -45,8 +55,8 @@ class SnapshotError(UserError):
     """The file is absent, damaged, or no snapshot of ours; the message says which."""
 
 
-@dataclass(frozen=True)
-class SnapshotParticles:
+@dataclass(frozen=True, repr=False)
+class SnapshotParticles(Summarised):
     """Particles of one kind, sorted by ids: arrays in code units and in the scene's own frame.
 
     pos and vel have shape (n, dimensions), the others (n,); None is what the snapshot does not hold.
@@ -93,10 +103,18 @@ class SnapshotParticles:
             return u.Quantity(array, PLAIN_UNITS[dimension])
         return self.units.quantity(array, dimension)
 
+    def arrays(self) -> dict[str, Array]:
+        """The arrays by name, those of other packages too, without those that the snapshot does not hold."""
+        held = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: array for name, array in held.items() if isinstance(array, np.ndarray)} | self.columns
+
+    def summary(self) -> tuple[str, Rows]:
+        of = {name: self.dimensions_of.get(name, "").replace("_", " ") for name in self.arrays()}
+        return f"{self.count:,} particles", [(name, f"{a.shape}  {of[name]}") for name, a in self.arrays().items()]
+
     def to_pandas(self) -> Any:
         """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
-        held = {name: array for name, array in vars(self).items() if isinstance(array, np.ndarray)}
-        return dataframe_of(held | self.columns)
+        return dataframe_of(self.arrays())
 
     def radial_profile(self, edges: Array) -> Array:
         """Surface density, averaged over angle, in the rings between the radii `edges` (rings + 1,)."""
@@ -113,8 +131,8 @@ class SnapshotParticles:
         return plane.sum(self.mass) / plane.measure
 
 
-@dataclass(frozen=True)
-class Snapshot:
+@dataclass(frozen=True, repr=False)
+class Snapshot(Summarised):
     """One instant of a run, as `read_snapshot` gives it; `gas` or `dust` is None where the run has none."""
 
     time: float
@@ -148,12 +166,10 @@ class Snapshot:
         both = {"gas": self.gas, "dust": self.dust}
         return {name: particles for name, particles in both.items() if particles is not None}
 
-    def _repr_html_(self) -> str:
-        rows = [("time", self.units.show_time(self.time)), ("dimensions", self.dimensions)]
-        for name, particles in self.species.items():
-            held = [key for key, array in vars(particles).items() if isinstance(array, np.ndarray)]
-            rows.append((name, f"{particles.count:,} particles: {', '.join([*held, *particles.columns])}"))
-        return html.table(self.title or "A snapshot", rows)
+    def summary(self) -> tuple[str, Rows]:
+        held = [(name, f"{p.count:,} particles: {', '.join(p.arrays())}") for name, p in self.species.items()]
+        rows = [("time", self.units.show_time(self.time)), ("dimensions", self.dimensions), *held]
+        return self.title or "A snapshot", rows
 
     def about_centre(self) -> Snapshot:
         """The snapshot about its moving star, where that is the centre of the disc; the box stays where it is."""
@@ -176,17 +192,46 @@ class Snapshot:
             raise KeyError(f"the snapshot holds no {kind!r}")
         return self.species[kind].quantity(array)
 
-    def field(self, name: str, window: tuple[Array, Array] | None = None, pixels: int = 480, edges: Any = None) -> Any:
-        """A field like "gas.toomre_q" as an astropy Quantity; `discsim plot --fields` lists them.
+    def field(
+        self, name: str, window: Any = None, pixels: int = 480, edges: Any = None, *,
+        distance: Any = None, wavelength: Any = None, opacity: Any = None,
+    ) -> Any:  # fmt: skip
+        """Give a field as an astropy Quantity; the same arguments make a figure of it with `discsim.plot`.
 
-        Of a field of particles their values (n,), in the order of the ids; of a density, or what gas and dust make
-        together, a map [ix, iy] of `pixels` on the longer side of the window, (lower, upper) corners in code units, by
-        default the part of the plane that figures show. With window or edges any field is a map, or the mean in the
-        rings between the radii `edges` (in 1D between places). Raises FieldError where the snapshot has no such field.
+        Parameters
+        ----------
+        name
+            Name of the field, like "gas.toomre_q"; `discsim plot --fields` lists them.
+        window
+            Part of the plane to map: a text like "50 au" (about the centre) or "30 au,0 au,5 au" (x, y and half the
+            side), a length, or corners (lower, upper) in code units. With `distance` it may be in arcsec.
+        pixels
+            Number of pixels on the longer side of a map.
+        edges
+            Radii between which to average over rings, in 1D places: numbers in code units, or a Quantity.
+        distance
+            Distance of the disc, like "140 pc".
+        wavelength, opacity
+            Of "emission" and "optical_depth", like "1.3 mm" and "2 cm2/g", per gram of dust. Texts or Quantities.
+
+        Returns
+        -------
+        Quantity
+            With `edges` values in the rings. With `window`, and for densities and ratios of gas and dust always, a map
+            [ix, iy], by default of the part of the plane that figures show. Else the values of the particles, (n,), in
+            the order of their ids.
+
+        Raises
+        ------
+        FieldError
+            Where the snapshot has no such field.
+        PlotError
+            Where another argument is wrong.
         """
-        from discsim.output.fields import values
+        from discsim.output.fields.look import field_of
 
-        return values.quantity(self, name, window, pixels, edges)
+        look = {"distance": distance, "wavelength": wavelength, "opacity": opacity}
+        return field_of(self, name, edges, window=window, pixels=pixels, **look)
 
     def to_yt(self, species: str = "gas") -> Any:
         """The snapshot as a dataset of yt, in the scene's own frame, with the particle types and fields of its file.
@@ -220,48 +265,21 @@ class Snapshot:
         return tools.to_sarracen(self, species)
 
 
-class Extent(NamedTuple):
-    """Corners (dimensions,) of the box that holds all particles of a run, and how many there are of each kind."""
-
-    lower: Array
-    upper: Array
-    counts: dict[str, int]
-
-
-def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> Extent:
-    """The scene's box, widened to hold what has left it through an open boundary."""
-    size = np.asarray(scene.space.size, dtype=float)
-    lower = -size / 2 if scene.centred else np.zeros_like(size)
-    upper = lower + size
-    present = _present(gas, dust, bodies)
-    for particles in present.values():
-        if particles.count:
-            lower = np.minimum(lower, particles.pos.min(axis=0))
-            upper = np.maximum(upper, particles.pos.max(axis=0))
-    return Extent(lower, upper, {name: particles.count for name, particles in present.items()})
-
-
 def write_snapshot(
-    path: str | os.PathLike[str],
-    scene: Scene,
-    time: float,
-    gas: Gas | None,
-    dust: Dust | None,
-    extra: dict[str, dict[str, Array | Column]] | None = None,
-    bodies: Bodies | None = None,
-    step: OpenStep | None = None,
-    extent: Extent | None = None,
+    path: str | os.PathLike[str], scene: Scene, time: float, gas: Gas | None, dust: Dust | None,
+    extra: dict[str, dict[str, Array | Column]] | None = None, bodies: Bodies | None = None,
+    step: OpenStep | None = None, extent: Extent | None = None,
     into: Callable[[Any], AbstractContextManager[h5py.File]] = hdf5.create,
-) -> None:
+) -> None:  # fmt: skip
     """Write the particles at `time` to `path`, which appears only when it is complete.
 
     `extra` holds more arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the
     particles; `step` what a run goes on from beside them. Of a run whose particles are not all here `extent` is that
     of all. into: what makes the file. Raises OSError where it cannot be written.
     """
-    extra, present = extra or {}, _present(gas, dust, bodies)
+    extra, present = extra or {}, present_kinds(gas, dust, bodies)
     lower, upper, counts = extent or extent_of(scene, gas, dust, bodies)
-    support = _support(scene)
+    support = support_radius(scene)
     with into(path) as file:
         hdf5.mark(file, "snapshot")
         write_layout(file, scene, time, upper - lower, counts)
@@ -271,7 +289,7 @@ def write_snapshot(
         own.attrs["dimensions"] = scene.space.dimensions
         own.attrs["support"] = support
         own.attrs["energy_equation"] = gas is not None and gas.u is not None
-        own.attrs["units"] = [np.bytes_(text.encode()) for text in _unit_texts(scene.units)]
+        own.attrs["units"] = [np.bytes_(text.encode()) for text in unit_texts(scene.units)]
         hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
         if step is not None:
             open_step.write(own, step)
@@ -279,49 +297,55 @@ def write_snapshot(
             if scene.initial is not None and STARTS[scene.initial.kind].reference_density is not None:
                 own.attrs["reference_density"] = reference_density(scene)
         for name, particles in present.items():
-            arrays: dict[str, Any] = particles.arrays() | _derived(scene, name, particles) | extra.get(name, {})
+            arrays: dict[str, Any] = particles.arrays() | derived_arrays(scene, name, particles) | extra.get(name, {})
             arrays.setdefault("ids", np.arange(particles.count))
-            arrays = arrays | {"pos": _into_box(particles.pos, lower, upper)}
+            arrays = arrays | {"pos": into_box(particles.pos, lower, upper)}
             if name == "gas":
                 arrays["h"] = arrays["h"] * support
             write_particles(file, name, arrays, scene.units)
 
 
-def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None = None) -> Snapshot:
-    """Read what `write_snapshot` wrote. Raises SnapshotError where it is absent, damaged or not ours.
+def files_of(source: str | os.PathLike[str]) -> list[Path]:
+    """The snapshots of a run's directory in the order of time, or the one file. Raises SnapshotError."""
+    path = Path(source)
+    if not path.is_dir():
+        if not path.exists():
+            raise SnapshotError(f"{path}: there is no such file; expected the directory of a run, or a snapshot")
+        return [path]
+    files = sorted((path / "snapshots").glob("*.h5")) or sorted(path.glob("[0-9]*.h5"))
+    if not files:
+        raise SnapshotError(f"{path}: no snapshots here; expected the directory of a run, or a snapshot")
+    return files
 
-    columns: of gas and dust only places, masses and these, like "gas.density"; others are None. By default all.
+
+def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None = None) -> Snapshot:
+    """Read a snapshot.
+
+    Parameters
+    ----------
+    path
+        File of the snapshot, or directory of a run, of which the last snapshot is read.
+    columns
+        Arrays of gas and dust to read beside places and masses, like ["gas.density"]; others are None. By default all.
+
+    Returns
+    -------
+    Snapshot
+        Its arrays in code units.
+
+    Raises
+    ------
+    SnapshotError
+        Where the file is absent, damaged, or not one of discsim's.
     """
+    path = files_of(path)[-1] if Path(path).is_dir() else path
     with hdf5.reading(path, SnapshotError, "snapshot") as file:
         own = file["discsim"]
         dimensions = int(own.attrs["dimensions"])
         origin = own.attrs["origin"]
         units = units_of(file)
-        kinds = {}
-        for kind, (group, fields) in GROUPS.items():
-            if group not in file:
-                continue
-            wanted = partial(_wanted, columns, kind)
-            arrays = {
-                name: hdf5.read(file[group][f.dataset])
-                for name, f in fields.items()
-                if f.dataset in file[group] and wanted(name)
-            }
-            arrays["pos"] = arrays["pos"][:, :dimensions] + origin
-            if "vel" in arrays:
-                arrays["vel"] = arrays["vel"][:, :dimensions]
-            if "h" in arrays:
-                arrays["h"] = arrays["h"] / own.attrs["support"]
-            if not own.attrs["energy_equation"]:
-                arrays.pop("u", None)
-            if "immobile" in arrays:
-                arrays["immobile"] = arrays["immobile"].astype(bool)
-            known = {name: fields[name].dimension for name in arrays}
-            others = {name: column for name, column in other_columns(file[group]).items() if wanted(name)}
-            known |= {name: dimension for name, (_, dimension) in others.items()}
-            own_columns = {name: array for name, (array, _) in others.items()}
-            needed = dict.fromkeys(("vel", "ids")) | arrays
-            kinds[kind] = SnapshotParticles(units, known, columns=own_columns, **needed)
+        there = [kind for kind, (group, _) in GROUPS.items() if group in file]
+        kinds = {kind: _particles_of(file, kind, units, columns) for kind in there}
         return Snapshot(
             time=float(file["Header"].attrs["Time"][0]),
             gas=kinds.get("gas"),
@@ -340,6 +364,30 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
         )
 
 
+def _particles_of(file: h5py.File, kind: str, units: Units, columns: Collection[str] | None) -> SnapshotParticles:
+    """The particles of one kind, in the scene's own frame."""
+    own, (name_of_group, stored) = file["discsim"], GROUPS[kind]
+    group, dimensions, wanted = file[name_of_group], units.dimensions, partial(_wanted, columns, kind)
+    arrays = {
+        name: hdf5.read(group[each.dataset]) for name, each in stored.items() if each.dataset in group and wanted(name)
+    }
+    arrays["pos"] = arrays["pos"][:, :dimensions] + own.attrs["origin"]
+    if "vel" in arrays:
+        arrays["vel"] = arrays["vel"][:, :dimensions]
+    if "h" in arrays:
+        arrays["h"] = arrays["h"] / own.attrs["support"]
+    if not own.attrs["energy_equation"]:
+        arrays.pop("u", None)
+    if "immobile" in arrays:
+        arrays["immobile"] = arrays["immobile"].astype(bool)
+    known = {name: stored[name].dimension for name in arrays}
+    others = {name: column for name, column in other_columns(group).items() if wanted(name)}
+    known |= {name: dimension for name, (_, dimension) in others.items()}
+    own_columns = {name: array for name, (array, _) in others.items()}
+    needed = dict.fromkeys(("vel", "ids")) | arrays
+    return SnapshotParticles(units, known, columns=own_columns, **needed)
+
+
 def units_of(file: h5py.File) -> Units:
     """The units of a snapshot that is open."""
     own = file["discsim"]
@@ -350,50 +398,3 @@ def units_of(file: h5py.File) -> Units:
 def _wanted(columns: Collection[str] | None, kind: str, name: str) -> bool:
     """Whether `read_snapshot` is to read a column."""
     return columns is None or kind == "bodies" or name in ("pos", "mass") or f"{kind}.{name}" in columns
-
-
-def _unit_texts(units: Units) -> tuple[str, str, str]:
-    return units.system, units.length_text, units.mass_text
-
-
-def _support(scene: Scene) -> float:
-    """Radius of the kernel's support in units of h."""
-    if scene.gas is None:
-        return 1.0
-    from discsim.kernels.smoothing import KERNELS, SUPPORT
-
-    return SUPPORT[KERNELS[scene.gas.kernel]]
-
-
-def _present(gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> dict[str, Particles | Bodies]:
-    kinds: dict[str, Any] = {"gas": gas, "dust": dust, "bodies": bodies}
-    return {name: particles for name, particles in kinds.items() if particles is not None}
-
-
-def _into_box(pos: Array, lower: Array, upper: Array) -> Array:
-    """Three columns in [0, BoxSize]; dimensions that the run does not have are in the middle."""
-    side = upper - lower
-    shifted = np.full((len(pos), 3), side.max() / 2)
-    shifted[:, : pos.shape[1]] = np.clip(pos - lower, 0, side)  # else rounding may put one just outside
-    return shifted
-
-
-def _derived(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
-    """What the layout holds beside the state."""
-    if kind != "gas" or scene.gas is None:
-        return {}
-    per_mass = particles.pressure / particles.density
-    derived, gamma = {}, eos_of(scene).index(scene.gas.eos)
-    if particles.u is None:
-        # What readers make the pressure of, (gamma - 1) rho u, with the index that the file tells them.
-        derived["u"] = 1.5 * per_mass if gamma is None else per_mass / (gamma - 1.0)
-    if scene.units.system == "physical":
-        from discsim.scene.astropy_units import constants
-
-        # P/rho is c_s^2 of isothermal gas and c_s^2/gamma of adiabatic: one formula for both.
-        molecule = scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e).cgs.value
-        specific = scene.units.cgs("specific_energy") * per_mass
-        if particles.small is not None:
-            specific = specific / growth.gas_share(scene, particles)
-        derived["temperature"] = specific * molecule / constants.k_B.cgs.value
-    return derived

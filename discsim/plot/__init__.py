@@ -5,9 +5,9 @@
     ax = discsim.plot.time_map("runs/dusty_disc", "dust.surface_density")
 
 A source is the directory of a run (its last snapshot), a snapshot's file, or what `discsim.read_snapshot` gives. Fields
-are named as in `discsim plot --fields`. All functions return matplotlib's axes, by default those of a new figure;
-`window`, `limits`, `distance`, `wavelength` and `opacity` are texts as on the command line. Each raises PlotError,
-FieldError or SnapshotError.
+are named as in `discsim plot --fields`. All functions return matplotlib's axes, by default those of a new figure.
+`window`, `pixels`, `distance`, `wavelength` and `opacity` are those of `Snapshot.field`, `limits` the least and the
+greatest value that is shown. Each function raises PlotError, FieldError or SnapshotError.
 """
 
 from __future__ import annotations
@@ -16,16 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discsim.output.drawing import draw, norm_of, scale_bar
-from discsim.output.fields.base import FieldError
+from discsim.output.fields.base import FieldError, PlotError
+from discsim.output.fields.look import Look, look_of
 from discsim.output.fields.names import known, listed, of_run
-from discsim.output.snapshot import Snapshot
+from discsim.output.snapshot import Snapshot, files_of
 from discsim.parts import FIELDS
 from discsim.plot import curves, pictures
 from discsim.plot.compose import limited
 from discsim.plot.film import Film, usual_path
-from discsim.plot.look import Look
-from discsim.plot.request import look_of
-from discsim.plot.sources import PlotError, Source, files_of, read
+from discsim.plot.sources import Source, read
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -28,11 +28,11 @@ from discsim.output.drawing import (
     scale_bar,
 )  # fmt: skip
 from discsim.output.fields.binned import Optics
+from discsim.output.fields.look import Look
 from discsim.output.fields.names import known, of_run
 from discsim.output.snapshot import Snapshot
 from discsim.parts import FIELDS
 from discsim.plot import curves, pictures
-from discsim.plot.look import Look
 from discsim.plot.sources import Named
 
 ACROSS = 3  # panels of one run in a row, at most

@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 from discsim.output.drawing import colour_bar, in_units, log_ticks, points
-from discsim.output.fields.base import Field
+from discsim.output.fields.base import Field, PlotError
+from discsim.output.fields.look import Look
 from discsim.output.fields.values import smooth_profile
 from discsim.parts import FIELDS
-from discsim.plot.look import Look
-from discsim.plot.sources import PlotError
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot

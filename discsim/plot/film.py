@@ -18,12 +18,14 @@ from matplotlib.colors import Normalize
 from PIL import Image
 
 from discsim.output.drawing import norm_of
+from discsim.output.fields.base import PlotError
+from discsim.output.fields.look import Look
 from discsim.output.files import written
+from discsim.output.snapshot import files_of
 from discsim.parts import command_of_extra
 from discsim.plot import compose, pictures
 from discsim.plot.compose import Board
-from discsim.plot.look import Look
-from discsim.plot.sources import Named, PlotError, directory_of, files_of, name_of, read, times_of
+from discsim.plot.sources import Named, directory_of, name_of, read, times_of
 
 if TYPE_CHECKING:
     from discsim.output.drawing import Picture

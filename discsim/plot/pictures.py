@@ -11,10 +11,11 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
 from discsim.output.drawing import Picture, bodies, in_units, map_picture
+from discsim.output.fields.base import PlotError
+from discsim.output.fields.look import Look
 from discsim.output.fields.values import hole, on_pixels, on_polar_pixels, smooth_profile
 from discsim.parts import FIELDS
-from discsim.plot.look import Look
-from discsim.plot.sources import PlotError, read, times_of
+from discsim.plot.sources import read, times_of
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot

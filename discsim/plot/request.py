@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from discsim import __version__
 from discsim.output.drawing import figure_text
+from discsim.output.fields.base import PlotError
+from discsim.output.fields.look import Look
 from discsim.output.files import written
+from discsim.output.snapshot import files_of
 from discsim.plot import compose, pictures
 from discsim.plot.compose import Board
-from discsim.plot.look import Look, quantity
-from discsim.plot.sources import PlotError, chosen, directory_of, files_of, name_of, read, times_of
+from discsim.plot.sources import chosen, directory_of, name_of, read, times_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,34 +104,6 @@ class Request:
         wanted = compose.all_names([*words, *([self.against or "radius"] if self.kind == "phase" else [])])
         snaps = [read(path, wanted) for path in paths]
         return compose.words_to_names(words, snaps), snaps
-
-
-def look_of(
-    window: str | None = None,
-    limits: str | None = None,
-    distance: Any = None,
-    wavelength: Any = None,
-    opacity: Any = None,
-) -> Look:
-    """A look from texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". Raises PlotError."""
-    from discsim.output.fields.binned import Optics
-
-    optics = None
-    if wavelength is not None or opacity is not None:
-        seen = quantity(wavelength, "--wavelength", "mm") if wavelength else Optics.usual().wavelength
-        optics = Optics(seen, None if opacity is None else quantity(opacity, "--opacity", "cm2/g"))
-    away = None if distance is None else quantity(distance, "--distance", "pc")
-    return Look(window, None if limits is None else _range(limits), away, optics)
-
-
-def _range(text: str) -> tuple[float, float]:
-    try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError:
-        raise PlotError(f'--range: "{text}"; expected two numbers, LOW,HIGH, in the unit shown') from None
-    if not low < high:
-        raise PlotError(f'--range: "{text}"; expected LOW below HIGH')
-    return low, high
 
 
 def usual_path(request: Request, ending: str = ".png") -> Path:

@@ -9,15 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from discsim.output import hdf5
+from discsim.output.fields.base import PlotError
 from discsim.output.fields.names import columns
-from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, units_of
-from discsim.printable import UserError
+from discsim.output.snapshot import Snapshot, SnapshotError, files_of, read_snapshot, units_of
 from discsim.scene.units import UnitError, Units
-
-
-class PlotError(UserError):
-    """What cannot be drawn; the message says why, and what was expected."""
-
 
 Source = Snapshot | str | Path
 
@@ -28,19 +23,6 @@ class Named:
 
     path: Path
     name: str
-
-
-def files_of(source: str | Path) -> list[Path]:
-    """The snapshots of a run's directory in the order of time, or the one file. Raises PlotError."""
-    path = Path(source)
-    if not path.is_dir():
-        if not path.exists():
-            raise PlotError(f"{path}: there is no such file; expected the directory of a run, or a snapshot")
-        return [path]
-    files = sorted((path / "snapshots").glob("*.h5")) or sorted(path.glob("[0-9]*.h5"))
-    if not files:
-        raise PlotError(f"{path}: no snapshots here; expected the directory of a run, or a snapshot")
-    return files
 
 
 def directory_of(source: Path) -> Path | None:

@@ -15,9 +15,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_origin
 
 from discsim.parts import EFFECTS, SCHEMES
+from discsim.printable import UserError
 from discsim.scene import fields
 from discsim.scene.fields import Default, Table, measure_of, models_in
+from discsim.scene.messages import near
 from discsim.scene.tables import TABLES
+from discsim.scene.units import clipped
 
 SETUP_TABLES = ("units", "run", "space", "initial")
 COLUMNS = ("key", "value", "default", "meaning")
@@ -33,17 +36,26 @@ class Part(NamedTuple):
     rows: list[tuple[str, str, str, str]]  # as COLUMNS
 
 
-def effects_text() -> str:
-    """Every effect with its equation and keys, then the tables that set up a run."""
-    lines: list[str] = []
-    for name, effect in EFFECTS.items():
-        lines += ["", f"[{name}]", *_indented(docstring(EFFECTS.module(name))), "", *_text_of(name)]
-        if effect.lists_schemes:
-            lines += _schemes()
-    lines += ["", "Tables that set up a run"]
-    for name in SETUP_TABLES:
-        lines += ["", f"[{name}]", *_text_of(name)]
-    return "\n".join(lines[1:])
+def effects_text(name: str | None = None) -> str:
+    """Every effect with its equation and keys, then the tables that set up a run; or one table of either kind.
+
+    Raises UserError, with the nearest right name, where there is no such table, and PartError.
+    """
+    if name is None:
+        return "\n\n".join([*map(_table_text, EFFECTS), "Tables that set up a run", *map(_table_text, SETUP_TABLES)])
+    known = [*EFFECTS, *SETUP_TABLES]
+    if name not in known:
+        raise UserError(f"{clipped(name)}: no such table; expected one of {', '.join(known)}{near(name, known)}")
+    return _table_text(name)
+
+
+def _table_text(name: str) -> str:
+    """A table: the equation of an effect, the keys, and of the drag its schemes."""
+    if name not in EFFECTS:
+        return "\n".join([f"[{name}]", *_text_of(name)])
+    effect = EFFECTS[name]
+    lines = [f"[{name}]", *_indented(docstring(EFFECTS.module(name))), "", *_text_of(name)]
+    return "\n".join([*lines, *(_schemes() if effect.lists_schemes else [])])
 
 
 def scene_markdown() -> str:

@@ -18,11 +18,12 @@ from typing import Any
 from discsim.effects.base import Effect
 from discsim.numerics.state import State
 from discsim.output.checkpoint import Scalar
+from discsim.output.contents import Extent, extent_of
 from discsim.output.history import history_row
 from discsim.output.layout import GROUPS
 from discsim.output.open_step import KICKED, left_open
 from discsim.output.parts import tidy
-from discsim.output.snapshot import Extent, extent_of, write_snapshot
+from discsim.output.snapshot import write_snapshot
 from discsim.printable import printable
 from discsim.ranks import files
 from discsim.ranks.agreed import alike, led

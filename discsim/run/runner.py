@@ -383,10 +383,12 @@ class Run:
             last_state_figure(self._snapshot(self.snapshots - 1), temporary)
 
     def _cost(self) -> str:
-        """Shares of the effects in their CPU time, and of the time outside of them since the first step."""
-        costs = self.sim.costs
-        shares = ", ".join(f"{name} {share:.0%}" for name, share in costs.shares.items())
-        if self.steps < 2:
-            return shares
-        outside = 1.0 - (costs.total - self.costs_before.total) / (time.process_time() - self.cpu_after_first)
-        return f"{shares}; outside the effects {outside:.0%} of all CPU time"
+        """Shares of the effects and of all else in the CPU time since the first step; they sum to 1."""
+        costs, cpu, words = self.sim.costs, time.process_time() - self.cpu_after_first, "of all CPU time"
+        if self.steps < 2:  # the first step compiles
+            shares, words = costs.shares, "of the effects' CPU time"
+        else:
+            before = self.costs_before.seconds
+            shares = {name: (spent - before.get(name, 0.0)) / cpu for name, spent in costs.seconds.items()}
+            shares["outside the effects"] = 1.0 - sum(shares.values())
+        return f"{', '.join(f'{name} {share:.0%}' for name, share in shares.items())} {words}"

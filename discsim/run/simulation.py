@@ -42,14 +42,15 @@ from discsim.run.operators import Operators
 from discsim.run.start import Begun, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
-from discsim.scene import Scene, SceneError, html, load_scene
+from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.differences import refuse_another
+from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
 __all__ = ["PhysicsError", "Simulation"]
 
 
-class Simulation:
+class Simulation(Summarised):
     """A scene in motion.
 
     scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
@@ -181,10 +182,9 @@ class Simulation:
     def _in_code(self, time: Any) -> float:
         return float(self.units.in_code(time, "time") if hasattr(time, "unit") else time)
 
-    def _repr_html_(self) -> str:
+    def summary(self) -> tuple[str, Rows]:
         now = self.units.show_time(self.time)
-        rows = [("time", now), ("step", self.state.step), *self.scene.facts]
-        return html.table(self.scene.title or "A simulation", rows)
+        return self.scene.title or "A simulation", [("time", now), ("step", self.state.step), *self.scene.facts]
 
     def evolve(self, until: float, after_step: Callable[[], bool] | None = None, only_looks: bool = False) -> bool:
         """Step to `until`, leaving the closing kick open; ends early (False) where `after_step` returns True.

@@ -17,12 +17,13 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, MODELS, STARTS, found_at
 from discsim.printable import printable
-from discsim.scene import html, tables, tomltext
+from discsim.scene import tables, tomltext
 from discsim.scene.fields import InputFile, shown
 from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
 from discsim.scene.overrides import changed
 from discsim.scene.reading import parsed, plain, read, refuse_deep
 from discsim.scene.rules import Draft, Problem, broken_rules
+from discsim.scene.summary import Rows, Summarised
 from discsim.scene.tables import REQUIRED, TABLES, optional_tables
 from discsim.scene.units import UnitError, Units
 
@@ -48,7 +49,7 @@ else:  # imported only where a scene has them
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
 
 
-class Scene(BaseModel):
+class Scene(Summarised, BaseModel):
     """What a run is to do, in code units. A table that the scene does not have is None."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -99,8 +100,8 @@ class Scene(BaseModel):
         """The tables of effects that the scene has, in the order of a step."""
         return tuple(name for name in EFFECTS if self.table(name) is not None)
 
-    def _repr_html_(self) -> str:
-        return html.table(self.title or "A scene", self.facts)
+    def summary(self) -> tuple[str, Rows]:
+        return self.title or "A scene", self.facts
 
     @property
     def facts(self) -> list[tuple[str, str]]:

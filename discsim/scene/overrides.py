@@ -17,6 +17,21 @@ from discsim.scene.units import clipped
 _NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
+class Option(str):
+    """An override that an option of its own stands for; `typed` is how a message names it.
+
+    >>> Option("--until", "run.until", "5"), Option("--until", "run.until", "5").typed
+    ('run.until=5', '--until 5')
+    """
+
+    typed: str
+
+    def __new__(cls, name: str, key: str, value: object) -> Option:
+        self = super().__new__(cls, f"{key}={value}")
+        self.typed = f"{name} {clipped(str(value))}"
+        return self
+
+
 def changed(
     data: dict[str, Any], overrides: Sequence[str], without: Sequence[str], origins: Origins
 ) -> tuple[list[tuple[list[str], Any]], list[list[str]], list[str]]:
@@ -25,23 +40,23 @@ def changed(
     problems: list[str] = []
     for assignment in overrides:
         name, equals, written = assignment.partition("=")
-        text = clipped(assignment)
+        typed = assignment.typed if isinstance(assignment, Option) else f"--set {clipped(assignment)}"
         path = [part.strip() for part in name.split(".")]
         if not equals or not all(path):
-            problems.append(f'--set {text}: not an assignment; expected table.key=value, like run.until="10 yr"')
+            problems.append(f'{typed}: not an assignment; expected table.key=value, like run.until="10 yr"')
             continue
         if len(path) > DEEPEST:
-            problems.append(f"--set {text}: nested too deeply; expected table.key=value")
+            problems.append(f"{typed}: nested too deeply; expected table.key=value")
             continue
         value = _override_value(written)
         try:
             tomltext.with_value(data, path, value)
         except KeyError as error:
-            problems.append(f"--set {text}: {error.args[0]}")
+            problems.append(f"{typed}: {error.args[0]}")
             continue
         values.append((path, value))
         key = tuple(int(part) if part.isdecimal() else part for part in path)
-        origins.override(key, f"--set {text}")
+        origins.override(key, typed)
     removed = []
     for name in without:
         if name not in EFFECTS and name not in (known := removable()):

@@ -80,8 +80,8 @@ def a(name: str) -> str:
     return f"an {words}" if words[0] in "aeiou" else f"a {words}"
 
 
-def parse_quantity(text: str) -> Any:
-    """The astropy Quantity that `text` ("0.6 au") names.
+def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"') -> Any:
+    """The astropy Quantity that `text` ("0.6 au") names; `expected` says for messages what it should be.
 
     Raises UnitError where there is no number, no unit, an unknown unit or a value that is not finite.
     """
@@ -90,10 +90,10 @@ def parse_quantity(text: str) -> Any:
     match = _NUMBER.fullmatch(text)
     text = clipped(text)
     if not match:
-        raise UnitError(f'"{text}" is not a quantity; expected a number and a unit, like "10 au"')
+        raise UnitError(f'"{text}" is not a quantity; expected {expected}')
     number, name = float(match[1]), match[2].strip()
     if not name:
-        raise UnitError(f'"{text}" has no unit; expected one, like "10 au"')
+        raise UnitError(f'"{text}" has no unit; expected {expected}')
     if len(name) > ECHOED:
         raise UnitError(f'"{text}": unknown unit; expected one that astropy knows')
     try:
@@ -126,7 +126,7 @@ class Units:
         if self.system == "code":
             return
         for name, text in (("length", self.length_text), ("mass", self.mass_text)):
-            quantity = parse_quantity(text)
+            quantity = parse_quantity(text, self.expected(name))
             if quantity.unit.physical_type != name:
                 raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name)}')
             if quantity.value <= 0:
@@ -196,7 +196,7 @@ class Units:
 
     def parse(self, text: str, name: str, gamma: float = 1.0) -> float:
         """The float in code units of `text`, which must have the dimension `name`; raises UnitError."""
-        quantity = parse_quantity(text)
+        quantity = parse_quantity(text, self.expected(name, gamma))
         value = quantity.value * self._factor_to(quantity, clipped(text), name, gamma)
         if not math.isfinite(value):
             raise UnitError(f'"{clipped(text)}" is not a finite number in code units')
@@ -320,9 +320,10 @@ def seconds(text: str) -> float:
     """Wall-clock seconds of a text like "10 min"; raises UnitError."""
     from discsim.scene.astropy_units import units as u
 
-    quantity = parse_quantity(text)
+    expected = 'a wall-clock time, like "10 min"'
+    quantity = parse_quantity(text, expected)
     if not quantity.unit.is_equivalent(u.s):
-        raise UnitError(f'"{clipped(text)}" is {_dimension_words(quantity)}; expected a wall-clock time, like "10 min"')
+        raise UnitError(f'"{clipped(text)}" is {_dimension_words(quantity)}; expected {expected}')
     return quantity.to_value(u.s)
 
 

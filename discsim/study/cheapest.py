@@ -27,7 +27,7 @@ from discsim.study.cost import WIDTH
 from discsim.study.knobs import Knobs
 from discsim.study.measures import Measure, Run, mean_of, measures_of
 from discsim.study.points import Settings, StudyError, Varied, label_of, percent
-from discsim.study.runs import Late, Limits, Runs, Say
+from discsim.study.runs import RUNS, Late, Limits, Runs, Say
 from discsim.study.search import Search
 from discsim.study.trials import Measured, Place, Spent, Trial
 
@@ -256,6 +256,8 @@ class Cheapest:
             self._write()
             path = printable(self.directory / "cheapest.toml")
             say(f"scene {path}, which takes: discsim run {path}")
+        for what, kept in (("runs", self.directory / RUNS), ("log", log)):
+            say(f"{what} {printable(kept)}")
         return self.found is not None
 
     def _goal_words(self) -> str:

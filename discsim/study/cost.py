@@ -19,7 +19,7 @@ from discsim.printable import printable
 from discsim.scene.units import clock
 from discsim.study.findings import show
 from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, lines_of
-from discsim.study.runs import Runs, Say
+from discsim.study.runs import RUNS, Runs, Say
 
 WIDTH = 110  # letters that the tables take, also where there is no terminal
 
@@ -123,7 +123,7 @@ class Study:
         with console.capture() as text:
             show(self, console)
         say(text.get().rstrip())
-        for what, name in (("table", "cost.csv"), ("figure", "cost.png")):
+        for what, name in (("table", "cost.csv"), ("figure", "cost.png"), ("runs", RUNS), ("log", log.name)):
             say(f"{what} {printable(self.directory / name)}")
         return True
 

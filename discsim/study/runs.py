@@ -95,7 +95,7 @@ class Runs:
             return
         with ProcessPoolExecutor(parallel, initializer=end_with_parent) as pool:
             try:
-                yield from results(pool.submit(one_run, *job) for job in jobs)
+                yield from results((pool.submit(one_run, *job) for job in jobs), say)
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise

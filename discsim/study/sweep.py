@@ -80,7 +80,7 @@ class Sweep:
         say: Say = console.print
         say(f"discsim {__version__}\n{title}: {len(self.points)} combinations, into {printable(self.directory)}")
         given_up = []
-        for number, status in enumerate(self._statuses(parallel)):
+        for number, status in enumerate(self._statuses(parallel, say)):
             if status > INTERRUPTED:
                 raise KeyboardInterrupt
             if status != DONE and status not in GIVEN_UP:
@@ -106,7 +106,7 @@ class Sweep:
             if path.exists():
                 refuse_another(path, path.read_bytes(), scene)
 
-    def _statuses(self, parallel: int) -> Iterator[int]:
+    def _statuses(self, parallel: int, say: Say) -> Iterator[int]:
         """Exit statuses of the runs in their order, made as they are asked for, or so many at a time."""
         threads = f"run.threads={max(1, len(os.sched_getaffinity(0)) // parallel)}"
         jobs = []
@@ -114,12 +114,14 @@ class Sweep:
             shared = [threads] if parallel > 1 and scene.run.threads is None else []
             jobs.append((self.runs.path, [*self.runs.overrides(point.settings), *shared], self.runs.without, folder))
         if parallel == 1:
-            yield from (one_run(*job) for job in jobs)
+            for number, job in enumerate(jobs, 1):
+                say(f"{number}/{len(jobs)}  {printable(job[-1])}: its progress is in run.log")
+                yield one_run(*job)
             return
         with ProcessPoolExecutor(parallel, initializer=_leave_interrupts) as pool:
             before = signal.signal(signal.SIGTERM, signal.default_int_handler)
             try:
-                yield from results(pool.submit(one_run, *job) for job in jobs)
+                yield from results((pool.submit(one_run, *job) for job in jobs), say)
             except BaseException:
                 for process in multiprocessing.active_children():
                     os.kill(process.pid, signal.SIGINT)

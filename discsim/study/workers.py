@@ -6,12 +6,13 @@ import multiprocessing
 import os
 import threading
 import traceback
-from collections.abc import Iterable, Iterator
-from concurrent.futures import Future
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TypeVar
 
+from discsim.run.progress import LINE_EVERY
 from discsim.study.points import StudyError
 
 Result = TypeVar("Result")
@@ -29,10 +30,17 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def results(submitted: Iterable[Future[Result]]) -> Iterator[Result]:
-    """Results of jobs in their order. Raises StudyError where a process is gone without one."""
+def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | None = None) -> Iterator[Result]:
+    """Results of jobs in their order. Raises StudyError where a process is gone without one.
+
+    say: told every LINE_EVERY seconds how many jobs are done, while one is waited for.
+    """
+    jobs = list(submitted)
     try:
-        yield from (future.result() for future in list(submitted))
+        for job in jobs:
+            while say is not None and not wait([job], LINE_EVERY).done:
+                say(f"    {sum(each.done() for each in jobs)} of {len(jobs)} runs are done, others go on")
+            yield job.result()
     except BrokenProcessPool:
         why = "a process was killed in the midst of a run, perhaps for want of memory"
         raise StudyError(f"{why}; expected fewer --parallel: the same command goes on with the runs there") from None

@@ -14,7 +14,8 @@ from discsim import read_snapshot
 from discsim.numerics.state import Dust, Gas
 from discsim.output import open_step, parts
 from discsim.output.checkpoint import CheckpointError, checked_checkpoint, read_checkpoint, write_checkpoint
-from discsim.output.snapshot import SnapshotError, extent_of, write_snapshot
+from discsim.output.contents import extent_of
+from discsim.output.snapshot import SnapshotError, write_snapshot
 from discsim.run.checkpoints import Checkpoints
 from discsim.run.directory import CHECKPOINTS, sweep, with_own_files
 from discsim.scene import load_scene

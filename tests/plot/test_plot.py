@@ -14,9 +14,11 @@ import discsim.plot
 from discsim.cli import app
 from discsim.numerics.state import Dust, Gas
 from discsim.output.drawing import log_ticks, plain, round_number
-from discsim.output.snapshot import write_snapshot
-from discsim.plot.request import Request, look_of
-from discsim.plot.sources import PlotError, chosen, files_of
+from discsim.output.fields.base import PlotError
+from discsim.output.fields.look import look_of
+from discsim.output.snapshot import files_of, write_snapshot
+from discsim.plot.request import Request
+from discsim.plot.sources import chosen
 from discsim.scene import load_scene
 
 COUNT = 400
@@ -229,7 +231,12 @@ def test_the_command_writes_into_the_run(run, other, tmp_path):
         (["RUN", "--window", "3"], '--window: "3" has no unit'),
         (["RUN", "--window", "3 au,1 au", "--profile"], "R1 < R2"),
         (["RUN", "--range", "1"], "expected two numbers"),
-        (["RUN", "--at", "soon"], "--at: "),
+        (["RUN", "--at", "soon"], '--at: "soon" is not a quantity; expected a time, like "100 yr"'),
+        (["RUN", "--at", "5"], '--at: "5" has no unit; expected a time, like "100 yr"'),
+        (
+            ["RUN", "--wavelength", "1.3"],
+            '--wavelength: "1.3" has no unit; expected a value above 0 with a unit like mm',
+        ),
         (["RUN", "--time", "--at", "1 yr"], "expected one of the two"),
         (["RUN", "--distance", "140 yr"], "--distance: "),
         (["RUN", "--profile", "--distance", "140 pc"], "--distance: goes with maps"),
@@ -247,6 +254,12 @@ def test_faults_are_one_message(run, tube, tmp_path, monkeypatch, arguments, wor
     done = command("plot", *given)
     assert done.exit_code == 2 and words in done.stderr
     assert done.stderr.count("\n") == 1 and done.stdout == "" and not list(tmp_path.iterdir())
+
+
+def test_a_film_tells_of_its_frames_in_a_pipe_and_where_it_is(run, tmp_path):
+    done = command("movie", run, "-o", tmp_path / "a.gif")
+    assert done.exit_code == 0 and done.stdout == f"{tmp_path / 'a.gif'}\n"
+    assert done.stderr.splitlines() == ["frame 1 of 3", "frame 3 of 3"]  # others come within the ten seconds
 
 
 def test_films_without_their_library(run, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import signal
 import sys
 
@@ -138,3 +139,14 @@ def test_a_terminal_or_job_that_ends_leaves_a_checkpoint(tmp_path, monkeypatch, 
         signal.signal(number, before)
     assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
     assert_same_run(tmp_path / "straight", out)
+
+
+@pytest.mark.parametrize("until, words", [("0.5", "of all CPU time"), ("1e-6", "of the effects' CPU time")])
+def test_shares_at_the_end_have_one_whole(tmp_path, until, words):
+    """A run of one step has only compiled beside its effects."""
+    scene = scene_of(tmp_path, WAVE, f"run.until={until}", "run.snapshots=1")
+    assert run_scene(scene, tmp_path / "out", quiet=True) == 0
+    line = log_of(tmp_path / "out")[-1]
+    shares = [int(share) for share in re.findall(r" (\d+)%", line)]
+    assert line.startswith("cost    gas ") and line.endswith(words) and len(shares) == (4 if "all" in words else 3)
+    assert abs(sum(shares) - 100) <= len(shares) / 2  # each is rounded

@@ -183,6 +183,7 @@ def test_a_study_makes_table_figure_and_findings(wave, tmp_path):
     assert (out / "cost.png").stat().st_size > 10_000
     for words in ("particle velocities against the exact wave", "0.1: ", "0.001: ", "fitted beyond"):
         assert words in done.output and words in (out / "cost.log").read_text()
+    assert f"runs {out / 'runs.jsonl'}\nlog {out / 'cost.log'}\n" in done.output
 
 
 def test_a_study_goes_on_where_it_stopped(wave, tmp_path):

@@ -5,6 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
+
+from discsim.study.workers import results
 
 PARENT = """
 import os, sys, time
@@ -38,3 +41,17 @@ def alive(pid):
         return False
     with open(f"/proc/{pid}/stat") as file:
         return file.read().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_jobs_that_are_waited_for_are_told_of(monkeypatch):
+    monkeypatch.setattr("discsim.study.workers.LINE_EVERY", 0.01)
+    jobs, said = [Future(), Future()], []
+    jobs[1].set_result("second")
+
+    def say(text):
+        said.append(text)
+        if len(said) == 3:
+            jobs[0].set_result("first")
+
+    assert list(results(jobs, say)) == ["first", "second"]
+    assert said == 3 * ["    1 of 2 runs are done, others go on"]

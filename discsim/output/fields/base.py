@@ -49,6 +49,10 @@ WRITTEN = {
 }
 
 
+class PlotError(UserError):
+    """What cannot be drawn, or a wrong part or look of it; the message says why, and what was expected."""
+
+
 class FieldError(UserError):
     """A field that there is not, or that a run lacks; the message says which, and what there is."""
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discsim.output.bins import FINE, Bins, Rings, SmoothRings, polar_window, square_window
-from discsim.output.fields.base import FieldError
 from discsim.output.fields.binned import Binned, Optics
-from discsim.output.fields.names import of_run
-from discsim.parts import EFFECTS, FIELDS, STARTS
+from discsim.parts import EFFECTS, STARTS
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
@@ -19,23 +17,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Window = tuple[Array, Array]
-
-
-def quantity(snap: Snapshot, name: str, window: Window | None, pixels: int, edges: Any) -> Any:
-    """What `Snapshot.field` gives."""
-    found = of_run(name, snap)
-    if len(found) > 1:
-        raise FieldError(f'"{name}" is of several species; expected one of {", ".join(found)}')
-    field, snap = FIELDS[found[0]], snap.about_centre()
-    if edges is not None:
-        values = in_rings(snap, edges)[found[0]]
-    elif window is not None or field.kind != "particles":
-        if snap.dimensions == 1:
-            raise FieldError(f"{found[0]}: a run in one dimension has no map; expected edges, between which to average")
-        values = on_pixels(snap, window or shown_window(snap), pixels)[found[0]]
-    else:
-        values = field.values(snap)
-    return field.quantity(snap.units, values)
 
 
 def on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics | None = None) -> Binned:
