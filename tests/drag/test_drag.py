@@ -302,6 +302,39 @@ def test_what_is_left_of_gas_decays_by_all_populations():
         np.testing.assert_allclose(p.vel[np.argsort(p.ids)] * teeth, np.exp(-share * 0.7 / 0.4), rtol=0.02)
 
 
+@pytest.mark.parametrize("along", [0, 1])
+def test_nodes_blur_waves_across_as_much_as_along(along):
+    """Clouds blur a common wave by the direction in which it varies, whichever component does: with the same
+    particles v_x and v_y change alike, but for the rotation of the gas that keeps angular momentum.
+    """
+    lattice = np.stack(np.meshgrid(*[(np.arange(20) + 0.5) / 20] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    found = []
+    for component in (0, 1):
+        rng, given = np.random.default_rng(3), {}
+        for name, mass in (("gas", 1.0), ("dust", 0.3)):
+            pos = (lattice + 0.015 * rng.uniform(-1.0, 1.0, lattice.shape)) % 1.0
+            vel = np.zeros_like(pos)
+            vel[:, component] = np.sin(2.0 * np.pi * pos[:, along])
+            given[name] = {"pos": pos, "vel": vel, "mass": np.full(400, mass / 400)}
+        tables = {
+            "units": {"system": "code"}, "run": {"until": 1.0},
+            "space": {"size": 1.0, "boundary": "periodic", "cells": 8},
+            "gas": {"particles": 400, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+            "dust": {"particles": 400, "ratio": 0.3},
+            "drag": {"law": "stopping-time", "t_stop": 1.0, "cell_length": 0.125},
+        }  # fmt: skip
+        sim = Simulation(tables, particles=given)
+        sim._prepare()
+        sim.operators.kick(100.0)
+        found.append([(p.vel[np.argsort(p.ids)] - given[name]["vel"])[:, component]
+                      for name, p in sim.state.species.items()])  # fmt: skip
+    (gas, dust), (gas_across, dust_across) = found
+    assert np.abs(dust).max() > 5e-3
+    # Rounding, and pressure of a sound speed of 1e-9 over the kick.
+    np.testing.assert_allclose(dust_across, dust, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(gas_across, gas, rtol=0, atol=2e-4)
+
+
 @pytest.mark.parametrize("slopes", [[[1.0, 0.5], [0.0, 0.0]], [[0.0, 0.0], [1.0, -0.7]]], ids=["along x", "along y"])
 def test_a_force_linear_in_space_has_its_terminal_velocity_at_once(slopes):
     """Dust at random places in gas at rest, in a kick of 1e4 stopping times: a t_stop everywhere but at the edges."""
