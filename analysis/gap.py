@@ -35,6 +35,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from discsim import SceneError, load_scene
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
 
@@ -172,7 +173,7 @@ class Gap:
     def alpha(self) -> float:
         height = float(scale_height(self.scene, self.axis))
         nu = float(diffusivity(self.scene, np.array([self.axis]))[0])
-        return nu / (height**2 * np.sqrt(self.scene.star.mass / self.axis**3))
+        return nu / (height**2 * float(kepler_omega(self.scene, self.axis)))
 
     @property
     def theory(self) -> float:

@@ -33,6 +33,7 @@ from gap import EDGE, HILLS
 
 from discsim import SceneError, load_scene
 from discsim.physics import companions, profile, viscosity
+from discsim.physics.centre import kepler_omega
 from discsim.shipped import ShippedError, scene_file
 
 Array = np.ndarray
@@ -105,7 +106,7 @@ class Grid:
         x = np.zeros_like(r)
         for near, far in ((zones.inner[::-1], zones.inner), (zones.outer, zones.outer[::-1])):
             x = np.maximum(x, np.clip((r - near[0]) / (far[0] - near[0]), 0.0, 1.0))
-        return (x**2 * profile.kepler_omega(self.scene, r) / (2.0 * np.pi * zones.time))[:, None]
+        return (x**2 * kepler_omega(self.scene, r) / (2.0 * np.pi * zones.time))[:, None]
 
     def distances2(self) -> Array:
         """From the planet, squared."""

@@ -35,6 +35,7 @@ from discsim import SceneError, load_scene
 from discsim.exact import nsh
 from discsim.output.snapshot import SnapshotError
 from discsim.physics import profile, viscosity
+from discsim.physics.centre import kepler_omega
 from discsim.physics.laws import SceneLaw
 from discsim.scene import Scene
 
@@ -68,7 +69,7 @@ class Model:
         self.flow[0] *= disc.surface_density(ends[:1])[0] / self.gas[0]  # of the gas in the middle of the first cell
         self.time, self.taken = 0.0, 0.0
         faces = self.edges[1:-1]
-        self.omega = profile.kepler_omega(scene, faces)
+        self.omega = kepler_omega(scene, faces)
         self.sound = profile.sound_speed(scene, faces, np.ones_like(faces))
         self.temperature = profile.sound_speed(scene, self.radius, self.gas) ** 2
         self.nu = viscosity.diffusivity(scene, self.radius)

@@ -30,8 +30,8 @@ from rich.table import Table
 
 from discsim import Simulation
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.physics.centre import kepler_omega
 from discsim.physics.cooling import passive_energy
-from discsim.physics.profile import kepler_omega
 from discsim.scene import Scene, load_scene
 from discsim.study.scripts import write_csv
 

@@ -34,6 +34,7 @@ from rich.table import Table
 
 from discsim import SceneError, load_scene
 from discsim.physics import profile
+from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height, softening
 
 COLUMNS = ("number", "time", "torque_gas", "mass", "semi_major_axis")
@@ -81,7 +82,7 @@ def torque(directory: Path, start: float) -> Torque:
     if np.any(np.delete(masses, planet) > PROBE * masses[planet]):
         raise Fault(f"{path}: several companions; expected one, and others of less than {PROBE:g} of its mass")
     a, q = of_each[planet][0, AXIS], masses[planet] / scene.star.mass
-    omega = np.sqrt(scene.star.mass / a**3)
+    omega = float(kepler_omega(scene, a))
     sigma = profile.radial(scene).surface_density(a * np.array([1.0 - SLOPE, 1.0, 1.0 + SLOPE]))
     aspect = float(scale_height(scene, a)) / a
     unit = (q / aspect) ** 2 * sigma[1] * a**4 * omega**2

@@ -4,7 +4,8 @@ orbit = "fixed"   Kepler's orbit about GM = M + m in closed form of the time
 orbit = "live"    feels star, companions, gas and dust, each by choice; exact while nothing but the star pulls
                   (`physics/orbits.py`), and the pull on a particle is the particle's on it, turned round
 
-The mass grows as m sin^2(pi t / 2 ramp). Within accretion_radius particles are taken, all at once or each with the
+What gas and dust feel of it grows as m sin^2(pi t / 2 ramp), and what it feels of them too (`physics/orbits.py`); its
+orbit has its whole mass from the start. Within accretion_radius particles are taken, all at once or each with the
 chance 1 - exp(-rate dt / P) of a step, P = 2 pi / Omega of the companion where it is; their mass and momentum go to a
 live companion, their mass to one on a fixed orbit. Step limits: ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the nearest
 particle, (d^2 + eps^2)^(1/2) / |v| of each at its relative velocity, 1/Omega about the star, and that of two live
@@ -80,7 +81,7 @@ def _softening(value: Any, info: ValidationInfo) -> Softening:
 class Keys(Table):
     """A companion of the star."""
 
-    mass: Mass = Field(gt=0, description="once the ramp is over")
+    mass: Mass = Field(gt=0, description="of the companion; its orbit has all of it, whatever the ramp")
     semi_major_axis: Length = Field(gt=0, description="about the star; of a hyperbola its absolute value")
     eccentricity: Number = Field(0.0, ge=0, description="above 1: an unbound companion that flies by")
     phase: Number = Field(0.0, description="true anomaly at t = 0 in degrees, counter-clockwise; pericentre on +x")
@@ -91,7 +92,9 @@ class Keys(Table):
     softening: Annotated[Any, BeforeValidator(_softening), Words("length in quotes, or number")] = Field(
         description="Plummer length of its pull on gas and dust: a length, or a number times the local H"
     )
-    ramp: Time = Field(0.0, ge=0, description="the mass grows as sin^2 over this time")
+    ramp: Time = Field(
+        0.0, ge=0, description="over which gas and dust come to feel it, as sin^2; its orbit has the whole mass at once"
+    )
     accretion_radius: Length = Field(0.0, ge=0, description="what comes closer it takes")
     accretion_rate: Annotated[Number | None, Default("all of it, at once")] = Field(
         None, gt=0, description="share of what is within the radius taken per local orbit"
@@ -109,6 +112,15 @@ def _about_a_star(draft: Draft) -> Iterator[Problem]:
         elif e > 1.0 and abs(phase) >= (most := math.degrees(math.acos(-1.0 / e))):
             wrong = f"{phase:g} degrees is beyond the asymptote of a hyperbola with e = {e:g}"
             yield ("companion", k, "phase"), f"{wrong}; expected between -{most:.4g} and {most:.4g}"
+
+
+def _its_ramp(draft: Draft) -> Iterator[Problem]:
+    if draft.star is None or draft.star.centre == "star":
+        return
+    for k, companion in enumerate(draft.companion or ()):
+        if companion.ramp > 0.0 and companion.eccentricity > 1.0:
+            wrong = "an unbound companion is no part of the barycentre, about which masses with a ramp begin"
+            yield ("companion", k, "ramp"), f'{wrong}; expected no ramp, or star.centre = "star"'
 
 
 def _what_it_feels(draft: Draft) -> Iterator[Problem]:
@@ -198,7 +210,7 @@ class Effect(base.Effect):
 
     keys = Keys
     several = True
-    rules = (_about_a_star, _what_it_feels, _its_softening)
+    rules = (_about_a_star, _its_ramp, _what_it_feels, _its_softening)
     shared = True
     softer = "a longer companion.softening"
 
@@ -259,16 +271,16 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         bodies = _bodies(state)
-        distances = np.sqrt((state.from_centre(bodies.pos[1:]) ** 2).sum(axis=1))
-        if state.centre is None:
-            distances = np.sqrt(((bodies.pos[1:] - bodies.pos[0]) ** 2).sum(axis=1))
-        self._places = bodies.pos[1:].copy()
+        places = bodies.felt_pos
+        away = state.from_centre(places[1:]) if state.centre is not None else places[1:] - places[0]
+        distances = np.sqrt((away**2).sum(axis=1))
+        self._places = places[1:]
         for k, companion in enumerate(self.companions):
-            self._lengths[k] = softening(self.scene, companion, float(distances[k]))
+            self._lengths[k] = softening(self.scene, companion, float(distances[k]), state.central_mass)
         for name, p in state.species.items():
             self._near[name] = np.full((len(self.companions), 2), np.inf)
             for k in range(len(self.companions)):
-                given = bodies.mass[k + 1], self._lengths[k], *bodies.pos[k + 1].tolist(), *bodies.vel[k + 1].tolist()
+                given = bodies.felt[k + 1], self._lengths[k], *places[k + 1].tolist(), *bodies.vel[k + 1].tolist()
                 found = share(kernels.attract_moving, p.count, p.pos, p.vel, p.acc, p.mass, *given)
                 bodies.pulled[k + 1, SPECIES.index(name)] = rounded(sum(limbs for limbs, _ in found))
                 self._near[name][k] = np.min([near for _, near in found], axis=0)
@@ -280,9 +292,10 @@ class Effect(base.Effect):
         return min(self.orbits.limit(_bodies(state)), *near)
 
     def limit_of(self, state: State, name: str) -> float:
-        there = _bodies(state).mass[1:] > 0.0  # a mass may still have to grow from 0
+        felt = _bodies(state).felt[1:]
+        there = felt > 0.0  # a ramp begins with 0
         near, crossing = self._near[name][there].T
-        squared = (near + self._lengths[there] ** 2) ** 1.5 / _bodies(state).mass[1:][there]
+        squared = (near + self._lengths[there] ** 2) ** 1.5 / felt[there]
         return float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
@@ -296,7 +309,7 @@ class Effect(base.Effect):
         bodies = _bodies(state)
         for k, companion in enumerate(self.companions):
             if companion.accretion_radius > 0.0:
-                place = bodies.pos[k + 1].tolist()
+                place = bodies.felt_pos[k + 1].tolist()
                 for name in state.species:
                     self._accrete(state, k, name, place)
         self.orbits.place(bodies, state.time)
@@ -325,8 +338,8 @@ class Effect(base.Effect):
         bodies, energy = _bodies(state), 0.0
         for p in state.species.values():
             for k in range(len(self.companions)):
-                distance = np.sqrt(((p.pos - bodies.pos[k + 1]) ** 2).sum(axis=1) + self._lengths[k] ** 2)
-                energy -= total(p.mass * bodies.mass[k + 1] / distance)
+                distance = np.sqrt(((p.pos - bodies.felt_pos[k + 1]) ** 2).sum(axis=1) + self._lengths[k] ** 2)
+                energy -= total(p.mass * bodies.felt[k + 1] / distance)
         return energy
 
 

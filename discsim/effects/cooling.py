@@ -119,7 +119,6 @@ class Effect(base.Effect):
         assert own is not None
         self.own = own
         self.passive = physics.passive_law(scene)
-        self.star = (scene.star.mass, scene.star.softening) if scene.star else (1.0, 0.0)
         self.light = physics.light(scene) if own.kind == "radiative" else np.empty(0)
         self.state = state
         state.cooled = self.cooled
@@ -136,11 +135,11 @@ class Effect(base.Effect):
         pos = self.state.from_centre(gas.pos)
         if own.kind == "radiative":
             kappa = 0.0 if own.opacity == TABLE else own.opacity
-            grey = kappa, self.passive, *self.star, self.light
+            grey = kappa, self.passive, *self.state.central, self.light
             share(kernels.radiative, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
         else:
             time = own.beta if own.kind == "beta" else own.t_cool
-            law = own.kind == "beta", time, self.passive, *self.star
+            law = own.kind == "beta", time, self.passive, *self.state.central
             share(kernels.towards, gas.count, pos, gas.u, rate, dt, *law, out)
         if gas.immobile is not None:
             out[gas.immobile] = gas.u[gas.immobile]

@@ -21,7 +21,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
-from discsim.physics import profile
+from discsim.physics.centre import kepler_omega
 from discsim.scene.fields import Length, Number, Table, Words
 from discsim.scene.rules import Draft, Problem
 
@@ -83,32 +83,31 @@ class Effect(base.Effect):
             yield "damping.inner reaches into damping.outer: no gas between them is free; set them apart"
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
-        keys, star = self.scene.table("damping"), self.scene.star
-        assert star is not None
+        keys = self.scene.table("damping")
         ends = [(zone[::-1], zone[0]) for zone in (keys.inner,) if zone] + [
             (zone, zone[1]) for zone in (keys.outer,) if zone
         ]
-        rates = [float(profile.kepler_omega(self.scene, far)) / (2.0 * math.pi * keys.time) for _, far in ends]
+        rates = [float(kepler_omega(self.scene, far)) / (2.0 * math.pi * keys.time) for _, far in ends]
         first, last = (math.log(pick(r for zone, _ in ends for r in zone)) for pick in (min, max))
         first, last = first - math.log(BEYOND), last + math.log(BEYOND)
         radius = np.exp(np.linspace(first, last, NODES))
-        circles = radius * profile.kepler_omega(self.scene, radius)
+        circles = radius * kepler_omega(self.scene, radius)
         self.zones = kernels.Zones(
             np.array([[*ends_of, rate] for (ends_of, _), rate in zip(ends, rates, strict=True)]),
             first,
             (NODES - 1) / (last - first),
             balance.tabulated(state, dict(effects), radius) / circles[:, None],
-            star.mass,
-            star.softening,
+            *state.central,
         )
 
     def operate(self, state: State, dt: float) -> None:
         # Grains in a given disc move on circles by themselves: their velocities turn with them.
         ahead = 0.0 if self.scene.model.given is not None else -state.lag
+        zones = self.zones._replace(star=state.central_mass)  # a star that grows speeds circles up
         for name, p in state.species.items():
             kind = 0 if name == "gas" else int(state.gas is not None)
             species = NONE if name == "gas" else p.species  # type: ignore[attr-defined]
-            given = p.pos, p.vel, p.mass, species, kind, self.centre(state), self.zones, ahead, dt
+            given = p.pos, p.vel, p.mass, species, kind, self.centre(state), zones, ahead, dt
             lost = rounded(sum(share(kernels.relax, p.count, *given)))
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])

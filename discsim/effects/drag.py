@@ -175,7 +175,7 @@ class Effect(base.Effect):
         self.classes = Classes(scene, self.law)
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
         self.soft, self.hard = SOFT, 8.0 if self.dim == 1 else 4.0
-        self.star = (scene.star.mass, scene.star.softening) if scene.star else (0.0, 0.0)
+        self.star = state.central
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size
         self.alone = NOBODY  # numbers of the dust in enlarged cells or without gas, at the last kick
@@ -304,8 +304,7 @@ class Effect(base.Effect):
     def _sort(self, state: State) -> None:
         """Classes of the dust, and what it turns about, as they are now."""
         self.classes.sort(state.dust)
-        if state.bodies is not None:
-            self.star = (state.central_mass, state.scene.star.softening)
+        self.star = state.central
 
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
         dust = state.dust

@@ -176,7 +176,7 @@ class Effect(base.Effect):
         step: int,
     ) -> None:
         """One step of the walk, and what the gas loses by it; velocities are `lag` behind the places."""
-        dust, centre, star = state.dust, self._centre(state), self._star(state)
+        dust, centre, star = state.dust, self._centre(state), state.central
         # Grains in a given disc move on circles by themselves: their velocities turn with them.
         lag = 0.0 if self.scene.model.given is not None else lag
         circles = kernels.Circles(*star, lag, centre)
@@ -198,14 +198,9 @@ class Effect(base.Effect):
         if law and dust.size is not None:
             row, grains = np.arange(dust.count), law.rows(dust.species, dust.size)
         return row, kernels.Turbulence(
-            *self.table, self.constant, self.inert, *self._star(state), diffusion.frequency(self.scene),
+            *self.table, self.constant, self.inert, *state.central, diffusion.frequency(self.scene),
             law.code if law else 0, grains,
         )  # fmt: skip
-
-    def _star(self, state: State) -> tuple[float, float]:
-        """Mass and softening of what grains turn about; zeros without a star."""
-        star = self.scene.star
-        return (state.central_mass, star.softening) if star else (0.0, 0.0)
 
     def _centre(self, state: State) -> np.ndarray:
         """Place and velocity (4,) of the centre of the disc."""
@@ -228,7 +223,7 @@ class _Surroundings:
             if self.effect.scene.model.given is None:
                 field[:, kernels.DENSITY], field[:, kernels.LENGTH] = 1.0, math.inf
                 return field
-            share(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.star_mass), field)
+            share(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
             return field
         gas, met = state.gas, self.gas.meet(pos, state.dust.place)
         speed2 = thermal_speed(effect.scene, gas) ** 2

@@ -186,7 +186,8 @@ class Effect(base.Effect):
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(state, u)
         if gas.nu is not None:
             pos, speed = state.from_centre(gas.pos), thermal_speed(self.scene, gas)
-            fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece]))
+            mass = state.central_mass if self.scene.star is not None else None
+            fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece], mass))
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = None if gas.pressure_acc is None else copied(gas.acc)

@@ -21,6 +21,7 @@ from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import EOS, Lazy
+from discsim.physics.centre import central_mass
 from discsim.physics.columns import ColumnsFile
 from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
@@ -120,7 +121,7 @@ class Drag(base.Effect):
         self.law = SceneLaw(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
         self.pull = pull_share(scene)
-        self.star = scene.star
+        self.scene, self.star = scene, scene.star
         self.disc = GivenDisc(scene)
         self.gas = self.disc.laws, *self.disc.table()
         self.stopping_times = np.empty(0)  # of the dust (n,) at the last kick
@@ -152,18 +153,18 @@ class Drag(base.Effect):
         Kepler's; about the star as it is at the start. size (n,): of grains that have sizes of their own.
         """
         out = np.empty_like(pos)
-        row, disc = self._of_grains(self.star.mass, species, size)
+        row, disc = self._of_grains(central_mass(self.scene), species, size)
         share(kernels.path_velocities, len(pos), pos, row, disc, out)
         return out
 
-    def kernel_disc(self, star_mass: float) -> Any:
+    def kernel_disc(self, central_mass: float) -> Any:
         """What kernels take of the law, the star and the gas, law and light by population."""
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
-        return kernels.Disc(*law, star_mass, self.star.softening, *self.gas)
+        return kernels.Disc(*law, central_mass, self.star.softening, *self.gas)
 
-    def _of_grains(self, star_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
+    def _of_grains(self, central_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
         """The same, and the row of each grain in what is by population, or by grain where grains have sizes."""
-        disc = self.kernel_disc(star_mass)
+        disc = self.kernel_disc(central_mass)
         if size is None:
             return species, disc
         grains = self.law.rows(species, size)
@@ -172,6 +173,6 @@ class Drag(base.Effect):
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
         p = state.dust
         times = np.empty(p.count)
-        row, disc = self._of_grains(state.star_mass, p.species, p.size)
+        row, disc = self._of_grains(state.central_mass, p.species, p.size)
         share(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
         return times

@@ -193,14 +193,14 @@ class Effect(base.Effect):
         met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.place)
         field = self._about(state, met, centre)
         about = field[met.grains.own]
-        wanted, star = np.empty(dust.count), self.scene.star
+        wanted = np.empty(dust.count)
         r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
         # Grains at the centre of the star are left out by the kernel.
-        omega = np.sqrt(state.central_mass / np.maximum(r * r + star.softening**2, 1e-200) ** 1.5)
+        omega = state.kepler_omega(r)
         alpha = growth.alpha(self.scene, r, about[:, kernels.SPEED2], omega)
         dust.size = dust.size.copy()  # a new array: who sorts grains by size looks for one
         rates = share(
-            kernels.grow, dust.count, dt, state.central_mass, star.softening, dust.pos, centre, about, alpha,
+            kernels.grow, dust.count, dt, *state.central, dust.pos, centre, about, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
         self._hand_over(state, met, field, wanted)

@@ -47,7 +47,7 @@ class Keys(Table):
     ] = Field(None, description="whose pull on the star counts")
     grows: StrictBool = Field(False, description="takes the mass it accretes; inertial: its momentum too")
     centre: Literal["star", "barycentre"] = Field(
-        "star", description='of the disc at the start and of c_s(r); "barycentre": with its companions, inertial'
+        "star", description='of the disc, whose mass all rates have; "barycentre": with its bound companions, inertial'
     )
 
 
@@ -80,6 +80,9 @@ def _frame(draft: Draft) -> Iterator[Problem]:
             yield ("star", "centre"), "without companions the star is the barycentre; expected a table [[companion]]"
         if star.frame == "star":
             yield ("star", "centre"), 'the barycentre moves about the star; expected star.frame = "inertial" too'
+        if star.indirect is not None and "companions" not in star.indirect:
+            wrong = "a star that companions do not pull is at rest, and the barycentre is not"
+            yield ("star", "indirect"), f'{wrong}; expected "companions" among them, or centre = "star"'
     if star.grows and star.accretion_radius == 0.0:
         yield ("star", "grows"), "the star takes nothing; expected star.accretion_radius too"
 
@@ -97,8 +100,8 @@ class Effect(base.Effect):
         # Drag by a given disc has to know the whole acceleration; else the star's drift is undone by one of particles.
         self.all_in_kick = scene.model.given is not None
         self._place = 0.0, 0.0
-        # By how much the star has left its straight line in the last drift, and its velocity has changed.
-        self._turned = np.zeros(2), np.zeros(2)
+        # How far gas and dust go with the frame in a drift, and the change of their velocity.
+        self._of_frame = np.zeros(2), np.zeros(2)
         self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
 
     @classmethod
@@ -108,7 +111,7 @@ class Effect(base.Effect):
 
     def accelerate(self, state: State) -> None:
         self._place = place = state.star_place
-        bodies, given = state.bodies, (state.star_mass, self.star.softening, *place)
+        bodies, given = state.bodies, (state.star_pull, self.star.softening, *place)
         both, counted = state.species, self.counted if bodies is not None else []
         for name, p in both.items():
             if name not in counted:
@@ -119,9 +122,9 @@ class Effect(base.Effect):
         pulling = [(p.count, p.pos, p.acc, name in state.blank, p.mass, *given) for name, p in mutual.items()]
         for name, limbs in zip(mutual, share_all(kernels.attract_mutually, pulling), strict=True):
             bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
-        if not self.orbits.inertial:
-            pull = (-self.orbits.pull_on_star(bodies, beyond_drift=not self.all_in_kick)).tolist()
-            share_all(kernels.add, [(p.count, p.acc, *pull) for p in both.values()], light=True)
+        of_frame = self.orbits.frame_acceleration(bodies, beyond_drift=not self.all_in_kick).tolist()
+        if not self.orbits.inertial or any(of_frame):
+            share_all(kernels.add, [(p.count, p.acc, *of_frame) for p in both.values()], light=True)
         if bodies.count == 1:
             self.orbits.accelerate(bodies)
 
@@ -134,27 +137,24 @@ class Effect(base.Effect):
         distance2 = self._nearest.pop(name, None) or min(
             share(kernels.nearest, p.count, p.pos, *state.star_place, light=True)
         )
-        return ((distance2 + self.star.softening**2) ** 1.5 / state.star_mass) ** 0.5
+        return ((distance2 + self.star.softening**2) ** 1.5 / state.star_pull) ** 0.5
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
         return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())
 
     def drift(self, state: State, dt: float) -> None:
         if state.bodies is not None:
-            self._turned = self.orbits.drift(state.bodies, state.time, dt)
+            self._of_frame = self.orbits.drift(state.bodies, state.time, dt)
 
     def move(self, state: State, dt: float) -> None:
-        if state.bodies is None or self.orbits.inertial or self.all_in_kick:
-            return
-        off, turned = self._turned
-        if not np.any([off, turned]):
+        if state.bodies is None or self.all_in_kick or not np.any(self._of_frame):
             return
         for p in state.species.values():
-            for vectors, moved in ((p.pos, off), (p.vel, turned)):
+            for vectors, moved in zip((p.pos, p.vel), self._of_frame, strict=True):
                 if p.immobile is None:
-                    share(kernels.add, p.count, vectors, *(-moved).tolist(), light=True)
+                    share(kernels.add, p.count, vectors, *moved.tolist(), light=True)
                 else:
-                    vectors[~p.immobile] -= moved
+                    vectors[~p.immobile] += moved
 
     def event(self, state: State) -> None:
         if state.bodies is not None:
@@ -166,8 +166,9 @@ class Effect(base.Effect):
             for (name, particles), near in zip(state.species.items(), found, strict=True):
                 self._nearest[name] = min(least for least, _ in near)
                 self._accrete(state, name, particles, np.concatenate([inside for _, inside in near]))
-            if state.bodies is not None and self.orbits.inertial and self.star.grows:
-                self._nearest = {}  # it may have moved
+            if state.bodies is not None and self.star.grows:
+                if self.orbits.inertial:
+                    self._nearest = {}  # it may have moved
                 self.orbits.place(state.bodies, state.time)
 
     def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:
@@ -189,5 +190,5 @@ class Effect(base.Effect):
         energy, place = 0.0, np.array(state.star_place)
         for p in state.species.values():
             distance = np.sqrt(((p.pos - place) ** 2).sum(axis=1) + self.star.softening**2)
-            energy -= total(p.mass * state.star_mass / distance)
+            energy -= total(p.mass * state.star_pull / distance)
         return energy

@@ -8,8 +8,7 @@ from discsim.numerics.state import State
 def stopping_columns(state: State, times: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
     """Stopping times (n,) and, about a star, Stokes numbers t_stop Omega_K of the dust."""
     found = {"stopping_time": times}
-    star = state.scene.star
-    if star is not None and state.dust is not None:
-        squared = (state.from_centre(state.dust.pos) ** 2).sum(axis=1) + star.softening**2
-        found["stokes"] = times * np.sqrt(state.central_mass / squared**1.5)
+    if state.scene.star is not None and state.dust is not None:
+        away = np.sqrt((state.from_centre(state.dust.pos) ** 2).sum(axis=1))
+        found["stokes"] = times * state.kepler_omega(away)
     return {"dust": found}

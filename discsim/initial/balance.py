@@ -21,6 +21,7 @@ from discsim.exact import nsh
 from discsim.initial import start_of
 from discsim.parts import Lazy
 from discsim.physics import profile, radiation
+from discsim.physics.centre import star_pull
 from discsim.physics.grains import has_sizes, sizes_of, typical_size
 from discsim.scene.fields import Default, Orbits, Table
 
@@ -239,12 +240,11 @@ def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Arr
 
     Taken at the limiting particles: one-way dust must not change the gas.
     """
-    star = state.scene.star
 
     def pull(radius: Array) -> Array:
-        if not star:
+        if state.scene.star is None:
             return np.zeros(len(radius))
-        own = star.mass * radius / (radius**2 + star.softening**2) ** 1.5
+        own = star_pull(state.scene, radius)
         return own if state.scene.table("companion") is None else own + companions.mean_pull(state.scene, radius)
 
     if "self_gravity" not in effects:

@@ -22,6 +22,7 @@ from discsim.initial.disc import warnings as room
 from discsim.initial.own import MASSES
 from discsim.parts import EOS
 from discsim.physics import profile
+from discsim.physics.centre import kepler_omega
 from discsim.physics.columns import ColumnsFile
 from discsim.physics.eos import eos_of
 from discsim.scene.fields import Length
@@ -84,7 +85,7 @@ def radial(scene: Scene) -> profile.Radial:
         cooler = -file.slope("T", r) if file.has("T") else eos_of(scene).temperature_slope(scene.gas.eos)
         out = speed2 / r * (cooler - file.slope("Sigma", r))
         # As of a taper: no rotation balances a fall within less than H = c_s / Omega.
-        steepest = np.sqrt(speed2) * profile.kepler_omega(scene, r) if scene.star else np.inf
+        steepest = np.sqrt(speed2) * kepler_omega(scene, r) if scene.star else np.inf
         return np.clip(out, -steepest, steepest)
 
     def dust_share(r: Array) -> Array:

@@ -18,7 +18,8 @@ class Bodies:
     acc (n, 2) is what their kick gives: accelerations but for those that their drift has, Kepler's motion about the
     star. pulled (n, 2, 2): accelerations by gas and by dust, of whoever feels them or not; accreted (n, 2): masses of
     gas and dust taken so far; gained (n,): what of them is part of `mass`; begun (n,): time at which its ramp and its
-    fixed orbit began, below 0 where a run goes on from a snapshot.
+    fixed orbit began, below 0 where a run goes on from a snapshot. Gas and dust feel masses `felt` (n,) at pos + shift,
+    shift (2,), which differ from mass and pos during a ramp alone (`physics/orbits.py`).
     """
 
     mass: Array
@@ -29,13 +30,15 @@ class Bodies:
     accreted: Array
     gained: Array
     begun: Array
+    felt: Array
+    shift: Array
 
     @classmethod
     def at_rest(cls, mass: Array) -> Self:
         n = len(mass)
         vectors = {name: np.zeros((n, 2)) for name in ("pos", "vel", "acc", "accreted")}
-        numbers = {name: np.zeros(n) for name in ("gained", "begun")}
-        return cls(mass=np.array(mass, float), pulled=np.zeros((n, 2, 2)), **numbers, **vectors)
+        numbers = {name: np.zeros(n) for name in ("gained", "begun", "felt")}
+        return cls(mass=np.array(mass, float), pulled=np.zeros((n, 2, 2)), shift=np.zeros(2), **numbers, **vectors)
 
     @property
     def count(self) -> int:
@@ -55,7 +58,11 @@ class Bodies:
         self.vel += dt * self.acc
 
     @property
-    def barycentre(self) -> tuple[Array, Array]:
-        """Place and velocity (2,)."""
-        share = self.mass / self.mass.sum()
+    def felt_pos(self) -> Array:
+        """Places (n, 2) at which gas and dust feel them."""
+        return self.pos + self.shift
+
+    def barycentre(self, chosen: Array) -> tuple[Array, Array]:
+        """Place and velocity (2,) of the barycentre of the bodies `chosen` (n,)."""
+        share = self.mass * chosen / self.mass[chosen].sum()
         return share @ self.pos, share @ self.vel

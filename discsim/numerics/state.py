@@ -6,10 +6,12 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
+from discsim.formulas.centre import central, omega
 from discsim.numerics import room, world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.dataframe import dataframe_of
@@ -233,19 +235,42 @@ class State:
 
     @property
     def star_mass(self) -> float:
-        """Mass of the star now; of a scene that has one."""
+        """Mass of the star now, of a scene that has one."""
         return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[0])
 
     @property
+    def star_pull(self) -> float:
+        """Mass that gas and dust feel at the star: its own, but about a barycentre during a ramp."""
+        return self.star_mass if self.bodies is None else float(self.bodies.felt[0])
+
+    @property
     def star_place(self) -> tuple[float, float]:
-        return (0.0, 0.0) if self.bodies is None else (float(self.bodies.pos[0, 0]), float(self.bodies.pos[0, 1]))
+        """Place at which gas and dust feel the star."""
+        if self.bodies is None:
+            return 0.0, 0.0
+        x, y = self.bodies.felt_pos[0].tolist()
+        return x, y
 
     @property
     def central_mass(self) -> float:
-        """What the disc turns about: the star, or about the barycentre all bodies."""
-        if self.bodies is not None and self.scene.star.centre == "barycentre":
-            return float(self.bodies.mass.sum())
-        return self.star_mass
+        """Mass that the disc turns about (`formulas/centre.py`), of a scene that has a star."""
+        return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[self._central].sum())
+
+    @cached_property
+    def _central(self) -> Array:
+        """Bodies that the disc turns about (n,)."""
+        return central(self.scene.star.centre, [c.eccentricity for c in self.scene.table("companion") or ()])
+
+    @property
+    def central(self) -> tuple[float, float]:
+        """Central mass and the softening of circles about it, as kernels take them; zeros without a star."""
+        star = self.scene.star
+        return (0.0, 0.0) if star is None else (self.central_mass, star.softening)
+
+    def kepler_omega(self, radius: Array) -> Array:
+        """Frequency of circles (n,) about the central mass."""
+        mass, softening = self.central
+        return omega(mass, radius, softening)
 
     @property
     def centre(self) -> tuple[Array, Array] | None:
@@ -253,7 +278,7 @@ class State:
         if self.bodies is None or self.scene.star.frame == "star":
             return None
         if self.scene.star.centre == "barycentre":
-            return self.bodies.barycentre
+            return self.bodies.barycentre(self._central)
         return self.bodies.pos[0], self.bodies.vel[0]
 
     def from_centre(self, pos: Array) -> Array:
@@ -262,8 +287,8 @@ class State:
         return pos if centre is None else pos - centre[0]
 
     def from_star(self, pos: Array) -> Array:
-        """Positions (n, 2) relative to the star."""
-        return pos if self.bodies is None else pos - self.bodies.pos[0]
+        """Positions (n, 2) relative to the star as gas and dust feel it."""
+        return pos if self.bodies is None else pos - self.bodies.felt_pos[0]
 
     @contextmanager
     def about_centre(self, gas_vel: Array) -> Iterator[None]:

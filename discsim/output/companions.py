@@ -1,9 +1,10 @@
 """companions.csv: each companion against time, a row a step or every `companion.every`. Code units, angles in degrees.
 
 Places and velocities are relative to the star, velocities at the time of the places; semi_major_axis, eccentricity,
-pericentre (its longitude) and anomaly (true) are those of the orbit that it would be on with the star alone. Torques
-are those of all gas and dust on it about the star, m r x a, whether it feels them or not. The star's own place and
-velocity are in the frame of the run.
+pericentre (its longitude) and anomaly (true) are those of the orbit that its whole mass would be on with the star
+alone. Gas and dust feel felt_mass of it, less than mass during its ramp; torques are those of all gas and dust on that
+about the star, felt_mass r x a, whether it feels them or not. The star's own place and velocity are in the frame of the
+run.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 COLUMNS = (
     "step", "time", "number", "mass", "x", "y", "vx", "vy", "semi_major_axis", "eccentricity", "pericentre", "anomaly",
     "torque_gas", "torque_dust", "accreted_gas", "accreted_dust", "star_mass", "star_x", "star_y", "star_vx", "star_vy",
+    "felt_mass",
 )  # fmt: skip
 EARLY = 1e-9  # of an interval, by which rounding may bring a row too early
 
@@ -44,12 +46,12 @@ def companion_rows(state: State, dt: float) -> list[list[object]]:
             continue
         r, v = bodies.pos[k] - bodies.pos[0], vel[k] - vel[0]
         orbit = kepler.elements(float(bodies.mass[0] + bodies.mass[k]), *r.tolist(), *v.tolist())
-        torques = bodies.mass[k] * (r[0] * bodies.pulled[k, :, 1] - r[1] * bodies.pulled[k, :, 0])
+        torques = bodies.felt[k] * (r[0] * bodies.pulled[k, :, 1] - r[1] * bodies.pulled[k, :, 0])
         rows.append(
             [
                 state.step, state.time, k, float(bodies.mass[k]), *r.tolist(), *v.tolist(), orbit.semi_major_axis,
                 orbit.eccentricity, math.degrees(orbit.pericentre), math.degrees(orbit.anomaly), *torques.tolist(),
-                *bodies.accreted[k].tolist(), *star,
+                *bodies.accreted[k].tolist(), *star, float(bodies.felt[k]),
             ]
         )  # fmt: skip
     return rows

@@ -10,7 +10,7 @@ companions that are the same go on along their orbits, others begin as their tab
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
@@ -114,13 +114,13 @@ class FromSnapshot(Table):
 
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
     start: Any = scene.initial
-    snap = _snapshot(start.file)
+    snap = _snapshot(start.file).about_centre()
     out = {}
     for name in ("gas", "dust"):
         held = getattr(snap, name)
         if getattr(scene, name) is None or held is None:
             continue
-        arrays = _in_code(scene, name, _about_centre(snap, held))
+        arrays = _in_code(scene, name, held)
         if "small" in arrays:
             arrays = _as_carried(scene, snap, arrays)
         groups = [arrays]
@@ -140,16 +140,6 @@ def _as_carried(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str
     if was == growth.laden(scene):
         return gas
     return loaded(gas, 1.0 if growth.laden(scene) else -1.0)
-
-
-def _about_centre(snap: Snapshot, held: SnapshotParticles) -> SnapshotParticles:
-    """Relative to the centre of its disc, which moves in an inertial frame."""
-    star, bodies = snap.tables.get("star", {}), snap.bodies
-    if bodies is None or star.get("frame") != "inertial":
-        return held
-    weight = bodies.mass if star.get("centre") == "barycentre" else np.arange(bodies.count) == 0
-    pos, vel = (weight @ vectors / weight.sum() for vectors in (bodies.pos, bodies.vel))
-    return replace(held, pos=held.pos - pos, vel=held.vel - vel)
 
 
 def _populations(held: SnapshotParticles) -> Array:
@@ -276,7 +266,7 @@ def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
 
 def _rings(scene: Scene) -> Places:
     """Middles of rings of as many particles each, with Sigma and masses of the first species there."""
-    snap = _snapshot(scene.initial.file)
+    snap = _snapshot(scene.initial.file).about_centre()
     held = snap.gas if scene.gas is not None and snap.gas is not None else snap.dust
     assert held is not None
     arrays = _in_code(scene, "gas" if held is snap.gas and scene.gas is not None else "dust", held)

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+frame = Lazy("discsim.output.fields.frame")
 growth = Lazy("discsim.physics.growth")
 
 
@@ -172,11 +173,10 @@ class Snapshot(Summarised):
         return self.title or "A snapshot", rows
 
     def about_centre(self) -> Snapshot:
-        """The snapshot about its moving star, where that is the centre of the disc; the box stays where it is."""
-        star = self.tables.get("star", {})
-        if self.bodies is None or star.get("frame") != "inertial" or star.get("centre") == "barycentre":
+        """The snapshot about the centre of its disc, star or barycentre, where that moves; the box stays."""
+        if self.bodies is None or self.tables.get("star", {}).get("frame") != "inertial":
             return self
-        place, speed = self.bodies.pos[0], self.bodies.vel[0]
+        place, speed = frame.centre_of(self)
 
         def shifted(p: SnapshotParticles | None) -> SnapshotParticles | None:
             return p and replace(p, pos=p.pos - place, vel=None if p.vel is None else p.vel - speed)

@@ -1,10 +1,10 @@
-"""What companions of the star are to the disc: their softening, their mass in time, their mean pull. Numpy only.
+"""Effects of companions of the star on a disc: softening, ramp, mean pull, gap. Numpy only.
 
 A companion of mass m at distance a pulls a ring of radius r, averaged over its orbit, inwards with
 
     g(r) = m < (r - a cos phi) / (r^2 + a^2 - 2 r a cos phi + eps^2)^(3/2) >_phi                              (1)
 
-and its mass grows as m(t) = m sin^2(pi t / 2 ramp) until `ramp`. Its gap has the number (Kanagawa et al. 2015)
+Its gap has the number (Kanagawa et al. 2015)
 
     K = q^2 (H/r)^-5 / alpha,   and is as deep as   Sigma / Sigma_0 = 1 / (1 + 0.04 K)                          (2)
 """
@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.parts import EOS, Lazy
+from discsim.parts import Lazy
+from discsim.physics import centre, profile
+from discsim.physics.centre import kepler_omega
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -27,33 +29,28 @@ ANGLES = 2048  # of an orbit, over which (1) is averaged: twelve within a soften
 RADII = 4096  # at which it is, and between which it is interpolated
 
 
-def mass_at(companion: Any, time: float) -> float:
-    """Mass of a companion at a time, without what it has accreted."""
+def ramped(companion: Any, time: float) -> float:
+    """Share of its mass that gas and dust feel a time after it began: sin^2(pi t / 2 ramp) until `ramp`, then 1."""
     if time >= companion.ramp:
-        return companion.mass
-    return companion.mass * math.sin(0.5 * math.pi * max(time, 0.0) / companion.ramp) ** 2
+        return 1.0
+    return math.sin(0.5 * math.pi * max(time, 0.0) / companion.ramp) ** 2
 
 
-def central_mass(scene: Scene) -> float:
-    """What the disc turns about: the star, or about the barycentre all that is bound to it."""
-    star: Any = scene.star
-    return star.mass + sum(c.mass for c in _about_barycentre(scene) if c.eccentricity < 1.0)
+def scale_height(scene: Scene, r: Array | float, mass: float | None = None) -> Array:
+    """H = c_T / Omega (n,) at radius r, of the temperature that the scene gives (a polytrope of particles gives none).
 
-
-def scale_height(scene: Scene, r: Array | float) -> Array:
-    """H = c_T / Omega (n,) at radius r, of the temperature that the scene gives (a polytrope gives none)."""
+    mass: central mass, by default that of the start.
+    """
     r = np.asarray(r, dtype=float)
-    if scene.background is not None:
-        speed = scene.model.given(scene).thermal_speed(r)
-    else:
-        speed = EOS[scene.gas.eos.kind].thermal_speed(scene, r)
-    return speed / np.sqrt(central_mass(scene) / r**3)
+    return profile.thermal_speed(scene, r) / kepler_omega(scene, r, mass)
 
 
-def softening(scene: Scene, companion: Any, r: float) -> float:
-    """Plummer length of a companion at distance r from the star: a length, or so many of the local H."""
+def softening(scene: Scene, companion: Any, r: float, mass: float | None = None) -> float:
+    """Plummer length of a companion at distance r from the centre: a length, or a number of the local H, of which
+    `mass` is the central mass as in `scale_height`.
+    """
     number, in_heights = companion.softening
-    return number * float(scale_height(scene, r)) if in_heights else number
+    return number * float(scale_height(scene, r, mass)) if in_heights else number
 
 
 def hill_radius(scene: Scene, companion: Any) -> float:
@@ -74,7 +71,7 @@ def gap_number(scene: Scene, companion: Any) -> float:
     a = companion.semi_major_axis
     height = float(scale_height(scene, a))
     nu = float(viscosity.diffusivity(scene, np.array([a]))[0])
-    alpha = nu / (height**2 * math.sqrt(central_mass(scene) / a**3))
+    alpha = nu / (height**2 * kepler_omega(scene, a))
     return float((companion.mass / star.mass) ** 2 * (height / a) ** -5 / alpha)
 
 
@@ -94,11 +91,11 @@ def longest_step(scene: Scene, companion: Any, in_gas: bool) -> float:
 
 
 def mean_pull(scene: Scene, radius: Array) -> Array:
-    """Inward acceleration (n,) at `radius` (n,) by companions, eq. (1), at t = 0: nothing of one with a ramp.
+    """Inward acceleration (n,) at `radius` (n,) that companions add to that of a star at the centre at t = 0, eq. (1).
 
-    To be added to the softened pull of the star's whole mass at the centre of the disc. About the barycentre the star
-    is on a circle too, and what that changes is part of it. Orbits count as circles of their semi-major axis; unbound
-    companions have no mean pull.
+    About the barycentre the star is on a circle too, and the difference is part of it. A companion with a ramp pulls as
+    its whole mass at the barycentre where the disc turns about that, and else not at all. Orbits count as circles of
+    their semi-major axis; unbound companions have no mean pull.
     """
     radius = np.asarray(radius, dtype=float)
     rings = list(_rings(scene))
@@ -111,22 +108,22 @@ def mean_pull(scene: Scene, radius: Array) -> Array:
     return np.interp(radius, at, total)
 
 
-def _about_barycentre(scene: Scene) -> Any:
-    return (scene.table("companion") or ()) if getattr(scene.star, "centre", "star") == "barycentre" else ()
-
-
 def _rings(scene: Scene) -> Any:
-    """Mass, radius and softening of the rings that companions are on the average."""
+    """Mass, radius and softening of rings whose pull is that of companions, and of a star on a circle less that of one
+    at the centre.
+    """
     star: Any = scene.star
-    outside = bool(_about_barycentre(scene))
-    for companion in scene.table("companion") or ():
-        mass = mass_at(companion, 0.0)
-        if companion.eccentricity >= 1.0 or mass == 0.0:
+    for companion, central in zip(scene.table("companion") or (), centre.central(scene)[1:].tolist(), strict=True):
+        mass, distance = companion.mass, companion.semi_major_axis
+        if companion.eccentricity >= 1.0:
             continue
-        distance = companion.semi_major_axis
-        share = star.mass / (star.mass + mass) if outside else 1.0  # of the distance, that the companion is away
-        yield mass, share * distance, softening(scene, companion, distance)
-        if outside:
+        if ramped(companion, 0.0) == 0.0:
+            if central:
+                yield mass, 0.0, star.softening
+            continue
+        share = star.mass / (star.mass + mass) if central else 1.0  # of the distance, that the companion is away
+        yield mass, share * distance, softening(scene, companion, share * distance)
+        if central:
             yield star.mass, (1.0 - share) * distance, star.softening
             yield -star.mass, 0.0, star.softening
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.physics.profile import kepler_omega
+from discsim.physics.centre import kepler_omega, passive_speed
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -29,7 +29,7 @@ def passive_law(scene: Scene) -> Array:
         return np.array([eos.sound_speed**2 / eos.gamma / (eos.gamma - 1.0), 0.0, 0.0])
     q = own.temperature_index if own.temperature_index is not None else eos.temperature_index
     r0 = own.reference_radius if own.reference_radius is not None else eos.reference_radius
-    return np.array([ratio**2 * scene.star.mass / r0 * r0**q / (eos.gamma - 1.0), q, (1e-12 * r0) ** 2])
+    return np.array([passive_speed(scene, ratio, r0) ** 2 * r0**q / (eos.gamma - 1.0), q, (1e-12 * r0) ** 2])
 
 
 def passive_energy(scene: Scene, r: Array) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from discsim.parts import EOS, STARTS, Lazy
-from discsim.physics.companions import central_mass
+from discsim.physics.centre import passive_speed
 from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
 from discsim.scene.rules import Draft, Problem, Rule
 
@@ -183,7 +183,7 @@ class Eos:
         """q in (1/Sigma) dP/dr = (d ln Sigma / d ln r - q) c_s^2 / r, beyond that of the density."""
         return eos.temperature_index if getattr(eos, "aspect_ratio", None) is not None else 0.0
 
-    def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
+    def power_law(self, scene: Scene, eos: Any, sigma: float, p: float) -> tuple[float, float, float]:
         """(c_T^2 at radius 1, q, f) of a disc of this gas with Sigma = sigma r^-p about a star:
 
         c_T^2 = P / Sigma ~ r^-q, and P ~ r^-f: the pull of the pressure is -(1/Sigma) dP/dr = f c_T^2 / r.
@@ -215,9 +215,9 @@ class LocallyIsothermalGas(Eos):
             return None
         return _speed_at(scene, eos.reference_radius), eos.reference_radius, TWICE[eos.temperature_index]
 
-    def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
+    def power_law(self, scene: Scene, eos: Any, sigma: float, p: float) -> tuple[float, float, float]:
         q, r0 = eos.temperature_index, eos.reference_radius
-        return eos.aspect_ratio**2 * star.mass / r0 * r0**q, q, p + q
+        return passive_speed(scene, eos.aspect_ratio, r0) ** 2 * r0**q, q, p + q
 
 
 class AdiabaticGas(Eos):
@@ -287,7 +287,7 @@ class PolytropicGas(Eos):
     def toomre_power(self, eos: Any) -> float:
         return 0.5 * (3.0 - eos.gamma)
 
-    def power_law(self, eos: Any, star: Any, sigma: float, p: float) -> tuple[float, float, float]:
+    def power_law(self, scene: Scene, eos: Any, sigma: float, p: float) -> tuple[float, float, float]:
         return eos.constant * sigma ** (eos.gamma - 1), p * (eos.gamma - 1), p * eos.gamma
 
 
@@ -355,7 +355,7 @@ def _speed_of_temperature(scene: Scene, r: Array) -> Array:
 
 
 def _speed_at(scene: Scene, r0: float) -> float:
-    return float(scene.gas.eos.aspect_ratio * np.sqrt(central_mass(scene) / r0))
+    return passive_speed(scene, scene.gas.eos.aspect_ratio, r0)
 
 
 def _power(x: Array, exponent: float) -> Array:

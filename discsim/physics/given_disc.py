@@ -33,7 +33,7 @@ class GivenDisc:
         self.viscous = scene.table("alpha_viscosity") is not None
         p = given.surface_density_index
         sigma = 1.0 if given.file is not None else given.surface_density * given.reference_radius**p
-        speed2, q, f = self.eos.power_law(given.eos, scene.star, sigma, p)
+        speed2, q, f = self.eos.power_law(scene, given.eos, sigma, p)
         self.laws = np.array([sigma, p, speed2, q, f])
         self.plain = given.file is None and given.bump is None and given.gap is None
 
@@ -91,6 +91,6 @@ class GivenDisc:
         if file is not None and file.has("T"):
             speed2 = file.speed2(r, self.given.eos.mean_molecular_weight, scene.units.cgs("velocity"))
             return speed2, (slope - file.slope("T", r)) * speed2
-        at_one, q, _ = self.eos.power_law(self.given.eos, scene.star, density, 0.0)
+        at_one, q, _ = self.eos.power_law(scene, self.given.eos, density, 0.0)
         speed2 = at_one * r**-q
-        return speed2, self.eos.power_law(self.given.eos, scene.star, density, slope)[2] * speed2
+        return speed2, self.eos.power_law(scene, self.given.eos, density, slope)[2] * speed2

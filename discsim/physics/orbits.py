@@ -6,9 +6,22 @@
 A are all accelerations in an inertial frame, so that drift and kick together are the equations of motion whatever mu
 and w. With mu_k = M + m_k and w_k = m_k / (M + sum m) the drift keeps the momentum, and the orbit of a single
 companion is exact. mu_k = M where the star does not feel companions, and 0 for one that does not feel the star. A fixed
-orbit has the mu of its full mass for good, and w_k = m_k / mu_k: the star then has the acceleration that it should.
+orbit has w_k = m_k / mu_k: the star then has the acceleration that it should.
 In the frame of the star x_0 = 0, and particles get the opposite of its motion, in drift and kick alike, so that the run
 is the same to rounding. The kicks of several live companions on each other are of second order and reversible.
+
+A ramp f_k(t), from 0 to 1, is in what companion and disc do to each other; star and companions have their whole mass
+for each other, and the orbits that it gives, from the start. Gas and dust feel
+
+    companions   f_k m_k,      star   M + sum_c (1 - f_k) m_k                                                   (3)
+    places       x_j + sum_c (1 - f_k) w_k r_k                                                                  (4)
+
+with c the companions that the disc turns about (`formulas/centre.py`): about a barycentre the mass of a companion is at
+first that of the star, which is then at the barycentre, and moves out to its orbit. The masses of (3) at the places of
+(4) have the barycentre and the sum of all masses at any f, so that a ramp moves neither. Of other companions the star's
+acceleration is part of what is ramped: gas and dust get f_k of it in the star's frame, and in an inertial frame are
+carried along with the star by 1 - f_k of it, so that a disc about the star gets no push before it feels what balances
+it. By the disc a companion gets f_k (A_k - A_0) from the star: the same forces, turned round.
 """
 
 from __future__ import annotations
@@ -21,7 +34,8 @@ import numpy as np
 
 from discsim.exact import kepler
 from discsim.numerics.bodies import Bodies
-from discsim.physics.companions import mass_at
+from discsim.physics.centre import central
+from discsim.physics.companions import ramped
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -75,6 +89,7 @@ class Orbits:
         self.felt_by_star = felt_by_star(scene)
         self.back = float("companions" in self.felt_by_star)  # whether the star feels companions
         self.inertial = star.frame == "inertial"
+        self.central = central(scene)[1:]  # companions that the disc turns about
         self.star = star
         self.orbits = [(c.semi_major_axis, c.eccentricity, math.radians(c.phase)) for c in self.companions]
         self.fixed_mu = [star.mass + self.back * c.mass for c in self.companions]
@@ -85,7 +100,7 @@ class Orbits:
         bodies = Bodies.at_rest(np.zeros(1 + len(self.companions)))
         for number, body in under_way.items():
             bodies.gained[number], bodies.begun[number] = body.gained, body.begun
-        bodies.mass = self._masses(bodies, 0.0)
+        bodies.mass = self._masses(bodies)
         mu, weight = self._weights(bodies.mass)
         for k, orbit in enumerate(self.orbits):
             if not self.live[k]:
@@ -96,9 +111,11 @@ class Orbits:
                 found = kepler.at_anomaly(mu[k] or self.fixed_mu[k], *orbit)
             bodies.pos[k + 1], bodies.vel[k + 1] = found[:2], found[2:]
         if self.star.centre == "barycentre":
+            weight = weight * self.central
             away = _sum(weight, bodies.pos[1:]), _sum(weight, bodies.vel[1:])
             bodies.pos -= away[0]
             bodies.vel -= away[1]
+        self.place(bodies, 0.0)
         return bodies
 
     def offset(self, bodies: Bodies) -> tuple[Array, Array]:
@@ -110,39 +127,44 @@ class Orbits:
         return -_sum(weight, r), -_sum(weight, v)
 
     def drift(self, bodies: Bodies, time: float, dt: float) -> tuple[Array, Array]:
-        """Eq. (1) from `time` over dt, with the masses at its middle.
+        """Eq. (1) from `time` over dt.
 
-        Returns how far the star has left its straight line, and the change of its velocity (2,).
+        Returns how far gas and dust move with the frame beyond a straight line, and the change of their velocity (2,),
+        with the ramps at the middle of dt.
         """
-        mass = self._masses(bodies, time + 0.5 * dt)
-        mu, weight = self._weights(mass)
+        mu, weight = self._weights(bodies.mass)
         r, v = bodies.pos[1:] - bodies.pos[0], bodies.vel[1:] - bodies.vel[0]
         after, faster = np.empty_like(r), np.empty_like(v)
         for k in range(len(r)):
             motion = kepler.Motion(*r[k].tolist(), *v[k].tolist())
             found = kepler.drift(mu[k], motion, dt) if self.live[k] else self._fixed(bodies, k, time + dt)
             after[k], faster[k] = found[:2], found[2:]
-        off, turned = -_sum(weight, after - r - dt * v), -_sum(weight, faster - v)
+        off, turned = after - r - dt * v, faster - v
         if self.inertial:
-            bodies.pos[0] += dt * bodies.vel[0] + off
-            bodies.vel[0] += turned
+            bodies.pos[0] += dt * bodies.vel[0] - _sum(weight, off)
+            bodies.vel[0] -= _sum(weight, turned)
         bodies.pos[1:], bodies.vel[1:] = bodies.pos[0] + after, bodies.vel[0] + faster
-        return off, turned
+        carried = -weight * self._carried(self._ramps(bodies, time + 0.5 * dt))
+        return _sum(carried, off), _sum(carried, turned)
 
     def place(self, bodies: Bodies, time: float) -> None:
-        """Put companions on fixed orbits where they are at a time, and give all the masses that they have."""
-        bodies.mass = self._masses(bodies, time)
+        """Put companions on fixed orbits where they are at a time, and give all the masses that they have and that gas
+        and dust feel, eqs. (3) and (4).
+        """
+        bodies.mass = self._masses(bodies)
         for k in np.flatnonzero(~self.live).tolist():
             found = self._fixed(bodies, k, time)
             bodies.pos[k + 1], bodies.vel[k + 1] = bodies.pos[0] + found[:2], bodies.vel[0] + found[2:]
+        ramp, mass = self._ramps(bodies, time), bodies.mass[1:]
+        inside = np.where(self.central, 1.0 - ramp, 0.0)  # what is still at the star
+        bodies.felt = np.array([bodies.mass[0] + (inside * mass).sum(), *(ramp * mass)])
+        bodies.shift = _sum(inside * self._weights(bodies.mass)[1], bodies.pos[1:] - bodies.pos[0])
 
-    def pull_on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
-        """A_0 (2,), of gas and dust as `bodies.pulled` has it; or x_0'' of eq. (2), without what the drift has."""
-        weight = self.back * bodies.mass[1:]
-        if beyond_drift:
-            mu, of_drift = self._weights(bodies.mass)
-            weight = weight - of_drift * mu
-        return self._by_disc(bodies, 0, self.felt_by_star) + _sum(weight, _directions(bodies.pos[1:] - bodies.pos[0]))
+    def frame_acceleration(self, bodies: Bodies, beyond_drift: bool) -> Array:
+        """Acceleration (2,) that gas and dust get of the frame, `beyond_drift` without what the drift has."""
+        carried = self._carried(bodies.felt[1:] / bodies.mass[1:])
+        found = _sum(carried * self._on_star(bodies, beyond_drift), _directions(bodies.pos[1:] - bodies.pos[0]))
+        return found if self.inertial else found - self._by_disc(bodies, 0, self.felt_by_star)
 
     def accelerate(self, bodies: Bodies) -> None:
         """Eq. (2) into `acc`, without differences of what cancels."""
@@ -150,10 +172,12 @@ class Orbits:
         r = bodies.pos[1:] - bodies.pos[0]
         to = _directions(r)
         by_disc = self._by_disc(bodies, 0, self.felt_by_star)
-        bodies.acc[:] = self.pull_on_star(bodies, beyond_drift=True) if self.inertial else 0.0
+        bodies.acc[:] = by_disc + _sum(self._on_star(bodies, beyond_drift=True), to) if self.inertial else 0.0
+        ramp = bodies.felt[1:] / mass
         for k in np.flatnonzero(self.live).tolist():
             others = np.arange(len(r)) != k
-            kick = self._by_disc(bodies, k + 1, self.feels[k]) - by_disc - _sum(back * mass[others], to[others])
+            kick = ramp[k] * (self._by_disc(bodies, k + 1, self.feels[k]) - by_disc)
+            kick -= _sum(back * mass[others], to[others])
             if "companions" in self.feels[k]:
                 kick += _sum(mass[others], _directions(r[others] - r[k]))
             if "star" not in self.feels[k]:
@@ -180,9 +204,24 @@ class Orbits:
         mu = self.fixed_mu[k]
         return kepler.at_mean_anomaly(mu, size, e, kepler.mean_anomaly(e, phase) + math.sqrt(mu / size**3) * time)
 
-    def _masses(self, bodies: Bodies, time: float) -> Array:
-        grown = (mass_at(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True))
-        return np.array([self.star.mass, *grown]) + bodies.gained
+    def _masses(self, bodies: Bodies) -> Array:
+        return np.array([self.star.mass, *(c.mass for c in self.companions)]) + bodies.gained
+
+    def _ramps(self, bodies: Bodies, time: float) -> Array:
+        """f_k (n,) of eqs. (3) and (4) at a time."""
+        return np.array([ramped(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True)])
+
+    def _carried(self, ramp: Array) -> Array:
+        """How much of the star's motion by each companion (n,) gas and dust have in the frame of the run."""
+        return np.where(self.central, 0.0, float(self.inertial) - ramp)
+
+    def _on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
+        """GM (n,) of the pull of each companion on the star; `beyond_drift` without what the drift has."""
+        pull = self.back * bodies.mass[1:]
+        if not beyond_drift:
+            return pull
+        mu, weight = self._weights(bodies.mass)
+        return pull - weight * mu
 
     def _weights(self, mass: Array) -> tuple[list[float], Array]:
         """mu_k and w_k of masses (n,), the star's first."""

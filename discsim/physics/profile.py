@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.parts import STARTS
-from discsim.physics.companions import central_mass
+from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
 
 if TYPE_CHECKING:
@@ -138,7 +138,10 @@ def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
 
 
 def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array:
-    """sqrt(P / Sigma) of the gas at radius `r`, of a polytrope at a surface density `density`."""
+    """sqrt(P / Sigma) of the gas at radius `r`, of a polytrope of particles at a surface density `density`."""
+    if scene.model.given is not None:
+        found: Array = scene.model.given(scene).thermal_speed(r)
+        return found
     return eos_of(scene).thermal_speed(scene, r, density)
 
 
@@ -195,12 +198,6 @@ def _slope_at(x: float, places: Array, values: Array) -> float:
     return float((weight * (places - middle)) @ values / (weight @ (places - middle) ** 2))
 
 
-def kepler_omega(scene: Scene, r: Array | float) -> Array:
-    """Frequency of circles of radius `r` about the star alone, softened as it is."""
-    star: Any = scene.star
-    return np.sqrt(central_mass(scene) / (r**3 * (1.0 + (star.softening / r) ** 2) ** 1.5))
-
-
 def surface_density(scene: Scene, r: Array) -> Array:
     return scale(scene) * shape(scene.initial, r)
 
@@ -218,6 +215,6 @@ def pressure_acceleration(scene: Scene, r: Array) -> Array:
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:
             phase = 0.5 * np.pi * np.clip(sign * (r - edge) / width, 1e-6, 1.0)
-            steepest = np.sqrt(speed2 * central_mass(scene) / r**3) if scene.star else np.inf  # c_s^2 / H
+            steepest = np.sqrt(speed2) * kepler_omega(scene, r) if scene.star else np.inf  # c_s^2 / H
             out = out - sign * np.minimum(speed2 * np.pi / width / np.tan(phase), steepest)
     return out

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.physics.centre import star_pull
+
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
@@ -23,13 +25,11 @@ def pull_share(scene: Scene) -> np.ndarray:
 
 def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | None:
     """Light's push on each population as a velocity (populations, n), r times it over the Keplerian one (n,), beta v_K
-    about the star alone; None where there is no light.
+    about the star alone; None where there is no light. The star alone shines, whatever else the disc turns about.
     """
     if scene.radiation_pressure is None:
         return None
-    assert scene.star is not None
-    pull = scene.star.mass * r * r / (r * r + scene.star.softening**2) ** 1.5
-    return (1.0 - pull_share(scene))[:, None] * pull / keplerian
+    return (1.0 - pull_share(scene))[:, None] * r * star_pull(scene, r) / keplerian
 
 
 def lag(scene: Scene, species: np.ndarray, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray:

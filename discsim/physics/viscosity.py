@@ -28,6 +28,7 @@ import numpy as np
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.physics import profile
+from discsim.physics.centre import kepler_omega
 
 if TYPE_CHECKING:
     from discsim.physics.local import Local
@@ -65,11 +66,11 @@ def reference_radius(scene: Scene) -> float:
     return getattr(scene.initial, "reference_radius", 1.0)
 
 
-def diffusivity(scene: Scene, r: Array, thermal_speed: Array | None = None) -> Array:
+def diffusivity(scene: Scene, r: Array, thermal_speed: Array | None = None, central_mass: float | None = None) -> Array:
     """nu (n,) at the radii `r` (n,) in code units, eq. (1).
 
     thermal_speed: c_s (n,) of the gas there; without it, that of the temperature that the scene starts with, which a
-    polytrope does not have.
+    polytrope of particles does not have. central_mass: by default that of the start.
     """
     keys: Any = scene.table("alpha_viscosity")
     if keys.nu is not None:
@@ -77,7 +78,7 @@ def diffusivity(scene: Scene, r: Array, thermal_speed: Array | None = None) -> A
     r = np.maximum(r, 1e-300)
     if thermal_speed is None:
         thermal_speed = profile.thermal_speed(scene, r)
-    return alpha(scene, r) * thermal_speed**2 / profile.kepler_omega(scene, r)
+    return alpha(scene, r) * thermal_speed**2 / kepler_omega(scene, r, central_mass)
 
 
 def radial_flow(

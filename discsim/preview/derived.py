@@ -20,6 +20,7 @@ from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
 from discsim.parts import EOS, LAWS, SCHEMES
 from discsim.physics import laws, profile, viscosity
+from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_sizes, typical_size
 from discsim.physics.local import Local, longest_step, resolution
@@ -42,7 +43,7 @@ def local(scene: Scene) -> Local:
 
 def _local(scene: Scene, places: Places) -> Local:
     radius, density = places.radius, places.density
-    omega = profile.kepler_omega(scene, radius) if scene.star and radius is not None else None
+    omega = kepler_omega(scene, radius) if scene.star and radius is not None else None
     sound = _sound_speed(scene, places)
     thermal = None if sound is None else sound / np.sqrt(_adiabatic_index(scene, density))
     h = _smoothing(scene, places)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from discsim.effects import effect_classes
 from discsim.effects.base import Counts
 from discsim.initial import start_of, start_time
-from discsim.physics import profile
+from discsim.physics.centre import kepler_omega
 from discsim.preview import learnt
 from discsim.preview.derived import grid, grid_bytes, local, particle_count
 from discsim.scene import Scene
@@ -74,7 +74,7 @@ def _steps(scene: Scene) -> float | None:
     if at.step is not None:
         return length / (run.courant * min(SHRINK * float(at.step.min()), of_effects))
     if scene.star and start.edges is not None:
-        orbit = 1.0 / float(profile.kepler_omega(scene, start.edges(scene)[0]))
+        orbit = 1.0 / float(kepler_omega(scene, start.edges(scene)[0]))
         return length / (run.courant * min(orbit, of_effects))
     return None
 
@@ -84,7 +84,7 @@ def _steps_of_relaxation(scene: Scene) -> float:
     orbits, step = getattr(scene.initial, "relax", 0.0), local(scene).step
     if orbits == 0.0 or step is None:
         return 0.0
-    orbit = 2.0 * math.pi / float(profile.kepler_omega(scene, scene.initial.reference_radius))
+    orbit = 2.0 * math.pi / float(kepler_omega(scene, scene.initial.reference_radius))
     return orbits * orbit / (scene.run.courant * SHRINK * float(step.min()))
 
 

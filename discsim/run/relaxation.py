@@ -25,6 +25,7 @@ from discsim.effects.base import Effect
 from discsim.initial import balance, make_state
 from discsim.numerics.state import State
 from discsim.physics import profile
+from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import initial_energy
 from discsim.run.forces import PhysicsError
 
@@ -57,7 +58,7 @@ def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
     begun = time.process_time()
     disc = _Rings(state, effects)
     before = disc.unbalanced()
-    until = 2.0 * math.pi * orbits / float(profile.kepler_omega(scene, scene.initial.reference_radius))
+    until = 2.0 * math.pi * orbits / float(kepler_omega(scene, scene.initial.reference_radius))
     steps, passed = 0, 0.0
     while passed < until:
         dt = min(scene.run.courant * disc.limit(), until - passed)
@@ -117,7 +118,7 @@ class _Rings:
 
     @property
     def omega(self) -> Array:
-        return profile.kepler_omega(self.scene, self.radius)
+        return kepler_omega(self.scene, self.radius)
 
     def step(self, dt: float) -> None:
         self.radial += 0.5 * dt * self.acc

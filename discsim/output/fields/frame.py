@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.formulas import centre
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
@@ -15,17 +16,31 @@ Array = np.ndarray
 
 
 def central_mass(snap: Snapshot) -> float:
-    """What the disc turns about, in code units: the star, or about the barycentre all bodies."""
-    star = snap.tables["star"]
+    """Mass that the disc turns about (`formulas/centre.py`), in code units."""
     if snap.bodies is None:
-        return in_code(snap.units, star["mass"], "mass")
-    return float(snap.bodies.mass.sum() if star.get("centre") == "barycentre" else snap.bodies.mass[0])
+        return in_code(snap.units, snap.tables["star"]["mass"], "mass")
+    return float(snap.bodies.mass[_central(snap)].sum())
+
+
+def centre_of(snap: Snapshot) -> tuple[Array, Array]:
+    """Place and velocity (2,) of the centre of the disc, of a snapshot that has bodies."""
+    assert snap.bodies is not None and snap.bodies.vel is not None
+    share = snap.bodies.mass * _central(snap)
+    share /= share.sum()
+    return share @ snap.bodies.pos, share @ snap.bodies.vel
+
+
+def _central(snap: Snapshot) -> Array:
+    """Bodies that the disc turns about (n,)."""
+    star, companions = snap.tables["star"], snap.tables.get("companion", [])
+    each = [companions] if isinstance(companions, dict) else companions
+    return centre.central(star.get("centre", "star"), [float(c.get("eccentricity", 0.0)) for c in each])
 
 
 def omega(snap: Snapshot, radius: Array) -> Array:
-    """Frequency of circles (n,) about the star, softened as it is: Omega_K^2 = M / (r^2 + s^2)^(3/2)."""
+    """Frequency of circles (n,) about the central mass: Omega_K^2 = M / (r^2 + s^2)^(3/2)."""
     softening = in_code(snap.units, snap.tables["star"].get("softening", 0.0), "length")
-    return np.sqrt(central_mass(snap) / np.maximum(radius**2 + softening**2, 1e-300) ** 1.5)
+    return centre.omega(central_mass(snap), radius, softening)
 
 
 def in_code(units: Units, value: Any, dimension: str) -> float:
