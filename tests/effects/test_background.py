@@ -1,5 +1,7 @@
 """Dust in a given gas disc: drift at any stopping time, and scenes that may name [background]."""
 
+import itertools
+
 import drift as study
 import numpy as np
 import pytest
@@ -7,6 +9,9 @@ from scipy.integrate import solve_ivp
 
 from discsim import Simulation
 from discsim.physics.given_disc import GivenDisc
+from discsim.preview.cautions import warnings
+from discsim.preview.derived import derived
+from discsim.preview.forecast import forecast
 from discsim.scene import SceneError, load_scene
 
 
@@ -159,3 +164,43 @@ def test_scenes_that_cannot_be(change, message):
     with pytest.raises(SceneError) as caught:
         load_scene(tables)
     assert message in str(caught.value)
+
+
+TABLES = {
+    "companion": [{"mass": 1e-3, "semi_major_axis": 1.4, "softening": 0.6, "ramp": 0.2, "orbit": "live"}],
+    "alpha_viscosity": {"inner_alpha": 0.0, "outer_alpha": 0.01, "radius": 1.6, "width": 1e-3},
+    "dust_diffusion": {"alpha": 0.01},
+    "damping": {"inner": [0.9, 1.0]},
+    "radiation_pressure": {"beta": 0.1},
+    "self_gravity": {"softening": 0.1},
+    "external": {"dust": [0.0, 0.01]},
+    "bump": {"radius": 1.2, "width": 0.1, "height": 0.5},
+    "gap": {"radius": 1.4, "width": 0.1, "depth": 0.5},
+    "isothermal": {"kind": "isothermal", "sound_speed": 0.07},
+    "polytropic": {"kind": "polytropic", "gamma": 1.4, "constant": 0.02},
+    "sizes": {"grain_size": {"smallest": 1e-6, "largest": 1e-4, "bins": 3}, "grain_density": 2.0},
+}
+
+
+@pytest.mark.parametrize("pair", [*itertools.combinations(TABLES, 2)], ids="-".join)
+def test_any_two_tables_go_with_a_given_disc(pair):
+    """What looks at gas looks at the given one: check, its warnings, the forecast and steps."""
+    tables = scene()
+    given = dict(tables["background"])
+    for name in pair:
+        if name in ("bump", "gap"):
+            given[name] = TABLES[name]
+        elif name in ("isothermal", "polytropic"):
+            given["eos"] = TABLES[name]
+        elif name == "sizes":
+            tables["dust"] = tables["dust"] | TABLES[name]
+            tables["drag"] = {"law": "epstein", "direction": "one-way"}
+        else:
+            tables[name] = TABLES[name]
+    held = load_scene(tables | {"background": given, "run": {"until": 0.1}, "space": {"size": 4.0, "cells": 32}})
+    assert derived(held) and forecast(held) is not None
+    for line in warnings(held):
+        assert "\n" not in line
+    sim = Simulation(held)
+    sim.step()
+    assert np.isfinite(sim.dust.vel).all()
