@@ -101,7 +101,7 @@ class Orbits:
         for number, body in under_way.items():
             bodies.gained[number], bodies.begun[number] = body.gained, body.begun
         bodies.mass = self._masses(bodies)
-        mu, weight = self._weights(bodies.mass)
+        mu, _ = self._weights(bodies.mass)
         for k, orbit in enumerate(self.orbits):
             if not self.live[k]:
                 found = self._fixed(bodies, k, 0.0)
@@ -111,7 +111,7 @@ class Orbits:
                 found = kepler.at_anomaly(mu[k] or self.fixed_mu[k], *orbit)
             bodies.pos[k + 1], bodies.vel[k + 1] = found[:2], found[2:]
         if self.star.centre == "barycentre":
-            weight = weight * self.central
+            weight = self._of_centre(bodies)
             away = _sum(weight, bodies.pos[1:]), _sum(weight, bodies.vel[1:])
             bodies.pos -= away[0]
             bodies.vel -= away[1]
@@ -158,7 +158,7 @@ class Orbits:
         ramp, mass = self._ramps(bodies, time), bodies.mass[1:]
         inside = np.where(self.central, 1.0 - ramp, 0.0)  # what is still at the star
         bodies.felt = np.array([bodies.mass[0] + (inside * mass).sum(), *(ramp * mass)])
-        bodies.shift = _sum(inside * self._weights(bodies.mass)[1], bodies.pos[1:] - bodies.pos[0])
+        bodies.shift = _sum(inside * self._of_centre(bodies), bodies.pos[1:] - bodies.pos[0])
 
     def frame_acceleration(self, bodies: Bodies, beyond_drift: bool) -> Array:
         """Acceleration (2,) that gas and dust get of the frame, `beyond_drift` without what the drift has."""
@@ -223,13 +223,17 @@ class Orbits:
         mu, weight = self._weights(bodies.mass)
         return pull - weight * mu
 
-    def _weights(self, mass: Array) -> tuple[list[float], Array]:
-        """mu_k and w_k of masses (n,), the star's first."""
+    def _of_centre(self, bodies: Bodies) -> Array:
+        """w_k (n,) of the companions that the disc turns about, of these alone; 0 of others."""
+        return np.where(self.central, self._weights(bodies.mass, self.central)[1], 0.0)
+
+    def _weights(self, mass: Array, among: Array | bool = True) -> tuple[list[float], Array]:
+        """mu_k and w_k of masses (n,), the star's first; w_k where there are the companions `among` (n,) alone."""
         mu = [
             (mass[0] + self.back * mass[k + 1]) * ("star" in self.feels[k]) if self.live[k] else self.fixed_mu[k]
             for k in range(len(self.companions))
         ]
-        about = self.live & (np.array(mu) > 0.0)
+        about = self.live & among & (np.array(mu) > 0.0)
         total = mass[0] + mass[1:][about].sum()
         weight = [
             self.back * m / (total if live else one) if one > 0.0 else 0.0

@@ -427,6 +427,23 @@ def test_a_number_of_heights_is_a_length():
     assert np.abs(found[0] / found[1] - 1).max() < 1e-13
 
 
+@pytest.mark.parametrize("centre", ["star", "barycentre"])
+def test_softening_counts_the_height_where_the_companion_is(centre):
+    """On an ellipse, H of c_T ~ r^-.2 given at r = 2 and of orbits about what the disc turns about, softened."""
+    mass, m, a, e, phase, soft = 1.7, 0.5, 3.0, 0.5, math.radians(100.0), 0.4
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.1, "temperature_index": 0.4, "reference_radius": 2.0}
+    star = {"mass": mass, "softening": soft, "frame": "inertial", "centre": centre}
+    companion = {"mass": m, "semi_major_axis": a, "eccentricity": e, "phase": 100.0, "softening": 0.6}
+    scene = tables(companion, star=star, dust=None, gas={"particles": 1, "eos": eos})
+    sim = Simulation(scene, particles={"gas": {"pos": [[1.2, 0.1]], "vel": [[0.0, 0.9]], "mass": [1e-9]}})
+    away = a * (1 - e**2) / (1 + e * math.cos(phase)) * (mass / (mass + m) if centre == "barycentre" else 1.0)
+    central = mass + (m if centre == "barycentre" else 0.0)
+    height = 0.1 * math.sqrt(central / 2.0) * (away / 2.0) ** -0.2 / math.sqrt(central / (away**2 + soft**2) ** 1.5)
+    to = sim.bodies.pos[1] - [1.2, 0.1]
+    exact = m * to / (to @ to + (0.6 * height) ** 2) ** 1.5
+    np.testing.assert_allclose(sim.acceleration("companion")[0][0], exact, rtol=1e-12)
+
+
 def test_a_companion_in_a_given_disc():
     """It reaches the relaxation of dust with the disc: nearly the same drift in steps of one and of five t_stop."""
     grain = {"dust": {"pos": [[1.0, 0.0]], "vel": [[0.0, 1.0]], "mass": [1e-9]}}

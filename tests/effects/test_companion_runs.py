@@ -194,6 +194,9 @@ def test_the_same_bits_on_any_number_of_threads(monkeypatch):
 # Bad keys
 
 
+BARYCENTRE = {"mass": 1.0, "frame": "inertial", "centre": "barycentre"}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -216,6 +219,8 @@ def test_the_same_bits_on_any_number_of_threads(monkeypatch):
         ({"star": {"mass": 1.0, "grows": True}}, "expected star.accretion_radius too"),
         ({"star": {"mass": 1.0, "centre": "barycentre"}}, 'expected star.frame = "inertial" too'),
         ({"companion": None, "star": {"mass": 1.0, "frame": "inertial", "centre": "barycentre"}}, "[[companion]]"),
+        ({"star": BARYCENTRE | {"indirect": ["dust"]}}, 'expected "companions" among them'),
+        ({"star": BARYCENTRE, "companion": PLANET | {"eccentricity": 1.5, "ramp": 1.0}}, "companion.ramp: an unbound"),
     ],
 )  # fmt: skip
 def test_bad_keys_end_in_one_message(change, message):

@@ -221,3 +221,24 @@ def test_scenes_without_star_or_dust():
     }  # fmt: skip
     with pytest.raises(SceneError, match=r"the light comes from no star; expected a table \[star\] too"):
         load_scene(box)
+
+
+def test_light_at_the_start_is_a_share_of_a_softened_pull():
+    """Circles of grains without drag, v^2 = (1 - beta) M r^2 / (r^2 + s^2)^(3/2), and the drift in cold gas."""
+    mass, soft, beta, stokes = 1.7, 0.9, 0.3, 0.4
+    star, start = {"mass": mass, "softening": soft}, {"kind": "disc", "mass": 1e-3, "inner": 1.0, "outer": 2.0}
+    own = {"background": None, "dust": {"particles": 300, "ratio": 0.1}, "initial": start, "star": star}
+    sim = Simulation(scene(beta, **own, drag=None))
+    r = np.hypot(*sim.dust.pos.T)
+    circle = np.sqrt(mass * r**2 / (r**2 + soft**2) ** 1.5)
+    speed = (sim.dust.pos[:, 0] * sim.dust.vel[:, 1] - sim.dust.pos[:, 1] * sim.dust.vel[:, 0]) / r
+    np.testing.assert_allclose(speed, np.sqrt(1.0 - beta) * circle, rtol=1e-12)
+    # With gas so cold that it has no headwind: grains get beta g outwards, of which NSH's drift is St / (1 + St^2).
+    cold = {"particles": 400, "eos": {"kind": "isothermal", "sound_speed": 1e-4}}
+    drag = {"law": "stokes-number", "stokes": stokes, "direction": "one-way"}
+    sim = Simulation(scene(beta, **own | {"gas": cold, "drag": drag}))
+    dust = sim.dust
+    r = np.hypot(*dust.pos.T)
+    out = (dust.pos * dust.vel).sum(axis=1) / r
+    circle = np.sqrt(mass * r**2 / (r**2 + soft**2) ** 1.5)
+    np.testing.assert_allclose(out, beta * circle * stokes / (1.0 + stokes**2), rtol=0.01)  # of first order in beta
