@@ -20,12 +20,14 @@ from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import share
 from discsim.numerics.totals import mean
+from discsim.parts import Lazy
 from discsim.physics.eos import thermal_speed
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
     from discsim.numerics.state import State
 
+growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
 NONE = np.empty(0)
 NOBODY = np.empty(0, np.int64)
@@ -263,9 +265,11 @@ def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tupl
     """Gas, of velocities `gas_vel`, and dust as kernels take them."""
     gas, dust, own = state.gas, state.dust, state.own_acc
     about = drag.agree(ABOUT_GRAINS, lambda: about_grains(drag, state))
+    # Small dust that gas carries drags no grains.
+    density = gas.density if gas.small is None else gas.density * growth.gas_share(state.scene, gas)
     return (
         Species(
-            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, gas.density, thermal_speed(state.scene, gas),
+            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, density, thermal_speed(state.scene, gas),
             blocks.gas_order, blocks.gas_start, 1, 0,
         ),
         Species(

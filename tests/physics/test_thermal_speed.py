@@ -148,6 +148,24 @@ def test_grains_in_a_given_polytrope_have_its_thermal_speed(gamma):
         np.testing.assert_allclose(found.sound_speed(r), math.sqrt(gamma) * expected, rtol=1e-12)
 
 
+# Cells of idic that are to hold gas and dust are others with two-way drag.
+@pytest.mark.parametrize(("scheme", "near"), [("tsc", 1e-9), ("idic-linear", 1e-9), ("idic", 0.01)])
+@pytest.mark.parametrize("eos", [ISOTHERMAL, ADIABATIC], ids=["isothermal", "adiabatic"])
+def test_small_dust_that_gas_carries_stops_no_grains(eos, scheme, near):
+    """As much small dust as gas, a part of the gas particles' mass or not: molecules alone drag, in Stokes' regime."""
+    keys = {"aspect_ratio": 0.1, "reference_radius": 1.0, **eos}
+    times = []
+    for direction in "two-way", "one-way":
+        drag = {"law": "epstein-stokes", "mean_free_column": 1e-9, "scheme": scheme, "direction": direction}
+        sim = Simulation(changed(growing_disc(ratio=1.0, gas=400, dust=300, drag=drag), gas={"eos": keys}))
+        with sim.synchronised() as state:
+            columns = sim.effects["drag"].columns(state)["dust"]
+        times.append(columns["stopping_time"][np.argsort(sim.dust.ids)])
+    coupled = np.isfinite(times[0]) & np.isfinite(times[1])
+    assert coupled.mean() > 0.8
+    np.testing.assert_allclose(times[0][coupled], times[1][coupled], rtol=near)  # rounding of the share of gas
+
+
 @pytest.mark.parametrize("direction", ["two-way", "one-way"])
 @pytest.mark.parametrize("eos", [ISOTHERMAL, ADIABATIC], ids=["isothermal", "adiabatic"])
 def test_small_dust_makes_no_gas_colder(tmp_path, eos, direction):
