@@ -205,11 +205,12 @@ def test_balance_of_a_viscous_irradiated_disc(opacity):
 
 def test_hot_gas_shines_through_the_molecules_of_its_midplane():
     """2 sigma T^4 / (tau_eff Sigma) with Bell & Lin's 1e-8 rho^(2/3) T^3 between 2200 and 3000 K at .2 au,
-    rho = Sigma Omega / (sqrt(2 pi) c_s); in cgs by astropy, of a step in which u changes by less than 1e-3.
+    rho = Sigma Omega / (sqrt(2 pi) c_s) about a softened star; in cgs by astropy. u changes by less than 1e-3 in the
+    step.
     """
     tables = shining(opacity="bell-lin") | {"space": {"size": "1 au"}}
     tables["initial"] = {"kind": "disc", "mass": "1e-4 Msun", "inner": "0.15 au", "outer": "0.25 au"}
-    tables["star"] = {"mass": "1.7 Msun"}
+    tables["star"] = {"mass": "1.7 Msun", "softening": "0.1 au"}
     tables["gas"]["particles"] = 300
     sim = Simulation(tables)
     sim._prepare()
@@ -219,7 +220,7 @@ def test_hot_gas_shines_through_the_molecules_of_its_midplane():
     temperature = np.linspace(2200.0, 3000.0, gas.count) * u.K
     heat = (constants.k_B * temperature / mean / (GAMMA - 1.0)).cgs
     gas.u[:], gas.kick_rate[:] = heat.value / units.cgs("specific_energy"), 0.0
-    omega = np.sqrt(1.7 * constants.G * u.Msun / r**3).cgs
+    omega = np.sqrt(1.7 * constants.G * u.Msun / (r**2 + (0.1 * u.au) ** 2) ** 1.5).cgs
     rho = (sigma * omega / np.sqrt(2 * np.pi * constants.k_B * temperature / mean)).cgs.value
     kappa = 1e-8 * rho ** (2 / 3) * temperature.value**3
     tau = 0.5 * kappa * sigma.value

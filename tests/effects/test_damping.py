@@ -79,8 +79,9 @@ def test_each_population_relaxes_to_its_own_drift():
     grains = [{"particles": 200, "ratio": 0.01, "grain_size": s, "grain_density": 1.0} for s in (3e-5, 6e-4)]
     drag = {"law": "epstein", "direction": "one-way"}
     start = {"kind": "disc", "mass": 1e-3, "inner": 1.0, "outer": 3.0, "dust_velocity": "drift"}
-    sim = Simulation(dust(damping={"inner": [0.9, 1.1], "outer": [0.5, 1.0]}, background=given, drag=drag,
-                          initial=start) | {"dust": grains})  # fmt: skip
+    zones, star = {"inner": [0.9, 1.1], "outer": [0.5, 1.0]}, {"mass": 1.3, "softening": 0.4}
+    tables = dust(damping=zones, background=given, drag=drag, initial=start, star=star)
+    sim = Simulation(tables | {"dust": grains})
     p, before = sim.dust, sim.dust.vel.copy()
     falls = [radial(p)[p.species == k].mean() for k in range(2)]
     assert falls[0] > 0.5 * falls[1] and falls[1] < -1e-3
