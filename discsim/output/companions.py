@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.exact import kepler
+from discsim.physics.orbits import orbital_mass
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
@@ -45,7 +46,8 @@ def companion_rows(state: State, dt: float) -> list[list[object]]:
         if state.step > 0 and not _due(companion.every, state.time, dt):
             continue
         r, v = bodies.pos[k] - bodies.pos[0], vel[k] - vel[0]
-        orbit = kepler.elements(float(bodies.mass[0] + bodies.mass[k]), *r.tolist(), *v.tolist())
+        mass = orbital_mass(state.scene, float(bodies.mass[0]), float(bodies.mass[k]))
+        orbit = kepler.elements(mass, *r.tolist(), *v.tolist())
         torques = bodies.felt[k] * (r[0] * bodies.pulled[k, :, 1] - r[1] * bodies.pulled[k, :, 0])
         rows.append(
             [

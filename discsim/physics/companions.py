@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+orbits = Lazy("discsim.physics.orbits")
 viscosity = Lazy("discsim.physics.viscosity")
 ANGLES = 2048  # of an orbit, over which (1) is averaged: twelve within a softening of a fiftieth of it
 RADII = 4096  # at which it is, and between which it is interpolated
@@ -62,7 +63,8 @@ def hill_radius(scene: Scene, companion: Any) -> float:
 def period(scene: Scene, companion: Any) -> float:
     """Of its orbit about the star, with its own mass."""
     star: Any = scene.star
-    return 2.0 * math.pi * math.sqrt(companion.semi_major_axis**3 / (star.mass + companion.mass))
+    mass = orbits.orbital_mass(scene, star.mass, companion.mass)
+    return 2.0 * math.pi * math.sqrt(companion.semi_major_axis**3 / mass)
 
 
 def gap_number(scene: Scene, companion: Any) -> float:

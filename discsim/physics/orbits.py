@@ -69,6 +69,11 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
     return frozenset(found)
 
 
+def orbital_mass(scene: Scene, star: float, companion: float) -> float:
+    """GM of the orbit of a companion of that mass about a star of that mass: the star's alone where it feels none."""
+    return star + companion if "companions" in felt_by_star(scene) else star
+
+
 class UnderWay(NamedTuple):
     """A body that is on its way at t = 0: place and velocity from the star (2,), mass gained, and when it began."""
 
@@ -92,7 +97,7 @@ class Orbits:
         self.central = central(scene)[1:]  # companions that the disc turns about
         self.star = star
         self.orbits = [(c.semi_major_axis, c.eccentricity, math.radians(c.phase)) for c in self.companions]
-        self.fixed_mu = [star.mass + self.back * c.mass for c in self.companions]
+        self.fixed_mu = [orbital_mass(scene, star.mass, c.mass) for c in self.companions]
 
     def at_start(self, under_way: Mapping[int, UnderWay] | None = None) -> Bodies:
         """The bodies at t = 0: the centre of the disc at rest at the origin; some may be under way, the star as 0."""

@@ -9,6 +9,7 @@ import pytest
 from companions import GRAIN, PLANET, disc, relative, tables, totals
 
 from discsim import Simulation, read_snapshot
+from discsim.output.companions import COLUMNS, companion_rows
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import forecast
@@ -117,7 +118,7 @@ def rows_of(path):
 
 def full_scene(tmp_path, **run):
     live = PLANET | {"mass": 1e-2, "orbit": "live", "softening": 0.6, "accretion_radius": 0.05, "accretion_rate": 5.0}
-    second = PLANET | {"semi_major_axis": 1.8, "ramp": 0.2, "every": 0.1}
+    second = PLANET | {"semi_major_axis": 1.8, "ramp": 0.45, "every": 0.1}
     star = {"frame": "inertial", "grows": True, "accretion_radius": 0.55, "indirect": ["companions", "gas", "dust"]}
     return load_scene(disc([live, second], star) | {"run": {"until": 0.6, "snapshots": 2} | run})
 
@@ -277,6 +278,24 @@ def test_check_has_its_lengths_and_its_gap():
     assert rows["gap"] == f"K = {depth:.3g}, so Sigma falls to {1 / (1 + 0.04 * depth):.2g}"
     inviscid = of_companion(load_scene({k: v for k, v in planet_disc().items() if k != "alpha_viscosity"}))
     assert set(inviscid) == set(rows) - {"gap"}
+
+
+@pytest.mark.parametrize("felt", [True, False])
+@pytest.mark.parametrize("orbit", ["fixed", "live"])
+def test_elements_and_period_are_those_of_its_orbit(orbit, felt):
+    """During its ramp too, and of the star's mass alone where the star does not feel it."""
+    companion = {"mass": 0.3, "semi_major_axis": 1.7, "eccentricity": 0.5, "phase": 70.0, "softening": "0.1"}
+    star = {"mass": 0.9, "indirect": ["companions"] if felt else []}
+    scene = load_scene(tables(companion | {"ramp": 3.0, "orbit": orbit}, star=star))
+    sim = Simulation(scene, particles={"dust": GRAIN})
+    sim.run(1.0)
+    mass = 1.2 if felt else 0.9
+    assert of_companion(scene)["period"] == f"{2 * math.pi * math.sqrt(1.7**3 / mass):.4g}"
+    row = dict(zip(COLUMNS, companion_rows(sim.state, sim.time)[0], strict=True))
+    assert row["mass"] == 0.3 and row["felt_mass"] == pytest.approx(0.3 * math.sin(math.pi / 6) ** 2, rel=1e-13)
+    # The grain of 1e-12 pulls it.
+    found = [row["semi_major_axis"], row["eccentricity"], row["pericentre"]]
+    np.testing.assert_allclose(found, [1.7, 0.5, 0.0], rtol=1e-9, atol=1e-7)
 
 
 def test_check_says_what_it_can():
