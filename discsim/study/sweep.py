@@ -181,7 +181,7 @@ def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], direct
     try:
         return run_scene(load_scene(path, overrides, without), directory, resume=begun, quiet=True)
     except Exception as fault:  # a run that fails in any way is given up, and the sweep goes on with the others
-        print(f"{directory}: {in_words(fault)}", file=sys.stderr)
+        print(printable(f"{directory}: {in_words(fault)}"), file=sys.stderr)
         return FAILED
 
 
