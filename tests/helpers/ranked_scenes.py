@@ -34,6 +34,14 @@ def without_nothing(table):
     return {key: value for key, value in table.items() if value is not None}
 
 
+def warm_growth():
+    """Adiabatic gas with as much small dust, which counts neither in its thermal speed nor in Stokes' drag."""
+    drag = {"law": "epstein-stokes", "mean_free_column": 1e-9, "supersonic": True}
+    scene = growing.disc(gas=400, dust=300, ratio=1.0, drag=drag)
+    scene["gas"]["eos"] = ADIABATIC | {"aspect_ratio": 0.1}
+    return scene
+
+
 def from_table(folder):
     """A disc from a file of columns."""
     path = folder / "disc.txt"
@@ -210,6 +218,7 @@ SCENES = {
         18,
         MOST,
     ),
+    "growth in heat": (warm_growth, [], 6, MOST),
     "growth of many": (partial(growing.disc, gas=200, dust=6000), [], 2, MOST),
     "growth inertial": disc(
         8,
