@@ -17,6 +17,8 @@ KINDS = {
     stat.S_IFSOCK: "a socket",
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
+    stat.S_IFDIR: "a directory",
+    stat.S_IFLNK: "a symbolic link",
 }
 NO_HANDLES = (errno.EMFILE, errno.ENFILE)
 
@@ -76,9 +78,13 @@ def system_message(fault: OSError, verb: str, path: Path | str) -> str:
     return f"{fault.filename or path}: cannot be {verb}: {reason}"
 
 
+def kind_of(mode: int) -> str:
+    """The kind of what is no plain file, in words."""
+    return KINDS.get(stat.S_IFMT(mode), "of an unknown kind")
+
+
 def _refuse_odd(mode: int, path: str | os.PathLike[str]) -> None:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, "is a directory, no plain file", str(path))
     if not stat.S_ISREG(mode):
-        kind = KINDS.get(stat.S_IFMT(mode), "of an unknown kind")
-        raise OSError(errno.EINVAL, f"is {kind}, no plain file", str(path))
+        raise OSError(errno.EINVAL, f"is {kind_of(mode)}, no plain file", str(path))

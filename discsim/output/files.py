@@ -1,29 +1,51 @@
-"""Files that are whole or absent, also after a power cut: on the disk before they get their name, and the name too."""
+"""Files that are whole or absent, also after a power cut: on the disk before they get their name, and the name too.
+
+Only plain files are replaced or appended to. What else has a name, a directory, FIFO, device or symbolic link, is not
+ours to remove, and writing through a link could replace a file elsewhere.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+from discsim.userfiles import kind_of
 
 PARTS = "parts"  # the folder of files that belong to others beside it, `parts.py`
 MAIN = Path(__file__).parents[1] / "__main__.py"  # what `python -m discsim` runs
+
+
+def refuse_special(path: str | os.PathLike[str]) -> None:
+    """Raise OSError where a file cannot take the place of what is at `path`: that exists and is no plain file."""
+    with suppress(FileNotFoundError):
+        mode = os.lstat(path).st_mode
+        if not stat.S_ISREG(mode):
+            wrong = f"is {kind_of(mode)}; expected a plain file there, or a new name"
+            raise OSError(errno.EINVAL, wrong, os.fspath(path))
 
 
 @contextmanager
 def written(path: str | os.PathLike[str], ending: str = "", before: Path | None = None) -> Iterator[Path]:
     """Where to write what appears at `path` once it is complete; an exception leaves what was there before.
 
-    ending: of the name beside it, for who tells a format by that. before: where what was there stays.
+    ending: of the name beside it, for who tells a format by that. before: where what was there stays. Raises OSError
+    where either exists and is no plain file.
     """
     path = Path(path)
+    for target in (path, *([before] if before is not None else [])):
+        refuse_special(target)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part{ending}")
     try:
         yield temporary
         keep(temporary)  # else a power cut may leave the new name with no content
+        refuse_special(path)
         if before is not None and path.exists():
             os.replace(path, before)
         os.replace(temporary, path)
@@ -32,6 +54,12 @@ def written(path: str | os.PathLike[str], ending: str = "", before: Path | None 
             temporary.unlink(missing_ok=True)
         raise
     keep_names(path.parent)
+
+
+def appended(path: str | os.PathLike[str], buffering: int = -1) -> Any:
+    """A plain file of bytes, open for appending. Raises OSError for any other."""
+    refuse_special(path)
+    return Path(path).open("ab", buffering)
 
 
 def renamed(old: Path, new: Path) -> None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.numerics.totals import total, totals
-from discsim.output.files import written
+from discsim.output.files import appended, written
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
 from discsim.printable import UserError
@@ -60,7 +60,7 @@ class History:
         self._digest = hashlib.sha256(_lines(rows).encode())
         with written(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             file.write(_lines([columns, *rows]))
-        self._file = path.open("ab", buffering=0)
+        self._file = appended(path, buffering=0)
         self.count = len(rows)
         self.last: Sequence[object] | None = rows[-1] if rows else None
 

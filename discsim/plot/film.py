@@ -20,7 +20,7 @@ from PIL import Image
 from discsim.output.drawing import norm_of
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import Look
-from discsim.output.files import written
+from discsim.output.files import refuse_special, written
 from discsim.output.snapshot import files_of
 from discsim.parts import command_of_extra
 from discsim.plot import compose, pictures
@@ -50,6 +50,7 @@ class Film:
     def save(self, path: Path, say: Say | None = None) -> int:
         """Write the film, which appears whole; how many frames it has. Raises PlotError, FieldError, OSError."""
         writer = writer_of(path)
+        refuse_special(path)
         files = files_of(self.source)
         if len(files) < 2:
             raise PlotError(f"{self.source}: one snapshot makes no film; expected the directory of a run")

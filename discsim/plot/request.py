@@ -11,7 +11,7 @@ from discsim import __version__
 from discsim.output.drawing import figure_text
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import Look
-from discsim.output.files import written
+from discsim.output.files import refuse_special, written
 from discsim.output.snapshot import files_of
 from discsim.plot import compose, pictures
 from discsim.plot.compose import Board
@@ -122,6 +122,7 @@ def save(make: Callable[[], Figure], path: Path) -> None:
     """Make a figure and write it; it appears whole. Raises PlotError for a format that it cannot have, OSError."""
     if path.suffix.lower() not in FORMATS:
         raise PlotError(f"{path}: no format of figures; expected a name that ends in {', '.join(FORMATS)}")
+    refuse_special(path)
     figure = make()
     path.parent.mkdir(parents=True, exist_ok=True)
     with written(path, path.suffix) as temporary:

@@ -16,7 +16,7 @@ import jinja2
 
 from discsim import __version__
 from discsim.output.costtable import read_costs
-from discsim.output.files import written
+from discsim.output.files import refuse_special, written
 from discsim.output.history import read_history
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview.check import effect_lines
@@ -39,6 +39,7 @@ class ReportError(UserError):
 
 def write_report(directory: Path, path: Path) -> None:
     """Write the page of the run in `directory` to `path`. Raises OSError, UserError."""
+    refuse_special(path)
     snapshots = sorted((directory / "snapshots").glob("*.h5"))
     if not snapshots or not (directory / "scene.toml").exists():
         raise ReportError(f"{directory}: no run here; expected a directory with scene.toml and snapshots")

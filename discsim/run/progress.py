@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from discsim.numerics import world
+from discsim.output.files import refuse_special
 from discsim.printable import printable
 from discsim.run.screen import Screen
 from discsim.scene.units import clock
@@ -35,6 +36,7 @@ class Progress:
 
     def open_log(self, path: Path, resume: bool) -> None:
         """Keep the log at `path`, with what was said until now first."""
+        refuse_special(path)
         self._log = path.open("a" if resume else "w", encoding="utf-8", errors="backslashreplace")
         early, self._early = self._early, []
         for line in early:

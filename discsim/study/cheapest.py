@@ -18,7 +18,7 @@ from statistics import fmean
 from rich.console import Console
 
 from discsim import __version__
-from discsim.output.files import written
+from discsim.output.files import appended, written
 from discsim.preview.accuracy import learn
 from discsim.printable import printable
 from discsim.scene import load_scene, near
@@ -249,7 +249,8 @@ class Cheapest:
             show(self, console)
         say(text.get().rstrip())
         if any(trial.runs for trial in self.bench.trials.values()):
-            frontier_figure(self, self.directory / "cost.png")
+            with written(self.directory / "cost.png", ".png") as temporary:
+                frontier_figure(self, temporary)
             say(f"figure {printable(self.directory / 'cost.png')}")
             self._learn()
         if self.found is not None:
@@ -344,8 +345,8 @@ class _Teller:
         self.console.print(text)
         self.lines.append(text)
         if self.log.parent.exists():
-            with self.log.open("a", encoding="utf-8") as file:
-                file.write("".join(f"{line}\n" for line in self.lines))
+            with appended(self.log) as file:
+                file.write("".join(f"{line}\n" for line in self.lines).encode())
             self.lines.clear()
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from discsim import __version__
-from discsim.output.files import written
+from discsim.output.files import appended, written
 from discsim.printable import printable
 from discsim.scene.units import clock
 from discsim.study.findings import show
@@ -105,8 +105,8 @@ class Study:
             console.print(text)
             lines.append(text)
             if log.parent.exists():
-                with log.open("a", encoding="utf-8") as file:
-                    file.write("".join(f"{line}\n" for line in lines))
+                with appended(log) as file:
+                    file.write("".join(f"{line}\n" for line in lines).encode())
                 lines.clear()
 
         log = self.directory / "cost.log"
@@ -119,7 +119,8 @@ class Study:
             raise StudyError(f"no run came to its end; that with {label_of(self.points[0].settings)} was {stopped}")
         from discsim.study.costfigure import cost_figure  # slow to import, and needed only here
 
-        cost_figure(self, self.directory / "cost.png")
+        with written(self.directory / "cost.png", ".png") as temporary:
+            cost_figure(self, temporary)
         with console.capture() as text:
             show(self, console)
         say(text.get().rstrip())

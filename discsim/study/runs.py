@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.effects.base import SORT_EVERY
+from discsim.output.files import appended, written
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.study.points import Settings, StudyError, label_of
@@ -75,12 +76,13 @@ class Runs:
             raise StudyError(f"{self.directory}: holds a study of another scene, or of other keys; expected another -o")
         found = [_entry(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
         if whole != text:
-            path.write_text(whole, encoding="utf-8")
+            with written(path) as temporary:
+                temporary.write_text(whole, encoding="utf-8")
         return [(run.pop("settings"), run) for run in found]
 
     def keep(self, settings: Settings, run: dict[str, Any]) -> None:
-        with (self.directory / RUNS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"settings": settings, **run}) + "\n")
+        with appended(self.directory / RUNS) as file:
+            file.write((json.dumps({"settings": settings, **run}) + "\n").encode())
 
     def made(
         self, todo: Sequence[Settings], say: Say, parallel: int = 1, limits: Limits | None = None

@@ -94,7 +94,8 @@ class Sweep:
             raise RunFailed(given_up[0])
         from discsim.study.sweepfigure import sweep_figure  # slow to import, and needed only here
 
-        sweep_figure(self, self.directory / "sweep.png")
+        with written(self.directory / "sweep.png", ".png") as temporary:
+            sweep_figure(self, temporary)
         console.print(self.table())
         for what, name in (("table", "sweep.csv"), ("figure", "sweep.png")):
             say(f"{what} {printable(self.directory / name)}")

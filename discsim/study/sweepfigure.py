@@ -21,7 +21,7 @@ WIDE = 10.0  # of the largest over the smallest value, above which an axis is lo
 
 
 def sweep_figure(sweep: Sweep, path: Path) -> None:
-    """Draw a panel for each measure into the PNG `path`, which appears whole."""
+    """Draw a panel for each measure into the PNG `path`."""
     figure = Figure(figsize=(4.6 * len(sweep.measures), 3.8), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(sweep.measures), squeeze=False)[0]

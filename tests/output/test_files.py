@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import discsim
 from discsim.output.checkpoint import read_checkpoint, write_checkpoint
 from discsim.output.files import written
 
@@ -48,8 +47,3 @@ def test_a_disk_that_holds_something_else_is_noticed(tmp_path, monkeypatch):
             write_checkpoint(path, {"gas": {"pos": np.ones(5)}}, {"number": 1}, before)
     assert caught.value.filename == str(path)
     assert read_checkpoint(path)[1]["number"] == 0 and [*tmp_path.iterdir()] == [path]
-
-
-def test_nothing_else_replaces_files():
-    home = Path(discsim.__file__).parent
-    assert [file.name for file in home.rglob("*.py") if "os.replace" in file.read_text()] == ["files.py"]
