@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -22,6 +23,13 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+
+
+def read_only(array: Array) -> Array:
+    """A view of an array that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 @dataclass(kw_only=True, repr=False)
@@ -128,6 +136,10 @@ class Particles(Summarised):
         both[len(array) :] = others
         return both
 
+    def read_only(self) -> Self:
+        """Views that cannot be written to."""
+        return type(self)(**{name: read_only(array) for name, array in self.arrays().items()})
+
     def copy(self) -> Self:
         same = type(self)(**{name: array.copy() for name, array in self.arrays().items()})
         same.loose = self.loose
@@ -214,6 +226,18 @@ class State:
         left = until - self.time
         self.time = until if abs(dt - left) <= 1e-9 * dt else self.time + dt
         self.step += 1
+
+    def read_only(self) -> State:
+        """The state in views that cannot be written to; what is set on it leaves this one as it is."""
+        return replace(
+            self,
+            gas=self.gas and self.gas.read_only(),
+            dust=self.dust and self.dust.read_only(),
+            bodies=self.bodies and Bodies(**{name: read_only(array) for name, array in self.bodies.arrays().items()}),
+            own_acc={name: read_only(array) for name, array in self.own_acc.items()},
+            blank=set(self.blank),
+            ledger=deepcopy(self.ledger),
+        )
 
     @property
     def species(self) -> dict[str, Particles]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -12,21 +13,24 @@ import h5py
 import numpy as np
 
 from discsim import __version__
+from discsim.numerics.entries import EntryError
 from discsim.output import hdf5
 from discsim.printable import UserError, printable
+from discsim.scene.units import clipped
 
 Array = np.ndarray
 Scalar = str | int | float | bool
 PARTICLES = ("gas", "dust", "own_acc")  # groups of arrays with a row a particle
 ROWS = 1 << 20  # that are checked at a time
+MOST = 1 << 53  # of a whole number; all below are floats too
 
 
 class CheckpointError(UserError):
     """The file is absent, damaged, or no checkpoint; the message says which."""
 
 
-class _Held(dict[str, Any]):
-    """What a checkpoint holds by name; what it lacks is a CheckpointError."""
+class Entries(dict[str, Any]):
+    """Entries of a checkpoint by name; one that it lacks is a CheckpointError."""
 
     def __init__(self, path: str | os.PathLike[str], entries: dict[str, Any]) -> None:
         super().__init__(entries)
@@ -34,6 +38,34 @@ class _Held(dict[str, Any]):
 
     def __missing__(self, name: str) -> NoReturn:
         raise CheckpointError(f"{self.path}: a checkpoint without {name!r}: damaged, or of another version of discsim")
+
+
+class Values(Entries):
+    """Single values of a checkpoint, by name, type and range; a wrong one is a CheckpointError."""
+
+    def whole(self, name: str, least: int = 0, most: int = MOST) -> int:
+        value = self[name]
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+            self.refuse(name, f"a whole number from {least} to {most}")
+        return int(value)
+
+    def number(self, name: str, least: float = -math.inf, may_be_infinite: bool = False) -> float:
+        """A number of `least` or more."""
+        value = self[name]
+        right = isinstance(value, int | float) and not isinstance(value, bool) and value >= least
+        if not right or not (math.isfinite(value) or (may_be_infinite and value > 0.0)):
+            least_words = "" if least == -math.inf else f", {least:g} or more"
+            self.refuse(name, f"a{'' if may_be_infinite else ' finite'} number{least_words}")
+        return float(value)
+
+    def text(self, name: str) -> str:
+        if not isinstance(self[name], str):
+            self.refuse(name, "a text")
+        return str(self[name])
+
+    def refuse(self, name: str, expected: str) -> NoReturn:
+        value = clipped(repr(self[name]))
+        raise CheckpointError(f"{self.path}: a damaged checkpoint: its {name} is {value}; expected {expected}")
 
 
 def write_checkpoint(
@@ -62,44 +94,58 @@ def write_checkpoint(
 
 def read_checkpoint(
     path: str | os.PathLike[str], share: tuple[int, int] = (0, 1)
-) -> tuple[dict[str, dict[str, Array]], dict[str, Scalar]]:
-    """What `write_checkpoint` was given, every array with its bits. Raises CheckpointError.
+) -> tuple[dict[str, dict[str, Array]], Values]:
+    """Read what `write_checkpoint` was given, every array with its bits. Raises CheckpointError.
 
     So does looking up a group, an array or a value that the file lacks. share: a number below another one: of the
     particles' rows this one of so many runs, about as long.
     """
+
+    def rows(group: str, length: int) -> slice:
+        number, of = share if group in PARTICLES else (0, 1)
+        return slice(length * number // of, length * (number + 1) // of)
+
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
-        groups = {}
-        for group, members in file["arrays"].items():
-            number, of = share if group in PARTICLES else (0, 1)
-            arrays = {
-                name: hdf5.read(stored, slice(len(stored) * number // of, len(stored) * (number + 1) // of))
-                for name, stored in members.items()
-            }
-            groups[group] = _Held(path, arrays)
-        return _Held(path, groups), _values(path, file)
+        groups = {
+            group: Entries(path, {name: stored.read(rows(group, len(stored))) for name, stored in members.items()})
+            for group, members in _datasets(file).items()
+        }
+        return Entries(path, groups), _values(path, file)
 
 
-def checked_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, Array]], dict[str, Scalar]]:
+def checked_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, Array]], Values]:
     """As `read_checkpoint`, but for the particles, which are only read through."""
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
         groups = {}
-        for group, members in file["arrays"].items():
+        for group, members in _datasets(file).items():
             if group in PARTICLES:
                 for stored in members.values():
                     for first in range(0, len(stored), ROWS):
-                        hdf5.read(stored, slice(first, first + ROWS))
+                        stored.read(slice(first, first + ROWS))
             else:
-                groups[group] = _Held(path, {name: hdf5.read(stored) for name, stored in members.items()})
-        return _Held(path, groups), _values(path, file)
+                groups[group] = Entries(path, {name: stored.read() for name, stored in members.items()})
+        return Entries(path, groups), _values(path, file)
 
 
-def _values(path: str | os.PathLike[str], file: h5py.File) -> dict[str, Scalar]:
-    return _Held(path, {name: _scalar(value) for name, value in file["values"].attrs.items()})
+def _datasets(file: hdf5.Held) -> dict[str, dict[str, hdf5.Stored]]:
+    arrays = file.group("arrays")
+    return {group: {name: held.dataset(name) for name in held.names} for group, held in _groups(arrays).items()}
 
 
-def _scalar(value: np.generic) -> Scalar:
-    return value.decode() if isinstance(value, bytes) else value.item()
+def _groups(held: hdf5.Held) -> dict[str, hdf5.Held]:
+    return {name: held.group(name) for name in held.names}
+
+
+def _values(path: str | os.PathLike[str], file: hdf5.Held) -> Values:
+    held = file.group("values")
+    values = {name: _scalar(held.attribute(name), name) for name in held.attributes}
+    return Values(path, values)
+
+
+def _scalar(value: Any, name: str) -> Scalar:
+    if np.ndim(value) != 0:
+        raise EntryError(f"/values@{name} has shape {np.shape(value)}; expected one value")
+    return hdf5.decoded(value, f"/values@{name}") if isinstance(value, bytes) else value.item()
 
 
 class OtherVersionWarning(UserWarning):
@@ -109,7 +155,7 @@ class OtherVersionWarning(UserWarning):
 def other_version(path: str | os.PathLike[str]) -> str:
     """What is to be said where another version of discsim has written a checkpoint; else "". Raises CheckpointError."""
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
-        written_by = _scalar(file.attrs["version"])
+        written_by = file.text("version")
     if written_by == __version__:
         return ""
     words = f"{path} is of discsim {written_by}, and this is {__version__}"

@@ -9,21 +9,32 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, Any
 
 import h5py
 import numpy as np
 
 from discsim import __version__
+from discsim.numerics.entries import EntryError
+from discsim.output import files
 from discsim.output.files import command, written
+from discsim.printable import printable
+from discsim.scene.units import clipped
+from discsim.userfiles import open_plain
 
 _CHUNK = 1 << 16  # entries; a chunk is read and checked as a whole
 _BLOCK = 1 << 24  # bytes that are read back at a time
 ALL = slice(None)
 _SEAL = b"\ndiscsim: sha256 of all before this line "  # at the end, before the digest: HDF5 does not read it
+UNCOMPRESSED = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+DEFLATED = 1100  # times that compressed bytes may become, above what deflate reaches
+LARGEST_CHUNK, LARGEST_ATTRIBUTE = 1 << 24, 1 << 20  # bytes
+HOLLOW = 1000  # times the bytes on the disk that a file may claim to have
 NAMES, MADE = "parts", "made"  # attributes: names of the parts of a master; what both of them have, and no others
 
 
@@ -66,16 +77,15 @@ def seal(content: io.BytesIO) -> None:
     content.write(_SEAL + digest)
 
 
-def _check_seal(path: Path) -> None:
-    with path.open("rb") as file:
-        length = file.seek(0, os.SEEK_END) - len(_SEAL) - hashlib.sha256().digest_size
-        file.seek(max(length, 0))
-        if file.read(len(_SEAL)) != _SEAL:
-            return
-        digest = file.read()
-        file.seek(0)
-        if hashlib.sha256(file.read(length)).digest() != digest:
-            raise OSError("some of its bits are not those that were written")
+def _check_seal(file: IO[bytes]) -> None:
+    length = file.seek(0, os.SEEK_END) - len(_SEAL) - hashlib.sha256().digest_size
+    file.seek(max(length, 0))
+    if file.read(len(_SEAL)) != _SEAL:
+        return
+    digest = file.read()
+    file.seek(0)
+    if hashlib.sha256(file.read(length)).digest() != digest:
+        raise OSError("some of its bits are not those that were written")
 
 
 def _holds(path: Path, content: np.ndarray) -> bool:
@@ -91,28 +101,238 @@ def _holds(path: Path, content: np.ndarray) -> bool:
     return place == len(content)
 
 
+class Stored:
+    """A dataset of numbers of one type that holds all its rows, in this file or in its parts.
+
+    Raises EntryError for any other: external storage, rows without content, rows or chunks beyond the size of the file.
+    """
+
+    def __init__(self, stored: h5py.Dataset, name: str, kinds: str, ends: tuple[int, ...] | None) -> None:
+        self._stored, self.name, shape = stored, name, stored.shape
+        if shape is None or len(shape) == 0 or (ends is not None and shape[1:] != ends):
+            wanted = ", ".join(map(str, ("n", *(ends or ()))))
+            raise EntryError(f"{name} has shape {shape}; expected ({wanted}{',' if not ends else ''})")
+        self.dtype, self.shape = stored.dtype, tuple(map(int, shape))
+        if self.dtype.kind not in kinds or self.dtype.subdtype is not None:
+            wanted = "numbers" if "f" in kinds else "truth values" if kinds == "b" else "whole numbers"
+            raise EntryError(f"{name} holds {self.dtype}; expected {wanted}")
+        if stored.external:
+            raise EntryError(
+                f"{name} lies in other files ({clipped(stored.external[0][0])}); expected its rows in this one"
+            )
+        if not stored.is_virtual:
+            self._check_room()
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def _check_room(self) -> None:
+        """Compare the rows that are declared with the bytes that are there."""
+        stored, size = self._stored, math.prod(self.shape) * self.dtype.itemsize
+        creation, room = stored.id.get_create_plist(), stored.id.get_storage_size()
+        filters = {creation.get_filter(number)[0] for number in range(creation.get_nfilters())}
+        most = room if filters <= UNCOMPRESSED else DEFLATED * room
+        if size > most or room > Path(stored.file.filename).stat().st_size:
+            raise EntryError(
+                f"{self.name} declares {len(self)} rows, {size} bytes, and has room for {room}; expected as many"
+            )
+        if stored.chunks and math.prod(stored.chunks) * self.dtype.itemsize > max(size, LARGEST_CHUNK):
+            raise EntryError(f"{self.name} has chunks of shape {stored.chunks}; expected smaller ones")
+
+    def text(self, name: str) -> str:
+        """An attribute that is text."""
+        return decoded(attribute_of(self._stored, name), f"{self.name}@{name}")
+
+    def read(self, rows: slice = ALL) -> np.ndarray:
+        """Entries in the byte order of this machine; those in parts from there, as HDF5 gives zeros for a lost part."""
+        out = self._from_parts(rows) if self._stored.is_virtual else np.asarray(self._stored[rows])
+        if out.dtype.kind == "b" and out.size and out.view(np.uint8).max() > 1:
+            raise EntryError(f"{self.name} holds other numbers than 0 and 1; expected truth values")
+        return out.astype(out.dtype.newbyteorder("="), copy=False)
+
+    def _from_parts(self, rows: slice) -> np.ndarray:
+        first, last, _ = rows.indices(len(self))
+        out = np.empty((max(last - first, 0), *self.shape[1:]), self.dtype)
+        master = Held(self._stored.file)
+        parts = parts_of(master)
+        if not parts:
+            raise EntryError(f"{self.name} is virtual, and its file has no parts; expected its rows in this file")
+        made = master.text(MADE)
+        path, end = self._stored.name, 0
+        for source in self._stored.virtual_sources():
+            begin = end
+            (low, *_), (high, *_) = source.vspace.get_select_bounds()
+            end = high + 1
+            part = Path(self._stored.file.filename).parent / source.file_name
+            if low != begin or part not in parts or source.dset_name != path:
+                raise EntryError(
+                    f"{self.name} has its rows in {clipped(source.file_name)}; expected them in its own parts"
+                )
+            one, other = max(first, begin), min(last, end)
+            if one < other:
+                with _part(part, made) as held:
+                    found = held.at(path, self.dtype.kind, self.shape[1:])
+                    if len(found) != end - begin or found.dtype != self.dtype:
+                        raise EntryError(f"part {part}: {path} has {len(found)} rows; expected {end - begin}")
+                    out[one - first : other - first] = found.read(slice(one - begin, other - begin))
+        if end != len(self):
+            raise EntryError(f"{self.name} has {end} of its {len(self)} rows in parts; expected all")
+        return out
+
+
+class Held:
+    """A group of a file of unknown origin, whose entries are read by name, type and shape.
+
+    No links to other files or places are followed. Raises EntryError for an entry that is another than asked for.
+    """
+
+    def __init__(self, group: h5py.Group) -> None:
+        self._group = group
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the file."""
+        return Path(self._group.file.filename).parent
+
+    def _name(self, name: str) -> str:
+        return f"{self._group.name.rstrip('/')}/{name}"
+
+    def _child(self, name: str) -> Any:
+        link = self._group.get(name, getlink=True)
+        if link is None:
+            raise EntryError(f"there is no {self._name(name)}; expected one")
+        if not isinstance(link, h5py.HardLink):
+            raise EntryError(f"{self._name(name)} is a link to another place or file; expected it here")
+        return self._group[name]
+
+    def __contains__(self, name: str) -> bool:
+        return self._group.get(name, getlink=True) is not None
+
+    @property
+    def names(self) -> list[str]:
+        """The groups and datasets here."""
+        return list(self._group.keys())
+
+    def names_with(self, attribute: str) -> list[str]:
+        """The groups and datasets here that have an attribute."""
+        plain = (name for name in self.names if isinstance(self._group.get(name, getlink=True), h5py.HardLink))
+        return [name for name in plain if attribute in self._group[name].attrs]
+
+    def group(self, name: str) -> Held:
+        found = self._child(name)
+        if not isinstance(found, h5py.Group):
+            raise EntryError(f"{self._name(name)} is no group; expected one")
+        return Held(found)
+
+    def dataset(self, name: str, kinds: str = "biuf", ends: tuple[int, ...] | None = None) -> Stored:
+        """The dataset `name` of numbers of these kinds (as numpy's), each row of shape `ends`, by default any."""
+        found = self._child(name)
+        if not isinstance(found, h5py.Dataset):
+            raise EntryError(f"{self._name(name)} is no dataset; expected one")
+        return Stored(found, self._name(name), kinds, ends)
+
+    def rows(self, name: str, count: int, kinds: str = "f", ends: tuple[int, ...] = ()) -> np.ndarray:
+        """A column of `count` rows."""
+        stored = self.dataset(name, kinds, ends)
+        if len(stored) != count:
+            raise EntryError(f"{stored.name} has {len(stored)} rows; expected {count}, as the other columns")
+        return stored.read()
+
+    def at(self, path: str, kinds: str, ends: tuple[int, ...]) -> Stored:
+        """The dataset at a path from the root of the file."""
+        *groups, name = path.strip("/").split("/")
+        held = self
+        for each in groups:
+            held = held.group(each)
+        return held.dataset(name, kinds, ends)
+
+    @property
+    def attributes(self) -> list[str]:
+        return list(self._group.attrs)
+
+    def attribute(self, name: str) -> Any:
+        """A number, truth value, bytes, or an array of these."""
+        return attribute_of(self._group, name)
+
+    def number(self, name: str) -> float:
+        return float(self.numbers(name, ()))
+
+    def whole(self, name: str) -> int:
+        found = self.attribute(name)
+        if np.ndim(found) != 0 or np.asarray(found).dtype.kind not in "iu":
+            raise EntryError(f"{self._name(name)} is no whole number; expected one")
+        return int(found)
+
+    def numbers(self, name: str, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
+        found = np.asarray(self.attribute(name))
+        if found.dtype.kind not in "biuf" or found.shape != shape or not (np.isfinite(found).all() or not finite):
+            wanted = "a finite number" if shape == () else f"finite numbers of shape {shape}"
+            raise EntryError(f"{self._name(name)} is not {wanted}; expected that")
+        return found.astype(float)
+
+    def text(self, name: str) -> str:
+        return decoded(self.attribute(name), self._name(name))
+
+    def texts(self, name: str) -> list[str]:
+        return [decoded(each, self._name(name)) for each in np.atleast_1d(self.attribute(name))]
+
+
+def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
+    """An attribute of a group or dataset: few numbers or bytes. Raises EntryError."""
+    where = f"{owner.name.rstrip('/')}@{name}"
+    if name not in owner.attrs:
+        raise EntryError(f"there is no {where}; expected one")
+    found = owner.attrs.get_id(name)
+    if found.shape is None or found.dtype.kind not in "biufS":
+        raise EntryError(f"{where} holds {found.dtype}; expected numbers or bytes of text")
+    if math.prod(found.shape) * found.dtype.itemsize > LARGEST_ATTRIBUTE:
+        raise EntryError(f"{where} has shape {found.shape}; expected fewer")
+    return owner.attrs[name]
+
+
+def decoded(value: Any, name: str) -> str:
+    """Bytes as text in UTF-8. Raises EntryError."""
+    if not isinstance(value, bytes):
+        raise EntryError(f"{name} holds no text; expected one")
+    try:
+        return value.decode()
+    except UnicodeDecodeError:
+        raise EntryError(f"{name} is not UTF-8; expected text in UTF-8") from None
+
+
 @contextmanager
-def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[h5py.File]:
+def opened(path: str | os.PathLike[str]) -> Iterator[Held]:
+    """A regular file of unknown origin, open for reading. Raises OSError, and what HDF5 makes of another file."""
+    with open_plain(path) as plain:
+        there = os.fstat(plain.fileno())
+        if there.st_size > HOLLOW * max(getattr(there, "st_blocks", math.inf) * 512, _BLOCK):
+            raise OSError(errno.EINVAL, f"declares {there.st_size} bytes that are not there", os.fspath(path))
+        _check_seal(plain)
+    with h5py.File(path, "r") as file:
+        yield Held(file)
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[Held]:
     """The file at `path`, open for reading; whatever is wrong with it becomes one `error`."""
     try:
-        _check_seal(Path(path))
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("discsim") != np.bytes_(kind):
+        with opened(path) as file:
+            if "discsim" not in file.attributes or file.attribute("discsim") != np.bytes_(kind):
                 raise error(f"{path}: an HDF5 file, but not a {kind} of discsim")
             for part in parts_of(file):
                 if not part.exists():
                     raise error(f"{path}: its part {part} is gone; expected all its parts beside it")
             yield file
+    except error:
+        raise
     except FileNotFoundError:
         raise error(f"{path}: no such file") from None
     except PermissionError:
         raise error(f"{path}: not readable: permission denied") from None
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as fault:
-        if isinstance(fault, error):
-            raise
-        # Other types of exception are h5py's own surprise at what it found: nothing a reader could use.
-        reason = str(fault).splitlines()[0] if isinstance(fault, OSError) else "its contents cannot be read"
-        raise error(f"{path}: not a {kind}, or a damaged one: {reason}") from fault
+    except MemoryError as fault:
+        raise error(f"{path}: too large for the memory of this machine") from fault
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError) as fault:
+        raise error(f"{path}: not a {kind}, or a damaged one: {_reason(fault)}") from fault
 
 
 def mark(file: h5py.File, kind: str) -> None:
@@ -132,35 +352,32 @@ def put(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
     return group.create_dataset(name, data=array, chunks=chunk, maxshape=room, fletcher32=True)
 
 
-def parts_of(file: h5py.File) -> list[Path]:
-    """The files that hold rows of the particles of a master; none of a file that holds all."""
-    folder = Path(file.filename).parent
-    return [folder / os.fsdecode(name) for name in file.attrs.get(NAMES, ())]
-
-
-def read(stored: h5py.Dataset, rows: slice = ALL) -> np.ndarray:
-    """Entries of a dataset, those in parts from there: HDF5 gives zeros for a part that it cannot open."""
-    if not stored.is_virtual:
-        return np.asarray(stored[rows])
-    first, last, _ = rows.indices(len(stored))
-    out = np.empty((max(last - first, 0), *stored.shape[1:]), stored.dtype)
-    folder, made = Path(stored.file.filename).parent, stored.file.attrs[MADE]
-    for source in stored.virtual_sources():
-        (begin, *_), (end, *_) = source.vspace.get_select_bounds()
-        one, other = max(first, begin), min(last, end + 1)
-        if one < other:
-            with _part(folder / source.file_name, made) as part:
-                out[one - first : other - first] = part[source.dset_name][one - begin : other - begin]
-    return out
+def parts_of(file: Held) -> list[Path]:
+    """The files that hold rows of the particles of a master; none of a file that holds all. Raises EntryError."""
+    if NAMES not in file.attributes:
+        return []
+    found = [os.fsdecode(name) for name in np.atleast_1d(file.attribute(NAMES)).tolist()]
+    for name in found:
+        folder, _, last = name.partition("/")
+        if folder != files.PARTS or last in ("", ".", "..") or "/" in last or "\0" in last:
+            raise EntryError(f"its part {clipped(name)} is elsewhere; expected names like {files.PARTS}/0003.0.h5")
+    return [file.folder / name for name in found]
 
 
 @contextmanager
-def _part(path: Path, made: str) -> Iterator[h5py.File]:
+def _part(path: Path, made: str) -> Iterator[Held]:
     try:
-        with h5py.File(path, "r") as file:
-            if file.attrs.get(MADE) != np.bytes_(made):
+        with opened(path) as file:
+            if file.text(MADE) != made:
                 raise OSError("it is of another file than this one")
             yield file
-    except (OSError, KeyError, ValueError, RuntimeError) as fault:
-        reason = str(fault).splitlines()[0] if isinstance(fault, OSError) else "its contents cannot be read"
-        raise OSError(f"part {path}: {reason}") from fault
+    except (OSError, LookupError, ValueError, RuntimeError) as fault:
+        raise OSError(f"part {path}: {_reason(fault)}") from fault
+
+
+def _reason(fault: Exception) -> str:
+    """The first line of what is wrong, without control characters; of h5py's own surprises nothing."""
+    if not isinstance(fault, OSError | EntryError):
+        return "its contents cannot be read"
+    line = (getattr(fault, "strerror", None) or str(fault)).partition("\n")[0]
+    return printable(line)

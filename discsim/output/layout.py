@@ -99,10 +99,10 @@ def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[
             yield name, column.values, Field(*column[1:])
 
 
-def other_columns(group: h5py.Group) -> dict[str, tuple[Array, str]]:
-    """Arrays of a species that the layout does not know, with their dimensions, by name."""
-    others = [stored for stored in group.values() if "Dimension of discsim" in stored.attrs]
-    return {s.attrs["Name"].decode(): (hdf5.read(s), s.attrs["Dimension of discsim"].decode()) for s in others}
+def other_columns(group: hdf5.Held) -> dict[str, tuple[hdf5.Stored, str]]:
+    """Datasets of a species that the layout does not know, with their dimensions, by the names of their columns."""
+    others = (group.dataset(name) for name in group.names_with("Dimension of discsim"))
+    return {stored.text("Name"): (stored, stored.text("Dimension of discsim")) for stored in others}
 
 
 def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, held: dict[str, int]) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.numerics.entries import VECTORS, EntryError, check_finite, check_ranges
 from discsim.numerics.state import Pace
 from discsim.output import hdf5
 
@@ -70,11 +71,25 @@ def write(group: h5py.Group, step: OpenStep) -> None:
             hdf5.put(part, name, array)
 
 
-def read(group: h5py.Group) -> OpenStep | None:
-    """None where an earlier version wrote the file."""
+def read(group: hdf5.Held, counts: dict[str, int], dimensions: int) -> OpenStep | None:
+    """The open step of a snapshot with so many particles of each kind; None where an earlier version wrote the file.
+
+    Raises EntryError.
+    """
     if GROUP not in group:
         return None
-    held = group[GROUP]
-    arrays = {species: {name: hdf5.read(stored) for name, stored in part.items()} for species, part in held.items()}
-    pace = Pace(*map(float, held.attrs["pace"])) if "pace" in held.attrs else None
-    return OpenStep(float(held.attrs["lag"]), int(held.attrs["step"]), arrays, pace)
+    held = group.group(GROUP)
+    arrays: dict[str, dict[str, Array]] = {}
+    for species, count in counts.items():
+        part = held.group(species)
+        ends = {name: (dimensions,) if name in VECTORS else () for name in part.names}
+        arrays[species] = {name: part.rows(name, count, ends=ends[name]) for name in part.names}
+        check_finite(species, arrays[species])
+        check_ranges(species, arrays[species], populations=1)
+        if species == "bodies" and not {*OF_BODIES} <= arrays[species].keys():
+            raise EntryError(f"{GROUP} lacks arrays of the star and its companions; expected {', '.join(OF_BODIES)}")
+    pace = Pace(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None
+    lag, step = held.number("lag"), held.whole("step")
+    if lag < 0.0 or step < 0 or (pace is not None and not (pace.since >= 0.0 and pace.rate > 0.0)):
+        raise EntryError(f"the lag {lag:g} or the step {step} of {GROUP} is below 0; expected 0 or more")
+    return OpenStep(lag, step, arrays, pace)

@@ -133,9 +133,9 @@ def tidy(folder: Path) -> None:
     named: set[str] = set()
     for path in folder.glob("*.h5"):
         try:
-            with h5py.File(path, "r") as file:
+            with hdf5.opened(path) as file:
                 named.update(part.name for part in hdf5.parts_of(file))
-        except (OSError, KeyError, RuntimeError):
+        except (OSError, LookupError, ValueError, RuntimeError):
             return
     for part in parts.glob("*.h5"):
         if part.name not in named:
@@ -147,7 +147,7 @@ def tidy(folder: Path) -> None:
 def copy(path: Path, target: Path, to: Path) -> None:
     """Copy a file of whatever kind to `to`, which is to be named `target`, and its parts to beside that."""
     if (path.parent / PARTS).is_dir() and h5py.is_hdf5(path):
-        with h5py.File(path, "r") as file:
+        with hdf5.opened(path) as file:
             parts = hdf5.parts_of(file)
         for part in parts:
             other = target.parent / PARTS / part.name

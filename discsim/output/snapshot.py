@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.numerics.dataframe import dataframe_of
+from discsim.numerics.entries import EntryError, check_finite, check_ranges
 from discsim.output import hdf5, open_step
 from discsim.output.bins import square_window
 from discsim.output.contents import (
@@ -30,7 +31,8 @@ from discsim.output.contents import (
     support_radius,
     unit_texts,
 )
-from discsim.output.layout import GROUPS, PLAIN_UNITS, other_columns, write_layout, write_particles
+from discsim.output.layout import GROUPS, PLAIN_UNITS, write_layout, write_particles
+from discsim.output.snapshot_entries import columns_of, is_wanted, listed, tables_of, time_of, units_of
 from discsim.parts import STARTS, Lazy
 from discsim.physics.profile import reference_density
 from discsim.printable import UserError, printable
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 frame = Lazy("discsim.output.fields.frame")
 growth = Lazy("discsim.physics.growth")
+FINITE = ("pos", "vel", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size")
 
 
 class SnapshotError(UserError):
@@ -340,61 +343,55 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
     """
     path = files_of(path)[-1] if Path(path).is_dir() else path
     with hdf5.reading(path, SnapshotError, "snapshot") as file:
-        own = file["discsim"]
-        dimensions = int(own.attrs["dimensions"])
-        origin = own.attrs["origin"]
-        units = units_of(file)
+        own, units = file.group("discsim"), units_of(file)
+        dimensions = own.whole("dimensions")
+        origin, size = (own.numbers(name, (dimensions,)) for name in ("origin", "size"))
+        support = own.number("support")
+        if not (support > 0.0 and (size > 0.0).all()):
+            raise EntryError("the box or the support of the kernel has no size; expected positive numbers")
+        text = hdf5.decoded(own.dataset("Scene", "u", ()).read().tobytes(), "/discsim/Scene")
+        tables = tables_of(text, units)
+        populations, bodies = listed(tables, "dust"), listed(tables, "star") + listed(tables, "companion")
         there = [kind for kind, (group, _) in GROUPS.items() if group in file]
-        kinds = {kind: _particles_of(file, kind, units, columns) for kind in there}
+        kinds = {kind: _particles_of(file, kind, populations, columns) for kind in there}
+        counts = {kind: particles.count for kind, particles in kinds.items()}
+        if counts.get("bodies", bodies) != bodies:
+            raise EntryError(f"it holds {counts['bodies']} bodies, and its scene {bodies}; expected as many")
+        reference = "reference_density"
         return Snapshot(
-            time=float(file["Header"].attrs["Time"][0]),
+            time=time_of(file),
             gas=kinds.get("gas"),
             dust=kinds.get("dust"),
             bodies=kinds.get("bodies"),
             units=units,
-            scene_text=own["Scene"][()].tobytes().decode(),
+            scene_text=text,
             dimensions=dimensions,
             lower=origin,
-            upper=origin + own.attrs["size"],
-            open_step=open_step.read(own) if columns is None else None,
-            reference_density=own.attrs.get("reference_density"),
-            version=file.attrs["version"].decode(),
-            command=file.attrs.get("command", b"").decode(errors="replace"),
-            support=float(own.attrs["support"]),
+            upper=origin + size,
+            open_step=open_step.read(own, counts, dimensions) if columns is None else None,
+            reference_density=own.number(reference) if reference in own.attributes else None,
+            version=file.text("version"),
+            command=file.attribute("command").decode(errors="replace") if "command" in file.attributes else "",
+            support=support,
         )
 
 
-def _particles_of(file: h5py.File, kind: str, units: Units, columns: Collection[str] | None) -> SnapshotParticles:
-    """The particles of one kind, in the scene's own frame."""
-    own, (name_of_group, stored) = file["discsim"], GROUPS[kind]
-    group, dimensions, wanted = file[name_of_group], units.dimensions, partial(_wanted, columns, kind)
-    arrays = {
-        name: hdf5.read(group[each.dataset]) for name, each in stored.items() if each.dataset in group and wanted(name)
-    }
-    arrays["pos"] = arrays["pos"][:, :dimensions] + own.attrs["origin"]
+def _particles_of(file: hdf5.Held, kind: str, populations: int, columns: Collection[str] | None) -> SnapshotParticles:
+    """The particles of one kind, in the scene's own frame. Raises EntryError."""
+    own, units, (group, fields) = file.group("discsim"), units_of(file), GROUPS[kind]
+    wanted = partial(is_wanted, columns, kind)
+    arrays, others, known = columns_of(file.group(group), fields, wanted)
+    arrays["pos"] = arrays["pos"][:, : units.dimensions] + own.numbers("origin", (units.dimensions,))
     if "vel" in arrays:
-        arrays["vel"] = arrays["vel"][:, :dimensions]
+        arrays["vel"] = arrays["vel"][:, : units.dimensions]
+    check_finite(kind, {name: array for name, array in arrays.items() if name in FINITE})
+    if populations > 1 and kind == "dust" and "species" not in arrays and wanted("species"):
+        raise EntryError("its dust has no Species; expected the number of each particle's population")
+    check_ranges(kind, arrays, populations)
     if "h" in arrays:
-        arrays["h"] = arrays["h"] / own.attrs["support"]
-    if not own.attrs["energy_equation"]:
+        arrays["h"] = arrays["h"] / own.number("support")
+    if not own.attribute("energy_equation"):
         arrays.pop("u", None)
-    if "immobile" in arrays:
-        arrays["immobile"] = arrays["immobile"].astype(bool)
-    known = {name: stored[name].dimension for name in arrays}
-    others = {name: column for name, column in other_columns(group).items() if wanted(name)}
-    known |= {name: dimension for name, (_, dimension) in others.items()}
-    own_columns = {name: array for name, (array, _) in others.items()}
+    known = {name: dimension for name, dimension in known.items() if name in arrays or name in others}
     needed = dict.fromkeys(("vel", "ids")) | arrays
-    return SnapshotParticles(units, known, columns=own_columns, **needed)
-
-
-def units_of(file: h5py.File) -> Units:
-    """The units of a snapshot that is open."""
-    own = file["discsim"]
-    system, length, mass = (text.decode() for text in own.attrs["units"])
-    return Units(system, int(own.attrs["dimensions"]), length, mass)
-
-
-def _wanted(columns: Collection[str] | None, kind: str, name: str) -> bool:
-    """Whether `read_snapshot` is to read a column."""
-    return columns is None or kind == "bodies" or name in ("pos", "mass") or f"{kind}.{name}" in columns
+    return SnapshotParticles(units, known, columns=others, **needed)

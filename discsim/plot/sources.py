@@ -11,7 +11,8 @@ import numpy as np
 from discsim.output import hdf5
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.names import columns
-from discsim.output.snapshot import Snapshot, SnapshotError, files_of, read_snapshot, units_of
+from discsim.output.snapshot import Snapshot, SnapshotError, files_of, read_snapshot
+from discsim.output.snapshot_entries import time_of, units_of
 from discsim.scene.units import UnitError, Units
 
 Source = Snapshot | str | Path
@@ -64,7 +65,7 @@ def times_of(files: Sequence[Path]) -> tuple[list[float], Units]:
     times, units = [], Units("code")
     for path in files:
         with hdf5.reading(path, SnapshotError, "snapshot") as file:
-            times.append(float(file["Header"].attrs["Time"][0]))
+            times.append(time_of(file))
             units = units_of(file) if len(times) == 1 else units
     return times, units
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from discsim.effects.base import Effect
 from discsim.numerics.state import State
-from discsim.output.checkpoint import Scalar
+from discsim.output.checkpoint import Values
 from discsim.output.contents import Extent, extent_of
 from discsim.output.history import history_row
 from discsim.output.layout import GROUPS
@@ -97,7 +97,7 @@ class Untold(Told):
 class Unwritten(Records):
     """Tables that another rank writes."""
 
-    def take_up(self, step: int, values: Mapping[str, object]) -> list[str]:
+    def take_up(self, step: int, values: Values) -> list[str]:
         return []
 
     def open(self) -> None:
@@ -143,10 +143,10 @@ class DividedRun(Run):
     def _simulation(self, to_restore: bool) -> Simulation:
         return Simulation(self.scene, begun=begun(self.comm, self.scene, to_restore))
 
-    def _restore(self, path: Path) -> dict[str, Scalar]:
-        return dict(alike(self.comm, lambda: self.sim.restore(path, (self.comm.rank, self.comm.size))))
+    def _restore(self, path: Path) -> Values:
+        return alike(self.comm, lambda: self.sim.restore(path, (self.comm.rank, self.comm.size)))
 
-    def _take_up_rows(self, values: dict[str, Scalar]) -> list[str]:
+    def _take_up_rows(self, values: Values) -> list[str]:
         return list(self.led(lambda: super(DividedRun, self)._take_up_rows(values)))
 
     def _open_files(self, resume: bool) -> None:
@@ -168,7 +168,7 @@ class DividedRun(Run):
         unfinished = gathered(comm, sim.state, "ids", divided, OPEN)
         open_step = left_open(unfinished, kick_owner(sim.effects) is not None)
         del unfinished  # it takes memory
-        with sim.synchronised() as state:
+        with sim.closed() as state:
             extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)
             extent = self._extent(state)
             shown = gathered(comm, replace(state, gas=with_present_pressure(state)), "ids", divided, STORED)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from discsim.output.checkpoint import CheckpointError, Scalar, checked_checkpoint
+from discsim.output import hdf5
+from discsim.output.checkpoint import CheckpointError, Values, checked_checkpoint
 from discsim.output.files import renamed
+from discsim.output.snapshot import SnapshotError
+from discsim.output.snapshot_entries import time_of
 from discsim.run.directory import CHECKPOINTS
 
 
@@ -17,7 +21,7 @@ class Checkpoints:
         self.last, self.before = (directory / name for name in CHECKPOINTS)
         self.chosen, self.fault = self.last, ""
 
-    def newest(self) -> tuple[dict[str, Any], dict[str, Scalar]]:
+    def newest(self) -> tuple[dict[str, Any], Values]:
         """Arrays by group, but for particles, and values of the newest that can be read. Raises CheckpointError."""
         try:
             return checked_checkpoint(self.last)
@@ -29,8 +33,22 @@ class Checkpoints:
             both = f"{self.fault}; {fault}" if self.before.exists() else self.fault
             raise CheckpointError(both) from None
 
+    def refuse_to_lose(self, folder: Path, number: int, put_out: float) -> None:
+        """Raise CheckpointError where a snapshot from `number` on is not later than `put_out`, the time of the last one
+        that the checkpoint counts: it would be removed, and not made again."""
+        for path in later_snapshots(folder, number):
+            with suppress(SnapshotError), hdf5.reading(path, SnapshotError, "snapshot") as file:
+                if time_of(file) <= put_out:
+                    wrong = f"a damaged checkpoint: it counts {number} snapshots, and {path} is of before it"
+                    raise CheckpointError(f"{self.chosen}: {wrong}; expected all until it to be counted")
+
     def settle(self) -> None:
         """Have the chosen one as the last: the next one would take the place of the one before it."""
         if self.chosen != self.last:
             renamed(self.chosen, self.last)
             self.chosen = self.last
+
+
+def later_snapshots(folder: Path, number: int) -> list[Path]:
+    """The snapshots in a folder from `number` on."""
+    return [path for path in folder.glob("*.h5") if path.stem.isdecimal() and int(path.stem) >= number]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import MISSING, fields
 from itertools import chain
 
 import numpy as np
 
 from discsim.numerics import world
+from discsim.numerics.bodies import Bodies
+from discsim.numerics.entries import EntryError, check_arrays, check_like, check_ranges
 from discsim.numerics.state import State
 from discsim.numerics.threads import share_all
 from discsim.parts import Lazy
@@ -24,6 +27,26 @@ LOST = 1.0
 def coupled(state: State) -> bool:
     """Whether particles feel each other, so that what is wrong with one spreads."""
     return state.gas is not None or state.grid is not None
+
+
+def check_entries(state: State, effects: Effects) -> None:
+    """Check arrays that a caller may have set, before a kernel takes them. Raises ValueError, and as `check_inputs`."""
+    dimensions = state.scene.space.dimensions
+    for name, p in state.species.items():
+        held = p.arrays()
+        if lost := [f.name for f in fields(p) if f.default is MISSING and f.name not in held]:
+            raise EntryError(f"{name}.{lost[0]} is None; expected an array")
+        count = check_arrays(name, held, dimensions)
+        forces = state.own_acc.get(name)
+        if forces is not None and len(forces) not in (0, count):
+            raise EntryError(f"{name} has {count} particles, and had {len(forces)} before; expected as many")
+    if state.bodies is not None:
+        same = Bodies.at_rest(np.zeros(1 + len(state.scene.table("companion") or ())))
+        check_like("bodies", state.bodies.arrays(), same.arrays())
+        check_ranges("bodies", state.bodies.arrays(), populations=0)
+    check_inputs(state, effects)
+    for name, p in state.species.items():
+        check_ranges(name, p.arrays(), populations=len(state.scene.dust or ()))
 
 
 def check_inputs(state: State, effects: Effects) -> None:

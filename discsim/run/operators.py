@@ -30,15 +30,12 @@ class Operators:
 
     def kick(self, dt: float) -> None:
         """Velocities and energies over dt, by the effect that owns the kick, or by each species' own."""
-        # What forces and kicks make is checked where it is made. This takes a fiftieth of a step.
-        if guards.coupled(self.state) and (self.shown or self.operating):
+        # Results of forces and kicks are checked where they are made. This check takes 2% of a step.
+        if self.shown:
+            self.take_back()
+        elif self.operating and guards.coupled(self.state):
             self._check(guards.check_inputs)
         owner = forces.kick_owner(self.effects)
-        if self.shown:  # places may be others
-            world.together.forget()
-            if owner is not None:
-                self.effects[owner].discard()
-        self.shown = False
         try:
             for name in [owner] if owner is not None else self.effects:
                 with self.costs(name):
@@ -48,6 +45,15 @@ class Operators:
         if self.state.bodies is not None:
             self.state.bodies.kick(dt)
         self._check(guards.check_kicked)
+
+    def take_back(self) -> None:
+        """Check arrays that a caller had, and drop what was found of their earlier values. Raises ValueError."""
+        self._check(guards.check_entries)
+        world.together.forget()
+        owner = forces.kick_owner(self.effects)
+        if owner is not None:
+            self.effects[owner].discard()
+        self.shown = False
 
     def close(self) -> None:
         """Make the closing kick that the velocities await."""

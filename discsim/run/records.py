@@ -8,7 +8,7 @@ from pathlib import Path
 from discsim.effects.base import Effect
 from discsim.numerics.state import State
 from discsim.output import companions
-from discsim.output.checkpoint import Scalar
+from discsim.output.checkpoint import Values
 from discsim.output.history import History, columns_of, history_row, rows_until
 from discsim.scene import Scene
 
@@ -30,12 +30,12 @@ class Records:
     def names(self) -> str:
         return ", ".join(file for _, file, _ in self.tables)
 
-    def take_up(self, step: int, values: Mapping[str, Scalar]) -> list[str]:
+    def take_up(self, step: int, values: Values) -> list[str]:
         """Read the rows up to `step` of a checkpoint with these values; what is lost of them, in words."""
         remarks = []
         for name, file, columns in self.tables:
-            digest = str(values.get(f"{name}_digest", ""))  # "": of a checkpoint by an earlier version
-            found = rows_until(self.directory / file, step, int(values[name]), digest, columns)
+            digest = values.text(f"{name}_digest") if f"{name}_digest" in values else ""  # of an earlier version
+            found = rows_until(self.directory / file, step, values.whole(name), digest, columns)
             self._rows[name] = found.rows
             remarks += found.remarks
         return remarks

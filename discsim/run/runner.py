@@ -15,7 +15,7 @@ from discsim import __version__
 from discsim.initial import start_time
 from discsim.kernels import cache
 from discsim.output import hdf5
-from discsim.output.checkpoint import OtherVersionWarning, Scalar, other_version, write_checkpoint
+from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other_version, write_checkpoint
 from discsim.output.files import command, written
 from discsim.output.open_step import left_open
 from discsim.output.parts import tidy
@@ -24,7 +24,7 @@ from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
 from discsim.printable import UserError
-from discsim.run.checkpoints import Checkpoints
+from discsim.run.checkpoints import Checkpoints, later_snapshots
 from discsim.run.compilation import Compilation, of_numba_cache
 from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
 from discsim.run.forces import kick_owner
@@ -36,6 +36,7 @@ from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene
 from discsim.scene.differences import refuse_another
+from discsim.scene.fields import MOST_SNAPSHOTS
 from discsim.scene.units import clock
 from discsim.userfiles import NO_HANDLES, read_plain, system_message
 
@@ -197,13 +198,17 @@ class Run:
         """Time of the checkpoint, and when it was put out last. Raises SceneError where it is of another scene."""
         groups, values = self.checkpoints.newest()
         refuse_another(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
-        self.snapshots, self.put_out = int(values["snapshots"]), float(values["put_out"])
+        reached = values.number("time")
+        self.snapshots, self.put_out = values.whole("snapshots", 1, MOST_SNAPSHOTS), values.number("put_out")
+        if self.put_out > reached:
+            values.refuse("put_out", f"at most its time, {reached:g}")
+        self.checkpoints.refuse_to_lose(self.directory / "snapshots", self.snapshots, self.put_out)
         if self.checkpoints.fault:
-            goes_on = f"goes on from {self.checkpoints.chosen}, of t = {self._show(float(values['time']))}"
+            goes_on = f"goes on from {self.checkpoints.chosen}, of t = {self._show(reached)}"
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
         if remark := other_version(self.checkpoints.chosen):
             self.progress.say(f"warning: {remark}")
-        return float(values["time"])
+        return reached
 
     def _simulation(self, to_restore: bool) -> Simulation:
         return Simulation(self.scene, to_restore=to_restore)
@@ -228,7 +233,7 @@ class Run:
         remarks = self._take_up() if resume else []
         self._open_files(resume)
         self.costs_before = self.costs_after_first = sim.costs.copy()
-        with sim.synchronised():  # makes the first forces, which say what sets the first step
+        with sim.closed():  # makes the first forces, which say what sets the first step
             self.time, self.next_set_by = sim.time, self._limiter()
         self.set_by = self.set_by or self.next_set_by
         if resume:
@@ -246,9 +251,8 @@ class Run:
         with written(self.directory / "scene.toml") as temporary:
             temporary.write_text(self.scene.text, encoding="utf-8")
         folder.mkdir(exist_ok=True)
-        for path in folder.glob("*.h5"):
-            if path.stem.isdecimal() and int(path.stem) >= self.snapshots:
-                path.unlink()
+        for path in later_snapshots(folder, self.snapshots):
+            path.unlink()
         tidy(self.directory)
         tidy(folder)
         self.progress.open_log(self.directory / "run.log", resume)
@@ -261,13 +265,13 @@ class Run:
             python_warnings.simplefilter("ignore", OtherVersionWarning)  # told already
             values = self._restore(self.checkpoints.chosen)
         self.saved_time = self.sim.time
-        self.dt, self.set_by = float(values["dt"]), str(values["set_by"])
+        self.dt, self.set_by = values.number("dt", 0.0), values.text("set_by")
         return self._take_up_rows(values)
 
-    def _take_up_rows(self, values: dict[str, Scalar]) -> list[str]:
+    def _take_up_rows(self, values: Values) -> list[str]:
         return self.records.take_up(self.sim.state.step, values)
 
-    def _restore(self, path: Path) -> dict[str, Scalar]:
+    def _restore(self, path: Path) -> Values:
         return self.sim.restore(path)
 
     # Stepping
@@ -280,7 +284,7 @@ class Run:
         self._forget_compilation()
         self.records.add_companions(state, self.dt)
         if state.step % self.rows_every == 0:
-            with self.sim.synchronised():
+            with self.sim.closed():
                 self._add_row()
         self.progress.step(state, self.dt, self.set_by)
         if self._must_save():
@@ -314,7 +318,7 @@ class Run:
         """The next snapshot, with its row and the costs until now."""
         sim = self.sim
         open_step = left_open(sim.state, kick_owner(sim.effects) is not None)
-        with sim.synchronised() as state:
+        with sim.closed() as state:
             extra = columns(state, sim.effects.values())
             gas = with_present_pressure(state)
             path = self._snapshot(self.snapshots)

@@ -1,7 +1,7 @@
 """A scene in motion: what `Simulation` gives to who uses discsim from Python, and to `run/runner.py`.
 
-A step is put together by `run/integrators.py` from the operators of `run/operators.py`. Where somebody looks
-(`synchronised`), the closing kick is made on copies, and undone, so that looking never changes a bit of what follows.
+A step is put together by `run/integrators.py` from the operators of `run/operators.py`. Where a caller looks at the
+state (`synchronised`), the closing kick is made and undone again: looking never changes a bit of what follows.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, replace
+from itertools import chain
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -22,13 +23,15 @@ import numpy as np
 from discsim.effects.base import Effect
 from discsim.initial import own
 from discsim.numerics.bodies import Bodies
+from discsim.numerics.entries import EntryError
 from discsim.numerics.memory import keep_freed
-from discsim.numerics.state import Dust, Gas, Ledger, Pace, State
+from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import use_threads
 from discsim.output.checkpoint import (
     CheckpointError,
     OtherVersionWarning,
     Scalar,
+    Values,
     other_version,
     read_checkpoint,
     write_checkpoint,
@@ -37,8 +40,9 @@ from discsim.parts import INTEGRATORS, found_at
 from discsim.preview.memory import too_much
 from discsim.run import guards
 from discsim.run.costs import Costs
-from discsim.run.forces import Limits, PhysicsError, acceleration_of
+from discsim.run.forces import PhysicsError, acceleration_of
 from discsim.run.operators import Operators
+from discsim.run.restored import LIMITS, restored
 from discsim.run.start import Begun, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
@@ -81,6 +85,7 @@ class Simulation(Summarised):
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
         self._fresh = self._in_midst = False
+        self._open: State | None = None  # the state with its closing kick open, while somebody looks at it
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise TypeError(
@@ -160,7 +165,7 @@ class Simulation(Summarised):
 
         progress: tell of it as the command does. callback(sim): called after each step, which changes nothing of the
         run; with `every`, a time, instead where that is at multiples of it, and at the end. It sees velocities at the
-        time of places, and is for looking: what it changes is undone. The run ends early where it returns True.
+        time of places, in read-only views as of `synchronised`. The run ends early where it returns True.
 
         Ctrl-C ends it after a step; to run on gives the same bits as never to have stopped. Velocities then await the
         closing kick of that step: `synchronised` shows them with it. Raises ValueError.
@@ -201,38 +206,64 @@ class Simulation(Summarised):
                 continue
             if after_step():
                 return False
-            self.operators.shown |= not only_looks
+            if not only_looks:
+                self.operators.take_back()
         return True
 
     @contextmanager
     def synchronised(self) -> Iterator[State]:
-        """The state with its closing kick made, for looking at; what follows does not notice."""
-        state = self.state
-        self._prepare()
-        if state.lag == 0.0:
-            yield state
+        """The state with its closing kick made, in read-only views, for looking at; what follows is unaffected.
+
+        Meanwhile `sim.gas`, `sim.dust` and `sim.state` are these views. An attribute that is set on them is lost at
+        the end. `step`, `run`, `evolve` and `restore` raise RuntimeError; `save` writes the state as the run has it.
+        """
+        if self._open is not None:
+            yield self.state
             return
-        saved = [(p, {k: v.copy() for k, v in p.arrays().items() if k in MOVED}) for p in state.species.values()]
-        bodies = None if state.bodies is None else state.bodies.copy()
-        lag = state.lag
-        kept_costs = self.costs
-        self.costs = Costs(self.effects)
+        with self.closed() as state:
+            self.state = state.read_only()
+            try:
+                yield self.state
+            finally:
+                self.state = state
+
+    @contextmanager
+    def closed(self) -> Iterator[State]:
+        """The state itself with its closing kick made, for outputs, which only read it. What follows is unaffected."""
+        self._prepare()
+        state = self._open = self.state
         try:
-            self.operators.close()
+            if state.lag == 0.0:
+                yield state
+                return
+            saved = {
+                name: {k: v.copy() for k, v in p.arrays().items() if k in MOVED} for name, p in state.species.items()
+            }
+            kept: dict[str, Any] = {name: replace(p, **saved[name]) for name, p in state.species.items()}
+            bodies = None if state.bodies is None else state.bodies.copy()
+            self._open = replace(state, bodies=bodies, **kept)
+            costs, self.costs = self.costs, Costs(self.effects)
+            try:
+                self.operators.close()
+            finally:
+                self.costs = costs
             yield state
         finally:
-            self.costs = kept_costs
-            self.operators.shown = True
-            state.lag, state.bodies = lag, bodies
-            for particles, arrays in saved:
-                for name, array in arrays.items():
-                    setattr(particles, name, array)
+            if self._open is not state:
+                self.operators.shown = True
+                state.lag, state.bodies = self._open.lag, self._open.bodies
+                for name, arrays in saved.items():
+                    for key, array in arrays.items():
+                        setattr(state.species[name], key, array)
+            self._open = None
 
     def acceleration(self, effect: str) -> tuple[np.ndarray | None, np.ndarray | None]:
         """What one effect gives now to (gas, dust), each (n, dimensions) or None where there is no such species."""
         if effect not in self.effects:
             raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
         use_threads(self.scene.run.threads)
+        if self._open is None:
+            guards.check_entries(self.state, self.effects)
         found = acceleration_of(self.effects[effect], self.state)
         return found.get("gas"), found.get("dust")
 
@@ -249,9 +280,11 @@ class Simulation(Summarised):
 
     def contents(self) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Scalar]]:
         """Arrays by group and single values of a checkpoint of now. Raises PhysicsError as `save`."""
-        self._prepare()
-        guards.check_inputs(self.state, self.effects)
-        state = self.state
+        if self._open is None and not self._fresh:
+            self._prepare()
+        self._refuse_half_made()
+        state = self._open or self.state
+        guards.check_entries(state, self.effects)
         groups = {name: p.arrays() for name, p in state.species.items()}
         groups["own_acc"] = state.own_acc
         groups["ledger"] = {name: np.atleast_1d(value) for name, value in asdict(state.ledger).items()}
@@ -261,41 +294,31 @@ class Simulation(Summarised):
         groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
-        values |= dict(zip(LIMITS, self.operators.limits, strict=True))
+        values |= dict(zip(chain(*LIMITS), self.operators.limits, strict=True))
         if state.pace is not None:
             values |= {f"pace_{name}": value for name, value in state.pace._asdict().items()}
         return groups, values
 
-    def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> dict[str, Scalar]:
+    def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> Values:
         """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError, SceneError.
 
         The scene may differ from that of the checkpoint as with --resume. What raises leaves all as it was. share: of
-        the particles only some, as `read_checkpoint`, for who has the others elsewhere.
+        the particles only some, as `read_checkpoint`, for who has the others elsewhere. A checkpoint of another version
+        of discsim is taken with an OtherVersionWarning.
         """
+        self._refuse_within()
         groups, values = read_checkpoint(path, share)
         refuse_another(path, groups["scene"]["text"].tobytes(), self.scene)
-        state, costs = self.state, self.costs.copy()
-        for name, particles in state.species.items():
-            held, own = groups[name], particles.arrays()
-            lengths = {len(array) for array in held.values()}
-            if held.keys() != own.keys() or len(lengths) > 1 or any(held[k].shape[1:] != own[k].shape[1:] for k in own):
-                raise CheckpointError(f"{path}: does not hold the {name} of this scene")
-        bodies = _bodies_of(path, groups, state.bodies)
-        ledger = Ledger(**{f.name: _entry(groups["ledger"][f.name]) for f in fields(Ledger)})
-        for table, numbers in ((costs.calls, "calls"), (costs.seconds, "seconds")):
-            table.update(zip(self.effects, groups["costs"][numbers].tolist(), strict=True))
-        time, step, lag = float(values["time"]), int(values["step"]), float(values["lag"])
-        limits = Limits(*(values[name] for name in LIMITS))  # type: ignore[arg-type]
-        own_acc = dict(groups["own_acc"])
-        pace = None
-        if state.pace is not None:
-            pace = Pace(*(float(values[f"pace_{name}"]) for name in Pace._fields))
-        for name, particles in state.species.items():
-            for array_name, array in groups[name].items():
-                setattr(particles, array_name, array)
-        state.own_acc, state.ledger, state.bodies, self.costs = own_acc, ledger, bodies, costs
-        state.time, state.step, state.lag, state.pace = time, step, lag, pace
-        self.operators.limits = limits
+        try:
+            found = restored(self.state, self.effects, groups, values)
+        except EntryError as fault:
+            raise CheckpointError(f"{path}: a damaged checkpoint, or of another version of discsim: {fault}") from None
+        for name, arrays in found.particles.items():
+            for array_name, array in arrays.items():
+                setattr(self.state.species[name], array_name, array)
+        for name, value in found.of_state.items():
+            setattr(self.state, name, value)
+        self.costs, self.operators.limits = found.costs, found.limits
         for effect in self.effects.values():
             effect.discard()
             effect.forget()
@@ -337,15 +360,22 @@ class Simulation(Summarised):
 
     def _prepare(self) -> None:
         use_threads(self.scene.run.threads)
-        if self._in_midst:
-            raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
-        self.operators.shown = True
-        if not self._fresh or not guards.coupled(self.state):
-            guards.check_inputs(self.state, self.effects)
+        self._refuse_within()
+        self._refuse_half_made()
+        self.operators.take_back()
         if not self._fresh:
             with self._whole():
                 self.operators.forces()
                 self._fresh = True
+
+    def _refuse_within(self) -> None:
+        if self._open is not None:
+            wrong = "the state is being looked at, in a callback or synchronised()"
+            raise RuntimeError(f"{wrong}; expected this call after it, or of another Simulation")
+
+    def _refuse_half_made(self) -> None:
+        if self._in_midst:
+            raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
 
     def _next_step(self, until: float) -> float:
         return next_step(self.state, self.operators.limits, until)
@@ -358,20 +388,4 @@ class Simulation(Summarised):
         self._integrate(self.operators, dt, until)
 
 
-def _bodies_of(path: str | Path, groups: Mapping[str, Any], own: Bodies | None) -> Bodies | None:
-    """The bodies of a checkpoint, as many as a scene's `own`."""
-    if own is None:
-        return None
-    held = groups["bodies"]
-    if held.keys() != own.arrays().keys() or any(held[k].shape != array.shape for k, array in own.arrays().items()):
-        raise CheckpointError(f"{path}: does not hold the star and the companions of this scene")
-    return Bodies(**held)
-
-
-def _entry(array: np.ndarray) -> Any:
-    """An entry of the ledger as it was saved: a number, or several."""
-    return array if len(array) > 1 else float(array[0])
-
-
-LIMITS = ("limit", "limited_by", "dust_limit", "dust_limited_by")  # of `Limits`, in a checkpoint
 MOVED = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # what a kick changes

@@ -22,7 +22,7 @@ def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
     """Raise SceneError where the scene `text` that `path` holds cannot go on as `now`."""
     try:
         before = load_scene(tomllib.loads(text.decode()), own_particles=now.initial is None, folder=Path(path).parent)
-    except (SceneError, ValueError) as fault:
+    except (SceneError, ValueError, RecursionError) as fault:
         raise SceneError([f"{path}: its scene is not one of this version: {str(fault).splitlines()[0]}"]) from None
     changed = [key for key in differences(before, now) if key not in FREE_TO_CHANGE]
     if changed:

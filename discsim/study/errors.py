@@ -55,7 +55,7 @@ def profile_errors(found: dict[str, list[float]], reference: dict[str, list[floa
 
 def totals(sim: Simulation) -> dict[str, float]:
     """The conserved quantities of a simulation now, with what was accreted, and the scales to judge them by."""
-    with sim.synchronised() as state:
+    with sim.closed() as state:
         row: dict[str, Any] = dict(zip(columns_of(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
         species = state.species.values()
         speeds = [np.sqrt((p.vel**2).sum(axis=1)) for p in species]

@@ -252,7 +252,7 @@ def test_a_run_that_begins_with_a_snapshot_has_its_parts_too(both, tmp_path):
     )
     out = tmp_path / "out"
     out.mkdir()
-    own = with_own_files(scene, out)
+    own, _ = with_own_files(scene, out)
     shutil.rmtree(both[1].parent)
     assert own.initial.file.path.parent == out
     assert np.array_equal(read_snapshot(own.initial.file.path).gas.pos, read_snapshot(both[0]).gas.pos)

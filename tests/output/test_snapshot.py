@@ -21,7 +21,7 @@ DISC = {
         "kernel": "quintic",
         "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05, "reference_radius": "10 au"},
     },
-    "dust": {"particles": 700, "ratio": 0.01},
+    "dust": [{"particles": 700, "ratio": 0.01}] * 3,
     "star": {"mass": "1 Msun", "accretion_radius": "10 au"},
 }
 WAVE = {

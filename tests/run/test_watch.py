@@ -37,7 +37,7 @@ def test_to_look_after_each_step_changes_no_bit():
 
     def look(sim):
         seen.append((sim.time, sim.state.lag, sim.gas.vel.copy()))
-        sim.dust.vel[:] = 9.0  # undone
+        sim.dust.vel = np.full_like(sim.dust.vel, 9.0)  # lost at the end
 
     alone.run()
     watched.run(callback=look)
@@ -176,3 +176,70 @@ def test_scenes_and_lazy_modules_can_be_pickled():
     assert pickle.loads(pickle.dumps(scene)) == scene == copy.deepcopy(scene)
     again = pickle.loads(pickle.dumps(Lazy("discsim.formulas.smoothing")))
     assert again.SMOOTHING is copy.copy(again).SMOOTHING
+
+
+ARRAYS = {"gas": ("pos", "vel", "mass", "h", "ids", "density"), "dust": ("pos", "vel", "mass", "species")}
+
+
+@pytest.mark.parametrize("look", ["callback", "synchronised"])
+def test_arrays_that_are_looked_at_cannot_be_written_to(look):
+    alone, watched, seen = made(until=0.05), made(until=0.05), []
+
+    def write(sim):
+        for species, names in ARRAYS.items():
+            for name in names:
+                array = getattr(getattr(sim, species), name)
+                with pytest.raises(ValueError, match="read-only"):
+                    array[3] = array[2]
+                seen.append(name)
+        sim.gas.ids = sim.gas.ids[::-1].copy()
+        sim.state.time, sim.state.ledger.accreted_gas = 7.0, 5.0
+
+    alone.run()
+    if look == "callback":
+        watched.run(callback=write)
+    else:
+        watched.step(0.01)
+        with watched.synchronised():
+            write(watched)
+        alone = made(until=0.05)
+        alone.step(0.01)
+        for sim in (alone, watched):
+            sim.run()
+    assert len(seen) >= 10 and state_bits(alone) == state_bits(watched)
+    assert watched.time == 0.05 and watched.state.ledger.accreted_gas == alone.state.ledger.accreted_gas
+    watched.gas.vel[3] = 0.0  # theirs again
+
+
+@pytest.mark.parametrize("act", ["step", "run", "evolve", "restore"])
+def test_a_step_while_somebody_looks_is_refused(tmp_path, act):
+    sim = made()
+    sim.step()
+    sim.save(tmp_path / "a.h5")
+    acts = {"step": lambda: sim.step(), "run": lambda: sim.run(0.2), "evolve": lambda: sim.evolve(0.2),
+            "restore": lambda: sim.restore(tmp_path / "a.h5")}  # fmt: skip
+
+    def nested(sim):
+        with sim.synchronised():
+            acts[act]()
+
+    with pytest.raises(RuntimeError, match=r"the state is being looked at.* expected this call after it"):
+        sim.run(0.1, callback=nested)
+    with sim.synchronised(), pytest.raises(RuntimeError, match="being looked at"):
+        acts[act]()
+    alone, time = made(), sim.time
+    alone.step()
+    alone.evolve(time)
+    sim.run(0.1)
+    alone.run(0.1)
+    assert state_bits(sim) == state_bits(alone)
+
+
+def test_a_checkpoint_of_a_callback_goes_on_to_the_bits_of_the_run(tmp_path):
+    whole, again = made(), made()
+    whole.run(every=0.13, callback=lambda sim: sim.save(tmp_path / f"{sim.time}.h5"))
+    again.restore(tmp_path / "0.13.h5")
+    assert again.state.lag > 0.0  # the closing kick is still to come
+    again.run(every=0.13, callback=lambda sim: None)
+    assert state_bits(whole) == state_bits(again)
+    assert whole.costs.calls == again.costs.calls

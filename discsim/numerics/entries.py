@@ -1,0 +1,76 @@
+"""Types, shapes and ranges of the arrays of particles, checked where they enter: set by a caller between two steps, or
+read from a checkpoint or a snapshot. Kernels take them as they are, and index memory with some.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+Array = np.ndarray
+VECTORS = ("pos", "vel", "acc", "kick_acc", "pressure_acc", "pressure_vel")  # (n, dimensions); others (n,)
+TYPES = {"ids": np.int64, "species": np.int64, "place": np.uint64, "immobile": np.bool_}  # others float64
+POSITIVE = {"gas": ("mass", "h", "h_before")}
+NOT_NEGATIVE = {"gas": ("density", "small"), "dust": ("mass", "size", "density"), "bodies": ("mass",)}
+
+
+class EntryError(ValueError):
+    """An array or a value is absent, or of the wrong type, shape or range; the message says which."""
+
+
+def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> int:
+    """Check types, shapes and memory of the arrays of a species; how many particles they are of. Raises EntryError."""
+    count = -1
+    for name, array in arrays.items():
+        wanted = np.dtype(TYPES.get(name, np.float64))
+        if not isinstance(array, np.ndarray) or array.dtype != wanted or not array.dtype.isnative:
+            found = f"{array.dtype.str}" if isinstance(array, np.ndarray) else f"a {type(array).__name__}"
+            raise EntryError(f"{species}.{name} is of type {found}; expected a numpy array of {wanted.str}")
+        count = len(array) if count < 0 and array.ndim > 0 else count
+        shape = (count, dimensions) if name in VECTORS else (count,)
+        if array.shape != shape:
+            raise EntryError(f"{species}.{name} has shape {array.shape}; expected {shape}, as the other arrays")
+        if not array.flags.carray:
+            raise EntryError(
+                f"{species}.{name} is not C-contiguous, aligned and writeable; expected np.array(..., order='C')"
+            )
+    return count
+
+
+def check_like(species: str, arrays: Mapping[str, Array], others: Mapping[str, Array]) -> None:
+    """Check that arrays have the names, types and shapes of `others`. Raises EntryError."""
+    if arrays.keys() != others.keys():
+        raise EntryError(f"{species} has the arrays {', '.join(arrays)}; expected {', '.join(others)}")
+    for name, other in others.items():
+        array = arrays[name]
+        if not isinstance(array, np.ndarray) or array.dtype != other.dtype or array.shape != other.shape:
+            found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else f"a {type(array).__name__}"
+            raise EntryError(f"{species}.{name} is {found}; expected {other.dtype} {other.shape}")
+
+
+def check_ranges(species: str, arrays: Mapping[str, Array], populations: int) -> None:
+    """Check indices and signs in arrays (n,) of a species. Raises EntryError."""
+    for name in POSITIVE.get(species, ()):
+        if name in arrays and len(arrays[name]) and not arrays[name].min() > 0.0:
+            _refuse(species, name, arrays[name], arrays[name] > 0.0, "a positive number")
+    for name in NOT_NEGATIVE.get(species, ()):
+        if name in arrays and len(arrays[name]) and not arrays[name].min() >= 0.0:
+            _refuse(species, name, arrays[name], arrays[name] >= 0.0, "0 or a positive number")
+    number = arrays.get("species")
+    if number is not None and len(number) and not (number.min() >= 0 and number.max() < populations):
+        right = (number >= 0) & (number < populations)
+        _refuse(species, "species", number, right, f"a population of the scene, 0 to {populations - 1}")
+
+
+def check_finite(species: str, arrays: Mapping[str, Array]) -> None:
+    """Check that all numbers are finite. Raises EntryError."""
+    for name, array in arrays.items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            _refuse(species, name, array, np.isfinite(array), "a finite number")
+
+
+def _refuse(species: str, name: str, array: Array, right: Array, expected: str) -> None:
+    index = tuple(int(i) for i in np.argwhere(~right)[0])
+    place = ", ".join(str(i) for i in index)
+    raise EntryError(f"{species}.{name}[{place}] is {array[index]:g}; expected {expected}")

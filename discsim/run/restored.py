@@ -1,0 +1,109 @@
+"""The state of a checkpoint, checked against the scene that is to go on from it, before anything is taken from it.
+
+A file may hold anything: each array has to have the type, shape and range that kernels count on. Raises EntryError, and
+CheckpointError for a single value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from discsim.numerics.bodies import Bodies
+from discsim.numerics.entries import EntryError, check_arrays, check_finite, check_like, check_ranges
+from discsim.numerics.state import Ledger, Pace, State
+from discsim.output.checkpoint import Values
+from discsim.run.costs import Costs
+from discsim.run.forces import Effects, Limits, kick_owner
+
+Array = np.ndarray
+Groups = Mapping[str, Any]
+LIMITS = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))  # of `Limits`, in a checkpoint
+
+
+class Restored(NamedTuple):
+    """particles: arrays by species and name. of_state: the state's other attributes."""
+
+    particles: dict[str, dict[str, Array]]
+    of_state: dict[str, Any]
+    limits: Limits
+    costs: Costs
+
+
+def restored(state: State, effects: Effects, groups: Groups, values: Values) -> Restored:
+    """Check what a checkpoint holds for a state of its scene."""
+    particles = {name: _particles(state, name, groups[name]) for name in state.species}
+    of_state = {
+        "own_acc": _own_acc(state, effects, groups["own_acc"], particles),
+        "ledger": _ledger(groups["ledger"]),
+        "bodies": None if state.bodies is None else _bodies(state.bodies, groups["bodies"]),
+        "time": values.number("time"),
+        "step": values.whole("step"),
+        "lag": values.number("lag", 0.0),
+        "pace": None,
+    }
+    if state.pace is not None:
+        of_state["pace"] = Pace(values.number("pace_since", 0.0), values.number("pace_rate", 0.0, may_be_infinite=True))
+    (step, by), (dust, dust_by) = (_limit(values, effects, *names) for names in LIMITS)
+    return Restored(particles, of_state, Limits(step, by, dust, dust_by), _costs(effects, groups["costs"]))
+
+
+def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Array]:
+    own = state.species[name].arrays()
+    arrays = {key: held[key] for key in own}
+    if others := held.keys() - own.keys():
+        raise EntryError(f"{name} has the array {min(others)} too; expected {', '.join(own)}, as in this scene")
+    check_arrays(name, arrays, state.scene.space.dimensions)
+    check_finite(name, arrays)
+    check_ranges(name, arrays, populations=len(state.scene.dust or ()))
+    return arrays
+
+
+def _own_acc(state: State, effects: Effects, held: dict[str, Array], particles: Groups) -> dict[str, Array]:
+    """Accelerations of each species alone: of all its particles, or none."""
+    wanted = set(particles) if kick_owner(effects) is not None else set()
+    if held.keys() != wanted:
+        raise EntryError(
+            f"it has own_acc of {', '.join(held) or 'nothing'}; expected of {', '.join(wanted) or 'nothing'}"
+        )
+    for name, array in held.items():
+        count = check_arrays(f"own_acc of {name}", {"acc": array}, state.scene.space.dimensions)
+        if count not in (0, len(particles[name]["mass"])):
+            raise EntryError(f"own_acc of {name} has {count} rows; expected as many as there are particles")
+    check_finite("own_acc", held)
+    return dict(held)
+
+
+def _ledger(held: dict[str, Array]) -> Ledger:
+    empty = {name: np.atleast_1d(value) for name, value in asdict(Ledger()).items()}
+    check_like("ledger", {name: held[name] for name in empty}, empty)
+    check_finite("ledger", held)
+    entries: dict[str, Any] = {name: held[name] if len(held[name]) > 1 else float(held[name][0]) for name in empty}
+    return Ledger(**entries)
+
+
+def _bodies(own: Bodies, held: dict[str, Array]) -> Bodies:
+    check_like("bodies", held, own.arrays())
+    check_finite("bodies", held)
+    check_ranges("bodies", held, populations=0)
+    return Bodies(**held)
+
+
+def _limit(values: Values, effects: Effects, length: str, by: str) -> tuple[float, str]:
+    """The longest step, and the effect that sets it; "" where none does."""
+    if values.text(by) not in {"", *effects}:
+        values.refuse(by, f"one of {', '.join(effects)}")
+    return values.number(length, 0.0, may_be_infinite=True), values.text(by)
+
+
+def _costs(effects: Effects, held: dict[str, Array]) -> Costs:
+    costs = Costs(effects)
+    like = {"calls": np.array([*costs.calls.values()]), "seconds": np.array([*costs.seconds.values()])}
+    check_like("costs", {name: held[name] for name in like}, like)
+    check_finite("costs", held)
+    for table, name in ((costs.calls, "calls"), (costs.seconds, "seconds")):
+        table.update(zip(effects, held[name].tolist(), strict=True))
+    return costs
