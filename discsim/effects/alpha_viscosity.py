@@ -28,11 +28,12 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.physics import viscosity
+from discsim.physics.local import Expected
 from discsim.scene.fields import Diffusivity, Length, Number, Table
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step: of a particle, and of each of its neighbours
@@ -148,6 +149,16 @@ class Effect(base.Effect):
         if not scene.gas:
             return 0.0
         return counts.gas * (PARTICLE + NEIGHBOUR * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        at = outlook.at
+        nu = None if at.h is None else viscosity.at_places(scene, at.radius, at.thermal_speed, at.h)
+        if nu is None:
+            return Expected()
+        steps = viscosity.longest_step(scene, nu, at.h)
+        worst = int(np.argmin(steps))
+        return Expected(float(steps[worst]), at.where(worst))
 
     def limit(self, state: State) -> float:
         gas = state.gas

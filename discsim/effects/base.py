@@ -17,11 +17,12 @@ import numpy as np
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
+from discsim.physics.local import Expected
 from discsim.scene.fields import Table
 from discsim.scene.rules import Rule
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
@@ -116,9 +117,9 @@ class Effect:
         return 0.0
 
     @classmethod
-    def expected_limit(cls, scene: Scene) -> float:
-        """About the step that it will allow, for the forecast; inf: it need not know."""
-        return np.inf
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        """About the longest step that it will allow at a time of the run, and where, for the forecast."""
+        return Expected()
 
     @classmethod
     def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:

@@ -10,8 +10,10 @@ from discsim.drag.fixed_grid import OF_SPH
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.physics.eos import pressure_and_sound_speed
+from discsim.physics.local import Expected
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
 
@@ -26,6 +28,11 @@ class Effect(base.Effect):
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return OF_SPH
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        sound = outlook.at.sound_speed
+        return Expected() if sound is None else Expected(scene.space.size[0] / scene.gas.particles / float(sound.max()))
 
     def accelerate(self, state: State) -> None:
         gas = state.gas

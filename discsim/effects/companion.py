@@ -32,20 +32,20 @@ from discsim.numerics.totals import rounded, total
 from discsim.parts import Lazy
 from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
-from discsim.physics.local import resolution
+from discsim.physics.local import PHASES, Expected, resolution
 from discsim.physics.orbits import Orbits
 from discsim.scene.fields import Default, Length, Mass, Number, Table, Time, Words, fault, number, shown, units_of
 from discsim.scene.rules import Draft, Problem
 from discsim.scene.units import UnitError
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
     from discsim.scene.units import Units
 
 kernels = Lazy("discsim.kernels.star")
 
-PLANET = 0.03  # of the star's mass: what is heavier is a star, about which Hill radius and gap say nothing
+CLOSE = 0.2  # of the inner radius of the disc: a companion within is a star together with the star
 PULL = 12.0  # CPU nanoseconds of a particle in a step, for each companion
 
 
@@ -201,6 +201,23 @@ def _relative_mass(scene: Scene, r: float) -> float:
     return 1.0 if places.relative_mass is None else float(np.interp(r, places.radius, places.relative_mass))
 
 
+def _close_binary(scene: Scene, at: Local, companion: Any, k: int) -> Iterator[str]:
+    """A companion so far within the disc that its orbit sets the step, and next to nothing of the disc."""
+    star, edges = scene.star, start_of(scene).edges
+    if edges is None or companion.orbit != "fixed" or companion.eccentricity >= 1.0:
+        return
+    inner, total, wide = edges(scene)[0], star.mass + companion.mass, companion.semi_major_axis
+    if wide * (1.0 + companion.eccentricity) > CLOSE * inner:
+        return
+    times = (inner / wide) ** 1.5
+    changes = 0.75 * star.mass * companion.mass / total**2 * (wide / inner) ** 2
+    yield (
+        f"the orbit of companion {k} sets the step: the disc would do with {times:.2g} times fewer, and feels "
+        f"{changes:.1g} of the pull of one star less or more: leave it out, and set star.mass = "
+        f"{scene.units.show(total, 'mass')}"
+    )
+
+
 def _named(k: int, what: str) -> str:
     return f"companion {k}: {what}"
 
@@ -228,9 +245,15 @@ class Effect(base.Effect):
         return PULL * len(scene.table("companion")) * (counts.gas + counts.dust)
 
     @classmethod
-    def expected_limit(cls, scene: Scene) -> float:
-        found = [(c, _density(scene, c.semi_major_axis) > 0.0) for c in scene.table("companion")]
-        return min(formulas.longest_step(scene, companion, in_gas) for companion, in_gas in found)
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        found = []
+        for k, (companion, nearby) in enumerate(
+            zip(scene.table("companion"), formulas.steps_nearby(scene, outlook), strict=True), 1
+        ):
+            orbit = formulas.step_of_orbit(scene, companion, outlook.time)
+            found += [Expected(orbit, f"by the orbit of companion {k}"), Expected(nearby, f"near companion {k}")]
+        steps = np.array([np.broadcast_to(one.step, PHASES) for one in found])
+        return Expected(steps.min(axis=0), found[int(np.argmin(steps.min(axis=1)))].where)
 
     @classmethod
     def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -240,10 +263,10 @@ class Effect(base.Effect):
             near = _near(scene, at, companion)
             if companion.eccentricity < 1.0:
                 yield _named(k, "period"), scene.units.show(formulas.period(scene, companion), "time")
-            if companion.mass < PLANET * star.mass:
+            if not formulas.is_star(scene, companion):
                 yield _named(k, "Hill radius"), near.told(formulas.hill_radius(scene, companion))
             yield _named(k, "softening"), near.told(near.softening)
-            if viscous and near.height is not None and companion.mass < PLANET * star.mass:
+            if viscous and near.height is not None and not formulas.is_star(scene, companion):
                 gap = formulas.gap_number(scene, companion)
                 yield _named(k, "gap"), f"K = {gap:.3g}, so Sigma falls to {1.0 / (1.0 + 0.04 * gap):.2g}"
 
@@ -252,12 +275,13 @@ class Effect(base.Effect):
         star = scene.star
         assert star is not None
         for k, companion in enumerate(scene.table("companion"), 1):
+            yield from _close_binary(scene, at, companion, k)
             near = _near(scene, at, companion)
             if near.resolution is None:
                 continue
             hill = formulas.hill_radius(scene, companion)
             # Within its softening, that of a light one, nothing is to be seen of it.
-            seen = companion.mass < PLANET * star.mass and hill > near.softening
+            seen = not formulas.is_star(scene, companion) and hill > near.softening
             lengths = [("the Hill radius", hill, "")] if seen else []
             if companion.accretion_radius < near.resolution:
                 lengths.append(("companion.softening", near.softening, "a longer companion.softening, or "))

@@ -26,13 +26,14 @@ from discsim.numerics.threads import copied, share
 from discsim.numerics.totals import mean, total
 from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
 from discsim.physics.grains import has_sizes
-from discsim.physics.laws import SceneLaw
+from discsim.physics.laws import SceneLaw, stopping_times
+from discsim.physics.local import Expected
 from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
     from discsim.drag.frame import Samples
-    from discsim.physics.local import Local
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.move")
@@ -247,6 +248,19 @@ class Effect(base.Effect):
         assert self.scheme.places is not None
         there, self._places = self._places, None
         return self.scheme.places(self, state) if there is None else there
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        """Of an explicit scheme the shortest stopping time, or that of the gas in more dust than gas."""
+        at, drag = outlook.at, scene.drag
+        if not SCHEMES[drag.scheme].explicit or drag.direction == "one-way" or not scene.gas:
+            return Expected()
+        found = stopping_times(scene, at.density, at.thermal_speed, at.omega)
+        if not found:
+            return Expected()
+        shortest = np.min(found, axis=0) / max(1.0, sum(dust.ratio for dust in scene.dust or ()))
+        worst = int(np.argmin(shortest))
+        return Expected(float(shortest[worst]), at.where(worst))
 
     def limit(self, state: State) -> float:
         if self.limit_by is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:

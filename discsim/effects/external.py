@@ -11,10 +11,11 @@ from pydantic import Field
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.numerics.totals import total
+from discsim.physics.local import Expected
 from discsim.scene.fields import AccelerationVector, Measure, Table
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 
@@ -40,6 +41,11 @@ class Effect(base.Effect):
                 "external.vertical_frequency pulls to the midplane 0, one end of a periodic space, from the other end "
                 'too: set space.boundary to "open", or leave it out'
             )
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        frequency = scene.external.vertical_frequency
+        return Expected(1.0 / frequency, "by the vertical frequency") if frequency > 0.0 else Expected()
 
     def accelerate(self, state: State) -> None:
         for name, particles in state.species.items():

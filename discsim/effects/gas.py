@@ -19,13 +19,14 @@ from discsim.numerics import room
 from discsim.numerics.state import State
 from discsim.numerics.threads import blocks, copied, fill, share
 from discsim.parts import EOS, Lazy
-from discsim.physics import viscosity
+from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
+from discsim.physics.local import Expected, longest_step, resolution
 from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 eos_kernels = Lazy("discsim.kernels.eos")
@@ -140,6 +141,11 @@ def _long_step(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
+# The largest -div v: that of noise over the frequency of the nearest gas about the star, of gas that gathers about a
+# companion over its frequency, and of a shock over its jump of the velocity over h (`analysis/forecast_steps.py`).
+NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
+
+
 class Effect(base.Effect):
     keys = Keys
     rules = (_fixed_smoothing, _neighbours, _heat_to_conduct)
@@ -160,6 +166,21 @@ class Effect(base.Effect):
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         each = NEIGHBOUR[scene.gas.precision]
         return counts.gas * (PARTICLE + each * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        at = outlook.at
+        if at.h is None or at.sound_speed is None:
+            return Expected()
+        closing: Any = 0.0
+        if scene.star is not None and outlook.nearest < np.inf:
+            about_star = float(centre.kepler_omega(scene, outlook.nearest))
+            closing = max(NOISE * about_star, GATHERING * companions.gathering(scene, outlook))
+        if at.jump is not None:
+            closing = closing + IN_SHOCKS * at.jump / resolution(scene, at.h)
+        steps = longest_step(scene, at.h, at.sound_speed, closing)
+        worst = int(np.argmin(steps))
+        return Expected(float(steps[worst]), at.where(worst))
 
     def discard(self) -> None:
         self._predicted = None

@@ -17,11 +17,13 @@ from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share
 from discsim.numerics.totals import total
 from discsim.parts import SCHEMES, Lazy
+from discsim.physics.local import Expected
 from discsim.physics.radiation import pull_share
 from discsim.scene.fields import Number, Table, Words, fault
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.radiation")
@@ -76,6 +78,14 @@ class Effect(base.Effect):
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return PUSH * counts.dust
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        strongest = float((1.0 - pull_share(scene)).max()) * scene.star.mass
+        if outlook.nearest == np.inf or strongest == 0.0:
+            return Expected()
+        away = float(np.hypot(outlook.nearest, scene.star.softening))
+        return Expected((away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
 
     def accelerate(self, state: State) -> None:
         dust, self._place = state.dust, state.star_place

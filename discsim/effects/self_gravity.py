@@ -23,13 +23,14 @@ from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Particles, State
 from discsim.parts import Lazy
+from discsim.physics.local import Expected
 from discsim.scene.fields import Length, Table
 from discsim.scene.rules import Draft, Problem, kinds
 
 if TYPE_CHECKING:
     from discsim.numerics.mesh import Mesh
     from discsim.numerics.poisson import Kernel
-    from discsim.physics.local import Local
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.grid")
@@ -231,6 +232,16 @@ class Effect(base.Effect):
                 strongest = max(strongest, kernels.largest_norm(acceleration))
             self.outside += missing
             self._strongest[name] = strongest
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        """With the pull 2 pi G Sigma of a thin sheet at the densest place."""
+        if outlook.at.radius is None:  # a uniform sheet, which pulls nowhere
+            return Expected()
+        keys, densest = scene.self_gravity, int(np.argmax(outlook.at.density))
+        length = keys.softening if keys.kernel == "plummer" else outlook.at.cell
+        pull = 2.0 * np.pi * float(outlook.at.density[densest])
+        return Expected(math.sqrt(length / pull), outlook.at.where(densest))
 
     def limit(self, state: State) -> float:
         """The least `limit_of` of the limiting particles."""

@@ -24,11 +24,13 @@ from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import share, share_all
 from discsim.numerics.totals import rounded, total, totals
 from discsim.parts import Lazy
+from discsim.physics.local import Expected
 from discsim.physics.orbits import Orbits, pulling
 from discsim.scene.fields import Default, Length, Mass, Table
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.star")
@@ -108,6 +110,13 @@ class Effect(base.Effect):
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         felt = Orbits(scene).felt_by_star
         return PULL * (counts.gas * (1 + ("gas" in felt)) + counts.dust * (1 + ("dust" in felt)))
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+        if outlook.nearest == np.inf:
+            return Expected()
+        away = float(np.hypot(outlook.nearest, scene.star.softening))
+        return Expected((away**3 / scene.star.mass) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
 
     def accelerate(self, state: State) -> None:
         self._place = place = state.star_place

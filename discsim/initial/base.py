@@ -28,6 +28,7 @@ class Places:
 
     names: for sentences, like "midplane"; "everywhere" for the only one. radius: from the origin, of a start that has
     one. pressure: of a start that brings its own. relative_mass: of a gas particle there, over their mean; None: 1.
+    jump: of the velocity, in a shock there.
     """
 
     names: list[str]
@@ -35,6 +36,7 @@ class Places:
     radius: Array | None = None
     pressure: Array | None = None
     relative_mass: Array | None = None
+    jump: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Start:
         on_lattice: whether particles that are placed evenly are whole rows and columns, as many as fit.
         edges(scene): inner and outer radius, of a start about the origin. None: radii mean nothing to it.
         reference_density(scene): Sigma at the radius that laws of drag refer to. None: it has no such radius.
-        known_step: whether the gas of `places` sets the step, so that a run's time can be forecast.
+        later(scene, time): the gas that sets the step at a time, for forecasts. None: that of the start, all over.
         warnings(scene): what will run, but perhaps not as meant.
     What its answer is:
         measure(scene): its error against the exact solution; None where this scene has none.
@@ -104,7 +106,7 @@ class Start:
     on_lattice: bool = True
     edges: Callable[[Any], tuple[float, float]] | None = None
     reference_density: Callable[[Any], float] | None = None
-    known_step: bool = True
+    later: Callable[[Any, float], Places] | None = None
     warnings: Callable[[Any], Iterator[str]] | None = None
     measure: Callable[[Any], ErrorMeasure | None] | None = None
     exact_with: tuple[str, ...] = ()

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
+CENTRE = 0.4  # of the pressure behind the shock is in the middle of a blast (Sedov 1959)
+SMEARED = 3.0
 COLD = 1e-8  # of the blast's energy over the mass of the box, per mass of gas whose temperature nobody named
 
 
@@ -56,6 +58,26 @@ def particles(scene: Scene) -> dict[str, Arrays]:
 
 def places(scene: Scene) -> Places:
     return everywhere(scene.initial.density)
+
+
+def later(scene: Scene, time: float) -> Places:
+    """The hottest gas, in the middle, which keeps its entropy, and that behind the shock at about (E t^2 / rho)^(1/4).
+
+    The shock compresses SPH's gas by less than (gamma + 1) / (gamma - 1), as it is some h wide.
+    """
+    start, gamma = scene.initial, scene.gas.eos.gamma
+    density = start.density * (1.0 + (_load(scene) or 0.0))
+    hottest = 3.0 * (gamma - 1.0) * start.energy / (np.pi * start.radius**2)  # the pressure at the start
+    speed = 0.5 * (start.energy / density) ** 0.25 * max(time, 1e-300) ** -0.5
+    behind = 2.0 / (gamma + 1.0) * start.density * speed**2
+    pressure = min(hottest, CENTRE * behind)
+    thinned = start.density * (pressure / hottest) ** (1.0 / gamma)
+    if behind > hottest:  # there is no shock yet
+        return Places(["the middle"], np.array([thinned]), pressure=np.array([pressure]))
+    squeezed = start.density * min((gamma + 1.0) / (gamma - 1.0), SMEARED)
+    jumps = np.array([0.0, 2.0 / (gamma + 1.0) * speed])
+    names = ["the middle", "the shock"]
+    return Places(names, np.array([thinned, squeezed]), pressure=np.array([pressure, behind]), jump=jumps)
 
 
 def _load(scene: Scene) -> float | None:
@@ -111,7 +133,7 @@ START = Start(
     eos=("adiabatic",),
     brings_pressure=True,
     reach=("radius", 1.0),
-    known_step=False,  # its heat sets the step, and spreads
+    later=later,
     measure=measure,
     curves=curves,
     around="radial",

@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.exact import kepler
 from discsim.parts import Lazy
 from discsim.physics import centre, profile
 from discsim.physics.centre import kepler_omega
+from discsim.physics.local import PHASES
 
 if TYPE_CHECKING:
+    from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -28,6 +31,11 @@ orbits = Lazy("discsim.physics.orbits")
 viscosity = Lazy("discsim.physics.viscosity")
 ANGLES = 2048  # of an orbit, over which (1) is averaged: twelve within a softening of a fiftieth of it
 RADII = 4096  # at which it is, and between which it is interpolated
+PLANET = 0.03  # of the star's mass: what is heavier is a star
+# Spacings of the disc: how far the nearest particle is beyond what a companion takes, of streams to a star, beside a
+# disc that a planet stirs, and within one.
+STREAM, PASSING, EMBEDDED = 2.0, 1.2, 0.5
+OVERLAP, CAVITY = 1.3, 0.65  # of (m / (M + m))^(2/7) a
 
 
 def ramped(companion: Any, time: float) -> float:
@@ -77,19 +85,80 @@ def gap_number(scene: Scene, companion: Any) -> float:
     return float((companion.mass / star.mass) ** 2 * (height / a) ** -5 / alpha)
 
 
-def longest_step(scene: Scene, companion: Any, in_gas: bool) -> float:
-    """About what it allows: 1/Omega of its orbit at the pericentre, and where it is `in_gas` that of a particle within
-    its softening, or at the edge of what it takes.
+def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
+    """1/Omega of a companion where it is; of a bound one on an eccentric orbit at PHASES even times of half of it."""
+    star: Any = scene.star
+    a, e, mu = companion.semi_major_axis, companion.eccentricity, star.mass + companion.mass
+    if e > 1.0:
+        mean = kepler.mean_anomaly(e, math.radians(companion.phase)) + math.sqrt(mu / a**3) * time
+        return math.sqrt(math.hypot(*kepler.at_mean_anomaly(mu, a, e, mean)[:2]) ** 3 / mu)
+    if e == 0.0:
+        return math.sqrt(a**3 / mu)
+    anomaly = np.linspace(0.0, np.pi, 8 * PHASES + 1)
+    at_even_times = np.interp((np.arange(PHASES) + 0.5) * np.pi / PHASES, anomaly - e * np.sin(anomaly), anomaly)
+    return np.asarray(np.sqrt((a * (1.0 - e * np.cos(at_even_times))) ** 3 / mu))
+
+
+def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
+    """What each companion allows the nearest particle, which crosses d at (2 G m / d)^(1/2), d with the softening; inf
+    where none comes near. The step takes velocities of half a step before: at Omega^2 a dt / 2 a particle crosses too.
+    """
+    found = []
+    for companion in scene.table("companion") or ():
+        mass, away = companion.mass * ramped(companion, outlook.time), _nearest(scene, companion, outlook)
+        fallen = math.sqrt(2.0 * mass / away)
+        behind = 0.5 * scene.run.courant * scene.star.mass / companion.semi_major_axis**2
+        near = mass > 0.0 and away < math.inf
+        found.append(2.0 * away / (fallen + math.sqrt(fallen**2 + 4.0 * behind * away)) if near else math.inf)
+    return found
+
+
+def gathering(scene: Scene, outlook: Outlook) -> float:
+    """The largest frequency (2 G m / d^3)^(1/2) of gas that gathers in the softening of a companion."""
+    found = [0.0]
+    for companion in scene.table("companion") or ():
+        away = _nearest(scene, companion, outlook)
+        if _edge(companion) < softening(scene, companion, companion.semi_major_axis):
+            found.append(math.sqrt(2.0 * companion.mass * ramped(companion, outlook.time) / away**3))
+    return max(found)
+
+
+def _edge(companion: Any) -> float:
+    """Within which no particle is; of a companion that takes only some of what comes near, they are all the way in."""
+    return float(companion.accretion_radius) if companion.accretion_rate is None else 0.0
+
+
+def _nearest(scene: Scene, companion: Any, outlook: Outlook) -> float:
+    """The distance of the nearest particle with the softening; inf where none comes near."""
+    if not meets(scene, companion, outlook):
+        return math.inf
+    a, e = companion.semi_major_axis, companion.eccentricity
+    beside = e < 1.0 and not (outlook.inner <= a * (1.0 + e) and outlook.outer >= a * (1.0 - e))
+    spacings = STREAM if is_star(scene, companion) else PASSING if beside else EMBEDDED
+    return math.hypot(_edge(companion) + spacings * outlook.spacing(a), softening(scene, companion, a))
+
+
+def is_star(scene: Scene, companion: Any) -> bool:
+    """Whether a companion is a star, about which Hill radius and gap say nothing."""
+    star: Any = scene.star
+    return bool(companion.mass >= PLANET * star.mass)
+
+
+def meets(scene: Scene, companion: Any, outlook: Outlook) -> bool:
+    """Whether particles come near a companion: where orbits overlap within 1.3 (m / (M + m))^(2/7) a (Wisdom 1980). A
+    second star holds a cavity open, and takes half of that on a circle, more on an eccentric orbit. What is beside an
+    orbit comes near after half a turn of a planet, and a turn of a star.
     """
     star: Any = scene.star
     a, e = companion.semi_major_axis, companion.eccentricity
-    orbit = math.sqrt((a * abs(1.0 - e)) ** 3 / (star.mass + companion.mass))
-    if not in_gas:
-        return orbit
-    # Of a companion that takes only some of what comes near, particles are all the way in.
-    nearest = companion.accretion_radius if companion.accretion_rate is None else 0.0
-    around = math.hypot(nearest, softening(scene, companion, a))
-    return min(orbit, math.sqrt(around**3 / companion.mass))
+    width = CAVITY * (1.0 + 2.0 * e) if is_star(scene, companion) else OVERLAP
+    reach = width * (companion.mass / (star.mass + companion.mass)) ** (2.0 / 7.0) * a
+    nearest, farthest = a * abs(1.0 - e), a * (1.0 + e) if e < 1.0 else math.inf
+    turns = 1.0 if is_star(scene, companion) else 0.5
+    beside = not (outlook.inner <= farthest and outlook.outer >= nearest)
+    if beside and e < 1.0 and outlook.passed < turns * period(scene, companion):
+        return False
+    return bool(outlook.inner <= farthest + reach and outlook.outer >= nearest - reach)
 
 
 def mean_pull(scene: Scene, radius: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,10 +22,44 @@ def resolution(scene: Scene, h: Array) -> Array:
     return h / SMOOTHING[scene.gas.kernel].squeezed if scene.gas else h
 
 
-def longest_step(scene: Scene, h: Array, sound_speed: Array) -> Array:
-    """Of sound and artificial viscosity the longest step: h / (c_s (1 + 1.2 alpha)), h as other kernels mean it."""
-    alpha = scene.gas.viscosity.alpha if scene.gas and scene.gas.viscosity else 0.0
-    return resolution(scene, h) / (sound_speed * (1.0 + 1.2 * alpha))
+def longest_step(scene: Scene, h: Array, sound_speed: Array, closing: Array | float = 0.0) -> Array:
+    """The longest step of the gas, h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) closing), h as other kernels mean it.
+
+    closing: -div v of gas that comes together.
+    """
+    given = scene.gas.viscosity if scene.gas else None
+    alpha, beta = (given.alpha, given.beta) if given else (0.0, 0.0)
+    return 1.0 / (sound_speed * (1.0 + 1.2 * alpha) / resolution(scene, h) + (1.0 + 1.2 * beta) * closing)
+
+
+PHASES = 256  # of an orbit
+
+
+class Expected(NamedTuple):
+    """A step that is expected to be the longest that an effect allows, or such steps at PHASES even times of an orbit
+    (PHASES,), and where: like "at 12 au", or "".
+    """
+
+    step: Array | float = math.inf
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """A run as its forecast expects it at a time, numbers in code units.
+
+    passed: time since the start. at: the gas all over (n,). inner, outer: the radii between which particles are that
+    limit the step. nearest: the distance from the star of the nearest of them; inf where there is no star, or none of
+    them. spacing(r): between particles at a radius.
+    """
+
+    time: float
+    passed: float
+    at: Local
+    inner: float
+    outer: float
+    nearest: float
+    spacing: Callable[[float], float]
 
 
 @dataclass(frozen=True)
@@ -35,7 +69,8 @@ class Local:
     resolution: `h` as other kernels mean it. step: the longest one. by_mass: makes h/H all over the gas (n,), rising,
     and the share of the gas with less than each (n,). in_drag_cells: the mean numbers of gas and dust particles in a
     drag cell there at the start, None where drag has no cells. relative_mass: of a gas particle there, over their
-    mean. For the whole scene: particle_mass of the gas, the mean, and `cell`, the side of the grid's cells.
+    mean. For the whole scene: particle_mass of the gas, the mean, and `cell`, the side of the grid's cells. jump: of
+    the velocity in a shock there.
     """
 
     places: list[str]
@@ -52,9 +87,12 @@ class Local:
     relative_mass: Array
     particle_mass: float | None
     cell: float | None
+    jump: Array | None = None
 
     def where(self, number: int) -> str:
         """One of the places, for a sentence."""
+        if not self.places:
+            return ""
         place = self.places[number]
         return place if place == "everywhere" else f"at {place}"
 

@@ -15,6 +15,8 @@ from discsim.scene import Scene
 from discsim.scene.fields import Table, measure_of
 from discsim.scene.units import Units, clock
 
+MOST = 0.95  # of the steps: with that share an effect sets all
+
 
 def report(scene: Scene) -> str:
     """The text of `discsim check`."""
@@ -33,9 +35,17 @@ def report(scene: Scene) -> str:
 def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     expected = forecast(scene)
     if expected is None:
-        yield "none", "in one dimension runs take seconds" if scene.space.dimensions == 1 else "its step is not known"
+        yield "none", "nothing limits its step"
         return
-    yield "steps, about", f"{float(f'{expected.steps:.2g}'):.0f}"
+    steps = expected.steps
+    yield "steps, about", f"{float(f'{steps.number:.2g}'):.0f}"
+    yield (
+        "their length is set by",
+        f"{steps.by} {steps.where}".rstrip() + (f", in {steps.share:.0%} of them" if steps.share < MOST else ""),
+    )
+    if scene.space.dimensions == 1:
+        yield "CPU time of the run, about", "seconds, as in one dimension"
+        return
     yield "CPU time of a step, about", f"{expected.step_seconds:.2g} s"
     if expected.relaxation > 0.0:
         yield "CPU time before t = 0, about", clock(expected.relaxation)

@@ -35,13 +35,13 @@ Array = np.ndarray
 
 def local(scene: Scene) -> Local:
     """The gas at the places that its start is told by."""
-    places = start_of(scene).places(scene)
+    return local_at(scene, start_of(scene).places(scene))
+
+
+def local_at(scene: Scene, places: Places) -> Local:
+    """The gas at some places; in a given disc the density is that disc's."""
     if scene.model.given is not None and places.radius is not None:
         places = replace(places, density=scene.model.given(scene).surface_density(places.radius))
-    return _local(scene, places)
-
-
-def _local(scene: Scene, places: Places) -> Local:
     radius, density = places.radius, places.density
     omega = kepler_omega(scene, radius) if scene.star and radius is not None else None
     sound = _sound_speed(scene, places)
@@ -57,7 +57,7 @@ def _local(scene: Scene, places: Places) -> Local:
     found = grid(scene)
     at = Local(
         places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_by_mass, scene),
-        lambda: _in_drag_cells(scene, at), relative, particle_mass, found[0] if found else None,
+        lambda: _in_drag_cells(scene, at), relative, particle_mass, found[0] if found else None, places.jump,
     )  # fmt: skip
     return at
 
@@ -69,7 +69,7 @@ def _in_drag_cells(scene: Scene, at: Local) -> tuple[Array, Array] | None:
 
 def _by_mass(scene: Scene) -> tuple[Array, Array]:
     places, weight = start_of(scene).all_over(scene)
-    at = _local(scene, places)
+    at = local_at(scene, places)
     assert at.resolution is not None and at.scale_height is not None
     ratio = at.resolution / at.scale_height
     order = np.argsort(ratio, kind="stable")
@@ -267,10 +267,9 @@ def _sound_speed(scene: Scene, places: Places) -> Array | None:
         return scene.model.given(scene).sound_speed(radius)
     if scene.gas is None:
         return None
-    speed = eos_of(scene).start_speed(scene, radius, density)
-    if speed is not None or places.pressure is None:
-        return speed
-    return np.sqrt(_adiabatic_index(scene, density) * places.pressure / density)
+    if places.pressure is not None and eos_of(scene).holds_heat:
+        return np.sqrt(_adiabatic_index(scene, density) * places.pressure / density)
+    return eos_of(scene).start_speed(scene, radius, density)
 
 
 def _adiabatic_index(scene: Scene, density: Array) -> Array | float:

@@ -13,15 +13,19 @@ import platform
 import statistics
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from discsim.effects import effect_classes
 from discsim.effects.base import Counts
-from discsim.initial import start_of, start_time
+from discsim.initial import start_time
 from discsim.physics.centre import kepler_omega
+from discsim.physics.local import PHASES, Expected
 from discsim.preview import learnt
-from discsim.preview.derived import grid, grid_bytes, local, particle_count
+from discsim.preview.derived import grid, grid_bytes, particle_count
+from discsim.preview.outlook import Outlooks
 from discsim.scene import Scene
 
-SHRINK = 0.85  # of the smooth start's shortest step is what noise and spreading edges leave
+TIMES = 64  # of a run, at which its steps are expected
 BYTES = {"gas": 600, "dust": 180}  # a particle, with what a step needs
 BASE = 250e6  # the interpreter with its libraries
 # A run tells the machine's speed that takes so many CPU seconds, at least this share of its wall time (compilation is
@@ -30,62 +34,92 @@ LONG, QUIET, HEAVY_STEP = 20.0, 0.7, 0.02
 KEPT, OTHERS = 7, 50  # runs that are kept of this machine, and of others that share the folder
 
 
+class Steps(NamedTuple):
+    """Steps of a run; the effect that sets most of them, where it does, and its share of them."""
+
+    number: float
+    by: str
+    where: str = ""
+    share: float = 1.0
+
+
 class Forecast(NamedTuple):
     """Steps of a run, CPU seconds of one, bytes, and CPU seconds in which the start settles before t = 0."""
 
-    steps: float
+    steps: Steps
     step_seconds: float
     memory: float
     relaxation: float = 0.0
 
     @property
     def seconds(self) -> float:
-        return self.steps * self.step_seconds + self.relaxation
+        return self.steps.number * self.step_seconds + self.relaxation
 
 
 def forecast(scene: Scene) -> Forecast | None:
-    """The forecast of a run in two dimensions; None in one, or where the step is not known beforehand."""
-    if scene.initial is None or scene.space.dimensions == 1:
+    """The forecast of a run; None of the caller's own particles, and where nothing is known to limit the step."""
+    if scene.initial is None:
         return None
-    steps = _steps(scene)
-    if steps is None:
+    steps = expected_steps(scene)
+    if not math.isfinite(steps.number):
         return None
+    gas = effect_classes(scene)["gas"].nanoseconds(scene, _counts(scene)) if scene.gas else 0.0
+    relaxing = 1e-9 * slowness() * _steps_of_relaxation(scene) * gas
+    return Forecast(steps, step_seconds(scene), memory(scene), relaxing)
+
+
+def step_seconds(scene: Scene) -> float:
+    """CPU seconds of a step on this machine."""
+    counts = _counts(scene)
+    return 1e-9 * slowness() * sum(effect.nanoseconds(scene, counts) for effect in effect_classes(scene).values())
+
+
+def memory(scene: Scene) -> float:
+    """Bytes of a run."""
+    counts, found = _counts(scene), grid(scene)
+    particles = BYTES["gas"] * counts.gas + BYTES["dust"] * counts.dust
+    return BASE + particles + (0.0 if found is None else grid_bytes(scene, found[1]))
+
+
+def _counts(scene: Scene) -> Counts:
     gas = particle_count(scene, scene.gas) if scene.gas else 0
     dust = sum(particle_count(scene, population) for population in scene.dust or ())
-    memory = BASE + BYTES["gas"] * gas + BYTES["dust"] * dust
     found = grid(scene)
-    if found is not None:
-        memory += grid_bytes(scene, found[1])
-    counts = Counts(gas, dust, math.prod(found[1]) if found is not None else 0)
-    nanoseconds = sum(effect.nanoseconds(scene, counts) for effect in effect_classes(scene).values())
-    relaxing = _steps_of_relaxation(scene) * effect_classes(scene)["gas"].nanoseconds(scene, counts) if gas else 0.0
-    second = 1e-9 * slowness()
-    return Forecast(steps, second * nanoseconds, memory, second * relaxing)
+    return Counts(gas, dust, math.prod(found[1]) if found is not None else 0)
 
 
-def _steps(scene: Scene) -> float | None:
-    at, run, start = local(scene), scene.run, start_of(scene)
-    length = run.until - start_time(scene)
+def expected_steps(scene: Scene, until: float | None = None) -> Steps:
+    """Steps from the start to a time, by default the end: the integral of dt over the least limit of all effects."""
+    run, begins = scene.run, start_time(scene)
+    length = (run.until if until is None else until) - begins
     if run.timestep is not None:
-        return length / run.timestep
-    if not start.known_step:
-        return None
-    of_effects = min(effect.expected_limit(scene) for effect in effect_classes(scene).values())
-    if at.step is not None:
-        return length / (run.courant * min(SHRINK * float(at.step.min()), of_effects))
-    if scene.star and start.edges is not None:
-        orbit = 1.0 / float(kepler_omega(scene, start.edges(scene)[0]))
-        return length / (run.courant * min(orbit, of_effects))
-    return None
+        return Steps(length / run.timestep, "run.timestep")
+    effects, outlooks = effect_classes(scene), Outlooks(scene)
+    names = list(effects)
+    rates, least = np.zeros(len(names)), [Expected()] * len(names)  # mean of 1 / step where each sets it
+    for time in begins + length * (np.arange(TIMES) + 0.5) / TIMES:
+        outlook = outlooks.at(float(time))
+        found = [effects[name].expected_limit(scene, outlook) for name in names]
+        steps = np.array([np.broadcast_to(one.step, PHASES) for one in found])
+        sets = np.argmin(steps, axis=0)
+        np.add.at(rates, sets, 1.0 / steps[sets, np.arange(PHASES)] / PHASES / TIMES)
+        for k in np.unique(sets):
+            least[k] = min(least[k], found[k]._replace(step=float(steps[k].min())))
+    by, total = int(np.argmax(rates)), float(rates.sum())
+    if total == 0.0:
+        return Steps(math.inf, "")
+    return Steps(max(length / run.courant * total, 1.0), names[by], least[by].where, float(rates[by]) / total)
 
 
 def _steps_of_relaxation(scene: Scene) -> float:
     """Steps before t = 0, in which rings of gas settle (`run/relaxation.py`)."""
-    orbits, step = getattr(scene.initial, "relax", 0.0), local(scene).step
-    if orbits == 0.0 or step is None:
+    orbits = getattr(scene.initial, "relax", 0.0)
+    if orbits == 0.0:
         return 0.0
+    outlook, effects = Outlooks(scene).at(start_time(scene)), effect_classes(scene)
+    step = min(float(np.min(effects[name].expected_limit(scene, outlook).step)) for name in ("gas", "star"))
     orbit = 2.0 * math.pi / float(kepler_omega(scene, scene.initial.reference_radius))
-    return orbits * orbit / (scene.run.courant * SHRINK * float(step.min()))
+    return orbits * orbit / (scene.run.courant * step)
 
 
 def _kept() -> list[dict[str, Any]]:
@@ -110,10 +144,9 @@ def learn(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> 
     It does where the run is long, is hardly kept waiting by others, and where particles and cells are what a step
     takes. wall_seconds: of the whole run. Where nothing can be kept, nothing is.
     """
-    expected = forecast(scene)
-    if expected is None or cpu_seconds < LONG or cpu_seconds < QUIET * wall_seconds:
+    if scene.initial is None or cpu_seconds < LONG or cpu_seconds < QUIET * wall_seconds:
         return
-    stored = expected.step_seconds / slowness()
+    stored = step_seconds(scene) / slowness()
     if stored < HEAVY_STEP:
         return
     here, runs = platform.node(), _kept()

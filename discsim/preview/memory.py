@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from discsim.preview.forecast import BASE, BYTES, forecast
+from discsim.preview.forecast import BASE, BYTES, memory
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -23,10 +23,9 @@ def too_much(scene: Scene) -> Iterator[str]:
 
 
 def needed_by(scene: Scene) -> float:
-    """Bytes that a run of the scene takes; of its particles alone where there is no forecast."""
-    expected = forecast(scene)
-    if expected is not None:
-        return expected.memory
+    """Bytes that a run of the scene takes; of its particles alone in one dimension and of the caller's own ones."""
+    if scene.initial is not None and scene.space.dimensions == 2:
+        return memory(scene)
     gas = scene.gas.particles if scene.gas else 0
     return BASE + BYTES["gas"] * gas + BYTES["dust"] * sum(population.particles for population in scene.dust or ())
 
