@@ -173,14 +173,17 @@ class Effect(base.Effect):
         if at.h is None or at.sound_speed is None:
             return Expected()
         closing: Any = 0.0
+        where = ""
         if scene.star is not None and outlook.nearest < np.inf:
-            about_star = float(centre.kepler_omega(scene, outlook.nearest))
-            closing = max(NOISE * about_star, GATHERING * companions.gathering(scene, outlook))
+            noise = NOISE * float(centre.kepler_omega(scene, outlook.nearest))
+            frequency, number = companions.gathering(scene, outlook)
+            closing = max(noise, GATHERING * frequency)
+            where = f"near companion {number}" if closing > noise else ""
         if at.jump is not None:
             closing = closing + IN_SHOCKS * at.jump / resolution(scene, at.h)
         steps = longest_step(scene, at.h, at.sound_speed, closing)
         worst = int(np.argmin(steps))
-        return Expected(float(steps[worst]), at.where(worst))
+        return Expected(float(steps[worst]), where or at.where(worst))
 
     def discard(self) -> None:
         self._predicted = None

@@ -113,13 +113,13 @@ def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
     return found
 
 
-def gathering(scene: Scene, outlook: Outlook) -> float:
-    """The largest frequency (2 G m / d^3)^(1/2) of gas that gathers in the softening of a companion."""
-    found = [0.0]
-    for companion in scene.table("companion") or ():
+def gathering(scene: Scene, outlook: Outlook) -> tuple[float, int]:
+    """The largest frequency (2 G m / d^3)^(1/2) of gas that gathers in the softening of a companion, and its number."""
+    found = [(0.0, 0)]
+    for k, companion in enumerate(scene.table("companion") or (), 1):
         away = _nearest(scene, companion, outlook)
         if _edge(companion) < softening(scene, companion, companion.semi_major_axis):
-            found.append(math.sqrt(2.0 * companion.mass * ramped(companion, outlook.time) / away**3))
+            found.append((math.sqrt(2.0 * companion.mass * ramped(companion, outlook.time) / away**3), k))
     return max(found)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import platform
 import statistics
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -117,7 +118,9 @@ def _steps_of_relaxation(scene: Scene) -> float:
     if orbits == 0.0:
         return 0.0
     outlook, effects = Outlooks(scene).at(start_time(scene)), effect_classes(scene)
-    step = min(float(np.min(effects[name].expected_limit(scene, outlook).step)) for name in ("gas", "star"))
+    # Rings that settle have no noise yet.
+    gas = effects["gas"].expected_limit(scene, replace(outlook, nearest=math.inf))
+    step = min(float(np.min(gas.step)), 1.0 / float(kepler_omega(scene, outlook.inner)))
     orbit = 2.0 * math.pi / float(kepler_omega(scene, scene.initial.reference_radius))
     return orbits * orbit / (scene.run.courant * step)
 
