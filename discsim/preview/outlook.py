@@ -156,6 +156,8 @@ class Outlooks:
         """Of grains at the inner edge of a given disc (Nakagawa et al. 1986, without back-reaction)."""
         gas = self.gas
         assert gas.radius is not None and gas.thermal_speed is not None and gas.omega is not None
+        if len(gas.radius) < 2:
+            return 0.0
         log = np.log(gas.density * gas.thermal_speed**2)
         headwind = -np.gradient(log, gas.radius)[0] * gas.thermal_speed[0] ** 2 / gas.omega[0]
         stokes = [float(time[0] * gas.omega[0]) for time in stopping_times(self.scene, gas)]
