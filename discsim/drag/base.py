@@ -34,14 +34,14 @@ UNSHARED = ("pos", "vel", "mass", "density", "sound_speed", "small")
 class Cells:
     """The drag cells of a scheme: their sides, and how many particles they want.
 
-    leaf(scene, h_mean, h_least): wanted side of the leaves that cells are made of, from the gas's smoothing lengths:
-    h_mean() is their geometric mean, made where it is asked for. share: of the wanted side that a cell has at least.
-    few: gas and dust particles that a cell of two dimensions wants, where eps ~ 1 and dust is placed evenly, and
-    few_random, where any is placed at random. least(scene): those below which cells grow, if empty ones are not all
-    that do.
+    leaf(scene, number, h_mean, h_least): wanted side of the leaves that cells are made of, where a cell is to be
+    `number` smoothing lengths of the gas wide: h_mean() is their geometric mean, made where it is asked for. share: of
+    the wanted side that a cell has at least. few: gas and dust particles that a cell of two dimensions wants, where
+    eps ~ 1 and dust is placed evenly, and few_random, where any is placed at random. least(scene): those below which
+    cells grow, if empty ones are not all that do.
     """
 
-    leaf: Callable[[Scene, Callable[[], float], float], float]
+    leaf: Callable[[Scene, float, Callable[[], float], float], float]
     few: tuple[float, float]
     few_random: tuple[float, float]
     share: float = 1.0

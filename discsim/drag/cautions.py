@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.drag.width import drift_error
 from discsim.numerics.layout import LOADED
 from discsim.parts import SCHEMES, USUAL_SCHEME
 from discsim.physics import laws
@@ -19,11 +20,13 @@ if TYPE_CHECKING:
 # In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
 # One grain in a cell cures that.
 LONELY = (0, 0.25)
+WIDE = 1.4  # H: of a drag cell of `tsc`, in which the drift is off by .2
 
 
 def warnings(scene: Scene, at: Local) -> Iterator[str]:
     """Of a scene with [drag], whatever its gas is made of."""
     yield from _of_slip(scene, at)
+    yield from _of_wide_cells(scene, at)
     yield from _of_cells(scene, at)
     yield from _of_scheme(scene, at)
 
@@ -46,18 +49,41 @@ def _of_slip(scene: Scene, at: Local) -> Iterator[str]:
             )
 
 
+def _of_wide_cells(scene: Scene, at: Local) -> Iterator[str]:
+    """Cells that average over more of the disc than the pressure's scale."""
+    found, drag = at.in_drag_cells(), scene.drag
+    if drag.scheme != USUAL_SCHEME or found is None or at.scale_height is None:
+        return
+    widths = found[0] / at.scale_height
+    worst = int(np.argmax(widths))
+    if widths[worst] > WIDE:
+        off = drift_error(widths[worst])
+        error = f"{off:.1g} of itself" if off < 1.0 else "more than itself"
+        narrower = widths[worst] / WIDE
+        if drag.cell is not None or drag.cell_length is not None:
+            cure = "leave out drag.cell"
+        elif at.cell is not None and at.cell > at.h[worst]:
+            cure = f"raise space.cells {narrower:.3g} times"
+        else:
+            cure = f"raise gas.particles {narrower**2:.3g} times"
+        yield (
+            f"drag cells are {widths[worst]:.2g} H wide {at.where(worst)}, above {WIDE:g}: the drift of small grains "
+            f"there is off by {error}: {cure}"
+        )
+
+
 def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
     """Cells with too few particles."""
     strong = sum(dust.ratio for dust in scene.dust or ()) > LOADED
     if not strong or scene.drag.direction == "one-way":
         return
-    counts, dim = at.in_drag_cells(), scene.space.dimensions
-    if counts is None:
+    found, dim = at.in_drag_cells(), scene.space.dimensions
+    if found is None:
         return
     even = all(dust.placement == "even" for dust in scene.dust or ())
     cells = SCHEMES[scene.drag.scheme].cells
     wanted = (cells.few if even else cells.few_random) if dim == 2 else LONELY
-    for name, count, few in zip(("gas", "dust"), counts, wanted, strict=True):
+    for name, count, few in zip(("gas", "dust"), found[1:], wanted, strict=True):
         least = count[count > 0].min(initial=few)  # where a population is absent nothing is to be counted
         if least < few:
             where = at.where(int(np.flatnonzero(count == least)[0]))

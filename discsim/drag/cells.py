@@ -113,11 +113,13 @@ class Blocks(NamedTuple):
         return corners, sides
 
 
-def lattice(drag: Drag, state: State) -> Lattice:
-    """Leaves at least as large as is wanted, of a lattice that has room to move where it is not periodic."""
+def lattice(drag: Drag, state: State, lengths: Array) -> Lattice:
+    """Leaves at least as large as is wanted of smoothing `lengths` (n,), of a lattice that has room to move where it is
+    not periodic.
+    """
     grid, dim = state.grid, drag.dim
-    wanted, count = drag.agree("wanted leaf", lambda: (wanted_leaf(drag, state), state.gas.everywhere))
-    side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, count)
+    wanted, count = drag.agree("wanted leaf", lambda: (wanted_leaf(drag, state, lengths), state.gas.everywhere))
+    side, numbers = leaves(drag.width.rounded * wanted, grid.cell, grid.shape[:dim], grid.periodic, count)
     extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
         # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
@@ -126,26 +128,26 @@ def lattice(drag: Drag, state: State) -> Lattice:
     return Lattice(np.array(grid.origin), extent, 0, side, whole, grid.periodic, (0, 0), whole)
 
 
-def wanted_leaf(drag: Drag, state: State) -> float:
+def wanted_leaf(drag: Drag, state: State, lengths: Array) -> float:
     """Side that leaves are to have at least, as the scheme or the scene has it."""
     if drag.drag.cell_length is not None:
         return drag.drag.cell_length
-    h = state.gas.h
-    least = world.together.least(float(h.min(initial=np.inf)))
-    return drag.scheme.cells.leaf(state.scene, lambda: float(np.exp(mean(np.log(h)))), least)
+    least = world.together.least(float(lengths.min(initial=np.inf)))
+    return drag.scheme.cells.leaf(state.scene, drag.width.number, lambda: float(np.exp(mean(np.log(lengths)))), least)
 
 
 def lay_blocks(
     drag: Drag,
     state: State,
     leaves: Lattice,
+    lengths: Array,
     least: tuple[int, int],
     size: float,
     dust_wanted: int,
     shifted: bool,
     mirrored: bool = False,
 ) -> Layout:
-    """Make blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them.
+    """Make blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them, `lengths` (n,) of the gas.
 
     The lattice moves with every step where it is `shifted`; `mirrored`, to where y -> -y takes the other's cells.
     """
@@ -158,7 +160,7 @@ def lay_blocks(
     wanted = leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
     merged = drag.agree(
         "blocks",
-        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, keys[0], state.gas.h), part.shape, *wanted),
+        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, keys[0], lengths), part.shape, *wanted),
     )
     return Layout(part._replace(origin=leaves.origin - shift * leaves.side), merged, *keys)
 
@@ -287,8 +289,9 @@ def about_grains(drag: Drag, state: State) -> Array:
 def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
     """The blocks of `relax_in_blocks`, and the frame."""
     about_star = frame(drag, state)
+    lengths = drag.width.counted(state.gas.pos, state.gas.h)
     layout = lay_blocks(
-        drag, state, lattice(drag, state), drag.scheme.cells.least(state.scene), drag.drag.cell or 0.0,
+        drag, state, lattice(drag, state, lengths), lengths, drag.scheme.cells.least(state.scene), drag.width.number,
         INSIDE if drag.two_way else IGNORE, linear, linear and clockwise(about_star),
     )  # fmt: skip
     return layout, about_star

@@ -35,11 +35,11 @@ def members(drag: Drag, state: State) -> Any:
     return cells.layout_of(drag, state, linear=False)[0]
 
 
-def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
-    assert scene.drag is not None and scene.drag.cell is not None and scene.gas is not None
+def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: float) -> float:
+    assert scene.gas is not None
     # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
     fewest = least(scene)[0] ** (1.0 / scene.space.dimensions) / scene.gas.eta
-    return h_least * (max(scene.drag.cell, fewest) if scene.space.dimensions == 2 else scene.drag.cell)
+    return h_least * (max(number, fewest) if scene.space.dimensions == 2 else number)
 
 
 def least(scene: Scene) -> tuple[int, int]:

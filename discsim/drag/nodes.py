@@ -64,8 +64,9 @@ class Places(NamedTuple):
 def layout_of(drag: Drag, state: State) -> tuple[Layout, Frame]:
     """The blocks whose particles have nodes, and the frame."""
     about_star = frame(drag, state)
+    lengths = drag.width.counted(state.gas.pos, state.gas.h)
     layout = lay_blocks(
-        drag, state, lattice(drag, state), (1, 0), drag.scheme.cells.share * (drag.drag.cell or 0.0),
+        drag, state, lattice(drag, state, lengths), lengths, (1, 0), drag.scheme.cells.share * drag.width.number,
         NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip

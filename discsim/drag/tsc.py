@@ -39,11 +39,10 @@ def members(drag: Drag, state: State) -> Any:
     return nodes.layout_of(drag, state)[0]
 
 
-def leaf(scene: Scene, h_mean: Callable[[], float], h_least: float) -> float:
-    """Such that the side nearest to `cell` mean h is a power of two of them, and one in the densest gas is as well."""
-    assert scene.drag is not None and scene.drag.cell is not None
-    wanted = scene.drag.cell * h_mean()
-    return wanted * 0.5 ** max(0.0, np.ceil(np.log2(wanted / scene.drag.cell / h_least) - 0.5))
+def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: float) -> float:
+    """Such that the side nearest to `number` mean h is a power of two of them; so is that in the densest gas."""
+    wanted = number * h_mean()
+    return wanted * 0.5 ** max(0.0, np.ceil(np.log2(wanted / number / h_least) - 0.5))
 
 
 # A node has the particles of nine cells: with two of each kind in a cell, placed evenly, the drift is right to .4%

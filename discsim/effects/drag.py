@@ -17,6 +17,7 @@ from discsim.drag import cautions
 from discsim.drag.base import Scheme
 from discsim.drag.classes import Classes, classes_of
 from discsim.drag.known import Known
+from discsim.drag.width import Width
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
@@ -76,7 +77,7 @@ class Keys(Table):
     kernel: Literal["gas", "double-hump"] = Field(
         "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
     )
-    cell: Annotated[Number | None, Default("1 in 1D, 2 in 2D")] = Field(
+    cell: Annotated[Number | None, Default("1, in 2D 2, and at most 2 or 2.7 spacings of the gas and 0.7 H")] = Field(
         None, gt=0, description="side of a drag cell in local mean h; or a length"
     )
     cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
@@ -172,7 +173,7 @@ class Effect(base.Effect):
         self.dim = scene.space.dimensions
         self.scheme: Scheme = SCHEMES[self.drag.scheme]
         self.exponential = self.drag.integration == "exponential"
-        self.law = SceneLaw(scene)
+        self.law, self.width = SceneLaw(scene), Width(scene)
         self.classes = Classes(scene, self.law)
         # A number of wanted sides up to which cells grow for want of particles, or of a species.
         self.soft, self.hard = SOFT, 8.0 if self.dim == 1 else 4.0

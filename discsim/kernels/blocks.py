@@ -242,7 +242,9 @@ def _take_children(level, bx, by, tx, ty, wanted, tree, held):
                     tree.final[below + cx * height + cy] |= held.status[2 * x + cx, 2 * y + cy] != DONE
         worst_now = DONE
         if waits and not too_large:
-            tree.enlarged[b] |= worst != SMALL
+            # Leaves that lack a species may be finer than what is wanted.
+            wide = gas > 0 and 0.5 * side > _wanted_side(gas, h_sum, wanted) * (1.0 - TIE)
+            tree.enlarged[b] |= wide and worst != SMALL
             worst_now, blocks = _status(gas, dust, h_sum, side, wanted), 1
             tree.final[b] = worst_now == DONE or level == LEVELS
         worst = worst_now

@@ -67,10 +67,10 @@ class Local:
     """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them.
 
     resolution: `h` as other kernels mean it. step: the longest one. by_mass: makes h/H all over the gas (n,), rising,
-    and the share of the gas with less than each (n,). in_drag_cells: the mean numbers of gas and dust particles in a
-    drag cell there at the start, None where drag has no cells. relative_mass: of a gas particle there, over their
-    mean. For the whole scene: particle_mass of the gas, the mean, and `cell`, the side of the grid's cells. jump: of
-    the velocity in a shock there.
+    and the share of the gas with less than each (n,). in_drag_cells: the side of a drag cell there at the start, and
+    its mean numbers of gas and dust particles; None where drag has no cells. relative_mass: of a gas particle there,
+    over their mean. For the whole scene: particle_mass of the gas, the mean, and `cell`, the side of the grid's cells.
+    jump: of the velocity in a shock there.
     """
 
     places: list[str]
@@ -83,7 +83,7 @@ class Local:
     resolution: Array | None
     step: Array | None
     by_mass: Callable[[], tuple[Array, Array]]
-    in_drag_cells: Callable[[], tuple[Array, Array] | None]
+    in_drag_cells: Callable[[], tuple[Array, Array, Array] | None]
     relative_mass: Array
     particle_mass: float | None
     cell: float | None

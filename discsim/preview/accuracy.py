@@ -6,7 +6,7 @@
                                                                                        (`analysis/cost_of_accuracy.py`)
     gravity     forces are off by up to .003 (2 cells / softening)^2                   (`analysis/forces.py`)
     precision   of the gas: rms, over that of the forces                               (docs/physics/gas.md)
-    drag        of the usual scheme: by the width of its cells                         (`analysis/drift_cost.py`)
+    drag        of the usual scheme: about .02 (s / H)^7 for cells of side s           (`analysis/drift_cells.py`)
 
 Each is of one ring or disc at full size, and says of another scene how large an error to expect, not more. `discsim
 cost --error` leaves what its runs had (`learn`), and scenes with the same tables have that then.
@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from discsim.drag.width import drift_error
 from discsim.initial import start_of, start_time
 from discsim.parts import USUAL_SCHEME
 from discsim.physics import viscosity
@@ -32,7 +33,6 @@ from discsim.scene import Scene
 from discsim.scene.differences import FREE_TO_CHANGE
 
 KEPT = 300  # settings whose errors are kept
-WIDTHS, OFF = (2.0, 4.0, 8.0), (0.004, 0.04, 0.43)  # of drag cells in h, and how far the drift is off at St = 0.01
 
 
 def accuracy(scene: Scene) -> list[tuple[str, str]]:
@@ -74,10 +74,13 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     sides = drag_cell_sides(scene, at)
     if sides is None or scene.drag is None or scene.drag.scheme != USUAL_SCHEME:
         return
-    assert at.resolution is not None
-    width = float(np.max(sides / at.resolution))
-    off = float(np.exp(np.interp(np.log(width), np.log(WIDTHS), np.log(OFF))))
-    yield "drift past the gas off by about", f"{off:.1g} at St = 0.01, in drag cells of {width:.2g} h; less above"
+    widths = sides / at.scale_height
+    worst = int(np.argmax(widths))
+    off, where = drift_error(widths[worst]), f"in drag cells of {widths[worst]:.2g} H {at.where(worst)}"
+    if off < 1.0:
+        yield "drift past the gas off by about", f"{off:.1g} at St = 0.01, {where}; less above"
+    else:
+        yield "drift past the gas", f"wrong by itself or more at St = 0.01, {where}"
 
 
 def _gravity_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:

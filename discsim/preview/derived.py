@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.drag.width import Width
 from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of, start_time
 from discsim.initial.base import Places
@@ -62,9 +63,9 @@ def local_at(scene: Scene, places: Places) -> Local:
     return at
 
 
-def _in_drag_cells(scene: Scene, at: Local) -> tuple[Array, Array] | None:
+def _in_drag_cells(scene: Scene, at: Local) -> tuple[Array, Array, Array] | None:
     side = drag_cell_sides(scene, at)
-    return None if side is None else drag_cell_counts(scene, at, side)
+    return None if side is None else (side, *drag_cell_counts(scene, at, side))
 
 
 def _by_mass(scene: Scene) -> tuple[Array, Array]:
@@ -217,15 +218,15 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     if drag is None or cells is None or not scene.gas or at.h is None or found is None:
         return None
     cell, shape = found
-    wanted = drag.cell_length
+    wanted, width = drag.cell_length, Width(scene)
     if wanted is None:
-        mean, least = _range_of_h(scene)
-        wanted = cells.leaf(scene, lambda: mean, least)
+        mean, least = _range_of_lengths(scene, width)
+        wanted = cells.leaf(scene, width.number, lambda: mean, least)
     periodic = scene.space.boundary == "periodic"
-    leaf, _ = leaves(wanted, cell, shape, periodic, particle_count(scene, scene.gas))
+    leaf, _ = leaves(width.rounded * wanted, cell, shape, periodic, particle_count(scene, scene.gas))
     side = limit = np.full_like(at.h, leaf)
-    if drag.cell:
-        limit = drag.cell * at.h
+    if width.number:
+        limit = width.number * _counted(width, at.radius, at.h)
         side = side_of_blocks(leaf, cells.share * limit)
     if cells.least is not None:
         counts = drag_cell_counts(scene, at, side)
@@ -253,11 +254,17 @@ def _present(population: Any, at: Local) -> Array | float:
     return 1.0 * ((at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf)))
 
 
-def _range_of_h(scene: Scene) -> tuple[float, float]:
-    """The geometric mean of the smoothing lengths of all gas particles, and the least of them."""
+def _counted(width: Width, radius: Array | None, h: Array) -> Array:
+    """Smoothing lengths that count for drag cells; without a radius nothing limits them."""
+    return h if radius is None else width.counted_at(radius, h)
+
+
+def _range_of_lengths(scene: Scene, width: Width) -> tuple[float, float]:
+    """The geometric mean of the smoothing lengths of all gas particles that count, and the least of them."""
     places, weight = start_of(scene).all_over(scene)
     h = _smoothing(scene, places)
     assert h is not None
+    h = _counted(width, places.radius, h)
     return float(np.exp(np.average(np.log(h), weights=weight))), float(h.min())
 
 

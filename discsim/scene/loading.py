@@ -240,8 +240,6 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
     if isinstance(drag, dict):
         if isinstance(drag.get("cell"), str):
             drag["cell_length"] = drag.pop("cell")
-        if "cell_length" not in drag:
-            drag.setdefault("cell", dimensions)
         kind = value_at(data, "gas", "eos", "kind")
         hot = isinstance(kind, str) and kind in EOS and EOS[kind].holds_heat
         drag.setdefault("heating", hot and drag.get("direction") != "one-way")

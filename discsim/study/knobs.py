@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from discsim.drag.width import in_lengths
 from discsim.effects import effect_classes
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.layout import grid_cells
@@ -55,6 +56,8 @@ class Base:
             found = self.scene
             for part in key.split("."):
                 found = getattr(found, part, None)
+        if found is None and key == "drag.cell" and self.scene.drag is not None and self.scene.gas is not None:
+            return in_lengths(self.scene) or None
         return found
 
     def times(self, key: str, factor: float, whole: bool = False, digits: int = 4) -> str:

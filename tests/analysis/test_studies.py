@@ -210,6 +210,17 @@ def test_drift_study_goes_on(tmp_path, capsys):
     assert (tmp_path / "drift.png").exists()
 
 
+def test_drift_against_the_width_of_cells(tmp_path, capsys):
+    """Cells of the width that is asked for, and by default; 3000 particles over half an orbit, so with much noise."""
+    module = script("drift_cells")
+    arguments = ["-o", str(tmp_path), "--cases", "quintic:1.1:3000:0.1", "--widths", "0,2", "--orbits", "0.2", "0.7"]
+    assert module.main(arguments) == 0
+    default, wide = csv.DictReader((tmp_path / "drift_cells.csv").read_text().splitlines())
+    assert float(default["cell_over_H"]) < 1.1 and float(wide["cell_over_H"]) == pytest.approx(2.0, rel=0.05)
+    assert all(np.isfinite(float(row[key])) for row in (default, wide) for key in ("drift", "error", "headwind"))
+    assert "cell_over_H" in capsys.readouterr().out
+
+
 def test_slip_follows_the_headwind():
     """SPH gas at an eighth of the study's size, orbits 1 to 3: the headwind still sways, by a tenth, the slip with it.
 

@@ -90,7 +90,7 @@ def particles_in_blocks(sim, found, where):
         {"drag": {"cell_length": 1.4 * 8 / 64}},
         {"drag": {"scheme": "idic", "cell_length": 1.4 * 8 / 64}},
         {"space": {"cells": 300}},
-        {"space": {"cells": 100}, "gas": {"particles": 900}},
+        {"space": {"cells": 100}, "gas": {"particles": 1200}},
     ],
 )
 def test_drag_cells_of_a_disc(changes, sorted_blocks):
