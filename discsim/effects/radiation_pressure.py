@@ -23,7 +23,7 @@ from discsim.scene.fields import Number, Table, Words, fault
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Outlook
+    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.radiation")
@@ -63,9 +63,22 @@ def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
         yield ("radiation_pressure",), f'dust of scheme "{draft.drag.scheme}" feels none; expected another drag.scheme'
 
 
+def _has_orbits(draft: Draft) -> Iterator[Problem]:
+    """Grains that start on circles without drag have some."""
+    most = max(draft.radiation_pressure.beta)
+    if most < 1.0 or not draft.start or draft.start.radial is None:
+        return
+    if not draft.has("drag") or getattr(draft.initial, "dust_velocity", None) == "balance":
+        yield (
+            ("radiation_pressure", "beta"),
+            f"{most:g} pushes grains out more than the star pulls: no orbit is in balance; expected less than 1, or "
+            '[drag] with initial.dust_velocity = "drift"',
+        )
+
+
 class Effect(base.Effect):
     keys = Keys
-    rules = (_needs, _one_a_population, _moves_by_particles)
+    rules = (_needs, _one_a_population, _moves_by_particles, _has_orbits)
     acts_on = ("dust",)
     softer = "a larger star.accretion_radius or star.softening"
 
@@ -86,6 +99,15 @@ class Effect(base.Effect):
             return Expected()
         away = float(np.hypot(outlook.nearest, scene.star.softening))
         return Expected((away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
+
+    @classmethod
+    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+        most = 1.0 - float(pull_share(scene).min())
+        if most >= 1.0 and scene.drag is not None:
+            yield (
+                f"radiation_pressure.beta = {most:g}: from 1 on grains have no orbit, and only the gas's drag holds "
+                "them; expected less than 1 for grains that are to stay"
+            )
 
     def accelerate(self, state: State) -> None:
         dust, self._place = state.dust, state.star_place

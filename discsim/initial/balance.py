@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field
 
 from discsim.exact import nsh
-from discsim.initial import start_of
+from discsim.initial import start_of, support
 from discsim.parts import Lazy
 from discsim.physics import profile, radiation
 from discsim.physics.centre import star_pull
@@ -90,7 +90,7 @@ class Balance:
         """
         scene = self.scene
         r = np.sqrt((pos**2).sum(axis=1))
-        # Where gravity points outwards nothing can turn in balance; a start at rest is as good as any.
+        # Where gravity points outwards nothing can turn in balance: `settle` refuses where that is much.
         keplerian = np.sqrt(np.maximum(self.gravity(r) * r, 1e-300))
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
@@ -188,6 +188,29 @@ def settle(state: State, effects: dict[str, Any]) -> None:
             direction = pos / np.sqrt((pos**2).sum(axis=1))[:, None]
             across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
             particles.vel[piece] = radial[:, None] * direction + azimuthal[:, None] * across
+        if state.scene.model.given is None:
+            _refuse_falling(found, name, particles)
+
+
+def faults(scene: Scene) -> Iterator[Problem]:
+    """What keeps the disc of a scene from turning in balance."""
+    yield from support.faults(scene)
+
+
+def _refuse_falling(found: Balance, name: str, particles: Any) -> None:
+    """Raise ValueError where much of a species turns in no balance, under all forces that there are."""
+    r = np.sqrt((particles.pos**2).sum(axis=1))
+    pull = found.gravity(r)
+    turning = (particles.pos[:, 0] * particles.vel[:, 1] - particles.pos[:, 1] * particles.vel[:, 0]) / r
+    falling = turning <= 2.0 * nsh.SLOWEST * np.sqrt(np.abs(pull) * r)
+    share = float(particles.mass[falling].sum() / particles.mass.sum())
+    if share > support.MOST:
+        where = found.scene.units.show(float(np.median(r[falling])), "length")
+        what = "self-gravity pulls outwards" if np.median(pull[falling]) <= 0.0 else "pressure or light pushes too much"
+        raise ValueError(
+            f"{share:.2g} of the {name} has no rotation in balance, about r = {where}, where {what}; expected lower "
+            "H/r or beta, or a wider taper there"
+        )
 
 
 def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:

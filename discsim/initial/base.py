@@ -12,7 +12,7 @@ import numpy as np
 from discsim.initial.measure import ErrorMeasure
 from discsim.physics.profile import Radial
 from discsim.scene.fields import Table
-from discsim.scene.rules import Rule
+from discsim.scene.rules import Problem, Rule
 
 if TYPE_CHECKING:
     from discsim.physics.orbits import UnderWay
@@ -62,6 +62,7 @@ class Start:
         column: whether its density in one dimension is a surface density, as self-gravity there needs.
         reach: a key of a length, and how many of it half a side of space has to hold.
         rules: what else a scene with it must have.
+        faults(scene): what is wrong with a scene whose tables are right by themselves.
     What a preview shows:
         kernel: the smoothing kernel of its gas where the scene names none (None: as of any scene).
         places(scene): its gas at a few places that tell most.
@@ -100,6 +101,7 @@ class Start:
     column: bool = False
     reach: tuple[str, float] | None = None
     rules: tuple[Rule, ...] = ()
+    faults: Callable[[Any], Iterator[Problem]] | None = None
     kernel: str | None = None
     masses: Callable[[Any, Any], float] | None = None
     spread: Callable[[Any], tuple[Places, Array]] | None = None

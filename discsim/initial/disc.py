@@ -165,6 +165,7 @@ START = Start(
     places,
     radial=radial,
     settle=balance.settle,
+    faults=balance.faults,
     dimensions=(2,),
     boundary="open",
     rules=(

@@ -92,6 +92,7 @@ START = Start(
     disc.places,
     radial=radial,
     settle=balance.settle,
+    faults=balance.faults,
     dimensions=(2,),
     boundary="open",
     eos=("isothermal", "locally-isothermal", "adiabatic"),

@@ -183,6 +183,7 @@ START = Start(
     places,
     radial=radial,
     settle=balance.settle,
+    faults=balance.faults,
     thermal_speed=thermal_speed,
     dimensions=(2,),
     boundary="open",

@@ -143,6 +143,7 @@ START = Start(
     places,
     radial=radial,
     settle=balance.settle,
+    faults=balance.faults,
     dimensions=(2,),
     boundary="open",
     eos=("isothermal", "locally-isothermal", "adiabatic"),

@@ -155,7 +155,13 @@ def load_scene(
     except UnicodeEncodeError as error:  # of a command line, or a dict, in another encoding
         wrong = f'"{printable(text[max(error.start - 20, 0) : error.end])}" is no text of Unicode'
         raise SceneError([f"{path or 'scene'}: {wrong}; expected one in UTF-8"]) from None
-    return Scene(**found, text=text, path=path)
+    scene = Scene(**found, text=text, path=path)
+    start = None if scene.initial is None else STARTS[scene.initial.kind]
+    if start is not None and start.faults is not None:
+        problems = [message(_as_written(fault, data), origins) for fault in start.faults(scene)]
+        if problems:
+            raise SceneError(problems)
+    return scene
 
 
 def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:

@@ -1,0 +1,182 @@
+"""Whether the gas of a disc can turn in balance: where its pressure pushes out more than all pulls in, nothing can.
+
+    x = (1/Sigma) |dP/dr| / g,    v_phi = v_K (1 - x)^(1/2)                                                  (1)
+
+with g the inward pull, v_K^2 = g r, and 0 < x where the pressure falls outwards. x goes with (H/r)^2, so that x < 1
+bounds H/r. The disc is that of a start, or a given one ([background]) between the radii where its dust begins.
+Beside a star self-gravity counts as twice the pull of the mass within r, more than any disc has but at its edge. Discs
+that their own gravity alone holds are judged when a run makes their velocities (`initial/balance.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from discsim.initial import start_of
+from discsim.parts import Lazy
+from discsim.physics import profile
+from discsim.physics.centre import kepler_omega
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+    from discsim.scene.rules import Problem
+
+growth = Lazy("discsim.physics.growth")
+Array = np.ndarray
+RADII = 2000
+TINY = 1e-3  # of the gas's mass, that may be without balance at an edge: it falls in, and nothing notices
+SLOW, MANY = 0.9, 0.01  # of v_K, below which gas is said to be slow, and the share of the mass that is
+TEMPERATURES = {"aspect_ratio": 1.0, "sound_speed": 1.0, "constant": 2.0}  # keys, and their powers of c_s
+MOST = 0.1  # of a species, that may be without balance in a start: at an inner edge self-gravity pulls outwards
+TWICE = 2.0  # how much of the pull of the mass within a radius self-gravity counts for
+
+
+class Support(NamedTuple):
+    """By radius (n,): x of eq. (1), H/r, the share of the mass that is there, and r^2 times the pull."""
+
+    radius: Array
+    push: Array
+    aspect: Array
+    share: Array
+    strength: Array
+
+
+def support(scene: Scene) -> Support | None:
+    """x of a disc; None where the scene has none, or nothing whose pressure could push."""
+    start = None if scene.initial is None else start_of(scene)
+    if start is None or start.radial is None or scene.star is None:
+        return None
+    if scene.gas is None and scene.model.given is None:
+        return None
+    with np.errstate(all="ignore"):  # extreme numbers are told of where they make particles
+        found = _given(scene) if scene.model.given is not None else _of_gas(scene)
+    finite = np.isfinite(found.push) & np.isfinite(found.aspect)
+    return Support(*(values[finite] for values in found)) if finite.any() else None
+
+
+def _given(scene: Scene) -> Support:
+    disc, edges = scene.model.given(scene), start_of(scene).edges
+    assert edges is not None
+    r = np.geomspace(*edges(scene), RADII)
+    pull = kepler_omega(scene, r) ** 2 * r
+    aspect = disc.thermal_speed(r) / np.sqrt(pull * r)
+    return Support(r, disc.pressure_slope(r) * aspect**2, aspect, np.full(RADII, 1.0 / RADII), r * r * pull)
+
+
+def _of_gas(scene: Scene) -> Support:
+    disc = profile.radial(scene)
+    r = disc.inner + (disc.outer - disc.inner) * (np.arange(RADII) + 0.5) / RADII
+    density = disc.surface_density(r)
+    pull = kepler_omega(scene, r) ** 2 * r
+    if scene.self_gravity is not None:
+        pull = pull + TWICE * disc.mass_within(r) / (r * r)
+    push = disc.pressure_acceleration(r) / pull
+    if scene.table("growth") is not None and growth.laden(scene):
+        push = push / (1.0 + growth.small_at(scene, r, disc.dust_share))
+    aspect = profile.thermal_speed(scene, r, density) / np.sqrt(pull * r)
+    weight = r * density
+    return Support(r, push, aspect, weight / weight.sum(), r * r * pull)
+
+
+def faults(scene: Scene) -> Iterator[Problem]:
+    """The temperature, where more of the disc than a sliver at its edge cannot turn in balance."""
+    found = _support_if_finite(scene)
+    if found is None or not _unbound(scene, found):
+        return
+    worst = int(np.argmax(np.where(found.share > 0.0, found.push, -np.inf)))
+    bound = _bound(scene, found, worst)
+    below = math.floor(100.0 * bound) / 100.0 if bound >= 0.1 else float(f"{0.995 * bound:.2g}")
+    where = scene.units.show(found.radius[worst], "length")
+    other = "".join(f", or a wider background.{name}" for name in _parts(scene))
+    yield (
+        _path(scene),
+        f"H/r is {found.aspect[worst]:.3g} at r = {where}, where the pressure pushes out more than all pulls in: no "
+        f"rotation is in balance; expected H/r < {below:g} there{other}",
+    )
+
+
+def _support_if_finite(scene: Scene) -> Support | None:
+    try:
+        return support(scene)
+    except (ArithmeticError, ValueError):  # of extreme numbers, which the start itself refuses
+        return None
+
+
+def _unbound(scene: Scene, found: Support) -> bool:
+    """Whether too much is without balance; of a given disc, in which dust drifts through all radii, anything is."""
+    share = float(found.share[found.push >= 1.0].sum())
+    return share > (TINY if scene.model.given is None else 0.0)
+
+
+def _table(scene: Scene) -> str:
+    return "gas" if scene.gas is not None else "background"
+
+
+def _path(scene: Scene) -> tuple[str, ...]:
+    """The key that makes the temperature."""
+    eos = scene.table(_table(scene)).eos
+    own = getattr(scene.initial if scene.gas is not None else scene.background, "file", None)
+    if own is not None and own.has("T"):
+        return ("initial", "file") if scene.gas is not None else ("background", "file")
+    return (_table(scene), "eos", next((key for key in TEMPERATURES if getattr(eos, key, None) is not None), "kind"))
+
+
+def _bound(scene: Scene, found: Support, worst: int) -> float:
+    """The largest H/r there that all of the disc is in balance with, its temperature times one factor everywhere."""
+    path = _path(scene)
+    if path[-1] not in TEMPERATURES:
+        return float(found.aspect[worst] / found.push[worst] ** 0.5)
+    table = scene.table(path[0])
+    value = getattr(table.eos, path[2])
+
+    def stands(factor: float) -> bool:
+        eos = table.eos.model_copy(update={path[2]: value * factor ** TEMPERATURES[path[2]]})
+        cooler = scene.model_copy(update={path[0]: table.model_copy(update={"eos": eos})})
+        again = support(cooler)
+        return again is not None and not _unbound(cooler, again)
+
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stands(middle) else (low, middle)
+    return float(low * found.aspect[worst])
+
+
+def warnings(scene: Scene) -> Iterator[str]:
+    """Gas that turns slower than small H/r has it, and a given disc that no gas could be."""
+    found = _support_if_finite(scene)
+    if found is None:
+        return
+    speed = np.sqrt(np.maximum(1.0 - found.push, 0.0))
+    slow = float(found.share[speed < SLOW].sum())
+    if slow > (MANY if scene.model.given is None else 0.0):
+        at = int(np.argmin(np.where(found.share > 0.0, speed, np.inf)))
+        where = scene.units.show(found.radius[at], "length")
+        yield (
+            f"the gas turns at {speed[at]:.2f} of the Keplerian velocity at {where}, below {SLOW:g}, where its "
+            f"pressure falls fast: what counts on thin discs is off by as much; {_cure(scene)}"
+        )
+    if scene.model.given is not None:
+        with np.errstate(all="ignore"):
+            spin2 = found.radius * found.strength * (1.0 - found.push)  # (r v_phi)^2
+            falls = np.flatnonzero(np.diff(spin2) < 0.0)
+        if len(falls) > 0:
+            ends = (scene.units.show(found.radius[i], "length") for i in (falls[0], falls[-1] + 1))
+            yield (
+                f"the angular momentum of the given gas falls outwards between {' and '.join(ends)}: no disc stays so "
+                f"(Rayleigh's criterion), and dust has no steady drift there; {_cure(scene)}"
+            )
+
+
+def _parts(scene: Scene) -> list[str]:
+    """What makes the pressure of a given disc steep, beside its power law."""
+    return [name for name in ("gap", "bump") if getattr(scene.background, name, None) is not None]
+
+
+def _cure(scene: Scene) -> str:
+    wider = [f"widen background.{name}" for name in _parts(scene)]
+    return f"{' and '.join(wider)}, or lower H/r" if wider else "lower H/r, or make edges and Sigma smoother"
