@@ -12,7 +12,7 @@ class Smoothing(NamedTuple):
     support: its radius in h. squeezed: h over that of the same kernel in the usual units. norm: sigma. eta: of
     h = eta (m/rho)^(1/d), such that sound on an even lattice has the right speed. least_eta: W(0)^(1/d) in h; with less
     a particle is dense enough by itself at any h, which then falls to nothing. mean_q: of W in two dimensions, <q> and
-    <q^2>.
+    <q^2>. fastest: the largest frequency of sound on a lattice of particles, in c_s / h, h as the usual units have it.
     """
 
     support: float
@@ -21,6 +21,7 @@ class Smoothing(NamedTuple):
     eta: tuple[float, float]
     least_eta: tuple[float, float]
     mean_q: tuple[float, float]
+    fastest: tuple[float, float]
 
     def neighbours(self, eta: float) -> float:
         """Neighbours in even gas in two dimensions."""
@@ -32,9 +33,18 @@ class Smoothing(NamedTuple):
 # quintic-h is the quintic squeezed to support h: thrice the eta.
 CUBIC_Q, QUINTIC_Q, WENDLAND_Q = (5 / 7, 31 / 49), (210 / 239, 2771 / 2868), (32 / 55, 14 / 33)
 SQUEEZED_Q = QUINTIC_Q[0] / 3, QUINTIC_Q[1] / 9
+QUINTIC_W = (2.10, 1.88)
 SMOOTHING = {
-    "cubic": Smoothing(2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), CUBIC_Q),
-    "quintic": Smoothing(3.0, 1.0, (1.0 / 120.0, 7.0 / (478.0 * math.pi)), (2.0, 1.1), (0.55, 0.555), QUINTIC_Q),
-    "quintic-h": Smoothing(1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), SQUEEZED_Q),
-    "wendland-c4": Smoothing(2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_Q),
+    "cubic": Smoothing(
+        2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), CUBIC_Q, (2.62, 2.37)
+    ),
+    "quintic": Smoothing(
+        3.0, 1.0, (1.0 / 120.0, 7.0 / (478.0 * math.pi)), (2.0, 1.1), (0.55, 0.555), QUINTIC_Q, QUINTIC_W
+    ),
+    "quintic-h": Smoothing(
+        1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), SQUEEZED_Q, QUINTIC_W
+    ),
+    "wendland-c4": Smoothing(
+        2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_Q, (2.90, 2.84)
+    ),
 }

@@ -23,6 +23,53 @@ INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
 # near the star are thrown out.
 LOST = 1.0
 
+# Gas that is torn apart by long steps: particles that are looked at, every so many steps, and what is too much of them.
+SAMPLE, EVERY = 512, 16
+REVERSED = -0.2  # median cosine between two changes of acceleration, one after the other
+KICKED = 0.25  # median change of a kick, in sound speeds
+
+
+class Reversals:
+    """Watch for gas whose acceleration swings back and forth from one step to the next.
+
+    In a leapfrog that is unstable sound between neighbours changes its sign with each step, and grows. No physics does
+    that to most of the gas, as a step resolves what it is made of. With the accelerations a1, a2, a3 of some particles
+    in three steps, d1 = a2 - a1 and d2 = a3 - a2, without the pull of the star: cos(d1, d2) is near 1 on smooth paths,
+    -1 where one mode grows and -1/2 where each step has its own noise; |d2| dt says how fast particles are thrown.
+    """
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[np.ndarray, np.ndarray]] = []  # ids and accelerations, of the last steps
+
+    def check(self, state: State, effects: Effects) -> None:
+        """Raise PhysicsError where most of the gas that is looked at is thrown back and forth."""
+        gas, turn = state.gas, state.step % EVERY
+        if gas is None or gas.count == 0 or not 1 <= turn <= 3:
+            self.seen.clear()
+            return
+        rows = slice(None, None, max(1, gas.count // SAMPLE))
+        ids, acc = gas.ids[rows].copy(), gas.acc[rows].copy()
+        if state.scene.star is not None:
+            away = state.from_star(gas.pos[rows])
+            distance2 = (away**2).sum(axis=1)[:, None] + state.scene.star.softening**2
+            acc += state.star_mass * away / np.maximum(distance2, 1e-200) ** 1.5
+        if self.seen and not np.array_equal(self.seen[-1][0], ids):
+            self.seen.clear()  # particles were put in a new order
+        self.seen.append((ids, acc))
+        if len(self.seen) < 3:
+            return
+        (_, a1), (_, a2), (_, a3) = self.seen
+        first, second = a2 - a1, a3 - a2
+        size = np.sqrt((first**2).sum(axis=1) * (second**2).sum(axis=1))
+        cosine = float(np.median((first * second).sum(axis=1) / np.maximum(size, 1e-300)))
+        kicked = float(np.median(np.sqrt((second**2).sum(axis=1)) * 2.0 * abs(state.lag) / gas.sound_speed[rows]))
+        if cosine < REVERSED and kicked > KICKED:
+            key = "courant" if state.scene.run.timestep is None else "timestep"
+            raise PhysicsError(
+                f"the gas is torn apart: its acceleration swings back and forth from step to step, by {kicked:.2g} of "
+                f"the sound speed in each; expected a smaller run.{key}"
+            )
+
 
 def coupled(state: State) -> bool:
     """Whether particles feel each other, so that what is wrong with one spreads."""

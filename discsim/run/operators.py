@@ -26,6 +26,7 @@ class Operators:
         self.operating = doing(effects, "operate")
         self.costs = Costs(effects)
         self.limits = Limits()
+        self.reversals = guards.Reversals()
         self.shown = True
 
     def kick(self, dt: float) -> None:
@@ -101,6 +102,7 @@ class Operators:
         forces.accelerate(self.state, self.effects, self.costs)
         limits, self.limits = forces.limits_of(self.state, self.effects)
         self._check(guards.check_forces, limits)
+        self._check(self.reversals.check)
 
     def _check(self, guard: Callable[..., None], *more: Any) -> None:
         """Have all processes stop where one of them has found something."""

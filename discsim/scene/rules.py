@@ -6,15 +6,21 @@ silent: that table has its own messages already.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, LAWS, SCHEMES, STARTS
 from discsim.scene.fields import MOST_SNAPSHOTS
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
+
+ORBITS = 1.1  # times the limits of star and companions: in steps of 1.2 times these particles are thrown out
+# Viscosity of an artificial alpha of DAMPING damps what grows, up to so much longer steps.
+DAMPING, DAMPED = 0.3, 0.5
 
 Problem = tuple[tuple[str | int, ...], str]
 Rule = Callable[["Draft"], Iterator[Problem]]
@@ -183,7 +189,38 @@ def _one_kick(draft: Draft) -> Iterator[Problem]:
         yield (second,), f"gas and dust are kicked by [{first}] already; expected one of the two"
 
 
+def longest_courant(draft: Draft) -> tuple[float, str]:
+    """The largest Courant factor in whose steps nothing grows without end, and what would; inf where nothing does.
+
+    Leapfrog of a frequency w is stable for w dt < 2 (docs/physics/step.md).
+    """
+    gas, found = draft.gas, (math.inf, "")
+    if draft.has("star") and not draft.has("background"):  # in which circles are exact
+        found = (ORBITS, "orbits about the star are thrown out")
+    if gas and not (draft.start and draft.start.uniform):
+        kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if gas.viscosity else 0.0
+        damping = 1.0 if draft.has("alpha_viscosity") else min(1.0, alpha / DAMPING)
+        sound = 2.0 / kernel.fastest[draft.dimensions - 1] * (1.0 + DAMPED * damping)
+        if sound < found[0]:
+            found = (sound, f'sound between particles of kernel "{gas.kernel}" grows')
+    return found
+
+
+def _stable_steps(draft: Draft) -> Iterator[Problem]:
+    on_grid = draft.drag and SCHEMES[draft.drag.scheme].on_grid
+    if not draft.run or draft.run.timestep is not None or on_grid:
+        return
+    most, what = longest_courant(draft)
+    if draft.run.courant > most:
+        yield ("run", "courant"), f"{draft.run.courant:g} makes steps in which {what}; expected at most {_floor(most)}"
+
+
+def _floor(value: float) -> str:
+    return f"{math.floor(100.0 * value) / 100.0:g}"
+
+
 RULES: tuple[Rule, ...] = (
+    _stable_steps,
     _someone_is_there,
     _output_times,
     _periodic_cells,

@@ -24,6 +24,7 @@ from discsim.scene import Scene, SceneError, near
 from discsim.scene.differences import differences
 from discsim.scene.fields import choices_in
 from discsim.scene.messages import value_at
+from discsim.scene.rules import Draft, longest_courant
 from discsim.study.points import Settings, StudyError, Varied
 from discsim.study.trials import RUNG, Place
 
@@ -34,7 +35,7 @@ MORE_PARTICLES = 2.0
 # By dimensions, with the stride: in 1D only whole numbers of spacings have the right density (`formulas/smoothing.py`).
 MORE_NEIGHBOURS = {1: (2.0, RUNG), 2: (1.25, 1)}
 FEWEST = {1: 24, 2: 150}  # particles of a species, by dimensions
-LEAST, MOST = {"space.cells": 8.0, "run.courant": 0.01}, {"space.cells": 8192.0, "run.courant": 2.0}
+LEAST, MOST = {"space.cells": 8.0, "run.courant": 0.01}, {"space.cells": 8192.0}
 WIDE = 8 * RUNG  # rungs of a number, either way
 COARSE = {1: 3 * RUNG, 2: 4 * RUNG}  # rungs of particles that a search begins below the scene, by dimensions
 _QUANTITY = re.compile(r"\s*([\d_.eE+-]+)(.*)", re.S)
@@ -223,6 +224,11 @@ class Knobs:
             write = _times(*dust, whole=True)
             yield Knob("dust particles", dust, write, MORE_PARTICLES, lowest=lowest(dust), highest=min(finest, WIDE))
 
+    def _longest_courant(self) -> float:
+        scene = self.base.scene
+        tables = {name: scene.table(name) for name in ("initial", "space", "gas") if scene.table(name) is not None}
+        return longest_courant(Draft(self.base.data, tables))[0]
+
     def _numbers(self) -> Iterator[Knob]:
         scene = self.base.scene
         for key, ratio in NUMBERS.items():
@@ -235,16 +241,18 @@ class Knobs:
                 continue
             elif self._goes(_times(key)(self.base, ratio)):
                 number = float(value) if not isinstance(value, str) else 1.0
-                yield Knob(key, (key,), _times(key), ratio, (), *_within(key, number, ratio))
+                most = self._longest_courant() if key == "run.courant" else math.inf
+                yield Knob(key, (key,), _times(key), ratio, (), *_within(key, number, ratio, most))
         if scene.gas and not scene.model.cells:
             key = "gas.eta" if scene.gas.smoothing_length is None else "gas.smoothing_length"
             more, stride = MORE_NEIGHBOURS[scene.space.dimensions]
             yield Knob("neighbours", (key,), _times(key, digits=8), more, (), -3 * RUNG, 6 * RUNG, stride)
 
 
-def _within(key: str, value: float, ratio: float) -> tuple[int, int]:
+def _within(key: str, value: float, ratio: float, most: float = math.inf) -> tuple[int, int]:
     """The rungs that keep a value between its least and its most."""
-    ends = [RUNG * math.log(bound[key] / value) / math.log(ratio) for bound in (LEAST, MOST) if key in bound]
+    bounds = [LEAST.get(key, 0.0), min(most, MOST.get(key, math.inf))]
+    ends = [RUNG * math.log(bound / value) / math.log(ratio) for bound in bounds if 0.0 < bound < math.inf]
     low, high = (min(ends), max(ends)) if ends else (-WIDE, WIDE)
     return min(0, max(-WIDE, math.ceil(low - 1e-9))), max(0, min(WIDE, math.floor(high + 1e-9)))
 

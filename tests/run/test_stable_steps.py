@@ -1,0 +1,134 @@
+"""How long steps may be: the bound of leapfrog on sound between particles and on orbits, and gas that is torn apart."""
+
+import numpy as np
+import pytest
+
+from discsim import Simulation
+from discsim.formulas.smoothing import SMOOTHING
+from discsim.run.forces import PhysicsError
+from discsim.scene import SceneError, load_scene, rules
+
+COUNT, SPEED = 12, 1.3  # particles along a side, and of sound
+
+
+def box(kernel, alpha=0.3, count=COUNT, shaken=0.0, **run):
+    """Gas on a lattice in a periodic square, each particle shaken by a part of the spacing."""
+    place = (np.arange(count) + 0.5) / count
+    pos = np.stack(np.meshgrid(place, place, indexing="ij"), axis=-1).reshape(-1, 2)
+    pos = (pos + shaken / count * np.random.default_rng(3).uniform(-1, 1, pos.shape)) % 1.0
+    tables = {
+        "units": {"system": "code"},
+        "run": {"until": 1e9, "threads": 1} | run,
+        "space": {"size": 1.0, "boundary": "periodic"},
+        "gas": {
+            "particles": count**2,
+            "kernel": kernel,
+            "eos": {"kind": "isothermal", "sound_speed": SPEED},
+            "viscosity": {"alpha": alpha, "beta": 2 * alpha, "pairs": "all"},
+        },
+    }
+    gas = {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(count**2, 1.0 / count**2)}
+    return Simulation(tables, particles={"gas": gas})
+
+
+def fixed(kernel, courant, alpha=0.3, count=COUNT):
+    """The step of so many times sound's limit in even gas."""
+    h = SMOOTHING[kernel].eta[1] / count / SMOOTHING[kernel].squeezed
+    return courant * h / (SPEED * (1 + 1.2 * alpha))
+
+
+@pytest.mark.parametrize("kernel", ["cubic", "quintic", "quintic-h", "wendland-c4"])
+def test_fastest_sound_of_a_lattice(kernel):
+    """The largest frequency of small motions, from the forces on a lattice with each particle moved a little."""
+    sim = box(kernel)
+    sim.step(1e-9)
+    gas, effect = sim.gas, sim.effects["gas"]
+    start, small = gas.pos.copy(), 1e-6 / COUNT
+
+    def forces():
+        gas.acc[:] = 0.0
+        gas.vel[:] = 0.0
+        effect.discard()
+        effect.accelerate(sim.state)
+        return gas.acc.ravel().copy()
+
+    matrix = np.empty((start.size, start.size))
+    for column in range(start.size):
+        found = []
+        for sign in (1.0, -1.0):
+            gas.pos[:] = start
+            gas.pos[divmod(column, 2)] += sign * small
+            found.append(forces())
+        matrix[:, column] = (found[0] - found[1]) / (2 * small)
+    fastest = np.sqrt(-np.linalg.eigvals(matrix).real.min()) / SPEED * gas.h.mean() / SMOOTHING[kernel].squeezed
+    assert fastest == pytest.approx(SMOOTHING[kernel].fastest[1], rel=0.03)  # 12 a side have not each wavelength
+
+
+@pytest.mark.parametrize("kernel, alpha", [("cubic", 0.0), ("quintic", 0.3), ("wendland-c4", 0.3)])
+def test_noise_dies_below_the_bound_and_grows_beyond_it(kernel, alpha):
+    """Shaken particles after 60 steps of 2/3 and of 4/3 of the bound, with the damping of alpha."""
+    bound = 2.0 / SMOOTHING[kernel].fastest[1] * (1.0 + 0.5 * min(1.0, alpha / 0.3))
+    speeds = []
+    for share in (0.67, 1.33):
+        sim = box(kernel, alpha, shaken=0.1, timestep=fixed(kernel, share * bound, alpha))
+        try:
+            sim.evolve(1e9, lambda sim=sim: sim.state.step >= 60)
+            speeds.append(np.sqrt((sim.gas.vel**2).sum(axis=1).mean()) / SPEED)
+        except PhysicsError:
+            speeds.append(np.inf)  # by one of the guards
+    assert speeds[0] < 0.1 and speeds[1] > 2.0 * speeds[0] + 0.02
+
+
+@pytest.mark.parametrize("times, kept", [(1.1, True), (1.35, False)])
+def test_orbits_are_kept_up_to_the_bound(times, kept):
+    """A ring of grains, steps in 1/Omega of its inner edge: energies stay of one sign, or grains leave."""
+    n = 60
+    r, phi = np.linspace(2.0, 2.4, n), np.random.default_rng(5).uniform(0, 2 * np.pi, n)
+    out = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    vel = np.sqrt(0.7 / r)[:, None] * np.stack([-out[:, 1], out[:, 0]], axis=1)
+    tables = {
+        "units": {"system": "code"},
+        "run": {"until": 1e9, "timestep": times * (2.0**3 / 0.7) ** 0.5},
+        "space": {"size": 16.0},
+        "star": {"mass": 0.7},
+        "dust": {"particles": n, "ratio": 0.1},
+    }
+    dust = {"pos": r[:, None] * out, "vel": vel, "mass": np.full(n, 1e-9)}
+    sim = Simulation(tables, particles={"dust": dust})
+    sim.run(until=400.0)
+    energy = 0.5 * (sim.dust.vel**2).sum(axis=1) - 0.7 / np.hypot(*sim.dust.pos.T)
+    assert (energy.max() < 0.0) == kept
+
+
+def message(overrides, path="setups/gas_disc.toml"):
+    with pytest.raises(SceneError) as caught:
+        load_scene(path, overrides)
+    (line,) = str(caught.value).splitlines()
+    return line
+
+
+def test_a_courant_factor_beyond_the_bound_is_one_message():
+    assert (
+        "run.courant: 1.2 makes steps in which orbits about the star are thrown out; expected at most 1.1"
+        in message(["run.courant=1.2"])
+    )
+    undamped = ["run.courant=0.9", "gas.kernel=wendland-c4", "gas.viscosity.alpha=0.0"]
+    assert 'sound between particles of kernel "wendland-c4" grows; expected at most 0.7' in message(undamped)
+    assert "expected at most 0.76" in message(["run.courant=0.8"], "setups/dusty_wave.toml")
+    load_scene("setups/gas_disc.toml", ["run.courant=1.1"])
+    load_scene("setups/dusty_box.toml", ["run.courant=50"])  # nothing moves but by drag, which is exact
+
+
+@pytest.mark.parametrize("kernel, alpha, courant", [("wendland-c4", 0.3, 1.3), ("cubic", 0.0, 1.6)])
+def test_gas_that_is_torn_apart_stops_the_run(kernel, alpha, courant, monkeypatch):
+    """Steps beyond the bound, which a scene is otherwise refused for: by one mode that grows, and by noise."""
+    monkeypatch.setattr(rules, "longest_courant", lambda draft: (np.inf, ""))
+    sim = box(kernel, alpha, shaken=0.2, count=24, courant=courant)
+    with pytest.raises(PhysicsError, match=r"the gas is torn apart: .* of the sound speed .* smaller run.courant"):
+        sim.run(until=10.0)
+
+
+def test_shaken_gas_in_steps_below_the_bound_goes_on():
+    sim = box("wendland-c4", 0.05, shaken=0.3, courant=0.7)
+    sim.evolve(1e9, lambda: sim.state.step >= 200)
+    assert sim.state.step == 200
