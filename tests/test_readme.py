@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib
 import pytest
 from drags import NOT_CONSERVING, OF_PARTICLES, ON_GRID
+from PIL import Image
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene
@@ -36,6 +37,14 @@ def blocks(language, *names):
     pages = names or [page for page in PAGES if not page.startswith("docs/recipes/")]
     found = [each for page in pages for each in re.findall(r"^```(.*)\n((?s:.*?))^```$", PAGES[page], re.M)]
     return [text for name, text in found if name == language]
+
+
+def module_of(script):
+    """The module of a script that is no part of the package."""
+    spec = importlib.util.spec_from_file_location(Path(script).stem, HOME / script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_keys_are_those_of_the_code():
@@ -68,9 +77,7 @@ def test_every_setup_is_named_and_exists():
 
 def test_the_gallery_runs_setups_as_they_can_be():
     """Each change that makes a run of the gallery short leaves a scene that loads."""
-    spec = importlib.util.spec_from_file_location("gallery", HOME / "docs/gallery.py")
-    gallery = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(gallery)
+    gallery = module_of("docs/gallery.py")
     for name, changes in gallery.SMALLER.items():
         assert load_scene(HOME / f"setups/{name}.toml", changes)
     for name, picture in gallery.SHIPPED.items():
@@ -199,3 +206,37 @@ def test_the_tutorial_is_followed(tmp_path, monkeypatch):
             changes = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
             without = [words[i + 1] for i, word in enumerate(words) if word == "--without"]
             assert load_scene(tmp_path / words[2], changes, without)
+
+
+def test_pictures_keep_their_colours():
+    """A palette of 256 colours, which two maps share, shows as bands in their colour bars."""
+    for path in (HOME / "analysis/figures").glob("*.png"):
+        with Image.open(path) as image:
+            assert image.mode in ("RGB", "RGBA"), path
+
+
+def test_pictures_of_whole_runs_are_made_by_one_script():
+    pictures = module_of("analysis/pictures.py")
+    for name, (setup, changes, _) in pictures.PICTURES.items():
+        assert load_scene(HOME / f"setups/{setup}.toml", changes) and (HOME / f"analysis/figures/{name}.png").is_file()
+    shipped = {name for name, picture in module_of("docs/gallery.py").SHIPPED.items() if name == Path(picture).stem}
+    assert shipped <= pictures.PICTURES.keys()
+
+
+def test_differences_of_radii_are_those_of_the_table():
+    """Two-way less one-way, after 40 orbits, by the number of particles and of the model."""
+    text = PAGES["docs/backreaction.md"]
+    rows = re.findall(r"^\| (one|two)-way, ([\w,]+).*? \| 40 \| [\d.]+ \| ([\d.]+) \|", text, re.M)
+    median = {(way, what): float(r50) for way, what, r50 in rows}
+    words = [rf"([\d.]+) {what}" for what in ("with 100,000", "with 40,000", "with 20,000", "in the model")]
+    found = re.search("r50 differs by " + r",? (?:and )?by\s+".join(words), text)
+    for what, told in zip(("100,000", "40,000", "20,000", "radial"), found.groups(), strict=True):
+        assert float(told) == pytest.approx(median["two", what] - median["one", what], abs=1e-9)
+
+
+def test_a_duration_is_told_in_one_place():
+    """How long a setup takes is in its header, the first compilation on the page of installing."""
+    told = re.compile(r"compil[^.]*(?:minute|seconds|\d s\b)")
+    pages = {name: text for name, text in PAGES.items() if name != "CHANGELOG.md"}
+    assert [name for name, text in pages.items() if told.search(text)] == ["docs/install.md"]
+    assert "[some minutes](setups/dusty_disc.toml)" in TEXT

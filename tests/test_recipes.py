@@ -1,17 +1,22 @@
 """The recipes of the documentation, followed to the letter: each as a package of its own beside discsim.
 
-Of each page the files are written as they stand there, found by an entry point, and taken through `discsim effects`,
-`check`, a run, its resume and the page's own test, in a process that knows of no parts before, nor of other recipes.
+The commands of each page run as they stand there, in a fresh environment, among the files of the page and no others.
+Beside that each part is taken through a resume in a process that knows of no parts before, nor of other recipes.
 """
 
+import os
 import re
+import site
+import subprocess
 import tomllib
+import venv
 from pathlib import Path
 
 import fresh
 import pytest
-from recipes import PAGES, files_of, write_package
+from recipes import PAGES, commands_of, files_of, write_package
 
+HOME = Path(__file__).parents[1]
 NAMES = sorted(path.stem for path in PAGES.glob("*.md") if path.stem != "index")
 IN_FIGURES = ("field", "start")  # parts that figures ask; to draw one takes as long as such a run
 
@@ -62,6 +67,54 @@ print("done", len(done))
 """
 
 
+@pytest.fixture
+def environment(tmp_path):
+    """Variables of a shell in a fresh environment that has discsim: it finds the packages of this one."""
+    home = tmp_path / "environment"
+    venv.create(home, with_pip=True)
+    (packages,) = home.glob("lib/python*/site-packages")
+    lines = [f"import site; site.addsitedir({folder!r})\n" for folder in (*site.getsitepackages(), str(HOME))]
+    (packages / "beside.pth").write_text("".join(lines))
+    for name in ("discsim", "pytest"):  # scripts of packages that are beside
+        module = {"discsim": "discsim.cli", "pytest": "pytest"}[name]
+        script = home / "bin" / name
+        script.write_text(f"#!{home / 'bin/python'}\nfrom {module} import main\nmain()\n")
+        script.chmod(0o755)
+    return os.environ | {"PATH": f"{home / 'bin'}{os.pathsep}{os.environ['PATH']}"}
+
+
+@pytest.mark.slow  # pip fetches what builds the package
+@pytest.mark.parametrize("recipe", NAMES)
+def test_the_commands_of_a_page_work(environment, tmp_path, recipe):
+    page = (PAGES / f"{recipe}.md").read_text(encoding="utf-8")
+    folder = tmp_path / "copied"
+    folder.mkdir()
+    for name, text in files_of(page).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for command in commands_of(page):
+        done = subprocess.run(
+            ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, (command, done.stdout[-3000:], done.stderr[-3000:])
+    assert "1 passed" in done.stdout and (folder / "out/last_state.png").is_file()
+
+
+@pytest.mark.parametrize("recipe", NAMES)
+def test_a_page_has_a_whole_package_and_its_commands(recipe):
+    """All that pip needs, and the files that the commands name."""
+    page = (PAGES / f"{recipe}.md").read_text(encoding="utf-8")
+    files, commands = files_of(page), commands_of(page)
+    project = tomllib.loads(files["pyproject.toml"])
+    (points,) = project["project"]["entry-points"].values()
+    modules = [home.partition(":")[0] for home in points.values()]
+    assert project["project"]["name"] and project["project"]["version"]
+    assert project["build-system"]["build-backend"] == "setuptools.build_meta"
+    assert project["tool"]["setuptools"]["py-modules"] == modules and f"{modules[0]}.py" in files
+    assert commands[0] == "pip install -e ." and commands[-1] == f"python -m pytest test_{modules[0]}.py"
+    named = {word for command in commands for word in command.split() if re.search(r"[.](py|toml)$", word)}
+    assert named == files.keys() - {"pyproject.toml", f"{modules[0]}.py"}
+
+
 @pytest.fixture(scope="module")
 def following():
     imports = "import astropy.units, discsim.cli, discsim.kernels.drag, discsim.kernels.sph, discsim.run.runner"
@@ -70,7 +123,7 @@ def following():
 
 
 @pytest.mark.parametrize("recipe", NAMES)
-def test_a_recipe_can_be_followed(following, tmp_path, recipe):
+def test_the_part_of_a_recipe_resumes_to_the_same_bits(following, tmp_path, recipe):
     files = files_of((PAGES / f"{recipe}.md").read_text(encoding="utf-8"))
     name = write_package(tmp_path, files)
     (scene,) = (file for file in files if file.endswith(".toml") and file != "pyproject.toml")

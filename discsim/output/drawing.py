@@ -249,7 +249,7 @@ def points(snap: Snapshot, name: str) -> tuple[Array, Array]:
     x = p.pos[:, 0]
     if field.kind == "particles":
         return length * x, factor * values
-    if p.density is not None and values is p.mass:
+    if p.density is not None and np.array_equal(values, p.mass):
         return length * x, factor * p.density
     order = np.argsort(x)
     x, total = x[order], np.cumsum(values[order])

@@ -15,6 +15,11 @@ def files_of(page):
     return dict(blocks)
 
 
+def commands_of(page):
+    """The commands of its last block of them, line by line."""
+    return re.findall(r"^```sh\n(.*?)^```$", page, re.S | re.M)[-1].splitlines()
+
+
 def write_package(path, files):
     """Write files, and what an installation would leave of the entry points; the name of the part."""
     points = tomllib.loads(files["pyproject.toml"])["project"]["entry-points"]
