@@ -153,3 +153,31 @@ def test_a_start_from_a_snapshot_is_about_the_barycentre_of_what_is_bound(passed
     inner, outer = start_of(sim.scene).edges(sim.scene)
     # Middles of the first and last of 40 rings of as many particles.
     assert r[0] < inner < r[len(r) // 40 + 1] and r[-len(r) // 40 - 1] < outer < r[-1]
+
+
+def test_light_of_a_disc_about_a_pair_is_that_about_one_star():
+    """Radiative cooling in physical units: T_irr and, in Bell & Lin's opacity, Omega are of both masses."""
+
+    def cooled(pair):
+        star = {"mass": "0.9 Msun" if pair else "1.17 Msun", "frame": "inertial"}
+        tables = {
+            "run": {"until": "1 yr"}, "space": {"size": "40 au"},
+            "initial": {"kind": "disc", "mass": "0.01 Msun", "inner": "5 au", "outer": "10 au"},
+            "gas": {"particles": 300, "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.05,
+                                              "reference_radius": "7 au"}},
+            "cooling": {"kind": "radiative", "opacity": "bell-lin", "aspect_ratio": 0.03},
+        }  # fmt: skip
+        if pair:
+            star["centre"] = "barycentre"
+            second = {"mass": "0.27 Msun", "semi_major_axis": "0.2 au", "softening": "0.1 au"}
+            tables["companion"] = [second]
+        sim = Simulation(tables | {"star": star})
+        sim._prepare()
+        gas = sim.gas.copy()
+        gas.kick_rate[:] = 0.0
+        hot = gas.u.copy()
+        ends = [sim.state.cooled(gas, dt) for dt in (1e3, 1e9)]  # some of it, and all down to T_irr
+        assert (ends[0] < 0.99 * hot).any() and (ends[1] < 0.4 * hot).all()
+        return np.array(ends)
+
+    np.testing.assert_allclose(cooled(True), cooled(False), rtol=SAME)

@@ -11,8 +11,6 @@ del LOCALLY["gamma"]
 GRAINS = {"particles": 300, "ratio": 0.02, "inner": 1.2, "outer": 1.8, "grain_size": 3e-5, "grain_density": 1.5}
 STOKES = {"law": "epstein-stokes", "mean_free_column": 1e-6, "convention": "kinetic", "direction": "two-way"}
 PASSIVE = {"aspect_ratio": 0.05, "temperature_index": 0.4, "reference_radius": 1.7}
-# Of radiative cooling, which needs units: lengths of 10 au, one solar mass.
-PHYSICAL = {"system": "physical", "length": "10 au", "mass": "1 Msun", "time": "5.0329 yr"}
 
 EFFECTS = {
     "locally isothermal": {"gas": LOCALLY},
