@@ -388,11 +388,11 @@ class Run:
 
     def _cost(self) -> str:
         """Shares of the effects and of all else in the CPU time since the first step; they sum to 1."""
-        costs, cpu, words = self.sim.costs, time.process_time() - self.cpu_after_first, "of all CPU time"
-        if self.steps < 2:  # the first step compiles
+        costs, words = self.sim.costs, "of all CPU time"
+        if self.steps < 2:  # the first step compiles, and a run that was at its end makes none
             shares, words = costs.shares, "of the effects' CPU time"
         else:
-            before = self.costs_before.seconds
+            before, cpu = self.costs_before.seconds, time.process_time() - self.cpu_after_first
             shares = {name: (spent - before.get(name, 0.0)) / cpu for name, spent in costs.seconds.items()}
             shares["outside the effects"] = 1.0 - sum(shares.values())
         return f"{', '.join(f'{name} {share:.0%}' for name, share in shares.items())} {words}"

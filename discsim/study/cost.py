@@ -124,8 +124,10 @@ class Study:
         with console.capture() as text:
             show(self, console)
         say(text.get().rstrip())
-        for what, name in (("table", "cost.csv"), ("figure", "cost.png"), ("runs", RUNS), ("log", log.name)):
-            say(f"{what} {printable(self.directory / name)}")
+        say(f"table {printable(self.directory / 'cost.csv')}")
+        say(f"figure {printable(self.directory / 'cost.png')}")
+        say(f"runs {printable(self.directory / RUNS)}")
+        say(f"log {printable(self.directory / log.name)}")
         return True
 
     # Findings

@@ -97,8 +97,8 @@ class Sweep:
         with written(self.directory / "sweep.png", ".png") as temporary:
             sweep_figure(self, temporary)
         console.print(self.table())
-        for what, name in (("table", "sweep.csv"), ("figure", "sweep.png")):
-            say(f"{what} {printable(self.directory / name)}")
+        say(f"table {printable(self.directory / 'sweep.csv')}")
+        say(f"figure {printable(self.directory / 'sweep.png')}")
 
     def _refuse_others(self) -> None:
         """Raise SceneError where a directory holds a run of another scene: nothing is written then."""
