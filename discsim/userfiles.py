@@ -61,7 +61,7 @@ def read_text(path: str | os.PathLike[str], errors: str = "strict", most: int = 
 
 
 def system_message(fault: OSError, verb: str, path: Path | str) -> str:
-    """What the system refused, in words: "PATH: cannot be written: no space left on device".
+    """Words for a refusal by the system: "PATH: cannot be written: no space left on device".
 
     Parameters
     ----------

@@ -212,7 +212,7 @@ def test_effects_names_the_nearest_table(calls):
 
 
 def test_summaries_fit_a_terminal(monkeypatch):
-    """Of 80 columns: no command is described by half a sentence."""
+    """In 80 columns no command is described by half a sentence."""
     monkeypatch.setenv("COLUMNS", "80")
     text = discsim_command("--help").stdout
     assert len(text.splitlines()) > 15 and "..." not in text.split("Commands:")[1]

@@ -1,4 +1,4 @@
-"""What the pages say of installing: the three commands of the README, the extras, the name of the distribution."""
+"""Instructions of the pages for installing: three commands of the README, extras, the name of the distribution."""
 
 import ast
 import os

@@ -71,7 +71,7 @@ def test_interrupted_it_comes_to_the_same_bits(cells):
 
 
 def test_the_site_is_installed_with_what_its_notebook_imports(cells):
-    """Of the packages that extras name: pandas comes with `to_pandas()`, though no cell imports it."""
+    """Packages of the extras are enough: pandas comes with `to_pandas()`, though no cell imports it."""
     imported = {name.replace("_", "-") for name in ast.literal_eval(value(cells[1][-1]))}
     optional = {package for extra in EXTRAS for package in packages_of(extra)}
     assert "pandas" in imported & optional <= packages_of("docs")

@@ -70,7 +70,7 @@ class Width:
 
     @property
     def _has_heights(self) -> bool:
-        """Whether the scene gives a temperature about a star; a polytrope gives none."""
+        """True where the scene gives a temperature about a star; a polytrope gives none."""
         scene = self.scene
         given = (getattr(scene.gas.eos, key, None) for key in ("aspect_ratio", "sound_speed"))
         brings = getattr(scene.initial, "brings_temperature", False)

@@ -252,7 +252,7 @@ class Effect(base.Effect):
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        """Of an explicit scheme the shortest stopping time, or that of the gas in more dust than gas."""
+        """The shortest stopping time with an explicit scheme, or that of the gas in more dust than gas."""
         at, drag = outlook.at, scene.drag
         if not SCHEMES[drag.scheme].explicit or drag.direction == "one-way" or not scene.gas:
             return Expected()

@@ -193,7 +193,7 @@ def settle(state: State, effects: dict[str, Any]) -> None:
 
 
 def faults(scene: Scene) -> Iterator[Problem]:
-    """What keeps the disc of a scene from turning in balance."""
+    """Problems that keep the disc of a scene from rotating in balance."""
     yield from support.faults(scene)
 
 

@@ -1,4 +1,4 @@
-"""Whether the gas of a disc can turn in balance: where its pressure pushes out more than all pulls in, nothing can.
+"""Radial support of a disc: no rotation is in balance where the pressure pushes out more than gravity pulls in.
 
     x = (1/Sigma) |dP/dr| / g,    v_phi = v_K (1 - x)^(1/2)                                                  (1)
 
@@ -107,7 +107,7 @@ def _support_if_finite(scene: Scene) -> Support | None:
 
 
 def _unbound(scene: Scene, found: Support) -> bool:
-    """Whether too much is without balance; of a given disc, in which dust drifts through all radii, anything is."""
+    """True where too much gas has no balance: any of a given disc, as its dust drifts through all radii."""
     share = float(found.share[found.push >= 1.0].sum())
     return share > (TINY if scene.model.given is None else 0.0)
 
@@ -173,7 +173,7 @@ def warnings(scene: Scene) -> Iterator[str]:
 
 
 def _parts(scene: Scene) -> list[str]:
-    """What makes the pressure of a given disc steep, beside its power law."""
+    """Features of a given disc that steepen its pressure beyond the power law."""
     return [name for name in ("gap", "bump") if getattr(scene.background, name, None) is not None]
 
 

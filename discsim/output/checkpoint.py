@@ -153,7 +153,7 @@ class OtherVersionWarning(UserWarning):
 
 
 def other_version(path: str | os.PathLike[str]) -> str:
-    """What is to be said where another version of discsim has written a checkpoint; else "". Raises CheckpointError."""
+    """Warning about a checkpoint written by another version of discsim; "" for this one. Raises CheckpointError."""
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
         written_by = file.text("version")
     if written_by == __version__:

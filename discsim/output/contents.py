@@ -1,4 +1,4 @@
-"""What the file of a snapshot holds beside the arrays of the state: its box, the kernel's reach, temperatures."""
+"""Entries of a snapshot file that are no arrays of the state: its box, the kernel's reach, temperatures."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def into_box(pos: Array, lower: Array, upper: Array) -> Array:
 
 
 def derived_arrays(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
-    """What the layout holds beside the state."""
+    """Entries of the layout that are no part of the state."""
     if kind != "gas" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density

@@ -52,7 +52,7 @@ def figure_text(text: str) -> str:
 
 
 def _typesets(line: str) -> bool:
-    """Whether matplotlib can typeset a line with mathematics, in a size that a figure has."""
+    """True if matplotlib can typeset a line with mathematics, in a size that a figure has."""
     try:
         width, height, *_ = MathTextParser("path").parse(line)
     except Exception:  # of whatever kind: it is the text of a user that matplotlib cannot read

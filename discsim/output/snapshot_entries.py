@@ -99,5 +99,5 @@ def listed(tables: dict[str, Any], name: str) -> int:
 
 
 def is_wanted(columns: Collection[str] | None, kind: str, name: str) -> bool:
-    """Whether `read_snapshot` is to read a column."""
+    """True if `read_snapshot` reads a column."""
     return columns is None or kind == "bodies" or name in ("pos", "mass") or f"{kind}.{name}" in columns

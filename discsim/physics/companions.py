@@ -100,8 +100,10 @@ def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
 
 
 def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
-    """What each companion allows the nearest particle, which crosses d at (2 G m / d)^(1/2), d with the softening; inf
-    where none comes near. The step takes velocities of half a step before: at Omega^2 a dt / 2 a particle crosses too.
+    """Step limits of each companion for the nearest particle; inf where no particle comes near.
+
+    It crosses d, with the softening in it, at (2 G m / d)^(1/2). The step takes velocities of half a step before: at
+    Omega^2 a dt / 2 a particle crosses too.
     """
     found = []
     for companion in scene.table("companion") or ():
@@ -139,13 +141,13 @@ def _nearest(scene: Scene, companion: Any, outlook: Outlook) -> float:
 
 
 def is_star(scene: Scene, companion: Any) -> bool:
-    """Whether a companion is a star, about which Hill radius and gap say nothing."""
+    """True if a companion is a star, for which Hill radius and gap have no meaning."""
     star: Any = scene.star
     return bool(companion.mass >= PLANET * star.mass)
 
 
 def meets(scene: Scene, companion: Any, outlook: Outlook) -> bool:
-    """Whether particles come near a companion: where orbits overlap within 1.3 (m / (M + m))^(2/7) a (Wisdom 1980). A
+    """True if particles come near a companion: where orbits overlap within 1.3 (m / (M + m))^(2/7) a (Wisdom 1980). A
     second star holds a cavity open, and takes half of that on a circle, more on an eccentric orbit. What is beside an
     orbit comes near after half a turn of a planet, and a turn of a star.
     """

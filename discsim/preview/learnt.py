@@ -1,4 +1,4 @@
-"""What runs leave for the next `discsim check` of this user: lists of JSON in the user's cache directory.
+"""Measurements that runs leave for the next `discsim check` of this user: lists of JSON in the user's cache directory.
 
 A cache is no promise: where there is none, or it cannot be read or written, nothing is known and nothing is kept.
 """

@@ -32,7 +32,7 @@ SPREAD = 0.2  # of c_s; seen are 0.15 to 0.21 (`analysis/forecast_steps.py`)
 
 
 class Outlooks:
-    """What is expected of a scene's run at each of its times."""
+    """Expected state of a scene's run at each of its times."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.start, self.begins = scene, start_of(scene), start_time(scene)
@@ -48,7 +48,7 @@ class Outlooks:
             self.speed = self._speed()
 
     def at(self, time: float) -> Outlook:
-        """What is expected at a time."""
+        """Expected state at a time."""
         star, passed = self.scene.star, time - self.begins
         inner = self.inner - self.speed * passed
         if star is not None:
@@ -153,7 +153,7 @@ class Outlooks:
         return SPREAD * min(max(1.0, wide * (1.0 if given.switch == "balsara" else UNSWITCHED)), 1.0 / SPREAD)
 
     def _drift(self) -> float:
-        """Of grains at the inner edge of a given disc (Nakagawa et al. 1986, without back-reaction)."""
+        """Drift of grains at the inner edge of a given disc (Nakagawa et al. 1986, without back-reaction)."""
         gas = self.gas
         assert gas.radius is not None and gas.thermal_speed is not None and gas.omega is not None
         if len(gas.radius) < 2:

@@ -45,6 +45,6 @@ class Compilation(event.Listener):
 
 
 def of_numba_cache(fault: BaseException) -> bool:
-    """Whether an exception came out of the writing of numba's cache."""
+    """True if an exception was raised while numba wrote its cache."""
     frames = traceback.walk_tb(fault.__traceback__)
     return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)

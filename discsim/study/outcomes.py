@@ -106,7 +106,7 @@ class Found(NamedTuple):
 
 
 def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
-    """What a run of the scene in a directory has come to. Raises OSError, UserError."""
+    """Outcome of the run of the scene in a directory. Raises OSError, UserError."""
     rows = read_history(directory / "history.csv", scene)
     if not rows:
         raise StudyError(f"{directory / 'history.csv'}: no rows; expected those of a run")

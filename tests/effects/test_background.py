@@ -184,7 +184,7 @@ TABLES = {
 
 @pytest.mark.parametrize("pair", [*itertools.combinations(TABLES, 2)], ids="-".join)
 def test_any_two_tables_go_with_a_given_disc(pair):
-    """What looks at gas looks at the given one: check, its warnings, the forecast and steps."""
+    """Check, its warnings, the forecast and steps take the given gas where there is no other."""
     tables = scene()
     given = dict(tables["background"])
     for name in pair:

@@ -187,7 +187,7 @@ def test_a_ramp_is_in_what_grains_feel_alone():
 @pytest.mark.parametrize(("frame", "centre"), [("star", "star"), ("inertial", "star"), ("inertial", "barycentre")])
 @pytest.mark.parametrize("orbit", ["fixed", "live"])
 def test_a_grain_feels_a_ramp_as_an_integrator_says(frame, centre, orbit):
-    """Of second order in the step, so with masses of the time at which they pull.
+    """Second order in the step, so masses are those of the time at which they pull.
 
     About the star it feels f of the companion's pull, and has 1 - f of the star's acceleration; about the barycentre
     masses M + (1 - f) m and f m on the companion's orbit, whose barycentre rests.
@@ -247,7 +247,7 @@ def test_a_ramp_gives_a_disc_no_push():
 
 @pytest.mark.parametrize("centre", ["star", "barycentre"])
 def test_momentum_is_exact_during_a_ramp(centre):
-    """Of all about the barycentre; about the star the disc has 1 - f of the star's acceleration beside its forces."""
+    """Total momentum about the barycentre; about the star the disc is carried with 1 - f of the star's motion."""
     live = PLANET | {"mass": 0.02, "orbit": "live", "ramp": 3.0, "softening": "0.1"}
     star = {"frame": "inertial", "centre": centre, "indirect": ["companions", "gas", "dust"]}
     sim = Simulation(disc(live, star))

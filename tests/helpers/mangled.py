@@ -165,7 +165,7 @@ def has_another_attribute(file, stream):
 
 
 def has_another_count(file, stream):
-    """Of a checkpoint."""
+    """Ways to damage a checkpoint."""
     name = chosen(stream, ["snapshots", "step", "rows", "lag", "limit", "put_out", "time", "dt"])
     halves = [0.5] if name in ("snapshots", "step", "rows") else []
     value = chosen(stream, [-1, -(2**62), np.nan, -np.inf, True, *halves])

@@ -505,7 +505,7 @@ def _write_table(path: Path, seed: int, s: Scribe) -> None:
 
 
 def _write_snapshot(path: Path) -> None:
-    """Of a small disc of gas and dust after a step, in code units."""
+    """Snapshot of a small disc of gas and dust after a step, in code units."""
     sim = Simulation({
         "units": {"system": "code"}, "run": {"until": 1.0, "threads": 1}, "space": {"size": 6.3}, "star": {"mass": 1.1},
         "initial": {"kind": "disc", "mass": 0.003, "inner": 0.71, "outer": 1.83},

@@ -1,4 +1,4 @@
-"""What an interactive session shows: names of the package, texts of objects, the last snapshot of a run, fields."""
+"""Output of an interactive session: names of the package, texts of objects, the last snapshot of a run, fields."""
 
 import inspect
 

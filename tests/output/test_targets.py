@@ -1,4 +1,4 @@
-"""What a command is asked to write at a path where there is something else than a plain file: it is left as it is."""
+"""Commands that are to write where something other than a plain file is: it is left as it is."""
 
 import os
 import stat

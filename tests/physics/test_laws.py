@@ -241,7 +241,7 @@ def test_a_grain_that_feels_no_drag_is_on_its_own_circle(pull):
 @pytest.mark.parametrize("pull", [1.0, 0.6])
 @pytest.mark.parametrize("time", [0.03, 1.0, 20.0])
 def test_a_steady_drift_in_gas_that_flows_has_no_torque_left(pull, time):
-    """What drag takes of its angular momentum is what the gas has less of where it drifts to, by differences of the
+    """The angular momentum that drag takes is what the gas has less of where it drifts to, by differences of the
     gas's own; and the force that is left on its path, `push`, is that of its place and velocity.
     """
     for r in (0.5, 1.1, 2.0):

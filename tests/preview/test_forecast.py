@@ -89,7 +89,7 @@ def test_first_steps_of_published_discs_are_foreseen(disc):
 
 
 def test_steps_of_a_planet_beside_a_belt_are_foreseen():
-    """Those of all its grains, from before the planet has stirred them to the first that it meets."""
+    """Steps of all its grains, from before the planet has stirred them to the first that it meets."""
     ratio, sim = forecast_over_run(load_scene(next(path for path in DISCS if path.stem == "fomalhaut")), 500)
     assert 1.0 / WITHIN < ratio < WITHIN and sim.limited_by == "companion"
 
@@ -97,7 +97,7 @@ def test_steps_of_a_planet_beside_a_belt_are_foreseen():
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [*SETUPS, *DISCS], ids=lambda path: path.stem)
 def test_steps_are_foreseen_with_all_particles(path):
-    """Of the first sixty, of grains alone the first five hundred."""
+    """The first sixty steps, of grains alone the first five hundred."""
     scene = load_scene(path)
     ratio, _ = forecast_over_run(scene, 60 if scene.gas else 500)
     assert 1.0 / WITHIN < ratio < WITHIN
@@ -135,7 +135,7 @@ def test_the_star_sets_the_steps_of_a_cold_disc():
 
 @pytest.mark.parametrize("scheme", ["mk", "esph"])
 def test_an_explicit_drag_sets_the_steps_of_grains_that_stop_soon(scheme):
-    """Of dust with half of the gas's mass, which a stopping time of 0.002 holds: the step is that, the sound's 0.05."""
+    """Dust with half of the gas's mass, which a stopping time of 0.002 holds: the step is that, the sound's 0.05."""
     drag = {"law": "stopping-time", "t_stop": 0.002, "scheme": scheme}
     box = {
         "units": {"system": "code"},

@@ -194,7 +194,7 @@ def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
 
 @pytest.mark.parametrize("parallel", [1, 2])
 def test_a_trial_that_raises_anything_is_given_up(wave, tmp_path, monkeypatch, undrawn, parallel):
-    """Of a real search: every start with fewer than 40 particles is refused, every one with other kernels fails."""
+    """In a real search starts with fewer than 40 particles are refused, and those with other kernels fail."""
     own = Simulation.__init__
 
     def begin(sim, scene, *arguments, **named):

@@ -293,7 +293,7 @@ def test_where_every_run_fails_one_message_says_so(wave, tmp_path, monkeypatch, 
 
 
 def test_a_real_start_that_is_refused_is_left_out(tmp_path):
-    """Of the cubic kernel with so wide an h forces are left in a layer; it is refused while the start is made."""
+    """A cubic kernel with so wide an h leaves forces in a layer, which is refused while the start is made."""
     few = ["--set", "gas.particles=40", "--set", "dust.particles=10", "--set", "run.until=0.05"]
     done = invoke("settling", *few, "--vary", "gas.kernel,gas.eta=wendland-c4:2,cubic:2.2", "-o", tmp_path / "s")
     assert done.exit_code == 0, done.output

@@ -50,7 +50,7 @@ WRITTEN = {
 
 
 class PlotError(UserError):
-    """What cannot be drawn, or a wrong part or look of it; the message says why, and what was expected."""
+    """A field that cannot be drawn, or a wrong part or look of it; the message says why, and what was expected."""
 
 
 class FieldError(UserError):

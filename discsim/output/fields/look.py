@@ -168,7 +168,7 @@ def _quantity(given: Any, name: str, unit: str) -> Any:
 
 
 def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
-    """What `Snapshot.field` gives."""
+    """Result of `Snapshot.field`."""
     found = of_run(name, snap)
     if len(found) > 1:
         raise FieldError(f'"{name}" is of several species; expected one of {", ".join(found)}')
