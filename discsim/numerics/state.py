@@ -258,6 +258,11 @@ class State:
         return [particles for name, particles in self.species.items() if name == "gas" or not self.unnoticed]
 
     @property
+    def body_count(self) -> int:
+        """Number of the star and its companions in the scene."""
+        return len(self._central)
+
+    @property
     def star_mass(self) -> float:
         """Mass of the star now, of a scene that has one."""
         return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[0])

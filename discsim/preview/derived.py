@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.width import Width
 from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of, start_time
 from discsim.initial.base import Places
 from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
-from discsim.parts import EOS, LAWS, SCHEMES
+from discsim.parts import EOS, LAWS, SCHEMES, Lazy
 from discsim.physics import laws, profile, viscosity
 from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
@@ -30,7 +29,9 @@ from discsim.scene.units import Units
 
 if TYPE_CHECKING:
     from discsim.drag.base import Cells
+    from discsim.drag.width import Width
 
+drag_width = Lazy("discsim.drag.width")
 Array = np.ndarray
 
 
@@ -218,7 +219,7 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     if drag is None or cells is None or not scene.gas or at.h is None or found is None:
         return None
     cell, shape = found
-    wanted, width = drag.cell_length, Width(scene)
+    wanted, width = drag.cell_length, drag_width.Width(scene)
     if wanted is None:
         mean, least = _range_of_lengths(scene, width)
         wanted = cells.leaf(scene, width.number, lambda: mean, least)

@@ -32,10 +32,10 @@ KICKED = 0.25  # median change of a kick, in sound speeds
 class Reversals:
     """Watch for gas whose acceleration swings back and forth from one step to the next.
 
-    In a leapfrog that is unstable sound between neighbours changes its sign with each step, and grows. No physics does
-    that to most of the gas, as a step resolves what it is made of. With the accelerations a1, a2, a3 of some particles
-    in three steps, d1 = a2 - a1 and d2 = a3 - a2, without the pull of the star: cos(d1, d2) is near 1 on smooth paths,
-    -1 where one mode grows and -1/2 where each step has its own noise; |d2| dt says how fast particles are thrown.
+    Sound between neighbours changes its sign with each step where a leapfrog is unstable, and grows. No physics does
+    that to most of the gas, as a step resolves its motion. Some particles have accelerations a1, a2, a3 in three steps,
+    without the pull of the central mass; d1 = a2 - a1 and d2 = a3 - a2. cos(d1, d2) is near 1 on smooth paths, -1 where
+    one mode grows, and -1/2 where each step has its own noise; |d2| dt is the velocity that a step gives.
     """
 
     def __init__(self) -> None:
@@ -49,10 +49,10 @@ class Reversals:
             return
         rows = slice(None, None, max(1, gas.count // SAMPLE))
         ids, acc = gas.ids[rows].copy(), gas.acc[rows].copy()
-        if state.scene.star is not None:
-            away = state.from_star(gas.pos[rows])
-            distance2 = (away**2).sum(axis=1)[:, None] + state.scene.star.softening**2
-            acc += state.star_mass * away / np.maximum(distance2, 1e-200) ** 1.5
+        mass, softening = state.central
+        if mass > 0.0:
+            away = state.from_centre(gas.pos[rows])
+            acc += mass * away / np.maximum((away**2).sum(axis=1)[:, None] + softening**2, 1e-200) ** 1.5
         if self.seen and not np.array_equal(self.seen[-1][0], ids):
             self.seen.clear()  # particles were put in a new order
         self.seen.append((ids, acc))
@@ -88,7 +88,7 @@ def check_entries(state: State, effects: Effects) -> None:
         if forces is not None and len(forces) not in (0, count):
             raise EntryError(f"{name} has {count} particles, and had {len(forces)} before; expected as many")
     if state.bodies is not None:
-        same = Bodies.at_rest(np.zeros(1 + len(state.scene.table("companion") or ())))
+        same = Bodies.at_rest(np.zeros(state.body_count))
         check_like("bodies", state.bodies.arrays(), same.arrays())
         check_ranges("bodies", state.bodies.arrays(), populations=0)
     check_inputs(state, effects)

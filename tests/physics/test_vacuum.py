@@ -7,12 +7,18 @@ from discsim import Simulation, load_scene
 from discsim.physics import profile
 
 
+def constant_of(gamma):
+    """P / Sigma of gamma < 1 grows where the tapers thin the gas out: less pressure leaves the disc in balance."""
+    return 0.002 if gamma < 1.0 else 0.14
+
+
 def scene_of(gamma, **tables):
     return load_scene({
         "units": {"system": "code"}, "run": {"until": 0.01, "threads": 1}, "space": {"size": 7.0},
         "star": {"mass": 1.2},
         "initial": {"kind": "disc", "mass": 0.013, "inner": 0.6, "outer": 2.1, "inner_taper": 0.15, "outer_taper": 0.3},
-        "gas": {"particles": 90, "eos": {"kind": "polytropic", "constant": 0.14, "gamma": gamma}}, **tables,
+        "gas": {"particles": 90, "eos": {"kind": "polytropic", "constant": constant_of(gamma), "gamma": gamma}},
+        **tables,
     })  # fmt: skip
 
 
@@ -24,7 +30,7 @@ def test_the_pull_of_pressure_is_that_of_the_profile_and_nothing_beyond_it(gamma
     assert (profile.sound_speed(scene, beyond, np.zeros(4)) == 0.0).all()
     r = np.linspace(0.8, 1.7, 7)  # where the tapers fall over more than H
     low, sigma, high = (profile.surface_density(scene, r + shift) for shift in (-step, 0.0, step))
-    pull = -0.14 * (high**gamma - low**gamma) / (2.0 * step) / sigma
+    pull = -constant_of(gamma) * (high**gamma - low**gamma) / (2.0 * step) / sigma
     # Central differences have an error of step^2, and lose 1e-16 / step by rounding.
     assert profile.pressure_acceleration(scene, r) == pytest.approx(pull, rel=1e-6, abs=1e-9)
 

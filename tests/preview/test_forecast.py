@@ -163,7 +163,8 @@ def test_a_disc_that_falls_apart_takes_more_steps_the_shorter_its_softening(grav
 
 
 def test_light_that_outweighs_the_star_sets_the_steps_of_its_grains():
-    scene = changed(COLD, dust={"particles": 300, "ratio": 0.5}, gas=None, radiation_pressure={"beta": 3.0})
+    scene = changed(COLD, dust={"particles": 300, "ratio": 0.5}, drag={"law": "stokes-number", "stokes": 0.1},
+        radiation_pressure={"beta": 3.0})  # fmt: skip
     steps = expected_steps(load_scene(scene))
     assert steps.by == "radiation_pressure"
     star = expected_steps(load_scene(changed(scene, radiation_pressure={"beta": 0.3})))

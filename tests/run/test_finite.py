@@ -25,8 +25,8 @@ def box(dim, eos=None, drag=None, **tables):
 
 def star(**tables):
     disc = {"kind": "disc", "mass": 1e-3, "inner": 1.0, "outer": 2.0}
-    out = box(2, initial=disc, space={"size": 6.0}, star={"mass": 1.0}, **tables)
-    return out
+    cold = {"kind": "isothermal", "sound_speed": 0.1}  # the pressure of a hot disc would blow it apart
+    return box(2, cold, initial=disc, space={"size": 6.0}, star={"mass": 1.0}, **tables)
 
 
 CASES = {
