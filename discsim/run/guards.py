@@ -41,11 +41,15 @@ class Reversals:
     def __init__(self) -> None:
         self.seen: list[tuple[np.ndarray, np.ndarray]] = []  # ids and accelerations, of the last steps
 
+    def forget(self) -> None:
+        """Drop what was seen, as before steps that do not follow it."""
+        self.seen.clear()
+
     def check(self, state: State, effects: Effects) -> None:
         """Raise PhysicsError where most of the gas that is looked at is thrown back and forth."""
         gas, turn = state.gas, state.step % EVERY
         if gas is None or gas.count == 0 or not 1 <= turn <= 3:
-            self.seen.clear()
+            self.forget()
             return
         rows = slice(None, None, max(1, gas.count // SAMPLE))
         ids, acc = gas.ids[rows].copy(), gas.acc[rows].copy()
@@ -54,7 +58,7 @@ class Reversals:
             away = state.from_centre(gas.pos[rows])
             acc += mass * away / np.maximum((away**2).sum(axis=1)[:, None] + softening**2, 1e-200) ** 1.5
         if self.seen and not np.array_equal(self.seen[-1][0], ids):
-            self.seen.clear()  # particles were put in a new order
+            self.forget()  # particles were put in a new order
         self.seen.append((ids, acc))
         if len(self.seen) < 3:
             return

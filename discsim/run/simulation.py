@@ -322,6 +322,7 @@ class Simulation(Summarised):
         for effect in self.effects.values():
             effect.discard()
             effect.forget()
+        self.operators.reversals.forget()
         self._fresh, self._in_midst = True, False  # forces are among the arrays
         if remark := other_version(path):
             warnings.warn(remark, OtherVersionWarning, stacklevel=2)

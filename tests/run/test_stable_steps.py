@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from runs import state_bits
 
 from discsim import Simulation
 from discsim.formulas.smoothing import SMOOTHING
@@ -132,3 +133,19 @@ def test_shaken_gas_in_steps_below_the_bound_goes_on():
     sim = box("wendland-c4", 0.05, shaken=0.3, courant=0.7)
     sim.evolve(1e9, lambda: sim.state.step >= 200)
     assert sim.state.step == 200
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_gas_that_goes_back_to_a_checkpoint_is_not_judged_by_steps_after_it(tmp_path, step):
+    """Accelerations are compared in the first three steps; those from before `restore` are of another path."""
+    sim = box("cubic", shaken=0.3)
+    sim.evolve(1e9, lambda: sim.state.step >= step)
+    sim.save(tmp_path / "a.h5")
+    found = []
+    for _ in range(2):
+        sim.restore(tmp_path / "a.h5")
+        sim.evolve(1e9, lambda: sim.state.step >= 5)
+        found.append(state_bits(sim))
+        sim.restore(tmp_path / "a.h5")
+        sim.evolve(1e9, lambda: sim.state.step >= 3)
+    assert found[0] == found[1]
