@@ -13,6 +13,7 @@ from runs import WAVE, at_step, scene_of
 
 from discsim.kernels import cache
 from discsim.output.history import History
+from discsim.run.progress import Progress
 from discsim.run.runner import run_scene
 
 
@@ -22,25 +23,31 @@ def no_figure(monkeypatch):
     monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
 
 
-def test_a_disk_that_is_full_at_the_first_line_of_the_log(tmp_path, capsys):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "run.log").symlink_to("/dev/full")
+def fill_up(file):
+    """Have every further write to an open file fail as on a full disk."""
+    full = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, file.fileno())
+    os.close(full)
+
+
+def test_a_disk_that_is_full_at_the_first_line_of_the_log(tmp_path, monkeypatch, capsys):
+    def note(progress, text):
+        if progress._log is not None:
+            fill_up(progress._log)
+        real(progress, text)
+
+    out, real = tmp_path / "out", Progress.note
+    monkeypatch.setattr(Progress, "note", note)
     assert run_scene(scene_of(tmp_path, WAVE), out, quiet=True) == 1
     message = capsys.readouterr().err
     assert message == f"{out}: cannot be written: No space left on device. There is no checkpoint yet.\n"
 
 
 def test_a_disk_that_fills_within_the_history(tmp_path, monkeypatch, capsys):
-    def fill(sim):
-        full = os.open("/dev/full", os.O_WRONLY)
-        os.dup2(full, histories[0]._file.fileno())
-        os.close(full)
-
     histories = []
     real = History.__init__
     monkeypatch.setattr(History, "__init__", lambda *given: real(*given) or histories.append(given[0]))
-    at_step(monkeypatch, 2, fill)
+    at_step(monkeypatch, 2, lambda sim: fill_up(histories[0]._file))
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     message = capsys.readouterr().err
     assert len(message.splitlines()) == 1 and "No space left on device" in message and "--resume" in message
