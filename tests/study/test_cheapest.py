@@ -120,7 +120,7 @@ def fake(monkeypatch, price=1e-3, most=None):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Drawing takes longer than such a search; others here draw."""
-    monkeypatch.setattr("discsim.study.frontier.frontier_figure", lambda study, path: None)
+    monkeypatch.setattr("discsim.study.frontier.frontier_figure", lambda study, path: path.touch())
 
 
 def test_against_a_finer_run_with_the_scatter_between_seeds_as_floor(wave, tmp_path, monkeypatch):
@@ -145,8 +145,11 @@ def test_the_scenes_own_error_may_be_the_goal(wave, tmp_path, monkeypatch, undra
     found = Cheapest(wave, tmp_path / "s", Wanted(None))
     assert found.make("wave")
     assert found.goal == pytest.approx(found.scene.error) and found.found.error <= found.goal
-    # The step does nothing to the error of the fake, and costs.
-    assert found.found.cpu < 0.5 * found.scene.cpu and load_scene(tmp_path / "s" / "cheapest.toml").run.courant > 1.0
+    # The step does nothing to the error of the fake, and costs: a longer one, by a move of 2^0.5, is unstable.
+    own, cheapest = (load_scene(path).run.courant for path in (wave, tmp_path / "s" / "cheapest.toml"))
+    assert found.found.cpu == pytest.approx(found.scene.cpu * own / cheapest) and cheapest > 1.5 * own
+    with pytest.raises(SceneError, match=r"run.courant: .* grows; expected at most"):
+        load_scene(wave, [f"run.courant={2**0.5 * cheapest}"])
 
 
 def test_a_search_goes_on_where_ctrl_c_ended_it(wave, tmp_path, monkeypatch, undrawn):
