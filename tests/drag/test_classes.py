@@ -248,13 +248,18 @@ def test_it_goes_on_to_the_bit(tmp_path):
 
 
 @pytest.mark.parametrize("direction", ["two-way", "one-way"])
-def test_grains_one_by_one_are_what_sums_of_cells_are(direction, monkeypatch):
-    """Nodes take either, by how many grains of a class a cell has; momentum and angular momentum are exact."""
+@pytest.mark.parametrize("cell, turned", [({"cell": 2.0}, 1e-12), ({}, 2e-6)])
+def test_grains_one_by_one_are_what_sums_of_cells_are(cell, turned, direction, monkeypatch):
+    """Nodes take either, by how many grains of a class a cell has; momentum is exact.
+
+    So is angular momentum where the gas about each node has inertia to be turned. In cells of 2 h all have; by default
+    cells are narrower, and 3 of 337 nodes, with 2e-4 of the dust, have not: seen 5e-7.
+    """
     found = []
     for few in (0, 1000):
         monkeypatch.setattr(nodes, "FEW", few)
         scene = orbiting(inner=0.7, outer=1.3)
-        scene["drag"]["direction"] = direction
+        scene["drag"] |= cell | {"direction": direction}
         sim = Simulation(scene)
         sim.step()
         drag, before = sim.effects["drag"], [p.vel.copy() for p in (sim.gas, sim.dust)]
@@ -267,14 +272,17 @@ def test_grains_one_by_one_are_what_sums_of_cells_are(direction, monkeypatch):
                 p.pos[:, 0] * m[:, 1] - p.pos[:, 1] * m[:, 0]
                 for p, m in zip((sim.gas, sim.dust), momentum, strict=True)
             ]
-            for kept in (*np.sum([m.sum(axis=0) for m in momentum], axis=0), sum(t.sum() for t in turn)):
-                assert abs(kept) < 1e-12 * abs(momentum[1]).sum()  # rounding of 2400 terms
+            size = abs(momentum[1]).sum()
+            kept = np.sum([m.sum(axis=0) for m in momentum], axis=0)
+            assert (abs(kept) < 1e-12 * size).all()  # rounding of 2400 terms
+            assert abs(sum(t.sum() for t in turn)) < turned * size
     assert (found[0][1] != found[1][1]).any()
     for one, other in zip(*found, strict=True):
         finite = np.isfinite(one)
         assert (finite == np.isfinite(other)).all()
-        # The same sums in another order.
-        np.testing.assert_allclose(one[finite], other[finite], rtol=0, atol=1e-12 * abs(one[finite]).max())
+        # The same sums in another order; gains are differences of velocities of 1.4, each rounded to 2.2e-16.
+        atol = 1e-12 * abs(one[finite]).max() + 4.5e-16
+        np.testing.assert_allclose(one[finite], other[finite], rtol=0, atol=atol)
 
 
 def test_the_same_bits_on_any_number_of_threads(monkeypatch):
