@@ -93,6 +93,8 @@ def ring(ratio: float, stokes: float, scheme: str, seed: int, particles: int, du
     if not control:
         scene["dust"] = {"particles": dust, "ratio": ratio}
         scene["drag"] = {"law": "stokes-number", "stokes": stokes, "scheme": scheme}
+        if SCHEMES[scheme].cells is not None:
+            scene["drag"]["cell"] = 2.0  # as wide as the clouds of `local_slip`: drag acts between means over cells
     return Simulation(scene)
 
 

@@ -211,9 +211,12 @@ def test_drift_study_goes_on(tmp_path, capsys):
 
 
 def test_drift_against_the_width_of_cells(tmp_path, capsys):
-    """Cells of the width that is asked for, and by default; 3000 particles over half an orbit, so with much noise."""
+    """Cells of the width that is asked for, and by default; few particles over half an orbit, so with much noise.
+
+    With 5000 particles 0.7 H is wider than two spacings, so that H limits the default cells.
+    """
     module = script("drift_cells")
-    arguments = ["-o", str(tmp_path), "--cases", "quintic:1.1:3000:0.1", "--widths", "0,2", "--orbits", "0.2", "0.7"]
+    arguments = ["-o", str(tmp_path), "--cases", "quintic:1.1:5000:0.1", "--widths", "0,2", "--orbits", "0.2", "0.7"]
     assert module.main(arguments) == 0
     default, wide = csv.DictReader((tmp_path / "drift_cells.csv").read_text().splitlines())
     assert float(default["cell_over_H"]) < 1.1 and float(wide["cell_over_H"]) == pytest.approx(2.0, rel=0.05)
