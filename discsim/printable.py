@@ -1,6 +1,6 @@
 """Text of others, made safe for a terminal, a log, a table, a page or a figure.
 
-Titles, keys, values and file names come from users, and from files that somebody else may have made. Escape sequences
+Titles, keys, values and file names come from users, and from files of unknown origin. Escape sequences
 of terminals, marks of right-to-left writing and line breaks in them could hide or forge what discsim says. Here they
 become what Python writes in their place, like `\\x1b`, `\\u202e` and `\\n`.
 """

@@ -39,7 +39,7 @@ def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
 
 
 def tell(text: object) -> None:
-    """Print lines on standard output. Raises BrokenPipeError where nobody reads it."""
+    """Print lines on standard output. Raises BrokenPipeError if its reader is gone."""
     try:
         typer.echo(printable_lines(text))
     except BrokenPipeError:

@@ -52,7 +52,7 @@ def support(scene: Scene) -> Support | None:
         return None
     if scene.gas is None and scene.model.given is None:
         return None
-    with np.errstate(all="ignore"):  # extreme numbers are told of where they make particles
+    with np.errstate(all="ignore"):  # extreme numbers are refused where they make particles
         found = _given(scene) if scene.model.given is not None else _of_gas(scene)
     finite = np.isfinite(found.push) & np.isfinite(found.aspect)
     return Support(*(values[finite] for values in found)) if finite.any() else None
@@ -147,7 +147,7 @@ def _bound(scene: Scene, found: Support, worst: int) -> float:
 
 
 def warnings(scene: Scene) -> Iterator[str]:
-    """Gas that turns slower than small H/r has it, and a given disc that no gas could be."""
+    """Warnings of gas far below Keplerian rotation, and of a given disc that is unstable by Rayleigh's criterion."""
     found = _support_if_finite(scene)
     if found is None:
         return

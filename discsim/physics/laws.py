@@ -33,7 +33,7 @@ class Law:
     key: str = ""  # of [drag], which the law needs and others that have not this key refuse
     of_grains: bool = False  # whether dust has to have a grain's size and density
     orbits: tuple[int, ...] = ()  # dimensions of space in which it is defined on circles about a star alone
-    formula: Callable[[Scene], str] | None = None  # of t_stop as the scene has it, for previews
+    formula: Callable[[Scene], str] | None = None  # formula of t_stop for a scene, shown by previews
     rules: tuple[Rule, ...] = ()  # what a scene with this law must have
     # In gas and dust at rest that are uniform, where it is defined there: eps / t_stop from [drag], eps and rho_g, ...
     uniform_rate: Callable[[Any, float, float], float] | None = None

@@ -85,7 +85,7 @@ class Simulation(Summarised):
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
         self._fresh = self._in_midst = False
-        self._open: State | None = None  # the state with its closing kick open, while somebody looks at it
+        self._open: State | None = None  # the state before its closing kick, while a callback reads it
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise TypeError(

@@ -39,7 +39,7 @@ def _can_be_looked_for() -> bool:
         return all(path.is_absolute() and os.path.isdir(path) for path in named)
     try:
         home = Path.home()
-    except RuntimeError:  # of a user whom the system does not know
+    except RuntimeError:  # the system does not know the user
         return False
     for place in PLACES:
         try:

@@ -1,4 +1,4 @@
-"""Processes that make runs side by side, and how a run that fails is told."""
+"""Processes that make runs in parallel, and messages of runs that fail."""
 
 from __future__ import annotations
 
