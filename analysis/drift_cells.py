@@ -21,7 +21,6 @@ from rich.console import Console
 from rich.table import Table
 
 from discsim import Simulation
-from discsim.drag import nodes
 from discsim.exact import nsh
 from discsim.study.scripts import write_csv
 
@@ -79,9 +78,7 @@ def measured(sim: Simulation, aspect: float, orbits: tuple[float, float]) -> dic
 
     sim.evolve(start)
     sim.evolve(end, look)
-    level = nodes.layout_of(sim.effects["drag"], sim.state)[0]
-    usual = level.lattice.side * 2.0 ** int(np.bincount(level.merged.level).argmax())
-    return {key: np.array(values) for key, values in found.items()} | {"cell": usual}
+    return {key: np.array(values) for key, values in found.items()} | {"cell": drift.usual_cell(sim)}
 
 
 def rows_of(case: str, width: float, stokes: list[float], orbits: tuple[float, float]) -> list[dict]:
