@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import MISSING, fields
+from functools import reduce
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,10 +25,20 @@ INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
 # near the star are thrown out.
 LOST = 1.0
 
-# Gas that is torn apart by long steps: particles that are looked at, every so many steps, and what is too much of them.
+# Gas that is torn apart by long steps: at least so many particles are sampled, every so many steps, and these values
+# are too much for half of them.
 SAMPLE, EVERY = 512, 16
-REVERSED = -0.2  # median cosine between two changes of acceleration, one after the other
-KICKED = 0.25  # median change of a kick, in sound speeds
+REVERSED = -0.2  # cosine between two changes of acceleration, one after the other
+KICKED = 0.25  # change of a kick, in sound speeds
+
+
+class Sample(NamedTuple):
+    """Some particles at a time: ids in ascending order and sound speeds (n,), accelerations (n, d)."""
+
+    time: float
+    ids: np.ndarray
+    sound_speed: np.ndarray
+    acc: np.ndarray
 
 
 class Reversals:
@@ -39,40 +51,51 @@ class Reversals:
     """
 
     def __init__(self) -> None:
-        self.seen: list[tuple[np.ndarray, np.ndarray]] = []  # ids and accelerations, of the last steps
+        self.seen: list[Sample] = []  # of the last steps
 
     def forget(self) -> None:
         """Drop what was seen, as before steps that do not follow it."""
         self.seen.clear()
 
     def check(self, state: State, effects: Effects) -> None:
-        """Raise PhysicsError where most of the gas that is looked at is thrown back and forth."""
+        """Raise PhysicsError where half of the sampled gas is thrown back and forth, on all processes alike."""
         gas, turn = state.gas, state.step % EVERY
-        if gas is None or gas.count == 0 or not 1 <= turn <= 3:
+        if gas is None or gas.everywhere == 0 or not 1 <= turn <= 3:
             self.forget()
             return
-        rows = slice(None, None, max(1, gas.count // SAMPLE))
-        ids, acc = gas.ids[rows].copy(), gas.acc[rows].copy()
-        mass, softening = state.central
-        if mass > 0.0:
-            away = state.from_centre(gas.pos[rows])
-            acc += mass * away / np.maximum((away**2).sum(axis=1)[:, None] + softening**2, 1e-200) ** 1.5
-        if self.seen and not np.array_equal(self.seen[-1][0], ids):
-            self.forget()  # particles were put in a new order
-        self.seen.append((ids, acc))
+        self.seen.append(_sample(state))
         if len(self.seen) < 3:
             return
-        (_, a1), (_, a2), (_, a3) = self.seen
+        # Particles that stayed on this process through three steps; rows change as they are sorted.
+        ids = reduce(np.intersect1d, [sample.ids for sample in self.seen])
+        rows = [np.searchsorted(sample.ids, ids) for sample in self.seen]
+        a1, a2, a3 = (sample.acc[own] for sample, own in zip(self.seen, rows, strict=True))
         first, second = a2 - a1, a3 - a2
         size = np.sqrt((first**2).sum(axis=1) * (second**2).sum(axis=1))
-        cosine = float(np.median((first * second).sum(axis=1) / np.maximum(size, 1e-300)))
-        kicked = float(np.median(np.sqrt((second**2).sum(axis=1)) * 2.0 * abs(state.lag) / gas.sound_speed[rows]))
-        if cosine < REVERSED and kicked > KICKED:
+        cosine = (first * second).sum(axis=1) / np.maximum(size, 1e-300)
+        kicks = np.sqrt((second**2).sum(axis=1)) * (self.seen[2].time - self.seen[1].time)
+        beyond = kicks > KICKED * self.seen[2].sound_speed[rows[2]]
+        counts = np.array([len(ids), np.count_nonzero(cosine < REVERSED), np.count_nonzero(beyond)])
+        number, reversals, beyonds = world.together.sum(counts)
+        if 2 * reversals > number and 2 * beyonds > number:
             key = "courant" if state.scene.run.timestep is None else "timestep"
             raise PhysicsError(
-                f"the gas is torn apart: its acceleration swings back and forth from step to step, by {kicked:.2g} of "
-                f"the sound speed in each; expected a smaller run.{key}"
+                f"the gas is torn apart: its acceleration swings back and forth from step to step, by more than "
+                f"{KICKED:g} of the sound speed in each; expected a smaller run.{key}"
             )
+
+
+def _sample(state: State) -> Sample:
+    """The gas whose id is a multiple of a power of two, without the pull of the central mass."""
+    gas = state.gas
+    every = 1 << max(gas.everywhere // SAMPLE, 1).bit_length() - 1
+    rows = np.flatnonzero((gas.ids & (every - 1)) == 0)
+    rows = rows[np.argsort(gas.ids[rows])]
+    acc, (mass, softening) = gas.acc[rows], state.central
+    if mass > 0.0:
+        away = state.from_centre(gas.pos[rows])
+        acc += mass * away / np.maximum((away**2).sum(axis=1)[:, None] + softening**2, 1e-200) ** 1.5
+    return Sample(state.time, gas.ids[rows], gas.sound_speed[rows], acc)
 
 
 def coupled(state: State) -> bool:

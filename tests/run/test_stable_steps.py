@@ -1,11 +1,14 @@
 """How long steps may be: the bound of leapfrog on sound between particles and on orbits, and gas that is torn apart."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from runs import state_bits
 
 from discsim import Simulation
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.run import guards
 from discsim.run.forces import PhysicsError
 from discsim.scene import SceneError, load_scene, rules
 
@@ -120,13 +123,43 @@ def test_a_courant_factor_beyond_the_bound_is_one_message():
     load_scene("setups/dusty_box.toml", ["run.courant=50"])  # nothing moves but by drag, which is exact
 
 
-@pytest.mark.parametrize("kernel, alpha, courant", [("wendland-c4", 0.3, 1.3), ("cubic", 0.0, 1.6)])
-def test_gas_that_is_torn_apart_stops_the_run(kernel, alpha, courant, monkeypatch):
+@pytest.mark.parametrize(
+    "kernel, alpha, courant, integrator",
+    [("wendland-c4", 0.3, 1.3, "kdk"), ("cubic", 0.0, 1.6, "kdk"), ("cubic", 0.0, 1.2, "euler")],
+)
+def test_gas_that_is_torn_apart_stops_the_run(kernel, alpha, courant, integrator, monkeypatch):
     """Steps beyond the bound, which a scene is otherwise refused for: by one mode that grows, and by noise."""
     monkeypatch.setattr(rules, "longest_courant", lambda draft: (np.inf, ""))
-    sim = box(kernel, alpha, shaken=0.2, count=24, courant=courant)
+    sim = box(kernel, alpha, shaken=0.2, count=24, courant=courant, integrator=integrator)
     with pytest.raises(PhysicsError, match=r"the gas is torn apart: .* of the sound speed .* smaller run.courant"):
         sim.run(until=10.0)
+
+
+@pytest.mark.parametrize("swings", [False, True])
+def test_gas_is_watched_in_whatever_order_it_is(swings):
+    """Rows are sorted, and particles leave, between three steps about a star of mass 1.7 that is not at the origin."""
+    rng, count, dt, centre = np.random.default_rng(5), 3000, 0.02, np.array([0.3, -0.2])
+    start, kick = rng.normal(size=(count, 2)), rng.normal(size=(count, 2)) * 0.4 * SPEED / dt
+    pos = centre + rng.uniform(0.5, 2.0, (count, 1)) * np.array([0.6, 0.8])
+    watch = guards.Reversals()
+    for step in (17, 18, 19):
+        ids = rng.permutation(count)[: count - 40 * step]
+        away = pos[ids] - centre
+        acc = start[ids] + kick[ids] * ((step % 2) if swings else step)
+        acc -= 1.7 * away / ((away**2).sum(axis=1)[:, None] + 0.1**2) ** 1.5
+        gas = SimpleNamespace(
+            ids=ids, pos=pos[ids], acc=acc, count=len(ids), everywhere=len(ids), sound_speed=np.full(len(ids), SPEED)
+        )
+        state = SimpleNamespace(
+            gas=gas, step=step, time=dt * step, central=(1.7, 0.1), from_centre=lambda x: x - centre,
+            scene=SimpleNamespace(run=SimpleNamespace(timestep=dt)),
+        )  # fmt: skip
+        if swings and step == 19:
+            with pytest.raises(PhysicsError, match=r"the gas is torn apart: .* expected a smaller run\.timestep"):
+                watch.check(state, {})
+        else:
+            watch.check(state, {})
+    assert len(watch.seen) == 3
 
 
 def test_shaken_gas_in_steps_below_the_bound_goes_on():
