@@ -49,7 +49,8 @@ class Keys(Table):
     ] = Field(None, description="whose pull on the star counts")
     grows: StrictBool = Field(False, description="takes the mass it accretes; inertial: its momentum too")
     centre: Literal["star", "barycentre"] = Field(
-        "star", description='of the disc, whose mass all rates have; "barycentre": with its bound companions, inertial'
+        "star",
+        description='point that the disc turns about; "barycentre": of star and bound companions, in frame "inertial"',
     )
 
 
@@ -85,6 +86,10 @@ def _frame(draft: Draft) -> Iterator[Problem]:
         if star.indirect is not None and "companions" not in star.indirect:
             wrong = "a star that companions do not pull is at rest, and the barycentre is not"
             yield ("star", "indirect"), f'{wrong}; expected "companions" among them, or centre = "star"'
+        bound = [c for c in draft.companion or () if c.eccentricity < 1.0]
+        if len(bound) > 1 and any(c.orbit == "fixed" for c in bound):
+            wrong = f'the barycentre of {len(bound)} bound companions, some on orbits = "fixed", moves'
+            yield ("star", "centre"), f'{wrong}; expected orbit = "live" in each, or centre = "star"'
     if star.grows and star.accretion_radius == 0.0:
         yield ("star", "grows"), "the star takes nothing; expected star.accretion_radius too"
 

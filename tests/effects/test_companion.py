@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from discsim import Simulation
 from discsim.exact import kepler
 from discsim.physics.companions import mean_pull
-from discsim.scene import load_scene
+from discsim.scene import SceneError, load_scene
 
 # Orbits
 
@@ -475,6 +475,21 @@ def test_the_mean_pull_is_that_of_a_ring():
         exact = 0.1 * quad(pull, 0, math.pi, limit=500, epsabs=1e-12)[0] / math.pi
         assert found == pytest.approx(exact, rel=2e-3)  # between the radii that it is tabulated at
     assert mean_pull(scene, np.array([40.0]))[0] == pytest.approx(0.1 / 1600, rel=1e-3)
+
+
+def test_fixed_orbits_of_several_have_no_barycentre_at_rest():
+    """Each is Kepler's about the star alone: of companions of .5 and .1 at 1 and 5 the barycentre is .14 off."""
+    fixed = [PLANET | {"mass": m, "semi_major_axis": a, "orbit": "fixed"} for m, a in ((0.5, 1.0), (0.1, 5.0))]
+    star = {"frame": "inertial", "centre": "barycentre", "softening": 0.05}
+    for second in ("fixed", "live"):
+        bodies = [fixed[0], fixed[1] | {"orbit": second}]
+        with pytest.raises(SceneError, match=r'star\.centre: the barycentre of 2 bound companions.*orbit = "live" in'):
+            load_scene(disc(bodies, star, dust=50))
+    live = [body | {"orbit": "live"} for body in fixed]
+    b = Simulation(disc(live, star, dust=50)).bodies
+    assert np.abs(b.mass @ b.pos).max() < 1e-15
+    unbound = fixed[1] | {"eccentricity": 1.4, "phase": -40.0}
+    load_scene(disc([fixed[0], unbound], star, dust=50))
 
 
 def test_a_disc_about_the_barycentre():
