@@ -95,7 +95,7 @@ class Keys(Table):
     ramp: Time = Field(
         0.0, ge=0, description="over which gas and dust come to feel it, as sin^2; its orbit has the whole mass at once"
     )
-    accretion_radius: Length = Field(0.0, ge=0, description="what comes closer it takes")
+    accretion_radius: Length = Field(0.0, ge=0, description="particles that come closer are accreted")
     accretion_rate: Annotated[Number | None, Default("all of it, at once")] = Field(
         None, gt=0, description="share of what is within the radius taken per local orbit"
     )
@@ -201,21 +201,18 @@ def _relative_mass(scene: Scene, r: float) -> float:
     return 1.0 if places.relative_mass is None else float(np.interp(r, places.radius, places.relative_mass))
 
 
-def _close_binary(scene: Scene, at: Local, companion: Any, k: int) -> Iterator[str]:
-    """A companion so far within the disc that its orbit sets the step, and next to nothing of the disc."""
+def quadrupole_of_pair(scene: Scene, companion: Any) -> float | None:
+    """Return the part of one star's pull by which a close pair differs from it at the inner edge of the disc.
+
+    None where the companion is not on a bound fixed orbit far within the disc.
+    """
     star, edges = scene.star, start_of(scene).edges
     if edges is None or companion.orbit != "fixed" or companion.eccentricity >= 1.0:
-        return
+        return None
     inner, total, wide = edges(scene)[0], star.mass + companion.mass, companion.semi_major_axis
     if wide * (1.0 + companion.eccentricity) > CLOSE * inner:
-        return
-    times = (inner / wide) ** 1.5
-    changes = 0.75 * star.mass * companion.mass / total**2 * (wide / inner) ** 2
-    yield (
-        f"the orbit of companion {k} sets the step: the disc would do with {times:.2g} times fewer, and feels "
-        f"{changes:.1g} of the pull of one star less or more: leave it out, and set star.mass = "
-        f"{scene.units.show(total, 'mass')}"
-    )
+        return None
+    return float(0.75 * star.mass * companion.mass / total**2 * (wide / inner) ** 2)
 
 
 def _named(k: int, what: str) -> str:
@@ -275,7 +272,6 @@ class Effect(base.Effect):
         star = scene.star
         assert star is not None
         for k, companion in enumerate(scene.table("companion"), 1):
-            yield from _close_binary(scene, at, companion, k)
             near = _near(scene, at, companion)
             if near.resolution is None:
                 continue

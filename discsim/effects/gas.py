@@ -142,7 +142,8 @@ def _long_step(scene: Scene, at: Local) -> Iterator[str]:
 
 
 # The largest -div v: that of noise over the frequency of the nearest gas about the star, of gas that gathers about a
-# companion over its frequency, and of a shock over its jump of the velocity over h (`analysis/forecast_steps.py`).
+# companion over its frequency, and of a shock over its jump of the velocity over h. Fitted to the steps of the setups
+# (`analysis/forecast_steps.py`, table in docs/cost.md).
 NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
 
 

@@ -54,6 +54,11 @@ CELL, MOVED = 50.0, 18.0  # CPU nanoseconds in a step: of a cell, and of a parti
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # the length that each kernel has
 
 
+def kernel_length(scene: Scene) -> float:
+    """Return the length within which self-gravity is softened: that of its kernel."""
+    return float(getattr(scene.self_gravity, KERNEL_KEYS[scene.self_gravity.kernel]))
+
+
 def _boundary_of_a_line(draft: Draft) -> Iterator[Problem]:
     if draft.dimensions == 1 and draft.space and draft.space.boundary == "open":
         yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
@@ -109,8 +114,7 @@ CELLS = 4  # of the grid, that it is to span
 
 def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
     kernel = scene.self_gravity.kernel
-    name = KERNEL_KEYS[kernel]
-    length = getattr(scene.self_gravity, name)
+    name, length = KERNEL_KEYS[kernel], kernel_length(scene)
     shown = scene.units.show(length, "length")
     for other in set(KERNEL_KEYS.values()) - {name}:
         if getattr(scene.self_gravity, other) is not None:

@@ -24,7 +24,7 @@ import numpy as np
 
 from discsim.drag.width import drift_error
 from discsim.initial import start_of, start_time
-from discsim.parts import USUAL_SCHEME
+from discsim.parts import USUAL_SCHEME, Lazy
 from discsim.physics import viscosity
 from discsim.physics.local import Local
 from discsim.preview import learnt
@@ -32,6 +32,7 @@ from discsim.preview.derived import drag_cell_sides, local
 from discsim.scene import Scene
 from discsim.scene.differences import FREE_TO_CHANGE
 
+self_gravity = Lazy("discsim.effects.self_gravity")
 KEPT = 300  # settings whose errors are kept
 
 
@@ -84,9 +85,8 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
 
 
 def _gravity_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
-    gravity = scene.self_gravity
-    length = (gravity.softening or gravity.thickness) if gravity else None
-    if length and at.cell and scene.space.dimensions == 2:
+    if scene.self_gravity is not None and at.cell and scene.space.dimensions == 2:
+        length = self_gravity.kernel_length(scene)
         yield "self-gravity off by up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, by its cells"
 
 

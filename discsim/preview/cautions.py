@@ -7,6 +7,7 @@ import numpy as np
 from discsim.effects import effect_classes
 from discsim.initial import start_of, support
 from discsim.preview.derived import local
+from discsim.preview.forecast import close_pairs
 from discsim.scene import Scene
 
 
@@ -18,5 +19,5 @@ def warnings(scene: Scene) -> list[str]:
     of_start = start_of(scene).warnings
     with np.errstate(over="ignore"):  # a length or mass beyond floats is long and heavy enough
         told = [line for effect in effect_classes(scene).values() for line in effect.warnings(scene, at)]
-        told += support.warnings(scene)
+        told += [*support.warnings(scene), *close_pairs(scene)]
         return told if of_start is None else [*told, *of_start(scene)]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import platform
 import statistics
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -19,12 +20,15 @@ import numpy as np
 from discsim.effects import effect_classes
 from discsim.effects.base import Counts
 from discsim.initial import start_time
+from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
 from discsim.physics.local import PHASES, Expected
 from discsim.preview import learnt
 from discsim.preview.derived import grid, grid_bytes, particle_count
 from discsim.preview.outlook import Outlooks
 from discsim.scene import Scene
+
+companion_effect = Lazy("discsim.effects.companion")
 
 TIMES = 64  # of a run, at which its steps are expected
 BYTES = {"gas": 600, "dust": 180}  # a particle, with what a step needs
@@ -89,14 +93,17 @@ def _counts(scene: Scene) -> Counts:
     return Counts(gas, dust, math.prod(found[1]) if found is not None else 0)
 
 
-def expected_steps(scene: Scene, until: float | None = None) -> Steps:
-    """Steps from the start to a time, by default the end: the integral of dt over the least limit of all effects."""
+def expected_steps(scene: Scene, until: float | None = None, without: str | None = None) -> Steps:
+    """Steps from the start to a time, by default the end: the integral of dt over the least limit of all effects.
+
+    without: an effect whose limit is left out.
+    """
     run, begins = scene.run, start_time(scene)
     length = (run.until if until is None else until) - begins
     if run.timestep is not None:
         return Steps(length / run.timestep, "run.timestep")
     effects, outlooks = effect_classes(scene), Outlooks(scene)
-    names = list(effects)
+    names = [name for name in effects if name != without]
     rates, least = np.zeros(len(names)), [Expected()] * len(names)  # mean of 1 / step where each sets it
     for time in begins + length * (np.arange(TIMES) + 0.5) / TIMES:
         outlook = outlooks.at(float(time))
@@ -110,6 +117,23 @@ def expected_steps(scene: Scene, until: float | None = None) -> Steps:
     if total == 0.0:
         return Steps(math.inf, "")
     return Steps(max(length / run.courant * total, 1.0), names[by], least[by].where, float(rates[by]) / total)
+
+
+def close_pairs(scene: Scene) -> Iterator[str]:
+    """Warn of companions far within the disc whose orbits set the steps of the run."""
+    steps = expected_steps(scene)
+    if steps.by != "companion":
+        return
+    times = steps.number / expected_steps(scene, without="companion").number
+    for k, companion in enumerate(scene.table("companion"), 1):
+        differs = companion_effect.quadrupole_of_pair(scene, companion)
+        if differs is not None:
+            mass = scene.units.show(scene.star.mass + companion.mass, "mass")
+            yield (
+                f"the orbit of companion {k} makes about {times:.1g} times as many steps, and the pull of the pair at "
+                f"the inner edge differs from that of one star by {differs:.1g} of it: leave the companion out, and "
+                f"set star.mass = {mass}"
+            )
 
 
 def _steps_of_relaxation(scene: Scene) -> float:

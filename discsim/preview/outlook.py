@@ -14,21 +14,25 @@ import numpy as np
 
 from discsim.initial import start_of, start_time
 from discsim.initial.base import Places
+from discsim.parts import Lazy
 from discsim.physics import companions
 from discsim.physics.eos import eos_of
 from discsim.physics.local import Local, Outlook
 from discsim.preview.derived import dust_masses, gas_mass, local, local_at, particle_count, stopping_times
 from discsim.scene import Scene
 
+self_gravity = Lazy("discsim.effects.self_gravity")
 Array = np.ndarray
 PLACES = 129  # of the gas, at which limits are taken
+# Fitted to the steps of the shipped setups and of nine published discs, so that each is foreseen within a factor of 1.5
+# (`analysis/forecast_steps.py`, table in docs/cost.md); none is a measurement by itself.
+SPREAD = 0.2  # speed of an edge, of c_s
 UNSWITCHED = 2.5  # times as fast where viscosity has no switch, in h/H
-DRIVEN = 0.5  # of c_s, where a second star drives it
-NOISE, COLLAPSES = 0.03, 1.5  # of Sigma: what grows where a start has no perturbation, and what falls together at once
+DRIVEN = 0.5  # speed of an edge that a second star drives, of c_s
+LEAST = 0.1  # of the inner edge: so far it comes in where no star takes it
+UNEVEN, COLLAPSES = 0.03, 1.5  # of Sigma: what grows where a start has no perturbation, and what falls together at once
 RAPID, MARGINAL = 5.0, 2.0  # cooling in 1/Omega, and Q
 HOT, GAMMA = 4.0, 5.0 / 3.0  # contrast of clumps that keep heat, and how their temperature rises
-LEAST = 0.1  # of the inner edge: so far it comes in where no star takes it
-SPREAD = 0.2  # of c_s; seen are 0.15 to 0.21 (`analysis/forecast_steps.py`)
 
 
 class Outlooks:
@@ -81,12 +85,12 @@ class Outlooks:
         2 c_s^2 / G Sigma that grows fastest falls together until it is within the softening. Gas that cools within
         RAPID / Omega (Gammie 2001) does with Q < MARGINAL, as it cools, and its clumps keep heat.
         """
-        scene, gas, gravity = self.scene, self.gas, self.scene.self_gravity
-        if gravity is None or scene.gas is None or gas.toomre_q is None:
+        scene, gas = self.scene, self.gas
+        if scene.self_gravity is None or scene.gas is None or gas.toomre_q is None:
             return None
         assert gas.omega is not None and gas.thermal_speed is not None
         half = gas.thermal_speed**2 / gas.density
-        most = np.maximum(half / max(gravity.softening or gravity.thickness, gas.cell or 0.0), 1.0) ** 2
+        most = np.maximum(half / max(self_gravity.kernel_length(scene), gas.cell or 0.0), 1.0) ** 2
         if eos_of(scene).holds_heat:
             beta = getattr(scene.table("cooling"), "beta", None)
             if beta is None or beta > RAPID:
@@ -94,7 +98,7 @@ class Outlooks:
             rate, most = 0.5 * gas.omega / beta * (gas.toomre_q < MARGINAL), np.minimum(most, HOT)
         else:
             rate = gas.omega * np.sqrt(np.maximum(gas.toomre_q**-2.0 - 1.0, 0.0))
-        seed = max(getattr(scene.initial, "perturbation", 0.0), NOISE)
+        seed = max(getattr(scene.initial, "perturbation", 0.0), UNEVEN)
         grown = seed * np.exp(np.minimum(rate * passed, 50.0))
         return np.where((rate > 0.0) & (grown > COLLAPSES), most, 1.0)
 

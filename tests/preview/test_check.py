@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 from discsim import Simulation
 from discsim.cli import app
 from discsim.preview.cautions import warnings
+from discsim.preview.check import report
 from discsim.preview.derived import derived, grid_bytes
 from discsim.scene import load_scene
 from setups import SETUPS
@@ -123,6 +124,18 @@ WARNINGS = [
 def test_warning_has_its_number_and_its_cure(tmp_path, overrides, start):
     found = warnings(load_scene(write(tmp_path, DISC), overrides))
     assert any(line.startswith(start) for line in found), found
+
+
+def test_a_length_of_another_kernel_changes_no_number(tmp_path):
+    """`softening` beside kernel "thin-disc", in a disc that falls apart: steps and errors are those without it."""
+    text = DISC.replace('mass = "0.1 Msun"', "toomre_q = 0.7")
+    assert 'softening = "1 au"' in text
+    scene = write(tmp_path, text.replace('softening = "1 au"', 'kernel = "thin-disc"\nthickness = "1.3 au"'))
+    alone = report(load_scene(scene)).splitlines()
+    both = report(load_scene(scene, ["self_gravity.softening=0.02 au"])).splitlines()
+    echoed, more = [line.strip() for line in both if line not in alone]
+    assert echoed.startswith("self_gravity ") and "softening 0.02 au" in echoed
+    assert more == 'self_gravity.softening is not used by kernel "thin-disc": leave it out'
 
 
 # A scene that earns a warning, how it starts, and one that does not.
