@@ -1,6 +1,6 @@
 """Cooling of adiabatic gas: du/dt = heating - (u - u_eq) / t_cool, or the light of a grey disc's two surfaces.
 
-    kind = "beta"         t_cool = beta / Omega_K about the star
+    kind = "beta"         t_cool = beta / Omega_K about the central mass
     kind = "constant"     t_cool the same everywhere
     kind = "radiative"    du/dt = heating - 2 sigma (T^4 - T_irr^4) / (tau_eff Sigma),
                           tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau), tau = kappa Sigma / 2 (Hubeny 1990)

@@ -77,9 +77,9 @@ class Keys(Table):
     kernel: Literal["gas", "double-hump"] = Field(
         "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
     )
-    cell: Annotated[Number | None, Default("1, in 2D 2, and at most 2 or 2.7 spacings of the gas and 0.7 H")] = Field(
-        None, gt=0, description="side of a drag cell in local mean h; or a length"
-    )
+    cell: Annotated[
+        Number | None, Default("1D: 1, at most 2 gas spacings; 2D: 2, at most 2.7 gas spacings and 0.7 H")
+    ] = Field(None, gt=0, description="side of a drag cell in local mean h; or a length")
     cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
     # The mean slip of a class is right in a steady drift, and in steps of less than t_stop to (ln 1.4)^2 / 12.
     class_width: Number = Field(

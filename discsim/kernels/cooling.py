@@ -42,7 +42,7 @@ def relaxed(u, settled, rate, t_cool, dt):
 
 @compiled
 def towards(begin, end, pos, u, rate, dt, at_orbit, t_cool, passive, star, softening, out):
-    """(1) for energies (n,): t_cool is in units of 1/Omega about the star where `at_orbit`; u_eq = passive[0]
+    """(1) for energies (n,): t_cool is in units of 1/Omega about the central mass where `at_orbit`; u_eq = passive[0]
     r^-passive[1].
     """
     flat = passive[1] == 0.0

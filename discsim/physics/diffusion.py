@@ -3,8 +3,8 @@
     D   = D_g / (1 + St^2),  St = t_stop Omega                                      (1)  Youdin & Lithwick 2007
     D_g = alpha c_s H = alpha c_s^2 / Omega, or nu of [alpha_viscosity]             (2)
 
-c_s is the isothermal sound speed, as in `physics/viscosity.py`; Omega that of circles about the star, in a layer
-`external.vertical_frequency`. A given D is the grains' own, of whatever Stokes number.
+c_s is the isothermal sound speed, as in `physics/viscosity.py`; Omega that of circles about the central mass, in a
+layer `external.vertical_frequency`. A given D is the grains' own, of whatever Stokes number.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@
     v_r   = -3 / (Sigma sqrt(r)) d(nu Sigma sqrt(r))/dr                            (4)  Lynden-Bell & Pringle 1974
 
 c_s is the thermal speed sqrt(P / Sigma), as in every H of discsim, of gas that holds heat that of its present
-temperature. Omega_K is that of circles about the star, softened as it is.
+temperature. Omega_K is that of circles about the central mass, softened as the star is.
 
 What the gas has beside it: of the artificial viscosity's linear term on all pairs, half as much on approaching ones,
 and of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas,
