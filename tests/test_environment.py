@@ -50,6 +50,7 @@ def test_settled_variables_do_not_depend_on_the_shell():
     assert hostile == plain and plain["NUMBA_CACHE_DIR"] == "/kernels" and plain["NUMBA_NUM_THREADS"] == "1"
 
 
+@pytest.mark.slow
 def test_sensitive_tests_pass_in_a_hostile_shell():
     passed(SENSITIVE, 300)
 

@@ -41,7 +41,10 @@ gas = {particles = 60, eos = {kind = "locally-isothermal", aspect_ratio = 0.07, 
 """
 
 
-@pytest.fixture(params=["absent", "unreadable", "unwritable", "a file", "unknown"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("absent", "unwritable", "a file")]
+
+
+@pytest.fixture(params=["unreadable", "unknown", *SLOW])
 def home(request, tmp_path):
     path = tmp_path / "home"
     if request.param == "a file":

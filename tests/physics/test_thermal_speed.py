@@ -98,7 +98,10 @@ def disc(eos, **drag):
 ISOTHERMAL, ADIABATIC = {"kind": "locally-isothermal"}, {"kind": "adiabatic", "gamma": 5 / 3}
 
 
-@pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "isph"])
+SLOW = pytest.mark.slow  # a scheme's kernels compile for each law, equation of state and direction
+
+
+@pytest.mark.parametrize("scheme", ["tsc", *(pytest.param(name, marks=SLOW) for name in ("idic-linear", "isph"))])
 def test_gas_of_one_temperature_stops_grains_alike(scheme):
     """Stokes' regime in a disc, adiabatic or not: the volume density has H = c_T / Omega, and Re the mean speed."""
     times = []
@@ -149,7 +152,10 @@ def test_grains_in_a_given_polytrope_have_its_thermal_speed(gamma):
 
 
 # Cells of idic that are to hold gas and dust are others with two-way drag.
-@pytest.mark.parametrize(("scheme", "near"), [("tsc", 1e-9), ("idic-linear", 1e-9), ("idic", 0.01)])
+@pytest.mark.parametrize(
+    ("scheme", "near"),
+    [("tsc", 1e-9), pytest.param("idic-linear", 1e-9, marks=SLOW), pytest.param("idic", 0.01, marks=SLOW)],
+)
 @pytest.mark.parametrize("eos", [ISOTHERMAL, ADIABATIC], ids=["isothermal", "adiabatic"])
 def test_small_dust_that_gas_carries_stops_no_grains(eos, scheme, near):
     """As much small dust as gas, a part of the gas particles' mass or not: molecules alone drag, in Stokes' regime."""

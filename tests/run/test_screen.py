@@ -120,7 +120,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(tmp_path):
     assert "done at t = 0.1" in (out / "run.log").read_text()
 
 
-@pytest.mark.parametrize("name", ["SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU"])
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGXCPU"])
 def test_a_terminal_or_job_that_ends_leaves_a_checkpoint(tmp_path, monkeypatch, capsys, name):
     number = signal.Signals[name]
     scene, out = scene_of(tmp_path, SHOCK), tmp_path / "out"

@@ -195,7 +195,7 @@ def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
     assert nothing.exit_code == 4 and "no run came to its end" in nothing.output
 
 
-@pytest.mark.parametrize("parallel", [1, 2])
+@pytest.mark.parametrize("parallel", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_trial_that_raises_anything_is_given_up(wave, tmp_path, monkeypatch, undrawn, parallel):
     """In a real search starts with fewer than 40 particles are refused, and those with other kernels fail."""
     own = Simulation.__init__
