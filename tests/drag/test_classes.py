@@ -94,6 +94,23 @@ def given(populations, sized):
     return {"gas": gas, "dust": dust}
 
 
+@pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "idic"])
+def test_a_class_stops_in_the_mean_time_of_its_mass(scheme):
+    """Grains of .1 and .13, which relax as one, the small ones with three quarters of their mass in gas at rest."""
+    dust = {"pos": (np.arange(400)[:, None] + 0.5) / 400, "vel": np.ones((400, 1))}
+    small = np.arange(400) % 2 == 0
+    dust |= {"size": np.where(small, 0.1, 0.13), "mass": np.where(small, 3e-3, 1e-3)}
+    gas = {"pos": (np.arange(100)[:, None] + 0.5) / 100, "vel": np.zeros((100, 1)), "mass": np.full(100, 0.01)}
+    many = grains({"smallest": 0.1, "largest": 0.13}, 400, 0.8)
+    sim = box(many, scheme=scheme, direction="one-way", particles={"gas": gas, "dust": dust}, cell_length=0.25)
+    sim._prepare()
+    drag = sim.effects["drag"]
+    sim.operators.kick(0.07)
+    assert drag.classes.number == 1
+    # An even lattice has equal parts of both in each cell; nodes see them to the second moment of a spacing.
+    np.testing.assert_allclose(sim.dust.vel, np.exp(-0.07 / (0.75 * 0.1 + 0.25 * 0.13)), rtol=2e-4)
+
+
 @pytest.mark.parametrize("scheme", ["tsc", "idic-linear"])
 def test_sizes_are_what_populations_are(scheme):
     """Three sizes as one population's, each a class of its own, and as three populations."""

@@ -7,6 +7,7 @@ import pytest
 
 from discsim import Simulation
 from discsim.drag import frame
+from discsim.kernels.frame import Frame, sense_at
 
 SOUND = 0.08
 
@@ -101,6 +102,18 @@ def test_gas_and_dust_that_turn_against_each_other_only_slow_down(scheme):
         fastest = max(np.sqrt((vel**2).sum(axis=1)).max() for _, vel in state.values())
         assert fastest < 1.5
     assert energy["end"] < 0.5 * energy["start"]
+
+
+def test_orbits_have_the_sense_of_a_ring_in_its_middle():
+    """In ln r^2, linear between the middles of rings, and beyond the first and the last middle what it is there."""
+    sense = np.array([1.0, 1.0, -1.0, 1.0, -1.0])
+    about = Frame(0.7, 0.1, np.log(0.3**2), 2.5, sense)
+    middles = 0.3**2 * np.exp((np.arange(5) + 0.5) / 2.5)  # to rounding of logarithms
+    assert [sense_at.py_func(r2, about) for r2 in middles] == pytest.approx(sense, abs=1e-12)
+    quarter = middles[:-1] * np.exp(0.25 / 2.5)
+    wanted = 0.75 * sense[:-1] + 0.25 * sense[1:]
+    assert [sense_at.py_func(r2, about) for r2 in quarter] == pytest.approx(wanted, abs=1e-12)
+    assert [sense_at.py_func(r2, about) for r2 in (0.01, 99.0)] == [1.0, -1.0]
 
 
 def test_the_frame_finds_whom_it_looks_at_where_others_come_and_go(monkeypatch):

@@ -12,7 +12,7 @@ from discsim import Simulation
 from discsim.drag.cloud import guess_h
 from discsim.drag.pairs import pair_up
 from discsim.exact import dustybox, dustywave
-from discsim.kernels.pairs import hump_norm, limited
+from discsim.kernels.pairs import hump_norm, limited, shares
 from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
 
 SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
@@ -317,6 +317,21 @@ def test_oblique_wave(scheme, expected):
 def test_oblique_wave_of_mk():
     """A few steps: as esph, whose damping is that of the same pairs, but for the pair at one place."""
     assert oblique("mk", 16, 0.02) == pytest.approx(oblique("esph", 16, 0.02), rel=0.3)
+
+
+def test_pairs_take_most_in_the_direction_of_the_largest_eigenvalue():
+    """Of sum c r^ r^T / m over the pairs of each particle, one of which has no line of sight, by numpy."""
+    rng = np.random.default_rng(6)
+    begin, pull, mass = np.array([0, 1, 3, 20]), rng.uniform(0.2, 3.0, 20), np.array([0.7, 1.9, 0.4])
+    offset = rng.normal(size=(20, 2)) * [2.0, 0.5]
+    offset[2] = 0.0
+    found = np.empty(3)
+    shares(0, 3, begin, np.empty(0, np.uint32), offset, pull, mass, found)
+    for i, (first, last) in enumerate(itertools.pairwise(begin)):
+        r2 = (offset**2).sum(axis=1)
+        each = [np.eye(2) if r2[k] == 0.0 else np.outer(offset[k], offset[k]) / r2[k] for k in range(first, last)]
+        most = np.linalg.eigvalsh(np.tensordot(pull[first:last], each, 1))[-1] / mass[i]
+        assert found[i] == pytest.approx(most, rel=1e-13)  # rounding of 17 terms
 
 
 def test_dust_in_gas_of_next_to_no_density_reaches_as_far_as_it_may():
