@@ -52,6 +52,29 @@ def test_one_zone_grows_as_its_ode(steps, alpha, slope):
     assert size[0] == pytest.approx(expected[-1], rel=1e-7)
 
 
+def test_large_grains_grow_by_the_speeds_of_stokes_drag():
+    """From a tenth of the size 9 lambda / 4 to thirty times that, beyond which they stop later than by Epstein's."""
+    from discsim.kernels import growth as kernels
+
+    sigma, ratio, sound, alpha, omega, start, column = 1e-3, 0.1, 0.05, 1e-2, 0.7, 1e-6, 2.5e-8
+    volume = sigma * omega / (ROOT * sound)
+    edge = 9.0 * column / (4.0 * volume)
+    assert 9.0 * start < edge < 11.0 * start
+    law = np.array([MATERIAL * SMALL, 0.0, SMALL, column, 1.0])
+    grains = kernels.Grains(SMALL, SMALLEST, MATERIAL, 1e9, SMALL, laws.EPSTEIN_STOKES, law, 0.0)
+    size, wanted, place = np.array([start]), np.empty(1), np.array([[0.8, 0.6]])
+    field, dust = np.zeros((1, kernels.COLUMNS)), ratio * sigma
+    small = dust * small_part(start)
+    field[0, :5] = sigma, small, dust - small, sound**2, -1.3 * sound**2
+    about = place, np.zeros(2), field, np.array([alpha])
+    kernels.grow(0, 1, 60.0, omega**2, 0.0, *about, grains, np.ones(1), size, wanted)
+    given = sigma, ratio, sound, omega, alpha, 0.5 * 1.3 * sound**2 / omega
+    expected = one_zone(start, [60.0], *given, edge=edge)[-1]
+    assert expected > 30.0 * edge
+    # Sub-steps are right to 1e-10 each, but for the one with the bend.
+    assert size[0] == pytest.approx(expected, rel=1e-6)
+
+
 def test_grains_of_a_disc_grow_as_its_zones_do():
     """Sizes rise by a factor of 1e4: SPH's noise of some per cent in Sigma is .02 of ln a, and drift has begun."""
     sim = Simulation(disc(until=2.0, size=SMALL, direction="one-way", growth={"alpha": 0.1}))

@@ -41,15 +41,18 @@ def small_part(size):
     return (math.sqrt(SMALL) - math.sqrt(SMALLEST)) / (np.sqrt(size) - math.sqrt(SMALLEST))
 
 
-def one_zone(start, times, sigma, ratio, sound, omega, alpha, headwind, material=MATERIAL):
-    """Sizes at `times` where nothing changes but the size: of da/dt = rho_d v_rel / rho_s, without fragmentation."""
+def one_zone(start, times, sigma, ratio, sound, omega, alpha, headwind, material=MATERIAL, edge=math.inf):
+    """Sizes at `times` where nothing changes but the size: of da/dt = rho_d v_rel / rho_s, without fragmentation.
+
+    edge: size from which on the drag is Stokes', 9 lambda / 4.
+    """
 
     def drift(stokes):
         return -headwind / (1.0 + stokes**2) * np.array([2.0 * stokes, 1.0])
 
     def rate(time, log):
         size = math.exp(log[0])
-        stokes = math.sqrt(2.0 * math.pi) * size * material / sigma
+        stokes = math.sqrt(2.0 * math.pi) * size * material / sigma * max(1.0, size / edge)
         part, height = small_part(size), sound / omega
         settled = height * math.sqrt(alpha / (alpha + stokes))
         density = ratio * sigma * (part / height + (1.0 - part) / settled) / math.sqrt(2.0 * math.pi)

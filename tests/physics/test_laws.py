@@ -349,6 +349,22 @@ def test_grains_of_all_sizes_stop_as_they_must(size, direction, scheme):
     np.testing.assert_allclose(sim.dust.vel[:, 0], dust[0], rtol=0, atol=1e-6 * start)
 
 
+@pytest.mark.parametrize("scheme", ["idic-linear", "tsc"])
+def test_grains_of_two_sizes_stop_each_as_its_own_must(scheme):
+    """Of one population, in Stokes' regime: both leave Epstein's at their own size, not at the mean one."""
+    tables = box({"smallest": "5 cm", "largest": "20 cm", "bins": 2}, scheme, "one-way")
+    tables["dust"]["particles"] = 400
+    sim = Simulation(tables)
+    start, sizes = float(sim.dust.vel[0, 0]), np.unique(sim.dust.size)
+    sim.run()
+    assert len(sizes) == 2
+    for size in sizes:
+        text = f"{float((size * sim.units.length).to_value('cm'))!r} cm"
+        _, dust = exact_velocities(text, 1e-30, start, sim.time)
+        # As of one size: 1e-6 of the slip at the start.
+        np.testing.assert_allclose(sim.dust.vel[sim.dust.size == size, 0], dust[0], rtol=0, atol=1e-6 * start)
+
+
 @pytest.mark.parametrize("size", ["1 mm", "10 cm", "10 m"])
 def test_the_preview_knows_both_regimes(size):
     """`discsim check` has a formula of its own, at no slip: that of the same grains in astropy's units, to rounding."""
