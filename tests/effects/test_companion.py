@@ -330,6 +330,17 @@ def test_a_grain_that_flies_by_limits_the_step():
     assert sim.limited_by == "companion" and sim.limit == pytest.approx(math.sqrt(0.01 + 0.02**2) / 10.0, rel=1e-6)
 
 
+def test_a_grain_that_goes_with_a_companion_limits_the_step_by_its_pull():
+    """((d^2 + eps^2)^(3/2) / G m)^(1/2) at half a softening: the time in which it falls through that."""
+    second = PLANET | {"mass": 0.3, "semi_major_axis": 3.0, "softening": "0.2"}
+    begin = Simulation(tables(second), particles={"dust": GRAIN}).bodies
+    grain = {"pos": begin.pos[1:] + np.array([0.06, 0.08]), "vel": begin.vel[1:], "mass": [1e-12]}
+    sim = Simulation(tables(second), particles={"dust": grain})
+    sim.step(1e-12)
+    assert sim.limited_by == "companion"
+    assert sim.limit == pytest.approx(math.sqrt((0.1**2 + 0.2**2) ** 1.5 / 0.3), rel=1e-9)  # of a step of 1e-12
+
+
 def test_drag_sees_all_relative_to_the_moving_star():
     """Of one-way dust the gas's own velocities come back with all their bits."""
     sim = Simulation(disc(PLANET | {"mass": 0.1}, {"frame": "inertial"}, gas=100, dust=20))
@@ -490,6 +501,26 @@ def test_fixed_orbits_of_several_have_no_barycentre_at_rest():
     assert np.abs(b.mass @ b.pos).max() < 1e-15
     unbound = fixed[1] | {"eccentricity": 1.4, "phase": -40.0}
     load_scene(disc([fixed[0], unbound], star, dust=50))
+
+
+def test_the_mean_pull_about_a_barycentre_is_that_of_two_rings():
+    """Masses 1.4 : .3 on circles of their own about it, each with its softening, less that of 1.4 at the centre."""
+    second = PLANET | {"mass": 0.3, "semi_major_axis": 2.0, "softening": "0.1"}
+    star = {"mass": 1.4, "softening": 0.2, "frame": "inertial", "centre": "barycentre"}
+    scene = load_scene(tables(second, star=star))
+
+    def ring(r, distance, length):
+        def pull(angle):
+            away2 = r * r + distance * distance - 2.0 * r * distance * math.cos(angle) + length * length
+            return (r - distance * math.cos(angle)) / away2**1.5
+
+        return quad(pull, 0.0, math.pi, limit=500, epsabs=1e-13)[0] / math.pi
+
+    radius = np.array([0.45, 1.1, 2.3, 3.7])
+    own, other = 2.0 * 0.3 / 1.7, 2.0 * 1.4 / 1.7
+    exact = [0.3 * ring(r, other, 0.1) + 1.4 * (ring(r, own, 0.2) - ring(r, 0.0, 0.2)) for r in radius]
+    # Between 4096 radii, over which pulls change by softenings of .1 and .2.
+    np.testing.assert_allclose(mean_pull(scene, radius), exact, rtol=1e-4)
 
 
 def test_a_disc_about_the_barycentre():

@@ -160,6 +160,25 @@ def test_a_run_goes_on_bit_for_bit(tmp_path):
     assert taken == pytest.approx(float(history[-1]["accreted_gas"]), rel=1e-9) and taken > 0.0
 
 
+def test_torques_during_a_ramp_are_those_of_the_mass_that_is_felt():
+    """sin^2 of .3 of a right angle of .4, about a star of 1.7: r x F, F by the grains' own places and masses."""
+    pair = {"mass": 0.4, "semi_major_axis": 2.0, "eccentricity": 0.5, "softening": "0.15", "phase": 70.0, "ramp": 2.0}
+    rng = np.random.default_rng(4)
+    pos = np.array([1.1, 1.3]) + rng.uniform(-0.5, 0.5, (40, 2))
+    grains = {"pos": pos, "vel": np.zeros((40, 2)), "mass": rng.uniform(1e-6, 3e-6, 40)}
+    sim = Simulation(tables(pair, star={"mass": 1.7}), particles={"dust": grains})
+    sim.evolve(0.6)
+    felt = 0.4 * math.sin(0.3 * 0.5 * math.pi) ** 2
+    with sim.synchronised() as state:
+        row = dict(zip(COLUMNS, companion_rows(state, 0.6)[0], strict=True))
+        r, away = state.bodies.pos[1] - state.bodies.pos[0], state.dust.pos - state.bodies.pos[1]
+        pulls = state.dust.mass[:, None] * away / ((away**2).sum(axis=1) + 0.15**2)[:, None] ** 1.5
+    force = felt * pulls.sum(axis=0)
+    assert row["felt_mass"] == pytest.approx(felt, rel=1e-12) and row["mass"] == 0.4
+    assert row["torque_dust"] == pytest.approx(r[0] * force[1] - r[1] * force[0], rel=1e-12)  # rounding of 40 terms
+    assert abs(row["torque_dust"]) > 1e-8
+
+
 def test_looking_changes_nothing(tmp_path):
     sims = [Simulation(full_scene(tmp_path)) for _ in range(2)]
     sims[0].run(0.1)
