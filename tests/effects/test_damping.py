@@ -103,6 +103,28 @@ def test_circles_stay_where_velocities_are_half_a_step_off():
     assert np.abs(radial(sim.dust)).max() < 1e-4  # undamped 2e-3
 
 
+@pytest.mark.parametrize("falls", [-0.05, 0.03])
+def test_a_flow_is_followed_to_where_velocities_are_ahead(falls):
+    """v_r = falls v_K about M = 1.7: a spiral r^1.5 = r_0^1.5 + 1.5 falls M^.5 t, with phi = ln(r / r_0) / falls.
+
+    Velocities are those a time of .05 / Omega later, at another angle and at a radius of another v_K.
+    """
+    from discsim.kernels import damping as kernels
+
+    mass, r = 1.7, 2.0
+    table = np.tile([falls, 1.0], (1, 2, 1))
+    zones = kernels.Zones(np.array([[0.5, 1.0, 1e6]]), 0.0, 1.0, table, mass, 0.0)
+    ahead = 0.05 * np.sqrt(r**3 / mass)
+    later = (r**1.5 + 1.5 * falls * np.sqrt(mass) * ahead) ** (2.0 / 3.0)
+    turned, speed = np.log(later / r) / falls, np.sqrt(mass / later)
+    wanted = speed * np.array([falls * np.cos(turned) - np.sin(turned), falls * np.sin(turned) + np.cos(turned)])
+    pos, vel = np.array([[r, 0.0]]), np.array([[0.3, 0.2]])
+    none = np.zeros(0, np.int64)
+    kernels.relax(0, 1, pos, vel, np.array([0.7]), none, 0, np.zeros(4), zones, ahead, 1.0)
+    # To second order, .05^2 of the flow and .05^3 / 6 of the sine; circles there are slower by .05 falls / 2.
+    np.testing.assert_allclose(vel[0], wanted, rtol=0, atol=0.25 * 0.05 * abs(falls) * speed)
+
+
 @pytest.mark.parametrize("integrator", ["kdk", "euler"])
 def test_a_zone_damps_at_its_rate_in_steps(integrator):
     """Radial motion falls by exp(-R t) over twenty steps, R t = .9, whatever makes them."""

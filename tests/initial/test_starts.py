@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from installed import install, looked_up_anew
+from scipy.special import erf
 from typer.testing import CliRunner
 
 import discsim
@@ -181,6 +182,27 @@ def test_a_start_is_named_in_its_own_file_alone():
     for kind in STARTS:
         naming = {file for file in files if re.search(rf"[\"']{kind}[\"']", file.read_text())}
         assert naming == {own_file(kind)}
+
+
+@pytest.mark.parametrize(("grains", "offset"), [(60, 0.5), (240, 0.3)])
+def test_grains_of_a_layer_are_offset_by_shares_of_a_gas_particle(grains, offset):
+    """Below each grain is more of the layer's gas by that share of the mass of one, whatever the number of grains."""
+    tables = {
+        "units": {"system": "code"},
+        "run": {"until": 0.1},
+        "space": {"dimensions": 1, "size": 5.0},
+        "external": {"vertical_frequency": 0.8},
+        "initial": {"kind": "settling", "density": 1.3},
+        "gas": {"particles": 120, "eos": {"kind": "isothermal", "sound_speed": 1.1}},
+        "dust": {"particles": grains, "ratio": 0.01, "offset": 0.0},
+    }
+    height, below = 1.1 / 0.8, []
+    for shift in (0.0, offset):
+        scene = load_scene(tables | {"dust": tables["dust"] | {"offset": shift}})
+        z = STARTS["settling"].particles(scene)["dust"]["pos"][:, 0]
+        below.append(0.5 * erf(z / height / np.sqrt(2.0)))
+    between = erf(2.5 / height / np.sqrt(2.0))
+    np.testing.assert_allclose((below[1] - below[0])[:-1], offset / 120 * between, rtol=1e-9)  # of erf's inverse
 
 
 @pytest.mark.parametrize("kind", list(STARTS))

@@ -20,6 +20,7 @@ from discsim.effects.drag import Effect as Drag
 from discsim.effects.gas import NEIGHBOUR
 from discsim.preview.check import report
 from discsim.preview.forecast import expected_steps, forecast, known_runs, learn, slowness
+from discsim.preview.outlook import Outlooks
 from discsim.run.runner import run_scene
 from setups import SETUPS
 
@@ -163,6 +164,21 @@ def test_a_disc_that_falls_apart_takes_more_steps_the_shorter_its_softening(grav
     calm, broken = (load_scene(changed(disc, initial={**start, "toomre_q": q})) for q in (2.0, 0.4))
     ratio = expected_steps(broken).number / expected_steps(calm).number
     assert (ratio > most) if most > 2.0 else (ratio < most)
+
+
+@pytest.mark.parametrize("stokes", [0.2, 3.0])
+def test_the_inner_edge_of_given_dust_comes_in_as_it_drifts(stokes):
+    """2 eta v_K St / (1 + St^2) at 2 about .7, eta v_K = (p + q) c^2 / 2 v_K with p = 1 and q = .5; and is nearest."""
+    given = {"surface_density": 1e-3, "eos": COLD["gas"]["eos"] | {"aspect_ratio": 0.05}}
+    drag = {"law": "stokes-number", "stokes": stokes, "direction": "one-way"}
+    tables = changed(COLD, gas=None, background=given, dust={"particles": 40_000, "ratio": 0.01}, drag=drag)
+    outlooks = Outlooks(load_scene(tables))
+    kepler = (0.7 / 2.0) ** 0.5
+    speed2 = 0.05**2 * (0.7 / 3.0) * (2.0 / 3.0) ** -0.5
+    drift = 1.5 * speed2 / kepler * stokes / (1.0 + stokes**2)
+    first, last = (outlooks.at(time).nearest for time in (0.0, 30.0))
+    assert first == pytest.approx(2.0, rel=0.02)  # half of a spacing
+    assert first - last == pytest.approx(30.0 * drift, rel=0.03)  # by the slope between two of 129 places
 
 
 def test_light_that_outweighs_the_star_sets_the_steps_of_its_grains():
