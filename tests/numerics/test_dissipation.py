@@ -99,6 +99,18 @@ def test_conduction_evens_energy_out():
     assert abs(rate.sum()) < 1e-12 * np.abs(rate).sum()
 
 
+def test_viscosity_of_all_pairs_heats_by_what_it_brakes():
+    """Pairs that recede are braked too, and both get half of what that takes, beside the work of the pressure."""
+    rng = np.random.default_rng(5)
+    gas = simulation(
+        lattice(16) + 0.01 * rng.normal(size=(256, 2)), 2, "periodic", "wendland-c4", vel=rng.normal(size=(256, 2)),
+        u=rng.uniform(0.5, 2.0, 256), eos={"kind": "adiabatic", "gamma": 1.4}, conductivity={"alpha": 1.0},
+        viscosity={"alpha": 0.7, "beta": 1.3, "pairs": "all"},
+    ).gas  # fmt: skip
+    work, heat = gas.mass * (gas.acc * gas.vel).sum(axis=1), gas.mass * gas.heating_rate
+    assert abs(work.sum() + heat.sum()) < 1e-13 * (np.abs(work) + np.abs(heat)).sum()  # rounding of sums over pairs
+
+
 def test_conduction_of_a_pair():
     """du_i/dt = m_j alpha sqrt(|P_i - P_j| / rho_ij) (u_i - u_j) dW/dr / rho_ij (Price 2008, eq. 28), at rest."""
     h, distance, u = 0.1, 0.08, np.array([1.0, 3.0])
