@@ -4,18 +4,25 @@ read from a checkpoint or a snapshot. Kernels take them as they are, and index m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
+
+from discsim.printable import UserError
 
 Array = np.ndarray
 VECTORS = ("pos", "vel", "acc", "kick_acc", "pressure_acc", "pressure_vel")  # (n, dimensions); others (n,)
 TYPES = {"ids": np.int64, "species": np.int64, "place": np.uint64, "immobile": np.bool_}  # others float64
 POSITIVE = {"gas": ("mass", "h", "h_before")}
-NOT_NEGATIVE = {"gas": ("density", "small"), "dust": ("mass", "size", "density"), "bodies": ("mass",)}
+NOT_NEGATIVE = {
+    "gas": ("density", "small"),
+    "dust": ("mass", "size", "density"),
+    "bodies": ("mass", "gained", "accreted", "felt"),
+}
 
 
-class EntryError(ValueError):
+class EntryError(UserError, ValueError):
     """An array or a value is absent, or of the wrong type, shape or range; the message says which."""
 
 
@@ -49,8 +56,8 @@ def check_like(species: str, arrays: Mapping[str, Array], others: Mapping[str, A
             raise EntryError(f"{species}.{name} is {found}; expected {other.dtype} {other.shape}")
 
 
-def check_ranges(species: str, arrays: Mapping[str, Array], populations: int) -> None:
-    """Check indices and signs in arrays (n,) of a species. Raises EntryError."""
+def check_ranges(species: str, arrays: Mapping[str, Array], populations: int = 0, time: float = math.inf) -> None:
+    """Check indices and signs in arrays of a species, and that bodies began by `time`. Raises EntryError."""
     for name in POSITIVE.get(species, ()):
         if name in arrays and len(arrays[name]) and not arrays[name].min() > 0.0:
             _refuse(species, name, arrays[name], arrays[name] > 0.0, "a positive number")
@@ -61,6 +68,9 @@ def check_ranges(species: str, arrays: Mapping[str, Array], populations: int) ->
     if number is not None and len(number) and not (number.min() >= 0 and number.max() < populations):
         right = (number >= 0) & (number < populations)
         _refuse(species, "species", number, right, f"a population of the scene, 0 to {populations - 1}")
+    begun = arrays.get("begun")
+    if begun is not None and not (begun <= time).all():
+        _refuse(species, "begun", begun, begun <= time, f"at most its time, {time:g}")
 
 
 def check_finite(species: str, arrays: Mapping[str, Array]) -> None:

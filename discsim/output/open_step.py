@@ -71,7 +71,7 @@ def write(group: h5py.Group, step: OpenStep) -> None:
             hdf5.put(part, name, array)
 
 
-def read(group: hdf5.Held, counts: dict[str, int], dimensions: int) -> OpenStep | None:
+def read(group: hdf5.Held, counts: dict[str, int], dimensions: int, time: float) -> OpenStep | None:
     """The open step of a snapshot with so many particles of each kind; None where an earlier version wrote the file.
 
     Raises EntryError.
@@ -85,7 +85,7 @@ def read(group: hdf5.Held, counts: dict[str, int], dimensions: int) -> OpenStep 
         ends = {name: (dimensions,) if name in VECTORS else () for name in part.names}
         arrays[species] = {name: part.rows(name, count, ends=ends[name]) for name in part.names}
         check_finite(species, arrays[species])
-        check_ranges(species, arrays[species], populations=1)
+        check_ranges(species, arrays[species], populations=1, time=time)
         if species == "bodies" and not {*OF_BODIES} <= arrays[species].keys():
             raise EntryError(f"{GROUP} lacks arrays of the star and its companions; expected {', '.join(OF_BODIES)}")
     pace = Pace(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None

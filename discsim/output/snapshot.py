@@ -357,9 +357,9 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
         counts = {kind: particles.count for kind, particles in kinds.items()}
         if counts.get("bodies", bodies) != bodies:
             raise EntryError(f"it holds {counts['bodies']} bodies, and its scene {bodies}; expected as many")
-        reference = "reference_density"
+        reference, time = "reference_density", time_of(file)
         return Snapshot(
-            time=time_of(file),
+            time=time,
             gas=kinds.get("gas"),
             dust=kinds.get("dust"),
             bodies=kinds.get("bodies"),
@@ -368,7 +368,7 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
             dimensions=dimensions,
             lower=origin,
             upper=origin + size,
-            open_step=open_step.read(own, counts, dimensions) if columns is None else None,
+            open_step=open_step.read(own, counts, dimensions, time) if columns is None else None,
             reference_density=own.number(reference) if reference in own.attributes else None,
             version=file.text("version"),
             command=file.attribute("command").decode(errors="replace") if "command" in file.attributes else "",

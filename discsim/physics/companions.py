@@ -42,7 +42,7 @@ def ramped(companion: Any, time: float) -> float:
     """Share of its mass that gas and dust feel a time after it began: sin^2(pi t / 2 ramp) until `ramp`, then 1."""
     if time >= companion.ramp:
         return 1.0
-    return math.sin(0.5 * math.pi * max(time, 0.0) / companion.ramp) ** 2
+    return math.sin(0.5 * math.pi * time / companion.ramp) ** 2 if time > 0.0 else 0.0
 
 
 def scale_height(scene: Scene, r: Array | float, mass: float | None = None) -> Array:

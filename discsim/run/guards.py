@@ -117,7 +117,7 @@ def check_entries(state: State, effects: Effects) -> None:
     if state.bodies is not None:
         same = Bodies.at_rest(np.zeros(state.body_count))
         check_like("bodies", state.bodies.arrays(), same.arrays())
-        check_ranges("bodies", state.bodies.arrays(), populations=0)
+        check_ranges("bodies", state.bodies.arrays(), time=state.time)
     check_inputs(state, effects)
     for name, p in state.species.items():
         check_ranges(name, p.arrays(), populations=len(state.scene.dust or ()))

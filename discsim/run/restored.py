@@ -6,12 +6,14 @@ CheckpointError for a single value.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from discsim.initial import start_time
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError, check_arrays, check_finite, check_like, check_ranges
 from discsim.numerics.state import Ledger, Pace, State
@@ -36,11 +38,12 @@ class Restored(NamedTuple):
 def restored(state: State, effects: Effects, groups: Groups, values: Values) -> Restored:
     """Check what a checkpoint holds for a state of its scene."""
     particles = {name: _particles(state, name, groups[name]) for name in state.species}
+    time = values.number("time", start_time(state.scene))
     of_state = {
         "own_acc": _own_acc(state, effects, groups["own_acc"], particles),
         "ledger": _ledger(groups["ledger"]),
-        "bodies": None if state.bodies is None else _bodies(state.bodies, groups["bodies"]),
-        "time": values.number("time"),
+        "bodies": None if state.bodies is None else _bodies(state.bodies, groups["bodies"], time),
+        "time": time,
         "step": values.whole("step"),
         "lag": values.number("lag", 0.0),
         "pace": None,
@@ -85,18 +88,21 @@ def _ledger(held: dict[str, Array]) -> Ledger:
     return Ledger(**entries)
 
 
-def _bodies(own: Bodies, held: dict[str, Array]) -> Bodies:
+def _bodies(own: Bodies, held: dict[str, Array], time: float) -> Bodies:
     check_like("bodies", held, own.arrays())
     check_finite("bodies", held)
-    check_ranges("bodies", held, populations=0)
+    check_ranges("bodies", held, time=time)
     return Bodies(**held)
 
 
 def _limit(values: Values, effects: Effects, length: str, by: str) -> tuple[float, str]:
     """The longest step, and the effect that sets it; "" where none does."""
-    if values.text(by) not in {"", *effects}:
+    found, name = values.number(length, 0.0, may_be_infinite=True), values.text(by)
+    if found == 0.0:
+        values.refuse(length, "a number above 0")
+    if name not in {*effects, *([""] if found == math.inf else [])}:
         values.refuse(by, f"one of {', '.join(effects)}")
-    return values.number(length, 0.0, may_be_infinite=True), values.text(by)
+    return found, name
 
 
 def _costs(effects: Effects, held: dict[str, Array]) -> Costs:

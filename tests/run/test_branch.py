@@ -1,5 +1,8 @@
 """A branch: a run from a snapshot of another whose time goes on, as it is and with other physics."""
 
+import shutil
+
+import h5py
 import numpy as np
 import pytest
 from runs import assert_same_arrays, assert_same_run, put_out
@@ -147,6 +150,24 @@ def test_what_cannot_be_is_told(run, tmp_path, arguments, words):
     done = command(run, *arguments, "-o", tmp_path / "b")
     assert done.exit_code == 2 and words in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize(
+    "name, value, words",
+    [
+        ("gained", -1.0, "bodies.gained[1] is -1; expected 0 or a positive number"),
+        ("begun", 1e300, "bodies.begun[1] is 1e+300; expected at most its time, 0.2"),
+        ("begun", np.nextafter(0.2, 1.0), "bodies.begun[1] is 0.2; expected at most its time, 0.2"),
+    ],
+)
+def test_damaged_values_of_companions_are_one_message(run, tmp_path, name, value, words):
+    shutil.copytree(run, tmp_path / "a")
+    path = tmp_path / "a/snapshots/0002.h5"
+    with h5py.File(path, "r+") as file:
+        file[f"discsim/OpenStep/bodies/{name}"][1] = value
+    done = command(tmp_path / "a", "--at", "2", "-o", tmp_path / "b")
+    assert done.exit_code == 2 and done.stderr.count("\n") == 1
+    assert str(path) in done.stderr and words in done.stderr and not (tmp_path / "b").exists()
 
 
 def test_no_run_there(tmp_path):

@@ -4,13 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from runs import DISC, assert_resumes, scene_of, state_bits
+from runs import DISC, assert_resumes, at_step, scene_of, state_bits
 
 from discsim import Simulation
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import TYPES, VECTORS
 from discsim.numerics.state import Dust, Gas
 from discsim.output.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from discsim.physics.companions import ramped
 from discsim.run.runner import run_scene
 
 SMALL = ["gas.particles=300", "run.until=0.05", "run.every=0.02"]
@@ -183,6 +184,69 @@ def test_what_is_refused_leaves_the_simulation_as_it_was(sim, tmp_path):
     with pytest.raises(CheckpointError, match=r"a damaged checkpoint, .*: dust\.species\[9\] is 1e\+08; expected"):
         sim.restore(path)
     assert state_bits(sim) == before
+
+
+COMPANION = '[[companion]]\nmass = 0.02\nsemi_major_axis = 3\nsoftening = "0.2"\n'
+RAMP = f"{COMPANION}ramp = 0.7\n"
+
+
+def body(name, *place, value):
+    return lambda groups, values: groups["bodies"][name].__setitem__(place, value)
+
+
+def single(name, value):
+    return lambda groups, values: values.__setitem__(name, value)
+
+
+DAMAGED = {
+    "mass that was lost": (body("gained", 1, value=-1e-9), r"bodies\.gained\[1\] is -1e-09; expected 0 or a positive"),
+    "a loss of the star": (body("gained", 0, value=-1.0), r"bodies\.gained\[0\] is -1; expected 0 or a positive"),
+    "dust that was given": (body("accreted", 1, 1, value=-0.3), r"bodies\.accreted\[1, 1\] is -0\.3; expected 0"),
+    "a push": (body("felt", 0, value=-1e-300), r"bodies\.felt\[0\] is -1e-300; expected 0 or a positive number"),
+    "one yet to begin": (body("begun", 1, value=1e300), r"bodies\.begun\[1\] is 1e\+300; expected at most its time"),
+    "one that soon begins": (
+        lambda groups, values: groups["bodies"]["begun"].__setitem__(0, np.nextafter(values["time"], 1.0)),
+        r"bodies\.begun\[0\] is 0\.\d+; expected at most its time, 0\.\d+",
+    ),
+    "a time before the start": (single("time", -1.0), r"its time is -1\.0; expected a finite number, 0 or more"),
+    "no step": (single("limit", 0.0), r"its limit is 0\.0; expected a number above 0"),
+    "a limit of no effect": (single("dust_limit", 0.1), r"its dust_limited_by is ''; expected one of gas, "),
+}
+
+
+@pytest.fixture(scope="module", params=[COMPANION, RAMP], ids=["no ramp", "ramp"])
+def with_companion(request, tmp_path_factory):
+    """A simulation after a step, and its checkpoint."""
+    folder = tmp_path_factory.mktemp("companion")
+    sim = Simulation(scene_of(folder, DISC + request.param, *SMALL, "dust.particles=200", "star.frame=inertial"))
+    sim.step()
+    sim.save(folder / "whole.h5")
+    return sim, folder / "whole.h5"
+
+
+@pytest.mark.parametrize("case", DAMAGED)
+def test_damaged_values_are_one_message(with_companion, tmp_path, case):
+    (sim, whole), (change, words) = with_companion, DAMAGED[case]
+    path = tmp_path / "a.h5"
+    path.write_bytes(whole.read_bytes())
+    changed(path, change)
+    before = state_bits(sim)
+    with pytest.raises(CheckpointError, match=words) as caught:
+        sim.restore(path)
+    assert str(path) in str(caught.value) and state_bits(sim) == before
+
+
+def test_a_companion_that_has_yet_to_begin_has_no_mass(with_companion):
+    (companion,) = with_companion[0].scene.companion
+    # Under a ramp of 0 the whole mass is felt from the beginning on.
+    assert [ramped(companion, time) for time in (-1e300, -5e-324, 1e300)] == [0.0, 0.0, 1.0]
+    assert ramped(companion, 0.0) == (companion.ramp == 0.0)
+
+
+def test_what_an_effect_spoils_is_one_message_of_a_run(tmp_path, monkeypatch, capsys):
+    at_step(monkeypatch, 3, lambda sim: sim.dust.species.__setitem__(3, 2))
+    assert run_scene(disc(tmp_path, "run.checkpoint_every=1e-9 s"), tmp_path / "out", quiet=True) == 2
+    assert capsys.readouterr().err == "dust.species[3] is 2; expected a population of the scene, 0 to 1\n"
 
 
 def test_checks_change_no_bit_of_what_goes_on(tmp_path):
