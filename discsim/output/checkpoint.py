@@ -41,7 +41,14 @@ class Entries(dict[str, Any]):
 
 
 class Values(Entries):
-    """Single values of a checkpoint, by name, type and range; a wrong one is a CheckpointError."""
+    """Single values of a checkpoint, by name, type and range; a wrong one is a CheckpointError.
+
+    version: that of discsim which wrote the file.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], entries: dict[str, Any], version: str) -> None:
+        super().__init__(path, entries)
+        self.version = version
 
     def whole(self, name: str, least: int = 0, most: int = MOST) -> int:
         value = self[name]
@@ -139,7 +146,7 @@ def _groups(held: hdf5.Held) -> dict[str, hdf5.Held]:
 def _values(path: str | os.PathLike[str], file: hdf5.Held) -> Values:
     held = file.group("values")
     values = {name: _scalar(held.attribute(name), name) for name in held.attributes}
-    return Values(path, values)
+    return Values(path, values, file.text("version"))
 
 
 def _scalar(value: Any, name: str) -> Scalar:
@@ -152,11 +159,9 @@ class OtherVersionWarning(UserWarning):
     """A run goes on from a checkpoint that another version of discsim has written."""
 
 
-def other_version(path: str | os.PathLike[str]) -> str:
-    """Warning about a checkpoint written by another version of discsim; "" for this one. Raises CheckpointError."""
-    with hdf5.reading(path, CheckpointError, "checkpoint") as file:
-        written_by = file.text("version")
-    if written_by == __version__:
+def other_version(values: Values) -> str:
+    """Warning about the values of a checkpoint that another version of discsim wrote; "" for this one."""
+    if values.version == __version__:
         return ""
-    words = f"{path} is of discsim {written_by}, and this is {__version__}"
+    words = f"{values.path} is of discsim {values.version}, and this is {__version__}"
     return printable(f"{words}: the run goes on, but not with the bits that it would have had there")

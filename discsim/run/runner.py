@@ -206,7 +206,7 @@ class Run:
         if self.checkpoints.fault:
             goes_on = f"goes on from {self.checkpoints.chosen}, of t = {self._show(reached)}"
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
-        if remark := other_version(self.checkpoints.chosen):
+        if remark := other_version(values):
             self.progress.say(f"warning: {remark}")
         return reached
 

@@ -313,6 +313,8 @@ class Simulation(Summarised):
             found = restored(self.state, self.effects, groups, values)
         except EntryError as fault:
             raise CheckpointError(f"{path}: a damaged checkpoint, or of another version of discsim: {fault}") from None
+        if remark := other_version(values):  # before anything is set: a filter may make an exception of it
+            warnings.warn(remark, OtherVersionWarning, stacklevel=2)
         for name, arrays in found.particles.items():
             for array_name, array in arrays.items():
                 setattr(self.state.species[name], array_name, array)
@@ -324,8 +326,6 @@ class Simulation(Summarised):
             effect.forget()
         self.operators.reversals.forget()
         self._fresh, self._in_midst = True, False  # forces are among the arrays
-        if remark := other_version(path):
-            warnings.warn(remark, OtherVersionWarning, stacklevel=2)
         return values
 
     # The step
