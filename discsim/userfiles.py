@@ -8,8 +8,11 @@ from __future__ import annotations
 import errno
 import io
 import os
+import shutil
 import stat
 from pathlib import Path
+
+from discsim.printable import UserError
 
 LARGEST_TEXT = 2**26  # bytes of a text: a history of a million rows has as many
 KINDS = {
@@ -58,6 +61,16 @@ def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
 def read_text(path: str | os.PathLike[str], errors: str = "strict", most: int = LARGEST_TEXT) -> str:
     """Read a plain file of UTF-8, with the line breaks of Unix. Raises OSError, UnicodeDecodeError."""
     return read_plain(path, most).decode("utf-8", errors).replace("\r\n", "\n")
+
+
+def copy_plain(path: Path, to: Path) -> None:
+    """Copy a plain file. Raises UserError where it cannot be read, OSError where the copy cannot be written."""
+    try:
+        source = open_plain(path)
+    except OSError as fault:
+        raise UserError(system_message(fault, "read", path)) from None
+    with source, to.open("wb") as target:
+        shutil.copyfileobj(source, target, 1 << 20)  # a fault of `copyfile` names the source on a full disk
 
 
 def system_message(fault: OSError, verb: str, path: Path | str) -> str:

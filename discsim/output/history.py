@@ -24,7 +24,7 @@ from discsim.output.files import appended, written
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
 from discsim.printable import UserError
-from discsim.userfiles import read_text
+from discsim.userfiles import read_text, system_message
 
 if TYPE_CHECKING:
     from discsim.effects.base import Effect
@@ -109,10 +109,13 @@ def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence
 
     Raises HistoryError where one of them is damaged. What a crash has cut short later is no loss: it is made again.
     """
-    head, table, whole = _read(path, columns)
+    cure = "Mend it, or move the file away to go on without its rows"
+    try:
+        head, table, whole = _read(path, columns)
+    except OSError as fault:
+        raise HistoryError(f"{system_message(fault, 'read', path)}. {cure}") from None
     rows = [row for row in whole[:count] if int(row[0]) <= step]
     line = len(whole) + 2 if head == [*columns] else 1
-    cure = "Mend it, or move the file away to go on without its rows"
     if len(rows) < count and len(whole) < len(table):
         wrong = f"no row of a history; expected {len(columns)} entries" if line > 1 else "not the header of a history"
         raise HistoryError(f"{path}:{line}: {wrong}. {cure}")

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import os
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 
 from discsim.output import hdf5
 from discsim.output.files import PARTS, keep_names, written
+from discsim.userfiles import copy_plain
 
 # Groups of a snapshot and of a checkpoint whose arrays have a row a particle.
 DIVIDED = (
@@ -144,14 +144,18 @@ def tidy(folder: Path) -> None:
         parts.rmdir()
 
 
-def copy(path: Path, target: Path, to: Path) -> None:
-    """Copy a file of whatever kind to `to`, which is to be named `target`, and its parts to beside that."""
+def copy(path: Path, target: Path, to: Path, made: list[Path]) -> None:
+    """Copy a file of whatever kind to `to`, which is to be named `target`, and its parts to beside that.
+
+    made: gets the parts that were not there before, and their folder, each before it is made.
+    """
     if (path.parent / PARTS).is_dir() and h5py.is_hdf5(path):
         with hdf5.opened(path) as file:
             parts = hdf5.parts_of(file)
         for part in parts:
             other = target.parent / PARTS / part.name
+            made += [each for each in (other.parent, other) if not os.path.lexists(each)]
             other.parent.mkdir(exist_ok=True)
             with written(other) as temporary:
-                shutil.copyfile(part, temporary)
-    shutil.copyfile(path, to)
+                copy_plain(part, temporary)
+    copy_plain(path, to)

@@ -19,6 +19,7 @@ from discsim.parts import Lazy
 from discsim.printable import UserError
 from discsim.scene import Scene, tomltext
 from discsim.scene.loading import files_of
+from discsim.userfiles import read_plain, system_message
 
 try:
     import fcntl
@@ -74,30 +75,72 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
     return None
 
 
-def with_own_files(scene: Scene, directory: Path) -> tuple[Scene, list[Path]]:
-    """Copy the files that a scene names into `directory`, so that the run there needs nothing else. Raises OSError.
+def refuse_directory(directory: Path, resume: bool) -> None:
+    """Raise DirectoryError where a run cannot write to a directory."""
+    fault = directory_fault(directory, resume)
+    if fault:
+        raise DirectoryError(fault)
+
+
+def scene_there(directory: Path) -> bytes:
+    """Read the scene that a run has left in a directory. Raises DirectoryError."""
+    path = directory / "scene.toml"
+    try:
+        return read_plain(path)
+    except OSError as fault:
+        wanted = "expected the scene of the run there, or another directory"
+        raise DirectoryError(f"{system_message(fault, 'read', path)}; {wanted}") from None
+
+
+def with_own_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
+    """Copy the files that a scene names into `directory`, so that the run there needs nothing else.
+
+    Parameters
+    ----------
+    scene
+        Scene as it was loaded.
+    directory
+        Directory of the run.
+    made
+        Gets what was not there before, each before it is made. What raises leaves them to the caller.
 
     Returns
     -------
-    tuple
-        The scene that names the copies, and the copies that were not there before.
+    Scene
+        The scene that names the copies.
+
+    Raises
+    ------
+    OSError
+        A copy cannot be written.
+    UserError
+        A file cannot be read.
     """
-    made: list[Path] = []
     data: dict[str, Any] = tomllib.loads(scene.text)
     values: list[tuple[list[str], str]] = []
     update: dict[str, Any] = {}
     for table, key, file in files_of(dict(scene)):
         path = directory / f"{table}{file.path.suffix}"
         if file.path != path.absolute():
-            made += [] if path.exists() else [path]
+            made += [] if os.path.lexists(path) else [path]
             with written(path) as temporary:
-                parts.copy(file.path, path, temporary)
+                parts.copy(file.path, path, temporary, made)
         values.append(([table, key], path.name))
         tomltext.with_value(data, [table, key], path.name)
         update[table] = scene.table(table).model_copy(update={key: replace(file, path=path.absolute())})
     if not values:
-        return scene, []
-    return scene.model_copy(update={**update, "text": tomltext.edited(scene.text, data, values, [])}), made
+        return scene
+    return scene.model_copy(update={**update, "text": tomltext.edited(scene.text, data, values, [])})
+
+
+def remove_copies(made: list[Path]) -> None:
+    """Remove the copies for a run that did not begin, and the folder that was made for their parts."""
+    for path in reversed(made):
+        with suppress(OSError):  # the fault that ended the run is the one to tell
+            if path.is_dir():
+                path.rmdir()
+            else:
+                path.unlink(missing_ok=True)
 
 
 def only_begun(directory: Path) -> bool:

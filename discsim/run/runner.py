@@ -26,7 +26,7 @@ from discsim.preview.forecast import learn
 from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints, later_snapshots
 from discsim.run.compilation import Compilation, of_numba_cache
-from discsim.run.directory import DirectoryError, directory_fault, held, only_begun, sweep, with_own_files
+from discsim.run.directory import held, only_begun, refuse_directory, remove_copies, scene_there, sweep, with_own_files
 from discsim.run.forces import kick_owner
 from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
@@ -38,7 +38,7 @@ from discsim.scene import Scene
 from discsim.scene.differences import refuse_another
 from discsim.scene.fields import MOST_SNAPSHOTS
 from discsim.scene.units import clock
-from discsim.userfiles import NO_HANDLES, read_plain, system_message
+from discsim.userfiles import NO_HANDLES, system_message
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
 SMALL = 20_000  # particles: below it history has a row for every step
@@ -156,9 +156,7 @@ class Run:
         if hasattr(self, "records"):
             with suppress(OSError):  # of a row that found no room: told already
                 self.records.close()
-        for path in self.copied:  # of a run that did not begin
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
+        remove_copies(self.copied)
         self.held.close()
 
     def _show(self, t: float) -> str:
@@ -169,9 +167,7 @@ class Run:
     def _enter(self, resume: bool) -> tuple[bool, bool, float]:
         """Take hold of the directory: whether it is locked, whether there is a run to go on with, and its time."""
         locked = self.held.enter_context(held(self.directory))
-        fault = directory_fault(self.directory, resume)
-        if fault:
-            raise DirectoryError(fault)
+        refuse_directory(self.directory, resume)
         resume = resume and self._can_go_on()
         return locked, resume, self._time_to_resume() if resume else self.put_out
 
@@ -183,14 +179,13 @@ class Run:
         return DONE
 
     def _copy_files(self) -> None:
-        self.scene, self.copied = with_own_files(self.scene, self.directory)
+        self.scene = with_own_files(self.scene, self.directory, self.copied)
 
     def _can_go_on(self) -> bool:
         """Whether there is a checkpoint; without one the scene must be that of the run, which begins anew."""
         if not only_begun(self.directory):
             return True
-        path = self.directory / "scene.toml"
-        refuse_another(path, read_plain(path), self.scene)
+        refuse_another(self.directory / "scene.toml", scene_there(self.directory), self.scene)
         self.progress.say(f"{self.directory}: nothing was saved there yet; the run begins anew")
         return False
 
@@ -250,6 +245,7 @@ class Run:
         self.checkpoints.settle()
         with written(self.directory / "scene.toml") as temporary:
             temporary.write_text(self.scene.text, encoding="utf-8")
+        self.copied.clear()  # the scene there names them
         folder.mkdir(exist_ok=True)
         for path in later_snapshots(folder, self.snapshots):
             path.unlink()
@@ -257,7 +253,6 @@ class Run:
         tidy(folder)
         self.progress.open_log(self.directory / "run.log", resume)
         self.records.open()
-        self.copied.clear()
 
     def _take_up(self) -> list[str]:
         """Take up the state of the checkpoint and the rows until there; what is to be told of these. Writes nothing."""

@@ -23,7 +23,7 @@ from rich.table import Table
 from discsim import __version__
 from discsim.output.files import written
 from discsim.printable import printable
-from discsim.run.directory import only_begun
+from discsim.run.directory import only_begun, scene_there
 from discsim.scene import load_scene
 from discsim.scene.differences import refuse_another
 from discsim.study.outcomes import chosen, found_in
@@ -73,8 +73,8 @@ class Sweep:
         """Make the runs that are not at their end, and the table and the figure of all.
 
         A run that its start refuses, or that fails, is told and left out. Raises SceneError where runs of other scenes
-        are there, RunFailed where no run could be made, and KeyboardInterrupt once the runs that were going on have
-        written their checkpoints.
+        are there, DirectoryError where one cannot be read, RunFailed where no run could be made, and KeyboardInterrupt
+        once the runs that were going on have written their checkpoints.
         """
         self._refuse_others()
         say: Say = console.print
@@ -101,11 +101,13 @@ class Sweep:
         say(f"figure {printable(self.directory / 'sweep.png')}")
 
     def _refuse_others(self) -> None:
-        """Raise SceneError where a directory holds a run of another scene: nothing is written then."""
+        """Raise SceneError where a directory holds a run of another scene, DirectoryError where its scene cannot be
+        read: nothing is written then.
+        """
         for folder, scene in zip(self.folders, self.scenes, strict=True):
             path = folder / "scene.toml"
             if path.exists():
-                refuse_another(path, path.read_bytes(), scene)
+                refuse_another(path, scene_there(folder), scene)
 
     def _statuses(self, parallel: int, say: Say) -> Iterator[int]:
         """Exit statuses of the runs in their order, made as they are asked for, or so many at a time."""

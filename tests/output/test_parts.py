@@ -1,5 +1,6 @@
 """Files in parts: they hold what one file holds, are whole or absent, and a part that is not what it was is noticed."""
 
+import errno
 import os
 import shutil
 from itertools import pairwise
@@ -18,7 +19,8 @@ from discsim.output.contents import extent_of
 from discsim.output.snapshot import SnapshotError, write_snapshot
 from discsim.run.checkpoints import Checkpoints
 from discsim.run.directory import CHECKPOINTS, sweep, with_own_files
-from discsim.scene import load_scene
+from discsim.run.runner import run_scene
+from discsim.scene import SceneError, load_scene
 
 SCENE = load_scene(
     {
@@ -244,17 +246,52 @@ def test_parts_that_no_file_names_are_removed(tmp_path):
     assert sorted(os.listdir(tmp_path / "parts")) == ["a.0.h5", "a.1.h5", "a.2.h5"]
 
 
-def test_a_run_that_begins_with_a_snapshot_has_its_parts_too(both, tmp_path):
-    start = {"kind": "snapshot", "file": str(both[1])}
+def begun_with(path):
+    """A scene that begins with a snapshot."""
     tables = {"units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 20}, "star": {"mass": 1}}
-    scene = load_scene(
-        tables | {"initial": start, "dust": {"ratio": 0.1}, "gas": {"eos": {"kind": "isothermal", "sound_speed": 0.1}}}
-    )
+    gas = {"eos": {"kind": "isothermal", "sound_speed": 0.1}}
+    start = {"kind": "snapshot", "file": str(path)}
+    return load_scene(tables | {"initial": start, "dust": {"ratio": 0.1}, "gas": gas})
+
+
+def test_a_run_that_begins_with_a_snapshot_has_its_parts_too(both, tmp_path):
+    scene = begun_with(both[1])
     out = tmp_path / "out"
     out.mkdir()
-    own, _ = with_own_files(scene, out)
+    own = with_own_files(scene, out, [])
     shutil.rmtree(both[1].parent)
     assert own.initial.file.path.parent == out
     assert np.array_equal(read_snapshot(own.initial.file.path).gas.pos, read_snapshot(both[0]).gas.pos)
     parts.tidy(out)
     assert len(os.listdir(out / "parts")) == NUMBER
+
+
+@pytest.mark.parametrize("written", range(NUMBER + 1))
+def test_copies_on_a_full_disk_leave_nothing(both, tmp_path, monkeypatch, capsys, written):
+    """Neither the parts before the one that finds no room, nor a folder for them; the master comes last."""
+    scene, replace, left = begun_with(both[1]), os.replace, [written]
+
+    def full(old, new):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(new))
+        replace(old, new)
+
+    monkeypatch.setattr("discsim.output.files.os.replace", full)
+    assert run_scene(scene, tmp_path / "new/out", quiet=True) == 1
+    name = "initial.h5" if written == NUMBER else f"parts/0003.{written}.h5"
+    assert f"{tmp_path}/new/out/{name}: cannot be written: No space left" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_start_in_parts_that_is_refused_leaves_what_was_there(both, tmp_path, monkeypatch, capsys):
+    def refused(*given, **more):
+        raise SceneError(["scene: gas: falls in"])
+
+    monkeypatch.setattr("discsim.run.runner.Simulation", refused)
+    assert run_scene(begun_with(both[1]), tmp_path / "new", quiet=True) == 2
+    assert capsys.readouterr().err == "scene: gas: falls in\n" and not (tmp_path / "new").exists()
+    (tmp_path / "here/parts").mkdir(parents=True)
+    (tmp_path / "here/initial.h5").symlink_to("absent")
+    assert run_scene(begun_with(both[1]), tmp_path / "here", quiet=True) == 1
+    assert sorted(path.name for path in (tmp_path / "here").rglob("*")) == ["initial.h5", "parts"]

@@ -4,21 +4,23 @@ import errno
 import os
 import shutil
 import signal
+import warnings
 
 import h5py
 import numpy as np
 import pytest
 from deaths import forked, left_by_kills, status_of
-from runs import DISC, SHOCK, WAVE, assert_same_files, at_step, contents, rows, scene_of
+from runs import DISC, SHOCK, WAVE, assert_same_files, at_step, contents, rows, scene_of, state_bits
 
 import discsim
 from discsim import Simulation, __version__, read_snapshot
+from discsim.output import hdf5
 from discsim.output.checkpoint import OtherVersionWarning, read_checkpoint
 from discsim.output.files import command
 from discsim.output.history import history_row
 from discsim.run.runner import Run, run_scene
 from discsim.run.simulation import PhysicsError
-from discsim.scene import SceneError
+from discsim.scene import SceneError, load_scene
 
 ALWAYS = "run.checkpoint_every=1e-9 s"
 
@@ -306,6 +308,12 @@ def test_a_checkpoint_of_another_version_is_told(tmp_path, monkeypatch, capsys):
     with pytest.warns(OtherVersionWarning) as told:
         sim.restore(out / "checkpoint.h5")
     assert str(told[0].message).startswith(words) and len(told) == 1
+    careful = Simulation(scene, to_restore=True)
+    before = state_bits(careful)
+    with warnings.catch_warnings(), pytest.raises(OtherVersionWarning):
+        warnings.simplefilter("error")
+        careful.restore(out / "checkpoint.h5")
+    assert state_bits(careful) == before and careful.time == careful.state.step == 0
     capsys.readouterr()
     assert run_scene(scene, out, resume=True) == 0
     said = capsys.readouterr()
@@ -315,11 +323,68 @@ def test_a_checkpoint_of_another_version_is_told(tmp_path, monkeypatch, capsys):
     again.restore(out / "checkpoint.h5")  # that of this version is taken without a word
 
 
+def test_a_checkpoint_is_read_to_be_checked_and_to_be_taken(tmp_path, monkeypatch):
+    scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
+    assert run_scene(scene, out, quiet=True) == 0
+    read, opened = [], hdf5.opened
+
+    def noted(path):
+        read.append(path)
+        return opened(path)
+
+    monkeypatch.setattr("discsim.output.hdf5.opened", noted)
+    assert run_scene(scene_of(tmp_path, WAVE, "run.until=0.11"), out, resume=True, quiet=True) == 0
+    assert read.count(out / "checkpoint.h5") == 2
+
+
+def test_what_is_read_to_go_on_is_not_said_to_be_written(tmp_path, capsys):
+    scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
+    assert run_scene(scene, out, quiet=True) == 0
+    further = scene_of(tmp_path, WAVE, "run.until=0.11")
+    (out / "history.csv").unlink()
+    os.mkfifo(out / "history.csv")
+    capsys.readouterr()
+    assert run_scene(further, out, resume=True, quiet=True) == 2
+    cure = "Mend it, or move the file away to go on without its rows"
+    assert capsys.readouterr().err == f"{out}/history.csv: cannot be read: is a FIFO, no plain file. {cure}\n"
+    for path in (*out.glob("checkpoint*.h5"), *out.glob("snapshots/000[1-9].h5"), out / "scene.toml"):
+        path.unlink()
+    os.mkfifo(out / "scene.toml")  # of a run that was killed before its first checkpoint
+    assert run_scene(further, out, resume=True, quiet=True) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"{out}/scene.toml: cannot be read: is a FIFO, no plain file; expected")
+    assert said.count("\n") == 1
+
+
+TABLE = 'kind = "table"\nfile = "disc.txt"\n'
+
+
+def from_a_table(tmp_path):
+    """A disc that begins with a table beside its scene."""
+    (tmp_path / "disc.txt").write_text("# r  Sigma\n0.7 0.02\n1.9 0.01\n")
+    return scene_of(tmp_path, DISC.replace('kind = "disc"\nmass = 0.05\ninner = 0.5\nouter = 2\n', TABLE))
+
+
+def test_a_start_that_is_gone_is_not_said_to_be_written(tmp_path, capsys):
+    scene = from_a_table(tmp_path)
+    (tmp_path / "disc.txt").unlink()
+    assert run_scene(scene, tmp_path / "new/out", quiet=True) == 2
+    assert capsys.readouterr().err == f"{tmp_path}/disc.txt: cannot be read: No such file or directory\n"
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_scene_that_a_run_has_left_has_its_start(tmp_path, monkeypatch, capsys):
+    scene, out = from_a_table(tmp_path), tmp_path / "out"
+    out.mkdir()
+    os.mkfifo(out / "run.log")
+    assert run_scene(scene, out, quiet=True) == 1
+    assert "run.log: cannot be written: is a FIFO; expected a plain file there" in capsys.readouterr().err
+    assert load_scene(out / "scene.toml").initial.file.path == out / "initial.txt"
+
+
 def test_a_start_that_is_refused_leaves_nothing(tmp_path, monkeypatch, capsys):
     """Neither a directory nor the table that the run would have had there."""
-    (tmp_path / "disc.txt").write_text("# r  Sigma\n0.7 0.02\n1.9 0.01\n")
-    start = 'kind = "table"\nfile = "disc.txt"\n'
-    scene = scene_of(tmp_path, DISC.replace('kind = "disc"\nmass = 0.05\ninner = 0.5\nouter = 2\n', start))
+    scene = from_a_table(tmp_path)
 
     def refused(*given, **more):
         raise SceneError(["scene: gas: falls in"])

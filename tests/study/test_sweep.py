@@ -1,8 +1,11 @@
 """Sweeps: a run for every combination, in directories that can be gone on with, and a table of what they came to."""
 
 import csv
+import os
 import shutil
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -195,6 +198,17 @@ def test_runs_of_another_scene_are_left_alone(made, scene):
     done = command(scene, *STOKES, "-o", made[0], "--set", "gas.particles=500")
     assert done.exit_code == 2 and "the scene differs from the one there in gas.particles" in done.stderr
     assert contents(made[0]) == before
+
+
+def test_a_fifo_in_place_of_a_scene_is_not_waited_for(scene, made, tmp_path):
+    folder = tmp_path / "a" / table(made[0])[1]["directory"]
+    folder.mkdir(parents=True)
+    os.mkfifo(folder / "scene.toml")
+    given = [sys.executable, "-m", "discsim", "sweep", str(scene), *STOKES, "-o", str(tmp_path / "a")]
+    done = subprocess.run(given, capture_output=True, text=True, timeout=60)  # starting takes a few seconds
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert f"{folder}/scene.toml: cannot be read: is a FIFO, no plain file; expected" in done.stderr
+    assert os.listdir(tmp_path / "a") == [folder.name]
 
 
 def test_measures_have_units(tmp_path):
