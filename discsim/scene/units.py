@@ -186,11 +186,11 @@ class Units:
 
     def to_code(self, quantity: Any) -> Any:
         """An astropy Quantity as float or array in code units. Raises UnitError beyond mass, length, time."""
-        return quantity.value * self._scale(quantity)[0]
+        return quantity.value * self._scale(quantity, self._powers(quantity))
 
     def in_code(self, quantity: Any, name: str) -> Any:
         """An astropy Quantity, which must have the dimension `name`, in code units; raises UnitError."""
-        if self.system == "code" and not any(self._scale(1 * quantity.unit)[1]):
+        if self.system == "code" and not any(self._powers(1 * quantity.unit)):
             return self.to_code(quantity)
         return quantity.value * self._factor_to(1 * quantity.unit, f"{quantity.unit}", name)
 
@@ -202,15 +202,27 @@ class Units:
             raise UnitError(f'"{clipped(text)}" is not a finite number in code units')
         return value
 
+    def of_text(self, text: str, name: str) -> float:
+        """The float in code units of a text: as `parse`, and in the code system of a plain number. Raises UnitError."""
+        if self.system != "code":
+            return self.parse(text, name)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise UnitError(f'"{clipped(text)}" is no finite number, as {name}s in code units are')
+        return value
+
     def _factor_to(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
         """The factor from the quantity's unit to code units; raises UnitError where it is of no dimension `name`."""
         try:
-            factor, found = self._scale(quantity)
+            found = self._powers(quantity)
         except UnitError as error:
             raise UnitError(f"{error}; expected {self.expected(name, gamma)}") from error
         if any(abs(x - y) > 1e-9 for x, y in zip(found, self.exponents(name, gamma), strict=True)):
             raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name, gamma)}')
-        return factor
+        return self._scale(quantity, found)
 
     def expected(self, name: str, gamma: float = 1.0) -> str:
         """What a value of the dimension `name` looks like, for messages."""
@@ -265,8 +277,8 @@ class Units:
     def _factor(self, exponents: Exponents) -> float:
         return math.prod(base**power for base, power in zip(self._bases_cgs, exponents, strict=True))
 
-    def _scale(self, quantity: Any) -> tuple[float, Exponents]:
-        """The factor from the quantity's unit to code units, and its exponents of mass, length, time."""
+    def _powers(self, quantity: Any) -> Exponents:
+        """The exponents of mass, length, time of a quantity's unit. Raises UnitError where it is of others."""
         from discsim.scene.astropy_units import units as u
 
         try:
@@ -277,16 +289,30 @@ class Units:
         exponents = (powers.get("g", 0.0), powers.get("cm", 0.0), powers.get("s", 0.0))
         if self.system == "code" and any(exponents):
             raise UnitError(f'"{quantity}" has a unit, but the scene is in code units')
+        return exponents
+
+    def _scale(self, quantity: Any, exponents: Exponents) -> float:
+        """The factor from the unit of a quantity with these exponents to code units. Raises UnitError."""
+        from discsim.scene.astropy_units import units as u
+
         # au in a scene whose length is 1 au is exactly 1, not 1 + 1e-16.
         for name, own in (("mass", self.mass), ("length", self.length)):
             if own is not None and exponents == DIMENSIONS[name]:
-                return quantity.unit.to(own), exponents
-        return unit.scale / self._factor(exponents), exponents
+                return float(quantity.unit.to(own))
+        try:
+            return float(quantity.unit.decompose(bases=[u.g, u.cm, u.s]).scale / self._factor(exponents))
+        except ArithmeticError:  # as of a steep polytrope's cm100
+            wrong = f"{quantity.unit} is beyond the range of numbers in code units"
+            raise UnitError(f"{wrong}; expected smaller powers, or other code units") from None
 
     @staticmethod
     def _cgs_unit(exponents: Exponents) -> str:
-        parts = [f"{base}{'' if power == 1 else format(power, 'g')}"
-                 for base, power in zip(("g", "cm", "s"), exponents, strict=True) if power]  # fmt: skip
+        """A unit as `parse_quantity` takes it, like "g cm-2"; powers that are no whole numbers need brackets."""
+        parts = []
+        for base, power in zip(("g", "cm", "s"), exponents, strict=True):
+            text = f"{power:.12g}"  # more digits would show the rounding of 1 - gamma
+            if float(text) != 0.0:
+                parts.append(base + ("" if text == "1" else text if float(text).is_integer() else f"({text})"))
         return " ".join(parts)
 
 
