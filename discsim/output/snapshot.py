@@ -207,11 +207,12 @@ class Snapshot(Summarised):
             Name of the field, like "gas.toomre_q"; `discsim plot --fields` lists them.
         window
             Part of the plane to map: a text like "50 au" (about the centre) or "30 au,0 au,5 au" (x, y and half the
-            side), a length, or corners (lower, upper) in code units. With `distance` it may be in arcsec.
+            side), the same as a Quantity or as numbers in code units, or corners (lower, upper) as one of these two.
+            With `distance` a text or a Quantity may be in arcsec.
         pixels
             Number of pixels on the longer side of a map.
         edges
-            Radii between which to average over rings, in 1D places: numbers in code units, or a Quantity.
+            Rising radii between which to average over rings, in 1D places: numbers in code units, or a Quantity.
         distance
             Distance of the disc, like "140 pc".
         wavelength, opacity

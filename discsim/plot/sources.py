@@ -53,10 +53,9 @@ def nearest(files: Sequence[Path], text: str) -> Path:
     """The snapshot nearest to a time like "700 yr", or in code units a number. Raises PlotError."""
     times, units = times_of(files)
     try:
-        wanted = float(text) if units.system == "code" else units.parse(text, "time")
-    except (UnitError, ValueError) as error:
-        words = str(error) if isinstance(error, UnitError) else f'"{text}" is no number, as times in code units are'
-        raise PlotError(f"--at: {words}") from None
+        wanted = units.of_text(text, "time")
+    except UnitError as error:
+        raise PlotError(f"--at: {error}") from None
     return files[int(np.abs(np.array(times) - wanted).argmin())]
 
 

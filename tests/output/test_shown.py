@@ -93,12 +93,15 @@ def test_fields_and_figures_take_the_same_arguments():
 
 
 def test_a_map_is_that_of_the_figure(snap):
-    """Emission of optically thin dust, in a window given as a text, a length, corners in units of 2 au, or an angle."""
+    """Emission of thin dust; the window is a text, or lengths or corners as Quantities or in units of 2 au."""
     seen = {"pixels": 40, "wavelength": "0.9 mm", "opacity": 3.5 * u.cm**2 / u.g, "distance": "100 pc"}
     maps = [
         snap.field("emission", window, **seen)
-        for window in ("4 au", 4 * u.au, ([-2.0, -2.0], [2.0, 2.0]), "40 mas", "0 au, 0 au, 4 au")
-    ]
+        for window in (
+            "4 au", "40 mas", "0 au, 0 au, 4 au", 4 * u.au, 0.04 * u.arcsec, [0, 0, 40] * u.mas,
+            2, np.float32(2), [2.0], (0, 0, 2), ([-2.0, -2.0], [2.0, 2.0]), [[-4, -4], [4, 4]] * u.au,
+        )
+    ]  # fmt: skip
     ax = discsim.plot.field_map(snap, "emission", window="4 au", **seen)
     drawn = np.ma.filled(ax.images[0].get_array(), np.nan)
     assert maps[0].unit == "mJy/arcsec2" and maps[0].shape == (40, 40) and np.nanmax(maps[0].value) > 0.0
@@ -108,6 +111,12 @@ def test_a_map_is_that_of_the_figure(snap):
     # In the limit of long waves B = 2 k T nu^2 / c^2: half the frequency has a quarter, and half of that by kappa.
     long = [snap.field("emission", "4 au", pixels=9, wavelength=f"{length} m").value for length in (1.0, 2.0)]
     np.testing.assert_allclose(long[1], long[0] / 8.0, rtol=1e-4)
+
+
+def test_a_profile_is_between_the_radii_of_its_window(snap):
+    for window in ("3 au,5 au", [3, 5] * u.au, (1.5, 2.5), np.array([1.5, 2.5])):
+        ax = discsim.plot.profile(snap, "gas.surface_density", window=window)
+        np.testing.assert_allclose(ax.get_xlim(), (3.0, 5.0), rtol=1e-12)  # au
 
 
 def test_rings_may_have_units(snap):
@@ -129,9 +138,47 @@ def test_rings_may_have_units(snap):
         ({"window": "4 au", "distance": "2 yr"}, 'distance: "2 yr"; expected a value above 0 with a unit like pc'),
         ({"window": "4 au", "wavelength": "1.3"}, 'wavelength: "1.3" has no unit; expected a value above 0'),
         ({"window": "4 au", "opacity": -1 * u.cm**2 / u.g}, "opacity: .*; expected a value above 0"),
+        (
+            {"window": ["a", "b"]},
+            r"window: \['a', 'b'\]; expected a text like \"50 au\", a Quantity, or numbers in code",
+        ),
+        ({"window": [1 * u.au, 2 * u.au]}, 'window: .*; expected a text like "50 au", a Quantity, or numbers in code'),
+        ({"window": np.nan}, 'window: "nan" is out of range; expected 0, or sizes from 1e-60 to'),
+        ({"window": [[-np.inf, -1.0], [1.0, 1.0]]}, 'window: ".*" is out of range; expected 0, or sizes'),
+        ({"window": [np.nan, 1.0] * u.au}, 'window: ".*" is out of range; expected 0, or sizes'),
+        ({"window": "1e300 au"}, 'window: "1e300 au" is out of range; expected 0, or sizes from 1e-60 to'),
+        ({"window": -2}, 'window: "-2.0" is no part of a disc; expected "R", "R1,R2" or "X,Y,R"'),
+        ({"window": []}, "window: .* is no part of a disc"),
+        ({"window": np.zeros((2, 3))}, "window: .* is no part of the plane"),
+        ({"window": 5 * u.s}, 'window: "s" is a time; expected a length, like "10 au"'),
+        ({"window": 40 * u.mas}, 'window: "40.0 mas" is an angle; expected a length, or a distance too'),
+        ({"edges": ["a"]}, r"edges: \['a'\]; expected numbers in code units, or a Quantity"),
+        ({"edges": [30, 20, 10]}, r"edges: \[30, 20, 10\]; expected two or more, each above the one before it"),
+        ({"edges": [1.0, 1.0]}, "edges: .*; expected two or more, each above the one before it"),
+        ({"edges": [1.0, np.nan]}, "edges: .*; expected two or more, each above the one before it"),
+        ({"edges": [1.0]}, "edges: .*; expected two or more, each above the one before it"),
+        ({"edges": 2.0}, "edges: 2.0; expected two or more, each above the one before it"),
+        ({"edges": [-1.0, 2.0]}, "edges: .*; expected radii of 0 or more"),
+        ({"edges": [1, 2] * u.s}, 'edges: "s" is a time; expected a length'),
+        ({"pixels": 0}, "pixels: 0; expected a whole number, 1 or more"),
+        ({"pixels": np.int64(-3)}, "pixels: -3; expected a whole number, 1 or more"),
+        ({"pixels": 9.5}, "pixels: 9.5; expected a whole number, 1 or more"),
+        ({"pixels": True}, "pixels: True; expected a whole number, 1 or more"),
+        ({"distance": np.inf * u.pc}, 'distance: "inf pc" is out of range; expected 1e-60 to 1e\\+60 pc'),
+        ({"distance": [1, 2] * u.pc}, "distance: .*; expected a value above 0 with a unit like pc"),
+        ({"wavelength": np.nan * u.mm}, 'wavelength: "nan mm"; expected a value above 0'),
     ],
 )
 def test_a_wrong_argument_is_named(snap, given, words):
     """By its name in Python, without the dashes of the command line."""
-    with pytest.raises(discsim.plot.PlotError, match=f"^{words}"):
+    with pytest.raises(discsim.plot.PlotError, match=f"^{words}") as fault:
         snap.field("emission", **given)
+    assert "\n" not in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    "limits", [(2, 1), "2,1", (1, 1), (0.0, np.inf), (np.nan, 1.0), 5, ("a", 2), [1, 2, 3], (0, 5e-324)]
+)
+def test_wrong_limits_are_named_as_in_python(snap, limits):
+    with pytest.raises(discsim.plot.PlotError, match=r'^limits: ".*expected'):
+        discsim.plot.field_map(snap, "toomre_q", limits=limits)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,22 +17,26 @@ from discsim.output.fields.binned import Optics
 from discsim.output.fields.names import of_run
 from discsim.output.fields.values import Window, hole, in_rings, on_pixels, reach, shown_window
 from discsim.parts import FIELDS
-from discsim.scene.units import UnitError, Units, parse_quantity
+from discsim.scene.units import UnitError, Units, clipped, parse_quantity
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
+Array = np.ndarray
 PIXELS = 480
+LARGEST = 1e60  # number that axes show, and the inverse of the smallest, as of a scene's values
+SIZES = f"from {1.0 / LARGEST:g} to {LARGEST:g}"
 
 
 @dataclass(frozen=True)
 class Look:
-    """window: "R", "R1,R2" or "X,Y,R", lengths as texts like "50 au". limits: least and greatest value of the colours
-    or axis, in the unit shown. distance: an astropy Quantity, for angles in arcsec. corners, ends: of a part of the
-    plane and of radius that several snapshots share, in code units. prefix: of the arguments' names in messages.
+    """window: "R", "R1,R2" or "X,Y,R": a text with lengths like "50 au", a Quantity, or numbers in code units; or
+    corners (lower, upper), which are no text. limits: least and greatest value of the colours or axis, in the unit
+    shown. distance: an astropy Quantity, for angles in arcsec. corners, ends: of a part of the plane and of radius that
+    several snapshots share, in code units. prefix: of the arguments' names in messages.
     """
 
-    window: str | None = None
+    window: Any = None
     limits: tuple[float, float] | None = None
     distance: Any = None
     optics: Optics | None = None
@@ -45,11 +50,13 @@ class Look:
         if self.corners is not None:
             return self.corners
         given = self._lengths(snap.units)
-        if not given:
+        if given.ndim == 2:
+            return given[0], given[1]
+        if len(given) == 0:
             return shown_window(snap)
         if len(given) == 2:
             raise self._wrong('is a range of radii; expected "R" or "X,Y,R" for a map')
-        middle = np.array(given[:2]) if len(given) == 3 else np.zeros(2)
+        middle = given[:2] if len(given) == 3 else np.zeros(2)
         return middle - given[-1], middle + given[-1]
 
     def radii(self, snap: Snapshot, inner: float = 0.0) -> tuple[float, float]:
@@ -57,12 +64,14 @@ class Look:
         if self.ends is not None:
             return self.ends
         given = self._lengths(snap.units)
-        if len(given) == 3:
+        if given.ndim == 2 or len(given) == 3:
             raise self._wrong('is a part of the plane; expected "R" or "R1,R2" in radius')
+        if len(given) == 2:
+            return float(given[0]), float(given[1])
         if snap.dimensions == 1:
-            low, high = float(snap.lower[0]), float(snap.upper[0])
-            return (given[0], given[1]) if len(given) == 2 else (-given[0], given[0]) if given else (low, high)
-        return (given[0], given[1]) if len(given) == 2 else (inner, given[0] if given else reach(snap))
+            low, high = (-given[0], given[0]) if len(given) else (snap.lower[0], snap.upper[0])
+            return float(low), float(high)
+        return inner, float(given[0]) if len(given) else reach(snap)
 
     def shared(self, snaps: Sequence[Snapshot], kind: str) -> Look:
         """The same for all snapshots: what is shown of any of them. Raises PlotError."""
@@ -73,31 +82,48 @@ class Look:
         spans = [self.radii(snap, 0.9 * hole(snap) if kind == "polar" else 0.0) for snap in snaps]
         return replace(self, ends=(min(low for low, _ in spans), max(high for _, high in spans)))
 
-    def _lengths(self, units: Units) -> list[float]:
+    def _lengths(self, units: Units) -> Array:
+        """Lengths of the window in code units, none to three, or its corners (2, 2). Raises PlotError."""
         if self.window is None:
-            return []
+            return np.zeros(0)
         try:
-            given = [self._length(text, units) for text in self.window.split(",")]
-        except ValueError as error:
-            words = str(error) if isinstance(error, UnitError) else "expected numbers, as lengths in code units are"
-            raise PlotError(f"{self.prefix}window: {words}") from None
+            if isinstance(self.window, str):
+                given = np.array([self._length(text, units) for text in self.window.split(",")])
+            else:
+                given = np.atleast_1d(self._in_code(self.window, units, _shown(self.window)))
+        except UnitError as error:
+            raise PlotError(f"{self.prefix}window: {error}") from None
+        if not _in_reach(given):
+            raise self._wrong(f"is out of range; expected 0, or sizes {SIZES} in code units")
+        if given.ndim > 1:
+            if given.shape != (2, 2) or not (given[0] < given[1]).all():
+                raise self._wrong('is no part of the plane; expected a text like "50 au", or corners (lower, upper)')
+            return given
         rising = len(given) != 2 or given[0] < given[1]
-        if len(given) > 3 or not rising or (len(given) != 2 and given[-1] <= 0.0):
+        if len(given) not in (1, 2, 3) or not rising or (len(given) != 2 and given[-1] <= 0.0):
             raise self._wrong('is no part of a disc; expected "R", "R1,R2" or "X,Y,R", with R above 0 and R1 < R2')
         return given
 
     def _wrong(self, words: str) -> PlotError:
-        return PlotError(f'{self.prefix}window: "{self.window}" {words}')
+        return PlotError(f'{self.prefix}window: "{_shown(self.window)}" {words}')
 
     def _length(self, text: str, units: Units) -> float:
         if units.system == "code":
-            return float(text)
+            return units.of_text(text, "length")
         given = parse_quantity(text, units.expected("length"))
-        if not given.unit.is_equivalent("arcsec"):
-            return units.parse(text, "length")
-        if self.distance is None:
-            raise UnitError(f'"{text}" is an angle; expected a length, or a distance too')
-        return float(units.in_code(given.to_value("rad") * self.distance, "length"))
+        if given.unit.is_equivalent("arcsec"):
+            return float(self._in_code(given, units, text))
+        return units.parse(text, "length")
+
+    def _in_code(self, given: Any, units: Units, text: str) -> Any:
+        """Lengths in code units, of a Quantity that may be an angle; plain numbers are so already. Raises UnitError."""
+        if not hasattr(given, "unit"):
+            return given
+        if given.unit.is_equivalent("arcsec"):
+            if self.distance is None:
+                raise UnitError(f'"{text}" is an angle; expected a length, or a distance too')
+            given = given.to_value("rad") * self.distance
+        return units.in_code(given, "length")
 
     def arcsec(self, units: Units) -> float | None:
         """Arcsec in an au; None where no distance is given. Raises PlotError in code units."""
@@ -118,7 +144,7 @@ def look_of(
     prefix: str = "",
 ) -> Look:
     """A look from texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g", or from what Python has for these:
-    Quantities, corners of a window and a pair of limits. Raises PlotError.
+    Quantities, numbers in code units and corners for a window, and a pair of limits. Raises PlotError.
     """
     optics = None
     if wavelength is not None or opacity is not None:
@@ -126,33 +152,44 @@ def look_of(
         seen = usual if wavelength is None else _quantity(wavelength, f"{prefix}wavelength", "mm")
         optics = Optics(seen, None if opacity is None else _quantity(opacity, f"{prefix}opacity", "cm2/g"))
     away = None if distance is None else _quantity(distance, f"{prefix}distance", "pc")
-    text, corners = _window(window, prefix)
-    ends = None if limits is None else _limits(limits)
-    return Look(text, ends, away, optics, corners, pixels=pixels, prefix=prefix)
+    ends = None if limits is None else _limits(limits, "--range" if prefix else "limits")
+    if isinstance(pixels, bool) or not isinstance(pixels, Integral) or pixels < 1:
+        raise PlotError(f"{prefix}pixels: {_shown(pixels)}; expected a whole number, 1 or more")
+    return Look(_window(window, prefix), ends, away, optics, pixels=int(pixels), prefix=prefix)
 
 
-def _window(given: Any, prefix: str) -> tuple[str | None, Window | None]:
-    """The text of a window, or its corners in code units."""
-    if given is None or isinstance(given, str):
-        return given, None
-    if hasattr(given, "unit"):
-        return ",".join(f"{value} {given.unit}" for value in np.ravel(given.value)), None
-    if np.ndim(given) == 0:
-        return str(given), None
-    corners = np.asarray(given, dtype=float)
-    if corners.shape != (2, 2) or not (corners[0] < corners[1]).all():
-        raise PlotError(f'{prefix}window: {given}; expected a text like "50 au", or corners (lower, upper)')
-    return None, (corners[0], corners[1])
+def _window(given: Any, prefix: str) -> Any:
+    """A window as `Look` has it. Raises PlotError."""
+    if given is None or isinstance(given, str) or hasattr(given, "unit"):
+        return given
+    try:
+        return np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        wanted = 'a text like "50 au", a Quantity, or numbers in code units'
+        raise PlotError(f"{prefix}window: {_shown(given)}; expected {wanted}") from None
 
 
-def _limits(given: Any) -> tuple[float, float]:
+def _limits(given: Any, name: str) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in (given.split(",") if isinstance(given, str) else given))
     except (TypeError, ValueError):
-        raise PlotError(f'--range: "{given}"; expected two numbers, LOW,HIGH, in the unit shown') from None
+        raise PlotError(f'{name}: "{_shown(given)}"; expected two numbers, LOW,HIGH, in the unit shown') from None
     if not low < high:
-        raise PlotError(f'--range: "{given}"; expected LOW below HIGH')
+        raise PlotError(f'{name}: "{_shown(given)}"; expected LOW below HIGH')
+    if not _in_reach((low, high)):
+        raise PlotError(f'{name}: "{_shown(given)}" is out of range; expected 0, or sizes {SIZES}')
     return low, high
+
+
+def _in_reach(given: Any) -> bool:
+    """Whether numbers are 0, or of a size that axes can show."""
+    size = np.abs(given)
+    return bool(((size == 0.0) | ((size >= 1.0 / LARGEST) & (size <= LARGEST))).all())
+
+
+def _shown(given: Any) -> str:
+    """An argument for a message, on one line."""
+    return clipped(" ".join(str(given).split()))
 
 
 def _quantity(given: Any, name: str, unit: str) -> Any:
@@ -162,8 +199,10 @@ def _quantity(given: Any, name: str, unit: str) -> Any:
         value = given if hasattr(given, "unit") else parse_quantity(str(given), expected)
     except UnitError as error:
         raise PlotError(f"{name}: {error}") from None
-    if not value.unit.is_equivalent(unit) or value.value <= 0:
-        raise PlotError(f'{name}: "{given}"; expected {expected}')
+    if np.ndim(value.value) != 0 or not value.unit.is_equivalent(unit) or not value.value > 0.0:
+        raise PlotError(f'{name}: "{_shown(given)}"; expected {expected}')
+    if not _in_reach(value.to_value(unit)):
+        raise PlotError(f'{name}: "{_shown(given)}" is out of range; expected {SIZES.replace("from ", "")} {unit}')
     return value
 
 
@@ -175,12 +214,26 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
     field, snap, look = FIELDS[found[0]], snap.about_centre(), look_of(**given)
     look.arcsec(snap.units)
     if edges is not None:
-        radii = snap.units.in_code(edges, "length") if hasattr(edges, "unit") else edges
-        values = in_rings(snap, radii, look.optics)[found[0]]
-    elif look.window is not None or look.corners is not None or field.kind != "particles":
+        values = in_rings(snap, _edges(snap, edges), look.optics)[found[0]]
+    elif look.window is not None or field.kind != "particles":
         if snap.dimensions == 1:
             raise FieldError(f"{found[0]}: a run in one dimension has no map; expected edges, between which to average")
         values = on_pixels(snap, look.map_window(snap), look.pixels, look.optics)[found[0]]
     else:
         values = field.values(snap)
     return field.quantity(snap.units, values)
+
+
+def _edges(snap: Snapshot, given: Any) -> Array:
+    """Edges of rings, in 1D of places, in code units. Raises PlotError."""
+    try:
+        edges = np.asarray(snap.units.in_code(given, "length") if hasattr(given, "unit") else given, dtype=float)
+    except UnitError as error:
+        raise PlotError(f"edges: {error}") from None
+    except (TypeError, ValueError):
+        raise PlotError(f"edges: {_shown(given)}; expected numbers in code units, or a Quantity") from None
+    if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
+        raise PlotError(f"edges: {_shown(given)}; expected two or more, each above the one before it")
+    if snap.dimensions == 2 and edges[0] < 0.0:
+        raise PlotError(f"edges: {_shown(given)}; expected radii of 0 or more")
+    return edges
