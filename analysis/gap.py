@@ -34,10 +34,12 @@ from rich.table import Table
 from scipy.ndimage import gaussian_filter1d
 
 from discsim import SceneError, load_scene
+from discsim.output.history import LARGEST
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
+from discsim.userfiles import read_text
 
 RINGS = 160  # of a profile, between half and twice the orbit
 STRIPES = 6.0  # rings over which the profile of the start is smoothed, which shows those of its particles
@@ -63,8 +65,7 @@ def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float
     path = directory / "companions.csv"
     if not path.exists():
         raise Fault(f"{path}: not there; expected the output directory of a run with a companion")
-    with path.open() as stream:
-        rows = list(csv.DictReader(stream))
+    rows = list(csv.DictReader(read_text(path, most=LARGEST).splitlines()))
     if {row["number"] for row in rows} != {rows[0]["number"]}:
         raise Fault(f"{path}: several companions; expected one")
     columns = ("time", "x", "y", "mass", "semi_major_axis")

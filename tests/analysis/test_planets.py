@@ -1,6 +1,7 @@
 """analysis/gap.py and torque.py on discs and torques that are known."""
 
 import csv
+import os
 from importlib import import_module as script
 
 import numpy as np
@@ -127,6 +128,15 @@ def test_probes_show_the_noise(tmp_path):
 def test_no_run_is_one_message(tmp_path, capsys, name):
     assert script(name).main([str(tmp_path)]) == 2
     assert capsys.readouterr().err.startswith(f"{name}: ")
+
+
+@pytest.mark.parametrize("name, read", [("gap", "companion_at"), ("torque", "torque")])
+def test_a_fifo_in_place_of_a_table_is_not_waited_for(tmp_path, name, read):
+    run = run_of(tmp_path / "run", [])
+    (run / "companions.csv").unlink()
+    os.mkfifo(run / "companions.csv")
+    with pytest.raises(OSError, match="is a FIFO, no plain file"):
+        getattr(script(name), read)(run, 0.7)
 
 
 DAMPED = (
