@@ -41,6 +41,7 @@ from discsim.study.scripts import some_of, write_csv
 ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.75
 PLAIN = {"alpha": 1.0, "beta": 2.0}
 LOW = {"alpha": 0.1, "beta": 0.5, "pairs": "all"}
+RECONSTRUCTED = {"alpha": 0.3, "beta": 0.5, "pairs": "reconstructed"}
 WENDLAND = {"kernel": "wendland-c4", "viscosity": LOW}
 CHOICES = {
     "cubic": {"kernel": "cubic", "viscosity": PLAIN},
@@ -53,6 +54,8 @@ CHOICES = {
     "wendland 2.2, low": WENDLAND | {"eta": 2.2},
     "wendland 2.5, alpha .05": WENDLAND | {"eta": 2.5, "viscosity": LOW | {"alpha": 0.05}},
     "wendland 2.2, alpha .3": WENDLAND | {"eta": 2.2, "viscosity": LOW | {"alpha": 0.3}},
+    "wendland 2.5, reconstructed": WENDLAND | {"eta": 2.5, "viscosity": RECONSTRUCTED},
+    "wendland-c2 2.5, reconstructed": {"kernel": "wendland-c2", "eta": 2.5, "viscosity": RECONSTRUCTED},
     "wendland 2.2, balsara": {"kernel": "wendland-c4", "eta": 2.2, "viscosity": PLAIN | {"switch": "balsara"}},
 }
 COLUMNS = {

@@ -82,7 +82,8 @@ def densities_of_sparse_dust(drag: Drag, state: State) -> Array:
         members = np.flatnonzero(dust.species == number)
         if world.together.sum(len(members)) > 0:
             sph = world.together.sph(Sph, state.scene)
-            sph.balsara = sph.fixed = False  # whose own spacing may be far above the gas's h
+            sph.ignore_velocities()
+            sph.fixed = False  # the spacing of dust may be far above the gas's h
             cloud = cloud_of(state, members, sph)
             cloud.h[:] = guess_h(cloud, state.scene.dust[number].ratio * mean(gas.density))
             settle_density(cloud)

@@ -56,7 +56,7 @@ def pair_up(drag: Drag, state: State, whole: bool, hump: bool = False) -> list[P
     """The pairs of every population; with `whole` the parts of a dust particle's drag sum to one."""
     gas, dust = state.gas, state.dust
     sph = Sph(state.scene)
-    sph.balsara = False
+    sph.ignore_velocities()
     cells = sph.cells_of(gas)
     found = []
     for population, grain in enumerate(drag.law.grains):

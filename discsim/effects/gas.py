@@ -47,9 +47,16 @@ class Viscosity(Table):
     alpha: Number = Field(1.0, ge=0, description="linear term")
     beta: Number = Field(2.0, ge=0, description="quadratic term")
     switch: Literal["none", "balsara"] = Field("none", description="less viscosity in shear")
-    pairs: Literal["approaching", "all"] = Field(
-        "approaching", description="whom the linear term brakes; all: quieter discs, and no pressure from shear"
+    pairs: Literal["approaching", "all", "reconstructed"] = Field(
+        "approaching",
+        description="pairs that the linear term brakes; all: quieter discs, and no pressure from shear; "
+        "reconstructed: all, with velocities extrapolated to the middle of a pair, and no viscosity in smooth flows",
     )
+
+    @property
+    def acts_in_shear(self) -> bool:
+        """Whether its linear term brakes a smooth shear, be it with less strength by a switch."""
+        return self.pairs != "reconstructed"
 
 
 class Conductivity(Table):
@@ -61,12 +68,12 @@ class Conductivity(Table):
 class Keys(Table):
     particles: Particles = Field(description="number of SPH particles")
     kernel: Annotated[
-        Literal["cubic", "quintic", "quintic-h", "wendland-c4"],
+        Literal["cubic", "quintic", "quintic-h", "wendland-c2", "wendland-c4"],
         Default('"cubic"; where no eta is named, in a disc "quintic", in a settling layer "wendland-c4"'),
     ] = Field("cubic", description="SPH kernel")
     eta: Annotated[
         Number,
-        Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c4 1.7; in 1D 2, quintic-h 6"),
+        Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c2 and wendland-c4 1.7; in 1D 2, quintic-h 6"),
     ] = Field(gt=0, le=MOST_ETA, description="h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
     eos: AnyEos = Field(description="equation of state")
@@ -100,6 +107,13 @@ def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
     if draft.gas.conductivity and not draft.eos.holds_heat:
         words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
         yield ("gas", "conductivity"), f'conducts heat, but the gas is "{draft.eos_kind}"; expected kind = {words}'
+
+
+def _switched_twice(draft: Draft) -> Iterator[Problem]:
+    viscosity = draft.gas.viscosity
+    if viscosity and not viscosity.acts_in_shear and viscosity.switch != "none":
+        twice = f'"{viscosity.switch}" takes viscosity out of shear, and so does pairs = "reconstructed"'
+        yield ("gas", "viscosity", "switch"), f"{twice}; expected one of them"
 
 
 # h over H: sound, and viscosity in shear, want half of one. Of a disc's edge, where h/H is largest and what is near it
@@ -149,7 +163,7 @@ NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_fixed_smoothing, _neighbours, _heat_to_conduct)
+    rules = (_fixed_smoothing, _neighbours, _heat_to_conduct, _switched_twice)
     acts_on = ("gas",)
 
     def __init__(self, scene: Scene, state: State) -> None:

@@ -31,7 +31,8 @@ class Smoothing(NamedTuple):
 # eta: in 1D whole numbers of spacings; only then is a B-spline's sum density exact. In 2D on a square lattice, along an
 # axis, c_s^2 is right to .5% with the B-splines (with eta = 1.2 the cubic one is 8% off), to 2% with Wendland's.
 # quintic-h is the quintic squeezed to support h: thrice the eta.
-CUBIC_Q, QUINTIC_Q, WENDLAND_Q = (5 / 7, 31 / 49), (210 / 239, 2771 / 2868), (32 / 55, 14 / 33)
+CUBIC_Q, QUINTIC_Q, WENDLAND_C4_Q = (5 / 7, 31 / 49), (210 / 239, 2771 / 2868), (32 / 55, 14 / 33)
+WENDLAND_C2_Q = 2 / 3, 5 / 9
 SQUEEZED_Q = QUINTIC_Q[0] / 3, QUINTIC_Q[1] / 9
 QUINTIC_W = (2.10, 1.88)
 SMOOTHING = {
@@ -44,7 +45,10 @@ SMOOTHING = {
     "quintic-h": Smoothing(
         1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), SQUEEZED_Q, QUINTIC_W
     ),
+    "wendland-c2": Smoothing(
+        2.0, 1.0, (0.625, 7.0 / (4.0 * math.pi)), (2.0, 1.7), (0.625, 0.747), WENDLAND_C2_Q, (2.27, 2.49)
+    ),
     "wendland-c4": Smoothing(
-        2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_Q, (2.90, 2.84)
+        2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_C4_Q, (2.90, 2.84)
     ),
 }

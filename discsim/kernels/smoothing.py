@@ -1,15 +1,15 @@
 """Smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, as numba formulas.
 
 Cubic and quintic B-splines M4, M6 (Schoenberg 1946; Monaghan & Lattanzio 1985; Price 2012, eqs. 6 and 8), M6 squeezed
-to support h ("quintic-h", M6-h of Stoyanovskaya et al. 2018), Wendland C4 (Wendland 1995; Dehnen & Aly 2012,
-table 1), whose polynomial in one dimension differs from that in two.
+to support h ("quintic-h", M6-h of Stoyanovskaya et al. 2018), Wendland C2 and C4 (Wendland 1995; Dehnen & Aly 2012,
+table 1), whose polynomials in one dimension differ from those in two.
 """
 
 from numba import njit
 
 from discsim.formulas.smoothing import SMOOTHING
 
-CUBIC, QUINTIC, QUINTIC_H, WENDLAND_C4 = range(4)
+CUBIC, QUINTIC, QUINTIC_H, WENDLAND_C2, WENDLAND_C4 = range(5)
 KERNELS = {name: code for code, name in enumerate(SMOOTHING)}
 
 # By kernel: radius of the support in h; h over that of the same kernel in the usual units; <q^2>; sigma in one and in
@@ -38,6 +38,11 @@ def shape(kernel, dim, q):
     if kernel == CUBIC:
         w, dw, _ = cubic(q)
         return CUBIC_FACTORS[0] * w, CUBIC_FACTORS[1] * dw
+    if kernel == WENDLAND_C2:
+        t = max(0.0, 1.0 - 0.5 * q)
+        if dim == 1:
+            return t * t * t * (1.5 * q + 1.0), -3.0 * q * t * t
+        return t * t * t * t * (2.0 * q + 1.0), -5.0 * q * t * t * t
     if kernel == WENDLAND_C4:
         t = max(0.0, 1.0 - 0.5 * q)
         t4 = t * t * t * t
@@ -57,6 +62,9 @@ def bend(kernel, dim, q):
     if kernel == CUBIC:
         _, _, ddw = cubic(q)
         return CUBIC_FACTORS[2] * ddw
+    if kernel == WENDLAND_C2:
+        t = max(0.0, 1.0 - 0.5 * q)
+        return 3.0 * t * (1.5 * q - 1.0) if dim == 1 else 5.0 * t * t * (2.0 * q - 1.0)
     if kernel == WENDLAND_C4:
         t = max(0.0, 1.0 - 0.5 * q)
         if dim == 1:

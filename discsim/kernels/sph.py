@@ -5,16 +5,22 @@
     dv_i/dt = -sum_j m_j [P_i / (Omega_i rho_i^2) grad W(h_i) + P_j / (Omega_j rho_j^2) grad W(h_j)]  (3)
     du_i/dt = P_i / (Omega_i rho_i^2) sum_j m_j v_ij . grad W(h_i)                                  (4)
     Pi_ij   = (-alpha c_ij w + beta w^2) / rho_ij,   w = min(0, v_ij . r_ij / r_ij)                   (5)
-              with `receding` = 1 the first w is that of all pairs (Lodato & Price 2010): on approaching pairs
+              with `pairs` "all" the first w is that of all pairs (Lodato & Price 2010): on approaching pairs
               alone the shear of a disc makes a pressure of it, and twice the noise at one shear viscosity
+    w_ij   -= 2 a b / (a + b) where a b > 0,   a = r_ij e . G_i e,   b = r_ij e . G_j e             (6)
+              with reconstruction, in both terms of (5): what is left of the jump between velocities that are
+              extrapolated to the middle of a pair, e = r_ij / r_ij; heat is that of the pair's whole velocity
+    G_i     = A_i T_i^-1,   A_i = sum_j m_j W(r_ij, h_i) v_ij x r_ij,   T_i = sum_j m_j W(r_ij, h_i) r_ij x r_ij  (7)
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
-kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). Conduction:
+kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). (6): Frontiere,
+Raskin & Owen 2017 and Rosswog 2020, with the harmonic mean of both slopes as limiter (van Leer 1974). (7): the
+gradient of Garcia-Senz, Cabezon & Escartin 2012, exact for linear flows, which hence feel no viscosity. Conduction:
 Price 2008, eq. 28. Shear viscosity nu: eq. (1) of `effects/alpha_viscosity.py`.
 
 All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the
 same on any number of threads. Candidates of a cell are packed once (`sph_packs.py`). The sums
-of (1) and (2) are in `sph_density.py`.
+of (1), (2) and (7) are in `sph_density.py`.
 """
 
 import functools
@@ -45,6 +51,9 @@ from discsim.kernels.sph_packs import (
     SOUND,
     STRIDE,
     SWITCH,
+    SXX,
+    SXY,
+    SYY,
     VX,
     VY,
     P,
@@ -60,7 +69,7 @@ from discsim.kernels.sph_packs import (
 # sits on a heavy one: its kernel is narrow, and the other's density low. Viscosity and conduction, which no step would
 # then resolve, have this many times that mean at most; even gas has 1, and that of equal masses needs no such bound.
 MOST_UNEVEN = 4.0
-NO_VISCOSITY, APPROACHING, ALL_PAIRS = range(3)
+NO_VISCOSITY, APPROACHING, ALL_PAIRS, RECONSTRUCTED = range(4)
 # Halves of the means over a pair, taken out of its sums.
 ALPHA, BETA = 1.0 / 16.0, 1.0 / 8.0
 
@@ -78,8 +87,8 @@ class Strengths(NamedTuple):
 def force_columns(
     first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, scale, order, columns
 ):  # fmt: skip
-    """Write to `columns` (n, 8 or 11) what the sums of a scene read of each particle, in units of `scale` and in the
-    `order` of the cells; nu (n,), or none.
+    """Write to `columns` (n, 8, 11 or 14) what the sums of a scene read of each particle, in units of `scale` and in
+    the `order` of the cells; nu (n,), or none.
     """
     vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
@@ -94,6 +103,11 @@ def force_columns(
             columns[k, VX], columns[k, VY] = vel[i, 0] * per_speed, vel[i, 1] * per_speed if dim == 2 else 0.0
         if viscous != NO_VISCOSITY:
             columns[k, SOUND], columns[k, SWITCH] = ALPHA * alpha * sound[i] * per_speed, 1.0
+            if viscous == RECONSTRUCTED:
+                per_rate = per_speed * scale.length
+                columns[k, SXX] = found.slopes[i, 0] * per_rate
+                columns[k, SXY] = 2.0 * found.slopes[i, 1] * per_rate
+                columns[k, SYY] = found.slopes[i, 2] * per_rate
             if len(div) > 0:
                 columns[k, SWITCH] = div[i] / (div[i] + curl[i] + 1e-4 * sound[i] * inv_h)
         if conductive:
@@ -103,7 +117,7 @@ def force_columns(
 
 
 @njit(inline="always")
-def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame, columns, pack):
+def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame, columns, pack):
     """Pack what the sums of a scene read of the candidates `slots`, h in the unit and velocities less that of their
     cell's `frame` (unit, ux, uy).
     """
@@ -117,10 +131,14 @@ def pack_columns(dim, moving, rubbing, conductive, shearing, slots, norm, frame,
         pack[PRESS * STRIDE + k] = columns[j, PRESS]
         if moving:
             pack[VX * STRIDE + k], pack[VY * STRIDE + k] = columns[j, VX] - ux, columns[j, VY] - uy
-        if rubbing or conductive or shearing:
+        if viscous != NO_VISCOSITY or conductive or shearing:
             pack[INV_RHO * STRIDE + k] = columns[j, INV_RHO]
-        if rubbing:
+        if viscous != NO_VISCOSITY:
             pack[SOUND * STRIDE + k], pack[SWITCH * STRIDE + k] = columns[j, SOUND], columns[j, SWITCH]
+        if viscous == RECONSTRUCTED:
+            pack[SXX * STRIDE + k] = columns[j, SXX] * unit
+            pack[SXY * STRIDE + k] = columns[j, SXY] * unit
+            pack[SYY * STRIDE + k] = columns[j, SYY] * unit
         if conductive:
             pack[ENERGY * STRIDE + k], pack[P * STRIDE + k] = columns[j, ENERGY], columns[j, P]
         if shearing:
@@ -171,6 +189,30 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
 
 
 @njit(inline="always")
+def harmonic(a, b):
+    """The harmonic mean 2 a b / (a + b) of two slopes, 0 where their signs differ: the limiter of eq. (6)."""
+    return 2.0 * a * b / (a + b) if a * b > 0.0 else 0.0
+
+
+@njit(inline="always")
+def slopes_of(viscous, i, unit, columns, real):
+    """Slopes xx, 2 xy and yy of the i-th particle in units of a pack; 0 where nothing is reconstructed."""
+    if viscous == RECONSTRUCTED:
+        return real(columns[i, SXX] * unit), real(columns[i, SXY] * unit), real(columns[i, SYY] * unit)
+    return real(0.0), real(0.0), real(0.0)
+
+
+@njit(inline="always")
+def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
+    """The velocity w of a pair along its line, and what eq. (6) leaves of it where velocities are reconstructed."""
+    if viscous != RECONSTRUCTED:
+        return w
+    xx, xy, yy = dx * dx * inv_r, dx * dy * inv_r, dy * dy * inv_r
+    other = pack[SXX * STRIDE + k] * xx + pack[SXY * STRIDE + k] * xy + pack[SYY * STRIDE + k] * yy
+    return w - harmonic(slopes[0] * xx + slopes[1] * xy + slopes[2] * yy, other)
+
+
+@njit(inline="always")
 def force_sums(
     kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, i, columns, strengths, n, pack
 ):  # fmt: skip
@@ -182,11 +224,10 @@ def force_sums(
     press, norm, inv_h = real(columns[i, PRESS] * norm), real(norm), real(inv_h * unit)
     x, y, vx, vy = real(x), real(y), real(columns[i, VX] - ux), real(columns[i, VY] - uy)
     inv_rho_i, c_i, f_i = real(columns[i, INV_RHO]), real(columns[i, SOUND]), real(columns[i, SWITCH])
-    u_i, p_i, fluidity = real(0.0), real(0.0), real(0.0)
+    u_i, p_i, fluidity = real(0.0), real(0.0), real(columns[i, FLUIDITY]) if shearing else real(0.0)
     if conductive:
         u_i, p_i = real(columns[i, ENERGY]), real(columns[i, P])
-    if shearing:
-        fluidity = real(columns[i, FLUIDITY])
+    slopes = slopes_of(viscous, i, unit, columns, real)
     beta = real(strengths.beta * BETA)
     conducted = real(0.25 * math.sqrt(0.5) * strengths.conductivity)  # with the halves of the means over a pair
     sheared = real(2.0 * dim / MEAN_Q2[kernel] / unit) * inv_rho_i
@@ -206,12 +247,13 @@ def force_sums(
                 if uneven:
                     strength = max(strength, MOST_UNEVEN * (inv_rho_i * norm * own + inv_rho_j * other))  # below 0
             if viscous != NO_VISCOSITY:
-                mu = min(w, 0.0)
-                felt = w if viscous == ALL_PAIRS else mu
+                jump = jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack)
+                mu = min(jump, 0.0)
+                felt = mu if viscous == APPROACHING else jump
                 pi = beta * mu * mu - (c_i + pack[SOUND * STRIDE + k]) * felt  # eq. (5)
                 pi *= (f_i + pack[SWITCH * STRIDE + k]) * strength
                 force += pi
-                heat += 0.5 * pi * felt
+                heat += 0.5 * pi * w
             if shearing:
                 r, inv_mu = pack[R * STRIDE + k], fluidity + pack[FLUIDITY * STRIDE + k]
                 q, q_j = r * inv_h, r * pack[INV_H * STRIDE + k]
@@ -281,8 +323,7 @@ def force_driver(
     c_s (1 + 1.2 alpha) / h + (1 + 1.2 beta) max(0, -div v), and fallen through, sqrt(|a| / h), and that of conduction.
     Takes the cells whose `met` is `now` alone.
     """
-    rubbing = viscous != NO_VISCOSITY
-    moving, norm = rubbing or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
+    moving, norm = viscous != NO_VISCOSITY or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
     squeezed = SQUEEZED[kernel]
 
     @lean_sums_in_single if single else lean_sums
@@ -307,7 +348,7 @@ def force_driver(
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
-                pack_columns(dim, moving, rubbing, conductive, shearing, slots[listed:end], norm, frame, columns, pack)
+                pack_columns(dim, moving, viscous, conductive, shearing, slots[listed:end], norm, frame, columns, pack)
                 for p in range(members):
                     k = own + p
                     x, y = (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit

@@ -1,4 +1,4 @@
-"""Density of SPH with its smoothing length: eqs. (1, 2) of `sph.py`.
+"""Density of SPH with its smoothing length, and derivatives of the velocity: eqs. (1, 2, 7) of `sph.py`.
 
 h goes from step to step by so little that one sum over the neighbours is nearly always enough: with its first two
 derivatives in h the root of (1) is known to third order in the change, and rho and Omega follow by their series.
@@ -37,12 +37,16 @@ ITERATIONS = 60
 # it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
 LEAST_OMEGA = 0.05
 OUTGROWN = -1.0  # in place of Omega, where h is still to be found with a longer list
+NO_DERIVATIVES, DIV_CURL, SLOPES = range(3)  # of the velocity: none, |div v| and |curl v|, or the gradient of eq. (7)
+PLANE = 1e-6  # least det T over its trace squared: neighbours on one line have no gradient across it
 # Of a cell's particles: sums, what the search for h goes on from, and what it finds. Of each TILE of them they are one
 # row after the other, so that loops over them are vectorised.
-TILE, ROWS, SUMS = 64, 15, 7
-TOTAL, FIRST, SECOND, DIV, CURL, MORE_DIV, MORE_CURL, M, REACH, LOW, HIGH, STATE, H, RHO, OMEGA = (
-    np.uint64(row * TILE) for row in range(ROWS)
-)
+TILE, ROWS = 64, 22
+SUMS, SUMS_OF_SLOPES = 7, 14
+(
+    TOTAL, FIRST, SECOND, DIV, CURL, MORE_DIV, MORE_CURL, TXX, TXY, TYY, AXX, AXY, AYX, AYY,
+    M, REACH, LOW, HIGH, STATE, H, RHO, OMEGA,
+) = (np.uint64(row * TILE) for row in range(ROWS))  # fmt: skip
 SEARCHED, FOUND, NOT_ASKED = 0.0, 1.0, 2.0
 IN_ALL, LAST = np.uint64(ROWS), np.uint64(TILE - 1)
 
@@ -55,13 +59,17 @@ class Given(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What density finds (n,): h, rho and Omega of eqs. (1, 2); for a switch |div v| and |curl v|, else empty."""
+    """What density finds (n,): h, rho and Omega of eqs. (1, 2); for a switch |div v| and |curl v|, else empty.
+
+    slopes (n, 3): xx, xy and yy of the symmetric part of eq. (7), for reconstruction, else empty.
+    """
 
     h: np.ndarray
     rho: np.ndarray
     gradh: np.ndarray
     div: np.ndarray
     curl: np.ndarray
+    slopes: np.ndarray
 
 
 class Work(NamedTuple):
@@ -84,16 +92,17 @@ class Wanted(NamedTuple):
 
 
 @njit(inline="always")
-def add_density(single, kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, members, at):
+def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, members, at):
     """Add n packed candidates' share of what `in_units_of_density` takes to the sums of the member at `at`."""
     real = pack.dtype.type
     x, y, vx, vy, inv_h = real(x), real(y), real(vx), real(vy), real(inv_h)
     total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    txx, txy, tyy, axx, axy, ayx, ayy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
         inv_r = inverse_root(single, r2)
-        if shear:
+        if derived == DIV_CURL:
             pack[INV_R * STRIDE + k] = inv_r
         pack[R * STRIDE + k] = r2 * inv_r
     for k in range(n):
@@ -103,7 +112,18 @@ def add_density(single, kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, member
         total += m * w
         first += m * r * dw
         second += m * r * ddw
-        if shear:
+        if derived == SLOPES:
+            dx, dvx, weight = x - pack[X * STRIDE + k], vx - pack[VX * STRIDE + k], m * w
+            txx += weight * dx * dx
+            axx += weight * dvx * dx
+            if dim == 2:
+                dy, dvy = y - pack[Y * STRIDE + k], vy - pack[VY * STRIDE + k]
+                txy += weight * dx * dy
+                tyy += weight * dy * dy
+                axy += weight * dvx * dy
+                ayx += weight * dvy * dx
+                ayy += weight * dvy * dy
+        if derived == DIV_CURL:
             dx, dy, m_per_r = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k], m * pack[INV_R * STRIDE + k]
             dvx, dvy = vx - pack[VX * STRIDE + k], vy - pack[VY * STRIDE + k]
             along, across = m_per_r * (dvx * dx + dvy * dy), m_per_r * (dvy * dx - dvx * dy)
@@ -116,7 +136,15 @@ def add_density(single, kernel, dim, shear, x, y, vx, vy, inv_h, n, pack, member
     members[at + TOTAL] += of_w * total
     members[at + FIRST] += of_dw * inv_h * first
     members[at + SECOND] += of_ddw * inv_h * inv_h * second
-    if shear:
+    if derived == SLOPES:
+        members[at + TXX] += txx
+        members[at + TXY] += txy
+        members[at + TYY] += tyy
+        members[at + AXX] += axx
+        members[at + AXY] += axy
+        members[at + AYX] += ayx
+        members[at + AYY] += ayy
+    if derived == DIV_CURL:
         members[at + DIV] += of_dw * div
         members[at + CURL] += of_dw * curl
         members[at + MORE_DIV] += of_ddw * inv_h * more_div
@@ -128,7 +156,7 @@ in_double = njit(**WITHIN, fastmath=FAST)
 
 
 @in_double
-def in_units_of_density(kernel, dim, shear, total, first, second, div, curl, more_div, more_curl):
+def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, more_div, more_curl):
     """Of a particle's sums: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
 
     The last two values are those two's slopes, as much of the velocity's derivatives per relative change of h.
@@ -136,7 +164,7 @@ def in_units_of_density(kernel, dim, shear, total, first, second, div, curl, mor
     rate = 1.0 / total
     first *= rate
     curve = dim * (dim + 1) + 2 * (dim + 1) * first + second * rate
-    if shear:
+    if derived == DIV_CURL:
         div, curl = div * rate, curl * rate
         more_div, more_curl = (first - 1.0) * div - more_div * rate, (first - 1.0) * curl - more_curl * rate
     return NORM[dim - 1][kernel] * total, -(dim + first), curve, div, curl, more_div, more_curl
@@ -172,7 +200,7 @@ def improve(dim, m, h, wanted, low, high, rho, slope, curve):
 
 
 @in_double
-def improve_all(kernel, dim, shear, wanted, unit_mass, support, n, some):
+def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
     """A step of the search for h of n members, from their sums in the rows `some`: |div v| and |curl v| take the place
     of these. Returns how many of them go on, and how many want an h that their list does not reach for.
     """
@@ -181,7 +209,7 @@ def improve_all(kernel, dim, shear, wanted, unit_mass, support, n, some):
         searched, h = some[k + STATE] == SEARCHED, some[k + H]
         per_h = 1.0 / h
         total, slope, curve, div, curl, more_div, more_curl = in_units_of_density(
-            kernel, dim, shear, some[k + TOTAL], some[k + FIRST], some[k + SECOND], some[k + DIV], some[k + CURL],
+            kernel, dim, derived, some[k + TOTAL], some[k + FIRST], some[k + SECOND], some[k + DIV], some[k + CURL],
             some[k + MORE_DIV], some[k + MORE_CURL],
         )  # fmt: skip
         rho = total * unit_mass * (per_h * per_h if dim == 2 else per_h)
@@ -193,7 +221,7 @@ def improve_all(kernel, dim, shear, wanted, unit_mass, support, n, some):
         some[k + H] = new if searched else h
         some[k + RHO] = rho if searched else some[k + RHO]
         some[k + OMEGA] = (OUTGROWN if outgrown else omega) if searched else some[k + OMEGA]
-        if shear:
+        if derived == DIV_CURL:
             some[k + DIV] = abs(div + step * more_div) * per_h if searched else some[k + DIV]
             some[k + CURL] = abs(curl + step * more_curl) * per_h if searched else some[k + CURL]
         goes_on = searched & (not (found | outgrown))
@@ -226,36 +254,52 @@ def begin_cell(wanted, own, count, cells, again, mass, h, gradh, members):
 
 
 @njit(inline="always")
-def clear_sums(count, members):
+def clear_sums(sums, count, members):
     """Let the sums of members that are searched begin with 0."""
     for p in range(count):
         at = seat(p)
         if members[at + STATE] == SEARCHED:
-            for row in range(SUMS):
+            for row in range(sums):
                 members[at + np.uint64(row * TILE)] = 0.0
 
 
 @njit(inline="always")
-def end_cell(shear, own, count, order, found, members):
+def slopes_of(dim, at, members):
+    """xx, xy and yy of the symmetric part of eq. (7) from a member's sums, over one unit of their lengths."""
+    txx, txy, tyy = members[at + TXX], members[at + TXY], members[at + TYY]
+    axx, axy, ayx, ayy = members[at + AXX], members[at + AXY], members[at + AYX], members[at + AYY]
+    if dim == 1:
+        return (axx / txx if txx > 0.0 else 0.0), 0.0, 0.0
+    det = txx * tyy - txy * txy
+    rate = 1.0 / det if det > PLANE * (txx + tyy) * (txx + tyy) else 0.0
+    across = axy * txx - axx * txy + ayx * tyy - ayy * txy
+    return (axx * tyy - axy * txy) * rate, 0.5 * across * rate, (ayy * txx - ayx * txy) * rate
+
+
+@njit(inline="always")
+def end_cell(dim, derived, own, count, order, per_unit, found, members):
     """Write what was found for the members of a cell."""
     for p in range(count):
         at, i = seat(p), order[own + p]
         if members[at + STATE] == NOT_ASKED:
             continue
         found.h[i], found.rho[i], found.gradh[i] = members[at + H], members[at + RHO], members[at + OMEGA]
-        if shear:
+        if derived == DIV_CURL:
             found.div[i], found.curl[i] = members[at + DIV], members[at + CURL]
+        if derived == SLOPES:
+            xx, xy, yy = slopes_of(dim, at, members)
+            found.slopes[i, 0], found.slopes[i, 1], found.slopes[i, 2] = xx * per_unit, xy * per_unit, yy * per_unit
 
 
 @njit(inline="always")
-def pack_masses(dim, shear, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
-    """Pack masses, and with `shear` velocities less (ux, uy), of the candidates from `begin` to `end`."""
+def pack_masses(dim, moving, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
+    """Pack masses, and with `moving` velocities less (ux, uy), of the candidates from `begin` to `end`."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]
     for k in range(count):
         j = order[slots[first + k]]
         masses[k] = mass[j] * per_mass
-        if shear:
+        if moving:
             vx[k] = vel[j, 0] - ux
             if dim == 2:
                 vy[k] = vel[j, 1] - uy
@@ -264,13 +308,14 @@ def pack_masses(dim, shear, begin, end, slots, order, vel, mass, ux, uy, per_mas
 
 
 @functools.cache
-def density_driver(kernel: int, dim: int, shear: bool, single: bool):
-    """Compile the pass that gives each particle its h, density and Omega, and with `shear` |div v| and |curl v|.
+def density_driver(kernel: int, dim: int, derived: int, single: bool):
+    """Compile the pass that gives each particle its h, density and Omega, and derivatives of the velocity.
 
     With `single` packs are of single precision, with masses in units of `unit_mass`, a power of two.
     `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for: `again`.
     """
-    support = SUPPORT[kernel]
+    support, moving = SUPPORT[kernel], derived != NO_DERIVATIVES
+    sums = SUMS_OF_SLOPES if derived == SLOPES else SUMS
 
     @lean_sums_in_single if single else lean_sums
     def density(first, last, part, filled, given, found, wanted, unit_mass, cells, again, outgrown):
@@ -282,14 +327,14 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
             cell = filled[c]
             ox, oy, unit, own = bounds[cell, 0], bounds[cell, 1], bounds[cell, 4], start[cell]
             per_unit, per_length, count = 1.0 / unit, per_slab(bounds[cell, 2], unit), start[cell + 1] - own
-            ux, uy = (vel[order[own], 0], vel[order[own], 1] if dim == 2 else 0.0) if shear else (0.0, 0.0)
+            ux, uy = (vel[order[own], 0], vel[order[own], 1] if dim == 2 else 0.0) if moving else (0.0, 0.0)
             begin_cell(wanted, own, count, cells, again, mass, h, found.gradh, members)
             for _ in range(ITERATIONS):
-                clear_sums(count, members)
+                clear_sums(sums, count, members)
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
                     place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
-                    pack_masses(dim, shear, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
+                    pack_masses(dim, moving, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
                     for p in range(count):
                         at, k, near, n = seat(p), own + p, 0, all_of(end - listed)
                         if members[at + STATE] != SEARCHED:
@@ -298,17 +343,17 @@ def density_driver(kernel: int, dim: int, shear: bool, single: bool):
                         if not single:
                             near, n = window(c - first, from_x, members[at + REACH], per_length, listed, end, lists)
                         x, y, per_h = from_x * per_unit, from_y * per_unit, unit / members[at + H]
-                        vx, vy = relative(dim, vel, order[k], ux, uy, 1.0) if shear else (0.0, 0.0)
-                        add_density(single, kernel, dim, shear, x, y, vx, vy, per_h, n, pack[near:], members, at)
+                        vx, vy = relative(dim, vel, order[k], ux, uy, 1.0) if moving else (0.0, 0.0)
+                        add_density(single, kernel, dim, derived, x, y, vx, vy, per_h, n, pack[near:], members, at)
                 # Apart from the sums, whose loop need not wait for all these divisions.
                 left = 0.0
                 for p in range(0, count, TILE):
                     n, some = whole(min(TILE, count - p)), members[seat(p) :]
-                    going, beyond = improve_all(kernel, dim, shear, wanted, unit_mass, support, n, some)
+                    going, beyond = improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some)
                     left += going
                     outgrown[c] |= beyond > 0.0
                 if left == 0.0:
                     break
-            end_cell(shear, own, count, order, found, members)
+            end_cell(dim, derived, own, count, order, per_unit, found, members)
 
     return density

@@ -21,8 +21,8 @@ NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: si
 CHUNK = 256
 STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
 # Columns of `force_columns` too: the first eight are of one cache line.
-MASS, INV_H, PRESS, INV_RHO, VX, VY, SOUND, SWITCH, ENERGY, P, FLUIDITY = range(11)
-NORM_H, X, Y, INV_R, R, OWN, OTHER = range(FLUIDITY + 1, FLUIDITY + 8)
+MASS, INV_H, PRESS, INV_RHO, VX, VY, SOUND, SWITCH, ENERGY, P, FLUIDITY, SXX, SXY, SYY = range(14)
+NORM_H, X, Y, INV_R, R, OWN, OTHER = range(SYY + 1, SYY + 8)
 ROWS = OTHER + 1
 
 

@@ -12,10 +12,28 @@ import numpy as np
 from discsim.kernels.candidates import list_candidates
 from discsim.kernels.neighbours import Cells, widen
 from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
-from discsim.kernels.sph import ALL_PAIRS, APPROACHING, NO_VISCOSITY, Strengths, force_columns, force_driver
+from discsim.kernels.sph import (
+    ALL_PAIRS,
+    APPROACHING,
+    NO_VISCOSITY,
+    RECONSTRUCTED,
+    Strengths,
+    force_columns,
+    force_driver,
+)
+from discsim.kernels.sph_density import (
+    DIV_CURL,
+    NO_DERIVATIVES,
+    SLOPES,
+    TILE,
+    Found,
+    Given,
+    Wanted,
+    Work,
+    density_driver,
+)
 from discsim.kernels.sph_density import ROWS as MEMBER_ROWS
-from discsim.kernels.sph_density import TILE, Found, Given, Wanted, Work, density_driver
-from discsim.kernels.sph_packs import ENERGY, FLUIDITY, ROWS, STRIDE, Scale
+from discsim.kernels.sph_packs import FLUIDITY, ROWS, STRIDE, SWITCH, SYY, Scale
 from discsim.numerics import room, world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
 from discsim.numerics.threads import share
@@ -27,6 +45,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
+PAIRS = {"approaching": APPROACHING, "all": ALL_PAIRS, "reconstructed": RECONSTRUCTED}
 # Over the density of an even gas of the mean h, where h stops. Of particles at one place, or as near as nothing, m W(0)
 # h^d is more than m eta^d at any h: without a limit h and the step would fall to nothing. Codes with gravity have it at
 # a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
@@ -85,11 +104,16 @@ class Sph:
         self.h_most = self.size.max() / (1.0 if self.periodic else 8.0)
         self.viscosity = scene.gas.viscosity
         self.conductivity = scene.gas.conductivity
-        self.pairs = NO_VISCOSITY
+        self.pairs, self.derived = NO_VISCOSITY, NO_DERIVATIVES
         if self.viscosity is not None:
-            self.pairs = ALL_PAIRS if self.viscosity.pairs == "all" else APPROACHING
-        self.columns = np.empty((0, ENERGY))
-        self.balsara = self.viscosity is not None and self.viscosity.switch == "balsara"
+            self.pairs = PAIRS[self.viscosity.pairs]
+            switched = self.viscosity.switch == "balsara"
+            self.derived = SLOPES if self.pairs == RECONSTRUCTED else DIV_CURL if switched else NO_DERIVATIVES
+        self.columns = np.empty((0, 0))
+
+    def ignore_velocities(self) -> None:
+        """Find densities alone from now on, without derivatives of the velocity."""
+        self.derived = NO_DERIVATIVES
 
     @contextmanager
     def in_double(self) -> Iterator[None]:
@@ -150,7 +174,7 @@ class Sph:
         return True
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
-        """Density, Omega and, unless fixed, smoothing length of all particles; what a switch needs of `vel`.
+        """Density, Omega and, unless fixed, smoothing length of all particles; what viscosity needs of `vel`.
 
         Raises FloatingPointError where a smoothing length is no number: the cells of neighbours would have no size.
         """
@@ -169,14 +193,15 @@ class Sph:
 
     def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> bool:
         """`density` with h of no less than h_least; False where it has to begin anew, with more particles around."""
-        driver = density_driver(self.kernel, self.dim, self.balsara, self.single)
+        driver = density_driver(self.kernel, self.dim, self.derived, self.single)
         both, h, mass, cells = self.around(gas)
         self.both, self.cells, self.fullest = both, cells, int(np.diff(cells.start).max())
         lists = self.lists = self.parts(self.listed(cells))
         self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
-        self.shear = [np.empty(len(h) if self.balsara else 0) for _ in range(2)]
-        found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), *self.shear)
-        given = Given(both.of(vel) if self.balsara else vel, mass)
+        div, curl = (np.empty(len(h) if self.derived == DIV_CURL else 0) for _ in range(2))
+        slopes = np.empty((len(h) if self.derived == SLOPES else 0, 3))
+        found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), div, curl, slopes)
+        given = Given(vel if self.derived == NO_DERIVATIVES else both.of(vel), mass)
         wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed), binade(mass)
 
         def again(first: int, last: int) -> None:
@@ -223,7 +248,8 @@ class Sph:
         """Add to `acc` (and `heating_rate`); return the longest step that these allow."""
         terms = self.pairs, u is not None, self.conductivity is not None
         both, found = self.both, self.found
-        for array in (found.rho, found.gradh, *(self.shear if self.balsara else ())):
+        derivatives = {NO_DERIVATIVES: (), DIV_CURL: (found.div, found.curl), SLOPES: (found.slopes,)}[self.derived]
+        for array in (found.rho, found.gradh, *derivatives):
             both.refresh(array)  # on processes without particles too: all call
         optional = [array for array in (u, gas.immobile, gas.nu) if array is not None]
         moving, mass, pressure, sound, *rest = both.of_all([vel, gas.mass, pressure, gas.sound_speed, *optional])
@@ -233,7 +259,12 @@ class Sph:
         alpha, beta = (viscosity.alpha, viscosity.beta) if viscosity else (0.0, 0.0)
         strengths = Strengths(beta, conductivity.alpha if conductivity else 0.0, 1.0 + 1.2 * alpha, 1.0 + 1.2 * beta)
         scale = Scale(binade(mass), binade(found.h), binade(sound))
-        columns = self._columns(len(mass), conductivity is not None or len(nu) > 0)
+        last = SWITCH
+        if self.pairs == RECONSTRUCTED:
+            last = SYY
+        elif conductivity is not None or len(nu) > 0:
+            last = FLUIDITY
+        columns = self._columns(len(mass), last + 1)
         share(
             force_columns, len(mass), Given(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
@@ -257,11 +288,11 @@ class Sph:
         fastest = np.max(rates)
         return 1.0 / float(fastest) if fastest != 0.0 else np.inf
 
-    def _columns(self, count: int, many: bool) -> np.ndarray:
+    def _columns(self, count: int, width: int) -> np.ndarray:
         """Memory for the columns of forces, which is kept: new memory costs as much as what is written to it."""
         if len(self.columns) < count:
             spare = min(len(self.columns), count // 16)  # that it has to grow once will not be all
-            self.columns = room.aligned((count + spare, FLUIDITY + 1 if many else ENERGY))
+            self.columns = room.aligned((count + spare, width))
         return self.columns[:count]
 
     def _uneven(self, gas: Gas) -> bool:

@@ -11,7 +11,8 @@ c_s is the thermal speed sqrt(P / Sigma), as in every H of discsim, of gas that 
 temperature. Omega_K is that of circles about the central mass, softened as the star is.
 
 What the gas has beside it: of the artificial viscosity's linear term on all pairs, half as much on approaching ones,
-and of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas,
+and of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas (nothing on
+reconstructed velocities, which a smooth shear leaves without a jump),
 
     nu    = 3/16 alpha_sph <q> c_s h + beta <q^2> S h^2 / (6 pi)                   (5)
 
@@ -121,7 +122,7 @@ def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, h
 def artificial(scene: Scene, at: Local) -> Array:
     """nu (n,) of the artificial viscosity at the places of `at`, eq. (5); beta's part only where there is an Omega."""
     given, kernel = scene.gas.viscosity, SMOOTHING[scene.gas.kernel]
-    if given is None or at.h is None or at.sound_speed is None:
+    if given is None or not given.acts_in_shear or at.h is None or at.sound_speed is None:
         return np.zeros_like(at.density)
     found = 3.0 / 16.0 * given.alpha * kernel.mean_q[0] * at.sound_speed * at.h * (1.0 if given.pairs == "all" else 0.5)
     if at.omega is not None:

@@ -27,7 +27,7 @@ PLACES = 129  # of the gas, at which limits are taken
 # Fitted to the steps of the shipped setups and of nine published discs, so that each is foreseen within a factor of 1.5
 # (`analysis/forecast_steps.py`, table in docs/cost.md); none is a measurement by itself.
 SPREAD = 0.2  # speed of an edge, of c_s
-UNSWITCHED = 2.5  # times as fast where viscosity has no switch, in h/H
+UNSWITCHED = 2.5  # times as fast where viscosity brakes shear whole, in h/H
 DRIVEN = 0.5  # speed of an edge that a second star drives, of c_s
 LEAST = 0.1  # of the inner edge: so far it comes in where no star takes it
 UNEVEN, COLLAPSES = 0.03, 1.5  # of Sigma: what grows where a start has no perturbation, and what falls together at once
@@ -154,7 +154,8 @@ class Outlooks:
         if at.resolution is None or at.scale_height is None or given is None:
             return SPREAD
         wide = float(at.resolution[0] / at.scale_height[0])
-        return SPREAD * min(max(1.0, wide * (1.0 if given.switch == "balsara" else UNSWITCHED)), 1.0 / SPREAD)
+        unswitched = given.acts_in_shear and given.switch != "balsara"
+        return SPREAD * min(max(1.0, wide * (UNSWITCHED if unswitched else 1.0)), 1.0 / SPREAD)
 
     def _drift(self) -> float:
         """Drift of grains at the inner edge of a given disc (Nakagawa et al. 1986, without back-reaction)."""

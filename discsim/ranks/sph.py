@@ -53,7 +53,7 @@ class DividedSph(Sph):
     def forces(self, gas: Gas, vel: Array, u: Array | None, pressure: Array) -> float:
         """As `Sph` has it. What is left of neighbours is let go of: a kick takes its memory."""
         found = super().forces(gas, vel, u, pressure)
-        del self.both, self.cells, self.lists, self.found, self.shear, self.met
+        del self.both, self.cells, self.lists, self.found, self.met
         self.columns = self.columns[:0].copy()
         return found
 

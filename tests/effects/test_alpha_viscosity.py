@@ -126,6 +126,22 @@ def test_check_foretells_the_artificial_viscosity_of_a_shear(pairs, braked, swit
     np.testing.assert_allclose([float(word) for word in text.split(",")], left * wanted, rtol=0.05)  # two digits
 
 
+def test_check_foretells_no_artificial_viscosity_on_reconstructed_velocities():
+    tables = disc(alpha=1e-3)
+    tables["gas"] = tables["gas"] | {"viscosity": {"alpha": 0.7, "beta": 3.0, "pairs": "reconstructed"}}
+    scene = load_scene(tables)
+    assert np.all(viscosity.artificial(scene, local(scene)) == 0.0)
+
+
+def test_a_reconstructed_viscosity_leaves_a_shear_wave_alone():
+    """It is left with what slopes at kh = .26 miss of the wave: below a tenth of the viscosity of all pairs."""
+    nu = {}
+    for pairs in ("all", "reconstructed"):
+        sim = box(lattice(32), np.zeros((1024, 2)), nu=None, viscosity={"alpha": 0.5, "beta": 0.0, "pairs": pairs})
+        nu[pairs] = strength(sim, 1)
+    assert 0.0 < nu["reconstructed"] < 0.1 * nu["all"]
+
+
 @pytest.mark.parametrize(("pairs", "braked"), [("all", 1.0), ("approaching", 0.5)])
 def test_artificial_viscosity_brakes_a_shear_wave_as_foretold(pairs, braked):
     """3/16 alpha <q> c_s h with all pairs, half of it with approaching ones; a lattice has some per cent less."""

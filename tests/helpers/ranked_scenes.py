@@ -197,6 +197,7 @@ SCENES = {
         3, self_gravity={"kernel": "thin-disc", "thickness": 0.1, "softening": None}, drag={"direction": "one-way"}
     ),
     "single": disc(6, gas={"precision": "single", "viscosity": {"switch": "balsara"}}, **VISCOUS),
+    "reconstructed": disc(6, gas={"viscosity": {"alpha": 0.3, "pairs": "reconstructed"}}, **VISCOUS),
     "euler": disc(3, run={"integrator": "euler"}),
     "heat": disc(3, **HEATED),
     "heat paid around": disc(6, gas={"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.003}}),

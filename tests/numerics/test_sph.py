@@ -85,7 +85,7 @@ def test_kernel_slope_is_its_derivative(kernel, dim):
 
 # Density and forces against direct sums
 
-CASES = [("cubic", 1, "periodic"), ("wendland-c4", 2, "periodic"), ("cubic", 2, "open")]
+CASES = [("wendland-c2", 1, "periodic"), ("wendland-c4", 2, "periodic"), ("wendland-c2", 2, "open")]
 
 
 @pytest.mark.parametrize(("kernel", "dim", "boundary"), CASES)
@@ -145,22 +145,26 @@ def test_h_does_not_depend_on_its_first_guess():
 
 ALL = {
     "eos": {"kind": "adiabatic", "gamma": 1.4},
-    "viscosity": {"alpha": 1.0, "beta": 2.0, "switch": "balsara"},
     "conductivity": {"alpha": 1.0},
 }
 
 
-def lively(boundary, **changes):
+BALSARA, RECONSTRUCTED = {"switch": "balsara"}, {"pairs": "reconstructed"}
+
+
+def lively(boundary, viscosity=BALSARA, **changes):
     """Uneven gas of random velocities and energies, with every term of eqs. (3-5)."""
+    terms = ALL | {"viscosity": {"alpha": 1.0, "beta": 2.0} | viscosity}
     pos, mass = uneven(150, 2)
     rng = np.random.default_rng(3)
     given = {"vel": rng.normal(size=(150, 2)), "u": rng.uniform(0.5, 2.0, 150)} | changes
-    return simulation(given.pop("pos", pos), 2, boundary, "wendland-c4", given.pop("mass", mass), **given, **ALL)
+    return simulation(given.pop("pos", pos), 2, boundary, "wendland-c4", given.pop("mass", mass), **given, **terms)
 
 
+@pytest.mark.parametrize("viscosity", [BALSARA, RECONSTRUCTED], ids=["balsara", "reconstructed"])
 @pytest.mark.parametrize("boundary", ["open", "periodic"])
-def test_momentum_and_energy(boundary):
-    gas = lively(boundary).gas
+def test_momentum_and_energy(boundary, viscosity):
+    gas = lively(boundary, viscosity).gas
     force = gas.mass[:, None] * gas.acc
     # Pairs cancel to the rounding of the largest forces.
     assert np.abs(force.sum(axis=0)).max() < 1e-13 * np.abs(force).sum()
@@ -169,29 +173,35 @@ def test_momentum_and_energy(boundary):
     assert abs(work.sum() + heating.sum()) < 1e-13 * (np.abs(work) + np.abs(heating)).sum()
 
 
-def test_angular_momentum():
-    gas = lively("open").gas
+@pytest.mark.parametrize("viscosity", [BALSARA, RECONSTRUCTED], ids=["balsara", "reconstructed"])
+def test_angular_momentum(viscosity):
+    gas = lively("open", viscosity).gas
     force = gas.mass[:, None] * gas.acc
     torque = gas.pos[:, 0] * force[:, 1] - gas.pos[:, 1] * force[:, 0]
     assert abs(torque.sum()) < 1e-13 * np.abs(torque).sum()
 
 
-def test_rotation_boost_and_order():
+@pytest.mark.parametrize("viscosity", [BALSARA, RECONSTRUCTED], ids=["balsara", "reconstructed"])
+def test_rotation_boost_and_order(viscosity):
     """Turned by an angle, seen from a moving frame and stored in another order, it is the same gas."""
-    gas = lively("open").gas
+    gas = lively("open", viscosity).gas
     rng = np.random.default_rng(5)
     angle = 0.7
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     order = rng.permutation(150)
     pos, mass = uneven(150, 2)
-    start = lively("open", pos=pos)
+    start = lively("open", viscosity, pos=pos)
     vel, u = start.gas.vel, start.gas.u
     scale, rate = np.abs(gas.acc).max(), np.abs(gas.heating_rate).max()
     # The solution for h stops a step earlier or later: Omega, and with it the force, may differ by up to 1e-4.
     cases = {
-        "turned": (lively("open", pos=pos @ turn, vel=vel @ turn), gas.acc @ turn, slice(None)),
-        "boosted": (lively("open", vel=vel + np.array([3.0, -2.0])), gas.acc, slice(None)),
-        "reordered": (lively("open", pos=pos[order], vel=vel[order], u=u[order], mass=mass[order]), gas.acc, order),
+        "turned": (lively("open", viscosity, pos=pos @ turn, vel=vel @ turn), gas.acc @ turn, slice(None)),
+        "boosted": (lively("open", viscosity, vel=vel + np.array([3.0, -2.0])), gas.acc, slice(None)),
+        "reordered": (
+            lively("open", viscosity, pos=pos[order], vel=vel[order], u=u[order], mass=mass[order]),
+            gas.acc,
+            order,
+        ),
     }
     for name, (other, acc, index) in cases.items():
         np.testing.assert_allclose(other.gas.acc, acc[index], atol=1e-4 * scale, err_msg=name)

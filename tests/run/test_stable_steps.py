@@ -41,7 +41,7 @@ def fixed(kernel, courant, alpha=0.3, count=COUNT):
     return courant * h / (SPEED * (1 + 1.2 * alpha))
 
 
-@pytest.mark.parametrize("kernel", ["cubic", "quintic", "quintic-h", "wendland-c4"])
+@pytest.mark.parametrize("kernel", SMOOTHING)
 def test_fastest_sound_of_a_lattice(kernel):
     """The largest frequency of small motions, from the forces on a lattice with each particle moved a little."""
     sim = box(kernel)

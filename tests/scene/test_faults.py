@@ -55,6 +55,10 @@ FAULTS = [
     ('softening = "1 au"', 'softening = "1 K"', 30, 'self_gravity.softening: "1.0 K" is not made of*'),
     ('length = "1 au"', 'length = "1 s"', 3, 'units.length: "1 s" is a time; expected a length*'),
     ('length = "1 au"', 'length = "-1 au"', 3, 'units.length: "-1 au" is not positive*'),
+    (
+        "[gas.viscosity]", '[gas.viscosity]\nswitch = "balsara"\npairs = "reconstructed"', 22,
+        'gas.viscosity.switch: "balsara" takes viscosity out of shear*expected one of them',
+    ),
     ("[gas.viscosity]", "[gas.conductivity]", 21, "gas.conductivity: conducts heat, but the gas is*"),
     ("[gas.viscosity]", "[gas.viscosty]", 21, 'gas.viscosty: unknown key* did you mean "viscosity"?'),
     ('kind = "locally', 'gamma = 2\nkind = "locally', 18, 'gas.eos.gamma: unknown*; it goes with kind = "adiabatic"'),

@@ -56,7 +56,9 @@ def test_dict_may_hold_quantities_and_numpy_numbers(tmp_path):
     assert "100.0 AU" in scene.text
 
 
-@pytest.mark.parametrize("kernel, eta", [("cubic", 2.0), ("quintic", 2.0), ("quintic-h", 6.0), ("wendland-c4", 2.0)])
+@pytest.mark.parametrize(
+    "kernel, eta", [("cubic", 2.0), ("quintic", 2.0), ("quintic-h", 6.0), ("wendland-c2", 2.0), ("wendland-c4", 2.0)]
+)
 def test_eta_follows_the_kernel(kernel, eta):
     assert load_scene(changed(WAVE, gas={"kernel": kernel})).gas.eta == eta
     assert load_scene(changed(WAVE, gas={"kernel": kernel, "eta": 1.7})).gas.eta == 1.7
