@@ -65,11 +65,12 @@ def disc(until=1.0, gas=1200, **tables):
     }
 
 
-@pytest.mark.parametrize("law", ["epstein", "epstein-stokes"])
-def test_drift_of_stirred_dust_has_every_gradient(law):
+@pytest.mark.parametrize("law,index", [("epstein", 0.0), ("epstein-stokes", 0.0), ("epstein", 1.7)])
+def test_drift_of_stirred_dust_has_every_gradient(law, index):
     """grad D + D grad ln Sigma of D = alpha c^2 / (Omega (1 + St^2)), St about 1, by differences of D and Sigma.
 
-    In Stokes' regime St ~ 1 / c, whose gradient is half that of c^2; about a softened star, in gas with a bump.
+    In Stokes' regime St ~ 1 / c, whose gradient is half that of c^2; about a softened star, in gas with a bump, with
+    one alpha or one that is a power of the radius.
     """
     from discsim.kernels import diffusion as kernels
 
@@ -80,6 +81,8 @@ def test_drift_of_stirred_dust_has_every_gradient(law):
     if law == "epstein-stokes":
         tables["drag"]["mean_free_column"] = 1e-8
         tables["dust"]["grain_size"] = 5e-5
+    if index > 0.0:
+        tables["dust_diffusion"], tables["alpha_viscosity"] = {}, {"alpha": 0.02, "index": index}
     sim = Simulation(tables)
     drag, stirs = sim.effects["drag"], sim.effects["dust_diffusion"]
     row, stirring = stirs._turbulence(sim.state)
