@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from discsim import Simulation
+from discsim.kernels import background as kernels
 from discsim.physics.given_disc import GivenDisc
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived
@@ -60,6 +61,23 @@ def exact(start, until, stokes):
         return np.concatenate([z[2:], -(kepler**2) * z[:2] + kepler / stokes * wind])
 
     return solve_ivp(slope, (0.0, until), start, rtol=1e-12, atol=1e-13).y[:, -1]
+
+
+@pytest.mark.parametrize("softening", [0.0, 0.45])
+def test_slips_of_a_drift_have_the_vorticity_of_the_gas(softening):
+    """Drag turns grains as they fall, w = -v t B with B = (1/r) d(r v_g)/dr of the gas, about a softened star too."""
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.09, "temperature_index": 0.7}
+    gas = {"surface_density": 1e-4, "surface_density_index": 1.4, "eos": eos}
+    disc = Simulation(scene(0.3, star={"mass": 1.3, "softening": softening}, background=gas)).effects["drag"]
+
+    def path(r):
+        return kernels.path_at(0.6 * r, 0.8 * r, 0, disc.kernel_disc(1.3))
+
+    for r in (0.6, 1.1, 2.3):
+        here, near, far = path(r), path(r * (1 - 1e-4)), path(r * (1 + 1e-4))
+        vorticity = (far.r * far.orbit - near.r * near.orbit) / (2e-4 * r * r)
+        assert here.slip < 0.0
+        assert here.azimuthal == pytest.approx(-here.slip * here.time * vorticity, rel=1e-6)  # differences over 2e-4 r
 
 
 @pytest.mark.parametrize("stokes", [0.3, 3.0, 1e4])
@@ -121,8 +139,8 @@ def test_epstein_in_the_given_density():
     [
         ({"kind": "isothermal", "sound_speed": 0.03}, lambda r, sigma: 0.03**2 * sigma),
         (
-            {"kind": "locally-isothermal", "aspect_ratio": 0.03, "temperature_index": 0.4},
-            lambda r, sigma: 0.03**2 * r**-0.4 * sigma,
+            {"kind": "locally-isothermal", "aspect_ratio": 0.03, "temperature_index": 0.4, "reference_radius": 1.9},
+            lambda r, sigma: 0.03**2 / 1.9 * (r / 1.9) ** -0.4 * sigma,
         ),
         ({"kind": "polytropic", "gamma": 1.5, "constant": 0.1}, lambda r, sigma: 0.1 * sigma**1.5),
     ],
