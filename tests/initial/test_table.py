@@ -91,6 +91,21 @@ def test_kelvins_of_a_table_are_those_of_its_molecules(tmp_path, mu):
         np.testing.assert_allclose((speed * unit) ** 2, 1.380649e-16 * found / (mu * hydrogen), rtol=1e-6)
 
 
+def test_given_gas_beyond_the_ends_of_its_table_goes_on_as_powers(tmp_path):
+    """Of the radius, by the slopes at the ends: dust drifts there too."""
+    path, tables = table(tmp_path), scene("")
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.04}
+    tables |= {"background": {"file": str(path), "eos": eos}, "dust": {"particles": 30, "ratio": 0.02}}
+    tables |= {"initial": {"kind": "disc", "surface_density": 1e-4, "inner": 1.2, "outer": 2.7}}
+    tables |= {"drag": {"law": "stokes-number", "stokes": 0.2, "direction": "one-way"}}
+    del tables["gas"]
+    given, r = GivenDisc(load_scene(tables)), np.array([0.3, 0.85, 3.4, 7.0])
+    # Rounding of 60 logarithms and of the cubics' slopes through them.
+    np.testing.assert_allclose(given.surface_density(r), 1e-4 * r**-1.5, rtol=1e-9)
+    np.testing.assert_allclose(given.thermal_speed(r) ** 2, 0.0025 / r, rtol=1e-9)
+    np.testing.assert_allclose(given.pressure_slope(r), 2.5, rtol=1e-9)
+
+
 def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
     rough = "r Sigma\n" + "\n".join(f"{x} {y}" for x, y in [(1, 1e-4), (1.5, 3e-4), (2, 1e-4), (3, 2e-5)])
     eos = {"kind": "locally-isothermal", "aspect_ratio": 0.05}
