@@ -1,5 +1,6 @@
 """Companions and the frame: orbits against exact ones, what pulls whom, momentum, both frames."""
 
+import itertools
 import math
 
 import numpy as np
@@ -339,6 +340,18 @@ def test_a_grain_that_goes_with_a_companion_limits_the_step_by_its_pull():
     sim.step(1e-12)
     assert sim.limited_by == "companion"
     assert sim.limit == pytest.approx(math.sqrt((0.1**2 + 0.2**2) ** 1.5 / 0.3), rel=1e-9)  # of a step of 1e-12
+
+
+def test_orbits_of_companions_limit_the_step_by_the_masses_of_both():
+    """1 / Omega = (d^3 / (M + m))^(1/2) of each about the star, and of two live ones about each other."""
+    heavy = {"mass": 0.7, "semi_major_axis": 2.2, "softening": "0.1", "orbit": "live"}
+    light = {"mass": 0.4, "semi_major_axis": 2.9, "phase": 50.0, "softening": "0.1", "orbit": "live"}
+    for companions in ([heavy], [heavy, light], [light, heavy]):
+        sim = Simulation(tables(companions, star={"mass": 1.3}), particles={"dust": GRAIN})
+        pairs = list(itertools.combinations(zip(sim.bodies.mass, sim.bodies.pos, strict=True), 2))
+        wanted = [math.dist(x, y) ** 3 / (m + n) for (m, x), (n, y) in pairs]
+        found = sim.effects["companion"].orbits.limit(sim.bodies)
+        assert found == pytest.approx(min(wanted) ** 0.5, rel=1e-12)
 
 
 def test_drag_sees_all_relative_to_the_moving_star():
