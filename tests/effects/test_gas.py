@@ -306,6 +306,10 @@ def test_the_star_takes_the_momentum_of_what_it_takes():
     assert sim.dust.count == 1 and ledger.accreted_dust == 0.2
     np.testing.assert_allclose(ledger.accreted_momentum, [0.06, -0.4])
     assert ledger.accreted_angular_momentum == pytest.approx(0.2 * (0.05 * -2.0 - 0.02 * 0.3))
+    whole = totals(sim)  # of what is left and what was taken, as at the start
+    assert whole["mass"] == pytest.approx(0.3, rel=1e-14)
+    np.testing.assert_allclose([whole["momentum_x"], whole["momentum_y"]], [0.06, -0.4 + 0.1], rtol=1e-14)
+    assert whole["spin"] == pytest.approx(0.2 * (0.05 * -2.0 - 0.02 * 0.3) + 0.1 * 1.0, rel=1e-14)
 
 
 # A self-gravitating sheet: omega^2 = c_s^2 k^2 - 2 pi k exp(-k softening)
@@ -372,6 +376,19 @@ def test_energy_about_a_softened_star():
     kinetic = sim.dust.vel[0] @ sim.dust.vel[0]
     assert kinetic > 4 * 0.25
     assert totals(sim)["energy"] == pytest.approx(start, abs=1e-4 * kinetic)  # (Omega dt)^2 / 8 is 1e-5 at its least r
+
+
+def test_a_softened_star_limits_the_step_less():
+    """1 / Omega = ((d^2 + s^2)^(3/2) / G M)^(1/2) of the nearest particle, d within the softening."""
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 2.0}, "space": {"size": 8.0},
+        "dust": {"particles": 2, "ratio": 1.0}, "star": {"mass": 1.7, "softening": 0.6},
+    }  # fmt: skip
+    given = {"pos": [[0.3, -0.4], [1.5, 0.2]], "vel": [[0.2, 0.1], [0.0, 0.9]], "mass": [2.0, 0.3]}
+    sim = Simulation(tables, particles={"dust": given})
+    sim.step(1e-12)
+    assert sim.limited_by == "star"
+    assert sim.limit == pytest.approx(math.sqrt((0.25 + 0.36) ** 1.5 / 1.7), rel=1e-9)  # of a step of 1e-12
 
 
 def test_stokes_numbers_know_the_softening():
