@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 from discsim import Simulation
 from discsim.drag.cells import merge
-from discsim.drag.heat import share_losses
+from discsim.drag.heat import pay_losses, share_losses
 from discsim.exact import dustybox
 from discsim.kernels.blocks import IGNORE, INSIDE, NEAR
 from discsim.kernels.coupled import ROOM, relax_coupled
@@ -397,6 +397,33 @@ def test_a_cell_keeps_the_rotation_of_gas_and_dust():
     assert min(lost) < 1e-15  # rounding of sums of .1
 
 
+@pytest.mark.parametrize("grains", [4, 6])
+def test_few_grains_of_a_cell_share_the_line_of_the_gas(grains):
+    """Where both have one field of velocities, linear in space, nothing slips: own slopes are too few grains' in parts,
+    and pooled ones for the rest (idic-linear).
+    """
+    rng, given = np.random.default_rng(11), {}
+    for name, count, mass in (("gas", 14, 1.0), ("dust", grains, 0.6)):
+        pos = rng.uniform([0.1, -0.1], [0.5, 0.3], (count, 2))
+        vel = pos @ [[0.6, 2.0], [-0.7, 0.3]] + [0.3, -0.2]
+        given[name] = {"pos": pos, "vel": vel, "mass": np.full(count, mass / count)}
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 4.0, "cells": 16},
+        "gas": {"particles": 14, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+        "dust": {"particles": grains, "ratio": 0.6},
+        "drag": {"law": "stopping-time", "t_stop": 0.5, "scheme": "idic-linear", "cell_length": 1.0},
+    }  # fmt: skip
+    changed = []
+    for step in range(6):  # cells move with every step: in some steps one of them has all particles
+        sim = Simulation(tables, particles=given)
+        sim.state.step = step
+        sim._prepare()
+        sim.operators.kick(0.3)
+        both = (sim.gas, given["gas"]), (sim.dust, given["dust"])
+        changed.append(max(np.abs(p.vel[np.argsort(p.ids)] - start["vel"]).max() for p, start in both))
+    assert min(changed) < 1e-14  # rounding of velocities of 1
+
+
 @pytest.mark.parametrize("direction", ["one-way", "two-way"])
 def test_a_wave_of_slip_stops_to_fourth_order_in_the_cell(direction):
     """At steps far beyond t_stop: what the clouds of nodes smooth away, of second order, they give back (`sharpen`)."""
@@ -508,3 +535,16 @@ def test_losses_are_paid_nearby():
     u, heat = np.array([0.1, 4.0, 8.0, 7.0, 7.0]), np.array([-0.325, 1.0, 1.0, 2.0, -1.0])
     share_losses(pos, np.ones(5), u, 1.0, heat)
     np.testing.assert_allclose(heat, [-0.025, 1.0 - 0.3 * 2.0 / 5.0, 1.0 - 0.3 * 3.0 / 5.0, 2.0, -1.0], rtol=1e-14)
+
+
+@pytest.mark.parametrize(("lost", "shared"), [(0.23, False), (0.6, True), (1.7, True)])
+def test_losses_of_more_than_a_quarter_are_paid_by_those_around(lost, shared):
+    """Also where a particle would have some heat left without them."""
+    u = np.array([0.8, 1.3, 2.1])
+    gas = SimpleNamespace(pos=np.array([[0.1, 0.2], [0.3, 0.2], [0.2, 0.4]]), mass=np.array([0.7, 1.1, 0.4]), u=u)
+    before = np.array([-lost * u[0], 0.9, 1.6])
+    heat = before.copy()
+    pay_losses(gas, 1.0, heat)
+    assert gas.mass @ heat == pytest.approx(gas.mass @ before, rel=1e-14)  # rounding of three terms
+    assert heat[0] == pytest.approx(-0.25 * u[0] if shared else before[0], rel=1e-14)
+    assert (heat[1:] < before[1:]).all() == shared
