@@ -2,6 +2,7 @@
 
 import re
 
+import growing
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -63,6 +64,16 @@ def test_the_bound_of_a_power_law_is_told_where_it_is_reached(index):
     assert bound == pytest.approx(slope**-0.5, abs=0.011)
     at_reference = bound * (REFERENCE / radius) ** (0.5 * (1.0 - index))
     load_scene(disc(0.999 * at_reference, index))
+
+
+@pytest.mark.parametrize(("direction", "small"), [("two-way", 0.17), ("one-way", 0.0)])
+def test_pressure_pushes_gas_that_carries_small_dust_less(direction, small):
+    """x = (p + q) (H/r)^2 over 1 + the ratio of small dust, which has no pressure and shares the gas's motion."""
+    tables = growing.disc(ratio=0.4, growth={"small_ratio": 0.17}, direction=direction)
+    tables["initial"]["surface_density_index"] = 1.2
+    found = support.support(load_scene(tables))
+    # Rounding: of a power law the slope is exact.
+    np.testing.assert_allclose(found.push, 1.7 * 0.01 * found.radius**0.5 / (1.0 + small), rtol=1e-12)
 
 
 @pytest.mark.parametrize("aspect, taken", [(0.5, True), (0.9, False)])
