@@ -62,6 +62,18 @@ def test_rings_of_a_quiet_start_are_not_seen():
     assert np.ptp(np.histogram(radius, np.linspace(1.25, 2.75, 91))[0]) > 100  # plain bins see them
 
 
+def test_a_particle_on_a_line_is_as_wide_as_three_fifths_of_their_distance():
+    """In one dimension that is one over their number density: what is seen of one among even ones, .13 apart."""
+    place = 0.7 + 0.13 * (np.arange(40) + 0.5)
+    smooth = bins.SmoothRings(place, (0.7, 5.9), 1)
+    seen = smooth.sum(np.where(np.arange(40) == 17, 2.3, 0.0))
+    middle = 0.5 * (smooth.edges[1:] + smooth.edges[:-1])
+    assert seen.sum() == pytest.approx(2.3, rel=1e-12)  # rounding
+    assert middle @ seen / 2.3 == pytest.approx(place[17], abs=0.011)  # half a bin
+    # Cut at 3.5 of its widths, 1%; levels of the density that is seen are even to .1%.
+    assert (seen @ (middle - middle @ seen / 2.3) ** 2 / 2.3) ** 0.5 == pytest.approx(0.6 * 0.13, rel=0.02)
+
+
 def test_a_window_within_the_disc_is_the_middle_of_the_whole():
     """Particles beside it reach into it: no darker border."""
     pos = ring(40_000, 5, 0.0, 3.0)
