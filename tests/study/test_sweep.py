@@ -20,7 +20,7 @@ from discsim.run.runner import run_scene
 from discsim.run.simulation import Simulation
 from discsim.scene import SceneError, tomltext
 from discsim.study import sweep as sweeps
-from discsim.study.outcomes import chosen, found_in, outcomes_of
+from discsim.study.outcomes import chosen, found_in, outcomes_of, quantile_radii
 from discsim.study.points import StudyError
 
 SCENE = {
@@ -228,3 +228,9 @@ def test_measures_have_units(tmp_path):
     assert values == pytest.approx({"mass_dust": 40.0, "step": 9.0, "cpu": 2.0}, rel=1e-12)
     with pytest.raises(StudyError, match="--measure accreted_small: unknown"):
         chosen(far, ["accreted_small"])  # nothing grows
+
+
+def test_radii_hold_their_shares_of_unequal_masses():
+    """Of .1, .5 and .9 of all, whatever the order of the particles."""
+    radius, mass = np.array([3.1, 0.4, 2.2, 5.3, 1.7]), np.array([2.6, 0.9, 0.3, 0.8, 1.3])
+    assert quantile_radii(radius, mass) == [0.4, 3.1, 5.3]  # within each: .9, 2.2, 2.5, 5.1, 5.9
