@@ -7,6 +7,7 @@ import pytest
 from discsim import load_scene
 from discsim.preview import accuracy
 from discsim.preview.check import report
+from discsim.preview.derived import derived
 
 TWIN = "setups/twin_twoway.toml"
 
@@ -30,6 +31,15 @@ def test_estimates_follow_the_settings(name, change, factor):
     plain, changed = number(load_scene(TWIN), name), number(load_scene(TWIN, [change]), name)
     # Rows have one or two digits.
     assert changed / plain == pytest.approx(factor, rel=0.35)
+
+
+@pytest.mark.parametrize("change", ["run.courant=0.6", "run.until=900 yr"])
+def test_energy_that_steps_change_is_by_orbits(change):
+    """3e-3 (C / .8)^2.4 in three orbits of the gas in the middle."""
+    scene = load_scene(TWIN, [change])
+    orbits = sorted(map(float, dict(derived(scene))["orbits until the end"].split(", ")))[1]
+    wanted = 3e-3 * (scene.run.courant / 0.8) ** 2.4 * orbits / 3.0
+    assert number(scene, "energy changed by the step, about") == pytest.approx(wanted, rel=0.35)  # it has one digit
 
 
 def test_single_precision_is_told_where_it_is():
