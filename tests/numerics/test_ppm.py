@@ -11,6 +11,7 @@ from drags import ON_GRID
 
 from discsim import Simulation, load_scene, read_snapshot
 from discsim.exact import dustybox, dustyshock, dustywave, riemann
+from discsim.kernels.ppm import flattening, keep_positive
 from discsim.run.runner import run_scene
 from discsim.run.simulation import PhysicsError
 from discsim.scene import SceneError
@@ -100,6 +101,25 @@ def test_dust_leaves_voids():
     assert np.abs(sim.dust.vel).max() <= 1.0 + 1e-12
 
 
+@pytest.mark.parametrize("to_the_right", [False, True])
+def test_a_void_at_an_edge_gives_the_other_one_what_leaves_it(to_the_right):
+    """Of a cell whose parabola gives away more than three quarters, what goes is that of a uniform one: rho u, rho u^2.
+
+    In a periodic box it comes in at the far edge: mass and momentum stay.
+    """
+    density, speed, ratio = np.array([0.3, 1.1, 0.7, 0.9, 0.4]), 0.9, 0.8
+    way, cell, face = (1.0, 4, 5) if to_the_right else (-1.0, 0, 0)
+    momentum, (rightward, leftward) = way * speed * density, np.zeros((2, 2, 6))
+    flux = rightward if to_the_right else leftward
+    flux[0] = way * np.array([0.45, 0.1, 0.2, 0.15, 0.12, 0.45])  # .8 times .45 is more than there is
+    flux[1] = 1.3 * way * flux[0]
+    keep_positive(density, momentum, rightward, leftward, ratio, True)
+    wanted = density[cell] * speed * np.array([way, speed])
+    np.testing.assert_allclose(flux[:, face], wanted, rtol=1e-14)
+    np.testing.assert_array_equal(flux[:, 0], flux[:, 5])
+    assert flux[0, 2] == way * 0.2  # others give what they did
+
+
 def test_dust_of_random_velocities():
     """Streams that cross and voids, long steps: no density below none, and no speed made of next to no mass."""
     rng = np.random.default_rng(0)
@@ -127,6 +147,16 @@ def test_a_slow_shock_leaves_no_ripples():
     x = sim.gas.pos[:, 0]
     # Measured .006, and .018 without.
     assert np.abs(sim.gas.pressure / pressure - 1)[(x > -0.45) & (x < 0.01)].max() < 0.01
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_shock_flattens_what_it_has_passed(mirrored):
+    """The cell behind the two of the front, at high pressure, as they are; not the one ahead (A.2 of Colella 1984)."""
+    pressure = np.array([10.4, 10.3, 10.1, 10.0, 9.8, 9.7, 1.32, 1.3, 1.27, 1.22, 1.2, 1.1])
+    velocity = np.linspace(3.1, 0.4, 12)
+    flat = flattening.py_func  # which Python does not call
+    found = flat(-velocity[::-1], pressure[::-1])[::-1] if mirrored else flat(velocity, pressure)
+    np.testing.assert_allclose(found[2:-2], [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0], atol=1e-14)
 
 
 def wave(cells, coefficient, scheme="emsi-ppm", boost=0.0, amplitude=1e-4, ratio=1.0, **more):
