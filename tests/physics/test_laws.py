@@ -162,6 +162,20 @@ def test_relaxation_by_speed_is_that_of_an_ode_solver(kind, time, populations, t
         np.testing.assert_allclose(mass @ change, 0.0, atol=1e-14 * largest)
 
 
+@pytest.mark.parametrize("kind", GRAINS)
+def test_a_push_takes_grains_at_rest_in_the_gas_into_quick_drag(kind):
+    """Without a slip at the start the drag does not depend on it, but what pushes the grains makes one in the kick."""
+    law, grain = GRAINS[kind]
+    mass, slow, y = np.array([1.0, 0.4, 0.7]), np.array([np.inf, 2.3, 0.9]), np.tile([[0.3, -0.2]], (3, 1))
+    b, change = np.array([[0.2, 0.1], [9.0, -7.0], [-4.0, 11.0]]), np.empty((3, 2))
+    grains, times, room = np.tile(grain, (2, 1)), slow.copy(), np.empty((3, ROOM))
+    relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.3, True, True, room, change)
+    expected = by_ode(mass, slow, law, grains, y, b, True, 1.3)
+    # As of slips at the start: 1e-7 of the largest velocity.
+    np.testing.assert_allclose(y + 1.3 * b + change, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+    assert (times[1:] < slow[1:]).all()
+
+
 @settings(deadline=None, max_examples=150)
 @given(
     kind=st.sampled_from(sorted(GRAINS)),
