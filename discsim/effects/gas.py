@@ -55,7 +55,7 @@ class Viscosity(Table):
 
     @property
     def acts_in_shear(self) -> bool:
-        """Whether its linear term brakes a smooth shear, be it with less strength by a switch."""
+        """True where viscosity brakes a smooth shear; a switch only weakens it there."""
         return self.pairs != "reconstructed"
 
 

@@ -59,7 +59,7 @@ class Given(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What density finds (n,): h, rho and Omega of eqs. (1, 2); for a switch |div v| and |curl v|, else empty.
+    """Results of the density pass (n,): h, rho and Omega of eqs. (1, 2); for a switch |div v| and |curl v|, else empty.
 
     slopes (n, 3): xx, xy and yy of the symmetric part of eq. (7), for reconstruction, else empty.
     """

@@ -58,7 +58,7 @@ class Reversals:
         self.seen.clear()
 
     def check(self, state: State, effects: Effects) -> None:
-        """Raise PhysicsError where half of the sampled gas is thrown back and forth, on all processes alike."""
+        """Raise PhysicsError on every process where half of the sampled gas is thrown back and forth."""
         gas, turn = state.gas, state.step % EVERY
         if gas is None or gas.everywhere == 0 or not 1 <= turn <= 3:
             self.forget()
