@@ -195,7 +195,7 @@ def harmonic(a, b):
 
 
 @njit(inline="always")
-def slopes_of(viscous, i, unit, columns, real):
+def packed_slopes(viscous, i, unit, columns, real):
     """Slopes xx, 2 xy and yy of the i-th particle in units of a pack; 0 where nothing is reconstructed."""
     if viscous == RECONSTRUCTED:
         return real(columns[i, SXX] * unit), real(columns[i, SXY] * unit), real(columns[i, SYY] * unit)
@@ -227,7 +227,7 @@ def force_sums(
     u_i, p_i, fluidity = real(0.0), real(0.0), real(columns[i, FLUIDITY]) if shearing else real(0.0)
     if conductive:
         u_i, p_i = real(columns[i, ENERGY]), real(columns[i, P])
-    slopes = slopes_of(viscous, i, unit, columns, real)
+    slopes = packed_slopes(viscous, i, unit, columns, real)
     beta = real(strengths.beta * BETA)
     conducted = real(0.25 * math.sqrt(0.5) * strengths.conductivity)  # with the halves of the means over a pair
     sheared = real(2.0 * dim / MEAN_Q2[kernel] / unit) * inv_rho_i

@@ -121,19 +121,20 @@ def expected_steps(scene: Scene, until: float | None = None, without: str | None
 
 def close_pairs(scene: Scene) -> Iterator[str]:
     """Warn of companions far within the disc whose orbits set the steps of the run."""
-    steps = expected_steps(scene)
-    if steps.by != "companion":
+    found = [
+        (k, scene.star.mass + companion.mass, differs)
+        for k, companion in enumerate(scene.table("companion") or (), 1)
+        if (differs := companion_effect.quadrupole_of_pair(scene, companion)) is not None
+    ]
+    if not found or (steps := expected_steps(scene)).by != "companion":
         return
     times = steps.number / expected_steps(scene, without="companion").number
-    for k, companion in enumerate(scene.table("companion"), 1):
-        differs = companion_effect.quadrupole_of_pair(scene, companion)
-        if differs is not None:
-            mass = scene.units.show(scene.star.mass + companion.mass, "mass")
-            yield (
-                f"the orbit of companion {k} makes about {times:.1g} times as many steps, and the pull of the pair at "
-                f"the inner edge differs from that of one star by {differs:.1g} of it: leave the companion out, and "
-                f"set star.mass = {mass}"
-            )
+    for k, mass, differs in found:
+        yield (
+            f"the orbit of companion {k} makes about {times:.1g} times as many steps, and the pull of the pair at "
+            f"the inner edge differs from that of one star by {differs:.1g} of it: leave the companion out, and "
+            f"set star.mass = {scene.units.show(mass, 'mass')}"
+        )
 
 
 def _steps_of_relaxation(scene: Scene) -> float:

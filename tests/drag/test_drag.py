@@ -399,8 +399,9 @@ def test_a_cell_keeps_the_rotation_of_gas_and_dust():
 
 @pytest.mark.parametrize("grains", [4, 6])
 def test_few_grains_of_a_cell_share_the_line_of_the_gas(grains):
-    """Where both have one field of velocities, linear in space, nothing slips: own slopes are too few grains' in parts,
-    and pooled ones for the rest (idic-linear).
+    """No slip of gas and dust with one velocity field, linear in space (idic-linear).
+
+    A few grains have a part of their own slope; the rest is that of the gas and dust together.
     """
     rng, given = np.random.default_rng(11), {}
     for name, count, mass in (("gas", 14, 1.0), ("dust", grains, 0.6)):
@@ -452,7 +453,7 @@ def test_a_wave_of_slip_stops_to_fourth_order_in_the_cell(direction):
 
 
 def test_slopes_at_nodes_are_of_fourth_order_in_the_cell():
-    """Of an oblique wave in even gas, what nine cells with weights 1/4, 1/2, 1/4 make of its slopes along both axes."""
+    """Slopes along both axes of an oblique wave in even gas, averaged over nine cells with weights 1/4, 1/2, 1/4."""
 
     def mean(of):
         inside = quad(of, 0.0, 0.5, epsabs=1e-15)[0]

@@ -320,7 +320,7 @@ def test_oblique_wave_of_mk():
 
 
 def test_pairs_take_most_in_the_direction_of_the_largest_eigenvalue():
-    """Of sum c r^ r^T / m over the pairs of each particle, one of which has no line of sight, by numpy."""
+    """numpy's eigenvalue of sum c r^ r^T / m over the pairs of each particle; one pair has no line of sight."""
     rng = np.random.default_rng(6)
     begin, pull, mass = np.array([0, 1, 3, 20]), rng.uniform(0.2, 3.0, 20), np.array([0.7, 1.9, 0.4])
     offset = rng.normal(size=(20, 2)) * [2.0, 0.5]

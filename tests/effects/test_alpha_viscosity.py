@@ -134,7 +134,7 @@ def test_check_foretells_no_artificial_viscosity_on_reconstructed_velocities():
 
 
 def test_a_reconstructed_viscosity_leaves_a_shear_wave_alone():
-    """Slopes at kh = .26 miss little of the wave: below a tenth of the viscosity of all pairs is left."""
+    """Less than a tenth of the viscosity of all pairs is left at kh = .26, where slopes nearly follow the wave."""
     nu = {}
     for pairs in ("all", "reconstructed"):
         sim = box(lattice(32), np.zeros((1024, 2)), nu=None, viscosity={"alpha": 0.5, "beta": 0.0, "pairs": pairs})

@@ -53,7 +53,7 @@ def test_one_zone_grows_as_its_ode(steps, alpha, slope):
 
 
 def test_large_grains_grow_by_the_speeds_of_stokes_drag():
-    """From a tenth of the size 9 lambda / 4 to thirty times that, beyond which they stop later than by Epstein's."""
+    """Sizes from .1 to 30 times 9 lambda / 4, above which Stokes drag has longer stopping times than Epstein drag."""
     from discsim.kernels import growth as kernels
 
     sigma, ratio, sound, alpha, omega, start, column = 1e-3, 0.1, 0.05, 1e-2, 0.7, 1e-6, 2.5e-8

@@ -92,7 +92,7 @@ def test_kelvins_of_a_table_are_those_of_its_molecules(tmp_path, mu):
 
 
 def test_given_gas_beyond_the_ends_of_its_table_goes_on_as_powers(tmp_path):
-    """Of the radius, by the slopes at the ends: dust drifts there too."""
+    """Power laws of radius with the slopes at the ends of the table, so that dust beyond them drifts too."""
     path, tables = table(tmp_path), scene("")
     eos = {"kind": "locally-isothermal", "aspect_ratio": 0.04}
     tables |= {"background": {"file": str(path), "eos": eos}, "dust": {"particles": 30, "ratio": 0.02}}

@@ -103,7 +103,7 @@ def test_dust_leaves_voids():
 
 @pytest.mark.parametrize("to_the_right", [False, True])
 def test_a_void_at_an_edge_gives_the_other_one_what_leaves_it(to_the_right):
-    """Of a cell whose parabola gives away more than three quarters, what goes is that of a uniform one: rho u, rho u^2.
+    """A cell that would lose more than three quarters has the fluxes of a uniform cell instead: rho u, rho u^2.
 
     In a periodic box it comes in at the far edge: mass and momentum stay.
     """

@@ -365,7 +365,7 @@ def test_grains_of_all_sizes_stop_as_they_must(size, direction, scheme):
 
 @pytest.mark.parametrize("scheme", ["idic-linear", "tsc"])
 def test_grains_of_two_sizes_stop_each_as_its_own_must(scheme):
-    """Of one population, in Stokes' regime: both leave Epstein's at their own size, not at the mean one."""
+    """Two sizes of one population: each enters Stokes drag at its own size, not at the mean size."""
     tables = box({"smallest": "5 cm", "largest": "20 cm", "bins": 2}, scheme, "one-way")
     tables["dust"]["particles"] = 400
     sim = Simulation(tables)

@@ -231,6 +231,6 @@ def test_measures_have_units(tmp_path):
 
 
 def test_radii_hold_their_shares_of_unequal_masses():
-    """Of .1, .5 and .9 of all, whatever the order of the particles."""
+    """Radii that hold .1, .5 and .9 of all mass, whatever the order of the particles."""
     radius, mass = np.array([3.1, 0.4, 2.2, 5.3, 1.7]), np.array([2.6, 0.9, 0.3, 0.8, 1.3])
     assert quantile_radii(radius, mass) == [0.4, 3.1, 5.3]  # within each: .9, 2.2, 2.5, 5.1, 5.9

@@ -159,7 +159,7 @@ def look_of(
 
 
 def _window(given: Any, prefix: str) -> Any:
-    """A window as `Look` has it. Raises PlotError."""
+    """Return the window as the attribute of `Look`. Raises PlotError."""
     if given is None or isinstance(given, str) or hasattr(given, "unit"):
         return given
     try:
@@ -182,7 +182,7 @@ def _limits(given: Any, name: str) -> tuple[float, float]:
 
 
 def _in_reach(given: Any) -> bool:
-    """Whether numbers are 0, or of a size that axes can show."""
+    """True where all numbers are 0 or of a size that axes can show."""
     size = np.abs(given)
     return bool(((size == 0.0) | ((size >= 1.0 / LARGEST) & (size <= LARGEST))).all())
 
