@@ -271,15 +271,14 @@ def _rings(scene: Scene) -> Places:
     assert held is not None
     arrays = _in_code(scene, "gas" if held is snap.gas and scene.gas is not None else "dust", held)
     r = np.sqrt((arrays["pos"] ** 2).sum(axis=1))
-    order = np.argsort(r, kind="stable")
-    edges = _ring_edges(r[order])
+    edges = _ring_edges(np.sort(r))
     number, mean = np.histogram(r, edges)[0], arrays["mass"].mean()
     area = np.pi * np.diff(edges**2)
     filled = (area > 0.0) & (number > 0)
     middle, density = 0.5 * (edges[1:] + edges[:-1])[filled], (number * mean)[filled] / area[filled]
     if np.ptp(arrays["mass"]) == 0.0:
         return Places([], density, middle)
-    mass = np.histogram(r, edges, weights=arrays["mass"][order])[0][filled]
+    mass = np.histogram(r, edges, weights=arrays["mass"])[0][filled]
     return Places([], mass / area[filled], middle, relative_mass=mass / (number[filled] * mean))
 
 

@@ -82,6 +82,21 @@ def test_slopes_of_a_snapshot_are_those_of_its_rings(tmp_path):
     np.testing.assert_allclose(midplane - whole, 1.15, atol=1e-7)
 
 
+def test_rings_of_a_snapshot_have_the_masses_of_their_own_particles(tmp_path):
+    """Particles come in no order of radius, and those beyond 1.7 have .3 of the others' mass."""
+    sim = Simulation(disc())
+    gas = sim.state.gas
+    gas.mass[np.hypot(*gas.pos.T) > 1.7] *= 0.3
+    gas.ids[:] = np.random.default_rng(4).permutation(gas.ids)
+    put_out(sim, tmp_path / "a.h5")
+    at = local(load_scene(disc(initial={"kind": "snapshot", "file": str(tmp_path / "a.h5")})))
+    wanted = 0.01 * 1.2 / (2.0 * np.pi) / (3.0**1.2 - 0.6**1.2) * at.radius**-0.8
+    wanted[at.radius > 1.7] *= 0.3
+    away = np.abs(at.radius - 1.7) > 0.2  # from the ring with both
+    np.testing.assert_allclose(at.density[away], wanted[away], rtol=0.05)  # a ring of particles more or less
+    assert (at.radius[away] > 1.7).any() and (at.radius[away] < 1.7).any()
+
+
 def test_check_has_the_headwind_of_both():
     """eta v_K = (H/r)^2 v_K / 2 times the slope, at the places that `check` names."""
     tables = disc()
