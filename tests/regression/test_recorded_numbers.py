@@ -1,0 +1,27 @@
+"""Numbers of small scenes with many effects are those that were recorded: an edit that changes results says so.
+
+`tests/helpers/recorded.py` says what is recorded, and records it anew where a change is meant.
+"""
+
+import pytest
+import recorded
+
+REMEDY = "if that is meant: python tests/helpers/recorded.py --write"
+
+
+@pytest.mark.parametrize("path", recorded.SCENES, ids=lambda path: path.stem)
+def test_a_scene_gives_the_numbers_that_were_recorded(path):
+    found = recorded.changes(recorded.recorded()[path.stem], recorded.of_run(path))
+    assert not found, "\n".join([*found[:20], REMEDY])
+
+
+def test_checks_print_the_numbers_that_were_recorded():
+    found = recorded.changes(recorded.recorded()["checks"], recorded.of_checks())
+    assert not found, "\n".join([*found[:20], REMEDY])
+
+
+def test_recorded_numbers_see_a_change_of_one_particle():
+    one = {"gas.pos": recorded.moments([[0.3, 2.0], [1.7, -0.4], [0.9, 1.1]])}
+    other = {"gas.pos": recorded.moments([[0.3, 2.0], [0.9, 1.1], [1.7, -0.4]])}
+    assert recorded.changes(one, one) == [] and len(recorded.changes(one, other)) == 1
+    assert recorded.changes(one, {}) == ["gas.pos: gone"]
