@@ -23,13 +23,13 @@ GENERATED = Path(__file__).parent / "_generated"
 
 
 class Docstring(Directive):
-    """The docstring of the module of an effect, or of a drag scheme, as it stands there."""
+    """The docstring of a module, by the name of an effect or drag scheme, or by its whole name, as it stands there."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
         name = self.arguments[0]
-        module = (EFFECTS if name in EFFECTS else SCHEMES).module(name)
+        module = name if "." in name else (EFFECTS if name in EFFECTS else SCHEMES).module(name)
         return [shown for part in parts(reference.docstring(module)) for shown in self._nodes(part)]
 
     def _nodes(self, part: str) -> Iterator[nodes.Node]:

@@ -1,8 +1,8 @@
 """SPH gas: dv/dt = -grad P / rho, with artificial viscosity and conductivity where named; transport.
 
 Summation density, adaptive h with grad-h terms and the conservative force are eqs. (1-5) of `kernels/sph.py`.
-Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where
-h is a third of quintic-h's.
+Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992; with reconstruction, which
+leaves a third of the jumps of a wave, 1 + 0.4 alpha) and sqrt(h / |a|), where h is a third of quintic-h's.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 eos_kernels = Lazy("discsim.kernels.eos")
 moves = Lazy("discsim.kernels.move")
+quiet = Lazy("discsim.effects.quiet")
 growth = Lazy("discsim.physics.growth")
 sums = Lazy("discsim.numerics.sph")
 AnyEos: Any = kinds_of(EOS.values())
@@ -58,6 +59,28 @@ class Viscosity(Table):
         """True where viscosity brakes a smooth shear; a switch only weakens it there."""
         return self.pairs != "reconstructed"
 
+    @property
+    def signal(self) -> float:
+        """Times c_s / h: the rate at which a step has to follow sound and the linear term."""
+        return 1.0 + (1.2 if self.acts_in_shear else 0.4) * self.alpha
+
+    @property
+    def closing(self) -> float:
+        """Times -div v: that of gas that comes together."""
+        return 1.0 + 1.2 * self.beta
+
+
+class Quiet(Table):
+    """Pressure without the noise that shear makes of it (`effects/quiet.py`); true: all as below."""
+
+    share: Number = Field(0.9, ge=0, le=1, description="of a ring's mean pressure, taken out of the forces of pairs")
+    time: Number = Field(10.0, gt=0, description="in which the density becomes the summed one, in 1 / Omega")
+    guard: Number = Field(0.75, ge=0, description="standard deviations of the density that pairs keep of the pressure")
+
+
+def _true_or_table(given: Any) -> Any:
+    return {True: {}, False: None}[given] if isinstance(given, bool) else given
+
 
 class Conductivity(Table):
     """Artificial conductivity."""
@@ -82,6 +105,9 @@ class Keys(Table):
     )
     viscosity: Viscosity | None = None
     conductivity: Conductivity | None = None
+    quiet: Annotated[Quiet | None, BeforeValidator(_true_or_table)] = Field(
+        None, description="less noise in a disc of isothermal gas; true, or a table"
+    )
 
 
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
@@ -107,6 +133,20 @@ def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
     if draft.gas.conductivity and not draft.eos.holds_heat:
         words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
         yield ("gas", "conductivity"), f'conducts heat, but the gas is "{draft.eos_kind}"; expected kind = {words}'
+
+
+def _quiet(draft: Draft) -> Iterator[Problem]:
+    gas, where = draft.gas, ("gas", "quiet")
+    if gas.quiet is None:
+        return
+    if not draft.has("star"):
+        yield where, "it is for discs, whose rings have a mean pressure; expected a table [star] too"
+    if draft.eos_kind not in ("isothermal", "locally-isothermal"):
+        wrong = f'density that follows the flow has no energy, and the gas is "{draft.eos_kind}"'
+        yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
+    if gas.viscosity is None or gas.viscosity.acts_in_shear:
+        wrong = "it takes the slopes of the velocity that reconstruction makes"
+        yield where, f'{wrong}; expected gas.viscosity.pairs = "reconstructed"'
 
 
 def _switched_twice(draft: Draft) -> Iterator[Problem]:
@@ -163,12 +203,13 @@ NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_fixed_smoothing, _neighbours, _heat_to_conduct, _switched_twice)
+    rules = (_fixed_smoothing, _neighbours, _heat_to_conduct, _switched_twice, _quiet)
     acts_on = ("gas",)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = sums.Sph(scene)
+        self.quiet = None if scene.gas.quiet is None else quiet.Quieted(scene)
         self._limit = np.inf
         self._predicted: tuple[np.ndarray, np.ndarray | None] | None = None  # with which `prepare` made the density
 
@@ -230,7 +271,14 @@ class Effect(base.Effect):
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = None if gas.pressure_acc is None else copied(gas.acc)
-        self._limit = self.sph.forces(gas, vel, u, gas.pressure)
+        if self.quiet is None:
+            self._limit = self.sph.forces(gas, vel, u, gas.pressure)
+        else:
+            self.quiet.follow(state, self.sph.slopes, self.sph.squeezed)
+            pressure, push = self.quiet.split(state)
+            self._limit = self.sph.forces(gas, vel, u, pressure)
+            share(moves.add_scaled, gas.count, gas.acc, push, 1.0, light=True)
+            self.quiet.show(gas)
         if gas.pressure_acc is not None:
             gas.pressure_acc[:] = gas.acc - before
             gas.pressure_vel[:] = vel

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.numerics.state import Dust, Gas, State
+from discsim.numerics.state import FOLLOWED, Dust, Gas, State
 from discsim.parts import STARTS, Lazy
 from discsim.physics.grains import has_sizes, sizes_of
 
@@ -150,5 +150,6 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         immobile=given.get("immobile"),
         nu=np.zeros(n) if viscous else None,
         small=small,
+        **({} if scene.gas.quiet is None else {name: np.zeros(n) for name in FOLLOWED}),
         h_before=h.copy() if scene.gas.smoothing_length is None and not scene.model.cells else None,
     )

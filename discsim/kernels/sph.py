@@ -75,7 +75,7 @@ ALPHA, BETA = 1.0 / 16.0, 1.0 / 8.0
 
 
 class Strengths(NamedTuple):
-    """beta of artificial viscosity, alpha of conductivity; for the limit of the step 1 + 1.2 alpha and 1 + 1.2 beta."""
+    """beta of artificial viscosity, alpha of conductivity; for the step's limit the factors of c_s / h and -div v."""
 
     beta: float
     conductivity: float
@@ -320,7 +320,7 @@ def force_driver(
     single precision.
 
     Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); returns the largest rates at which h is crossed,
-    c_s (1 + 1.2 alpha) / h + (1 + 1.2 beta) max(0, -div v), and fallen through, sqrt(|a| / h), and that of conduction.
+    signal c_s / h + closing max(0, -div v), and fallen through, sqrt(|a| / h), and that of conduction.
     Takes the cells whose `met` is `now` alone.
     """
     moving, norm = viscous != NO_VISCOSITY or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]

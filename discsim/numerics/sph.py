@@ -229,6 +229,11 @@ class Sph:
             both.keep(own, found_ones)
         return True
 
+    @property
+    def slopes(self) -> np.ndarray:
+        """Slopes (n, 3) of the velocity of own particles, eq. (7), where velocities are reconstructed."""
+        return self.found.slopes[self.both.own]
+
     def driver(self, u: np.ndarray | None, nu: np.ndarray, uneven: bool) -> Any:
         """The sums of forces for what a scene has; only some terms ask whether masses are `uneven`."""
         conductive, shearing = self.conductivity is not None, len(nu) > 0
@@ -257,7 +262,8 @@ class Sph:
         immobile = NOBODY if gas.immobile is None else rest[u is not None]
         viscosity, conductivity = self.viscosity, self.conductivity
         alpha, beta = (viscosity.alpha, viscosity.beta) if viscosity else (0.0, 0.0)
-        strengths = Strengths(beta, conductivity.alpha if conductivity else 0.0, 1.0 + 1.2 * alpha, 1.0 + 1.2 * beta)
+        of_step = (viscosity.signal, viscosity.closing) if viscosity else (1.0, 1.0)
+        strengths = Strengths(beta, conductivity.alpha if conductivity else 0.0, *of_step)
         scale = Scale(binade(mass), binade(found.h), binade(sound))
         last = SWITCH
         if self.pairs == RECONSTRUCTED:

@@ -167,7 +167,15 @@ class Gas(Particles):
     radiated: Array | None = None  # what each has lost by cooling since the start, per mass (gas that cools)
     nu: Array | None = None  # kinematic viscosity (gas with a shear viscosity)
     small: Array | None = None  # mass of small dust that each carries (where dust grows)
+    # Of quiet gas: density that follows the flow, div v, 1 in shocks, and the time of these (`effects/quiet.py`).
+    followed: Array | None = None
+    divergence: Array | None = None
+    shock: Array | None = None
+    followed_at: Array | None = None
     h_before: Array | None = None  # from which the search for h began (where h is not fixed)
+
+
+FOLLOWED = ("followed", "divergence", "shock", "followed_at")  # arrays of quiet gas
 
 
 @dataclass(kw_only=True, repr=False)

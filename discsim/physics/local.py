@@ -23,13 +23,13 @@ def resolution(scene: Scene, h: Array) -> Array:
 
 
 def longest_step(scene: Scene, h: Array, sound_speed: Array, closing: Array | float = 0.0) -> Array:
-    """The longest step of the gas, h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) closing), h as other kernels mean it.
+    """The longest step of the gas (`effects/gas.py`), h as other kernels mean it.
 
     closing: -div v of gas that comes together.
     """
     given = scene.gas.viscosity if scene.gas else None
-    alpha, beta = (given.alpha, given.beta) if given else (0.0, 0.0)
-    return 1.0 / (sound_speed * (1.0 + 1.2 * alpha) / resolution(scene, h) + (1.0 + 1.2 * beta) * closing)
+    signal, rate = (given.signal, given.closing) if given else (1.0, 1.0)
+    return 1.0 / (sound_speed * signal / resolution(scene, h) + rate * closing)
 
 
 PHASES = 256  # of an orbit

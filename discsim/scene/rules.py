@@ -198,7 +198,8 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
     if draft.has("star") and not draft.has("background"):  # in which circles are exact
         found = (ORBITS, "orbits about the star are thrown out")
     if gas and not (draft.start and draft.start.uniform):
-        kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if gas.viscosity else 0.0
+        braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
+        kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if braked else 0.0
         damping = 1.0 if draft.has("alpha_viscosity") else min(1.0, alpha / DAMPING)
         sound = 2.0 / kernel.fastest[draft.dimensions - 1] * (1.0 + DAMPED * damping)
         if sound < found[0]:

@@ -340,6 +340,20 @@ def test_noise_falls_with_the_square_of_the_neighbours():
     assert of_h[0][0] < 34.0 < 50.0 < of_h[2][0] < of_h[1][0]
 
 
+def test_quiet_gas_has_what_its_share_and_time_leave_of_the_noise():
+    """(1.03 - share) 10 / time of it, and never more than all."""
+    given = disc(alpha=1e-3)
+    given["gas"] = {key: value for key, value in given["gas"].items() if key != "viscosity"}
+    scenes = [{"share": 0.8, "time": 20.0}, {"share": 0.3, "time": 2.0}, None]
+    found = []
+    for quiet in scenes:
+        given["gas"] = given["gas"] | {"quiet": quiet if quiet is not None else False}
+        scene = load_scene(given)
+        found.append(viscosity.noise(scene, local(scene)))
+    np.testing.assert_allclose(found[0], 0.115 * found[2], rtol=1e-12)  # the formula
+    np.testing.assert_allclose(found[1], found[2], rtol=1e-12)
+
+
 def test_a_scene_without_it_has_none_of_it():
     sim = Simulation(DISC)
     assert sim.gas.nu is None and sim.gas.kick_acc is None and "alpha_viscosity" not in sim.effects

@@ -54,10 +54,11 @@ SIZES = {
     "softening": (0.01, 0.2), "thickness": (0.02, 0.2), "accretion_radius": (0.0, 0.6), "t_stop": (1e-5, 10.0),
     "K": (1e-2, 1e3), "stokes": (1e-4, 1e3), "ratio": (1e-4, 2.0), "courant": (0.05, 0.6), "timestep": (1e-4, 0.1),
     "cell": (0.5, 4.0), "cell_length": (0.02, 0.5), "temperature_index": (-0.5, 1.0), "vertical_extent": (0.5, 2.0),
-    "vertical_frequency": (0.0, 2.0), "until": (0.1, 2.0), "every": (0.01, 0.5), "grain_size": (1e-6, 1e2),
+    "share": (0.1, 1.0), "vertical_frequency": (0.0, 2.0),
+    "until": (0.1, 2.0), "every": (0.01, 0.5), "grain_size": (1e-6, 1e2),
 }  # fmt: skip
-# The start's kind is chosen first; the next are seen by a run alone, and the last takes no random number.
-SKIPPED = ("kind", "checkpoint_every", "walltime", "precision")
+# The start's kind is chosen first; the next are seen by a run alone, and the last two are drawn apart.
+SKIPPED = ("kind", "checkpoint_every", "walltime", "precision", "quiet")
 
 
 class Stuck(Exception):
@@ -132,6 +133,11 @@ def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tupl
     scene["space"] |= _filled(rng, Space, 0.0, ("cells",) if chance(0.3) and not on_cells else (), only=True)
     if "star" in scene:
         scene |= _surroundings(np.random.default_rng([seed, 8]))
+        own = np.random.default_rng([seed, 9])
+        if "gas" in scene and scene["gas"]["eos"]["kind"].endswith("isothermal") and own.random() < 0.5:
+            scene["gas"] |= {"quiet": _filled(own, fields.models_in(GAS.model_fields["quiet"].annotation)[0], 0.5)}
+            if "viscosity" in scene["gas"]:
+                scene["gas"]["viscosity"] = {"pairs": "reconstructed"}
         if "growth" in scene and "gas" in scene and isinstance(scene.get("dust"), dict) and "drag" in scene:
             scene["drag"] = {"law": "epstein", "direction": scene["drag"].get("direction", "two-way")}
             scene["dust"] |= {"grain_size": 10.0 * scene["growth"]["small_size"], "grain_density": 1.0}

@@ -70,6 +70,7 @@ USUAL: dict[str, Any] = {
     "accretion": (1e-6, 1e-4), "relax": (0.02, 0.1), "density": (0.3, 2.2), "gas_velocity": (-0.3, 0.3),
     "dust_velocity": (-0.3, 0.3), "amplitude": (1e-4, 0.2), "wavenumber": (1, 3), "velocity": (-0.4, 0.4),
     "energy": (0.2, 2.0), "vertical_extent": (0.6, 0.9), "speed": (0.3, 1.4), "refine": (1, 2), "thin": (1, 2),
+    "quiet.share": (0.1, 0.95), "quiet.time": (0.3, 30.0), "quiet.guard": (0.2, 2.0),
     "Sc": (0.4, 3.0), "schmidt": (0.4, 3.0),
 }  # fmt: skip
 # Keys that are drawn with their table, or change nothing that is compared here.
@@ -233,7 +234,7 @@ def _about_a_star(s: Scribe, start: str, effect: str, scheme: str, law: str, gas
         gas = "adiabatic" if effect == "cooling" else gas
         if start in ("steady", "viscous-ring"):
             gas = s.pick(("isothermal", "locally-isothermal"))
-        scene["gas"] = _sph(s, gas)
+        scene["gas"] = _sph(s, gas, quiet=True)
     if given or start == "snapshot" or s.chance(0.75):
         scene["dust"] = [_dust(s) for _ in range(s.between(1, 2) if start != "snapshot" else 1)]
         if given or s.chance(0.85):
@@ -354,7 +355,7 @@ def _gas(s: Scribe, kind: str) -> dict[str, Any]:
     return eos
 
 
-def _sph(s: Scribe, kind: str) -> dict[str, Any]:
+def _sph(s: Scribe, kind: str, quiet: bool = False) -> dict[str, Any]:
     model = TABLES["gas"]
     table = s.keys("gas", model, eos=_gas(s, kind))
     if not s.chance(0.2):
@@ -369,6 +370,13 @@ def _sph(s: Scribe, kind: str) -> dict[str, Any]:
         table.pop(part, None)
         if s.chance(share):
             table[part] = s.keys(part, fields.models_in(model.model_fields[part].annotation)[0])
+    viscosity = table.get("viscosity", {})
+    if quiet and kind in ("isothermal", "locally-isothermal") and s.chance(0.25):
+        table["quiet"] = s.keys("quiet", fields.models_in(model.model_fields["quiet"].annotation)[0])
+        if viscosity:
+            viscosity["pairs"] = "reconstructed"
+    if viscosity.get("pairs") == "reconstructed":
+        viscosity.pop("switch", None)
     return table
 
 

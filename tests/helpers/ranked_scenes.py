@@ -198,6 +198,7 @@ SCENES = {
     ),
     "single": disc(6, gas={"precision": "single", "viscosity": {"switch": "balsara"}}, **VISCOUS),
     "reconstructed": disc(6, gas={"viscosity": {"alpha": 0.3, "pairs": "reconstructed"}}, **VISCOUS),
+    "quiet": disc(6, gas={"quiet": True, "viscosity": None}, star={"frame": "inertial"}, companion=[COMPANION]),
     "euler": disc(3, run={"integrator": "euler"}),
     "heat": disc(3, **HEATED),
     "heat paid around": disc(6, gas={"eos": {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.003}}),

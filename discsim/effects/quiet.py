@@ -1,0 +1,153 @@
+"""Quiet gas of a disc: SPH without the noise that its own pressure makes in shear (`gas.quiet`).
+
+    d ln rho / dt = -div v + (ln rho_sum - ln rho) (1 / tau + 10 s c_s / h)                             (1)
+    B    = c_s^2 Sigma(r) min(share, 1 - guard sigma) n^2 / (n^2 + 30^2)                                (2)
+    P_ij = P - B in the forces of pairs, and a = -grad B / rho from the centre of the disc beside them   (3)
+
+Sums over neighbours feel how particles happen to lie, and shear winds up how they lie: the conservative force of the
+pressure resists that, moves particles, and viscosity makes heat of it, an alpha of some .004 that no viscosity is
+the cause of. What winding can take hold of is the noise of the summed density, and the part 2 P sum V grad W of the
+force that disorder leaves even where P is uniform. (1) takes the first away: pressure is c_s^2 rho of a density that
+follows the flow (div v of eq. (7) of `kernels/sph.py`), and becomes the summed one in tau = time / Omega. (3) takes the
+second: no pair feels the mean pressure B of a ring, which pushes as a whole. Either alone leaves the noise.
+
+B is that of rings .4 H wide: Sigma, the number n of particles, and the scatter sigma of ln(r Sigma), each particle
+spread over three rings (TSC), and smoothed over neighbouring ones by 1/4, 1/2, 1/4 twice, with a cubic spline between.
+`guard` keeps B below the pressure of nearly all: pairs with P < B are under tension, and clump. s is 1 in shocks, where
+the flow has no slope (`kernels/quiet.py`), and for a while behind them.
+
+Forces of pairs keep momentum and angular momentum, and the push has no torque about the centre. With companions, or a
+star that moves, the little momentum that it has is taken off all gas as of a rigid body, so that both are kept.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discsim.kernels import quiet as kernels
+from discsim.kernels.quiet import FIRST, MASS, NUMBER, SECOND
+from discsim.numerics import world
+from discsim.numerics.state import Gas, State
+from discsim.numerics.threads import copied, share
+from discsim.numerics.totals import totals
+from discsim.physics.centre import kepler_omega
+from discsim.physics.eos import eos_of
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+Array = np.ndarray
+WIDTH = 0.4  # of a ring, in H
+SPARSE = 30.0  # particles in a ring of which half its pressure is taken
+MOST_RINGS = 1 << 14
+TINY = 1e-300
+BITS = 61  # of sums of whole numbers, which are the same in any order
+
+
+class Quieted:
+    """What makes the gas of a scene quiet."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.keys = scene, scene.gas.quiet
+        eos: Any = scene.gas.eos
+        self.reference = float(getattr(eos, "reference_radius", 1.0))
+        # H ~ r^(1 + flaring), exactly so in a disc of power laws; rings elsewhere are somewhat narrower or wider.
+        self.flaring = 0.5 * (1.0 - eos_of(scene).temperature_slope(eos))
+        at = np.array([self.reference])
+        speed = eos_of(scene).thermal_speed(scene, at)
+        self.width = WIDTH * float((speed / kepler_omega(scene, at) / at)[0])
+
+    def follow(self, state: State, slopes: Array, squeezed: float) -> None:
+        """Let density and pressure of the gas be those of eq. (1) from now on; slopes (n, 3): eq. (7) of the sums."""
+        gas = _gas(state)
+        away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
+        share(
+            kernels.follow, gas.count, state.time, self.keys.time, state.kepler_omega(away), slopes, gas.density,
+            gas.pressure, gas.sound_speed, squeezed / gas.h, gas.followed, gas.divergence, gas.shock, gas.followed_at,
+        )  # fmt: skip
+
+    def show(self, gas: Gas) -> None:
+        """Let the density of the gas be the one that its pressure is of, as others want it."""
+        assert gas.followed is not None
+        gas.density[:] = gas.followed
+
+    def split(self, state: State) -> tuple[Array, Array]:
+        """The pressure (n,) that pairs feel, and the push (n, 2) of the rest, eqs. (2, 3)."""
+        gas, pos = _gas(state), state.from_centre(state.gas.pos)
+        r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
+        pressure, acc = copied(gas.pressure), np.zeros_like(gas.acc)
+        place = self._places(r)
+        low, count = _range(place)
+        at = np.clip(place - low, 2.0, count - 3.0)
+        stretch = (r / self.reference) ** -self.flaring / (self.width * r * r)  # d(at)/dr over r
+        share(
+            kernels.push, gas.count, pos, at, stretch, gas.followed,
+            self._cubics(self._rings(state, at, r, count), low), pressure, acc,
+        )  # fmt: skip
+        if state.bodies is not None:
+            acc -= _as_rigid(gas.mass, pos, acc)
+        return pressure, acc
+
+    def _places(self, r: Array) -> Array:
+        """Radii (n,) in widths of rings from the reference radius."""
+        log = np.log(r / self.reference)
+        return (log if self.flaring == 0.0 else -np.expm1(-self.flaring * log) / self.flaring) / self.width
+
+    def _radii(self, place: Array) -> Array:
+        """Radii (n,) of places."""
+        log = self.width * place
+        if self.flaring != 0.0:
+            log = -np.log(np.maximum(1.0 - self.flaring * log, TINY)) / self.flaring
+        return self.reference * np.exp(log)
+
+    def _rings(self, state: State, at: Array, r: Array, count: int) -> Array:
+        """Smoothed sums (4, count) of `kernels.ring_sums`."""
+        gas = _gas(state)
+        pressing = gas.pressure / gas.sound_speed**2
+        mass = gas.mass * pressing / gas.followed
+        log = float(np.abs(np.log(pressing * r)).max(initial=0.0))
+        most = world.together.most(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
+        units = 2.0 ** (BITS - np.ceil(np.log2(gas.everywhere + 1.0)) - np.frexp(most)[1])
+        found = share(kernels.ring_sums, gas.count, count, at, mass, pressing, r, units, light=True)
+        sums = world.together.sum(sum(found)) / units[:, None]
+        for _ in range(2):
+            sums[:, 1:-1] = 0.25 * (sums[:, :-2] + 2.0 * sums[:, 1:-1] + sums[:, 2:])
+        return sums
+
+    def _cubics(self, sums: Array, low: float) -> Array:
+        """Coefficients (4, count - 1) of B between rings, eq. (2), the highest power first."""
+        from scipy.interpolate import CubicSpline
+
+        number = sums[NUMBER]
+        some = np.maximum(number, TINY)
+        uneven = np.sqrt(np.maximum(sums[SECOND] / some - (sums[FIRST] / some) ** 2, 0.0))
+        r = self._radii(low + np.arange(len(number)))
+        area = 2.0 * np.pi * self.width * r * r * (r / self.reference) ** self.flaring
+        taken = np.clip(1.0 - self.keys.guard * uneven, 0.0, self.keys.share) * number**2 / (number**2 + SPARSE**2)
+        pressure = taken * sums[MASS] / area * eos_of(self.scene).thermal_speed(self.scene, r) ** 2
+        return CubicSpline(np.arange(len(number)), pressure).c
+
+
+def _gas(state: State) -> Gas:
+    assert state.gas is not None and state.gas.followed is not None
+    return state.gas
+
+
+def _range(place: Array) -> tuple[float, int]:
+    """The first ring, and how many hold the gas of all processes with some to spare."""
+    least, most = world.together.least(place.min(initial=np.inf)), world.together.most(place.max(initial=-np.inf))
+    low = np.floor(max(least, most - MOST_RINGS)) - 3.0
+    return float(low), int(most - low) + 5
+
+
+def _as_rigid(mass: Array, pos: Array, acc: Array) -> Array:
+    """Accelerations (n, 2) of a rigid body with the force of others, `acc` (n, 2), and no torque about the origin."""
+    x, y = pos.T
+    columns = np.column_stack([np.ones_like(x), x, y, acc, x * x + y * y])
+    whole, mx, my, fx, fy, inertia = totals(mass[:, None] * columns).tolist()
+    x0, y0 = mx / whole, my / whole
+    inertia -= whole * (x0 * x0 + y0 * y0)
+    turn = (y0 * fx - x0 * fy) / inertia if inertia > 0.0 else 0.0
+    return np.column_stack([fx / whole - turn * (y - y0), fy / whole + turn * (x - x0)])

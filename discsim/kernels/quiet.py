@@ -1,0 +1,71 @@
+"""Loops of a quiet disc: densities that follow the flow, sums over rings, and the push of a ring's mean pressure.
+
+Equations are those of `effects/quiet.py`.
+"""
+
+import math
+
+import numpy as np
+
+from discsim.kernels.inner import compiled
+
+MASS, NUMBER, FIRST, SECOND = range(4)  # rows of rings: of masses, numbers, ln(r P / c_s^2) and its square
+# A gas compressed faster than ONSET / 2 c_s/h is in a shock, wholly from (ONSET + 1) / 2 c_s/h on: its density becomes
+# the sum's at the rate FAST c_s/h, and goes on to for LASTING h/c_s.
+ONSET, FAST, LASTING = 0.3, 10.0, 5.0
+
+
+@compiled
+def follow(
+    first, last, time, memory, omega, slopes, density, pressure, sound, inv_size, followed, divergence, shock, at
+):  # fmt: skip
+    """Bring densities `followed` (n,), of the times `at` (n,), to `time` by eq. (1), and `pressure` (n,) of the summed
+    density to that of these. A density of 0 begins as the summed one.
+
+    memory: tau Omega. omega, inv_size (n,): frequencies of circles and 1 / h; slopes (n, 3) of the velocity.
+    """
+    for i in range(first, last):
+        div, dt, crossing = slopes[i, 0] + slopes[i, 2], time - at[i], sound[i] * inv_size[i]
+        seen, new = min(max(-2.0 * div / crossing - ONSET, 0.0), 1.0), density[i]
+        if followed[i] > 0.0:
+            seen = max(shock[i] * math.exp(-dt / LASTING * crossing), seen)
+            ln = math.log(followed[i]) - 0.5 * dt * (divergence[i] + div)
+            ln -= (math.log(density[i]) - ln) * math.expm1(-dt * (omega[i] / memory + FAST * seen * crossing))
+            new = math.exp(ln)
+        pressure[i] *= new / density[i]
+        followed[i], divergence[i], shock[i], at[i] = new, div, seen, time
+
+
+@compiled
+def ring_sums(first, last, count, at, mass, pressing, radius, units):
+    """Sums over particles at the places `at` (n,) of `count` rings, as whole numbers in `units` (4,), shape (4, count):
+    masses, numbers, ln(r P / c_s^2) and its square, each particle spread over three rings (TSC).
+    """
+    rings = np.zeros((4, count), np.int64)
+    for i in range(first, last):
+        middle = math.floor(at[i] + 0.5)
+        d, value = at[i] - middle, math.log(pressing[i] * radius[i])
+        for k in range(-1, 2):
+            weight = 0.75 - d * d if k == 0 else 0.5 * (0.5 + k * d) ** 2
+            rings[MASS, middle + k] += np.int64(weight * mass[i] * units[MASS])
+            rings[NUMBER, middle + k] += np.int64(weight * units[NUMBER])
+            rings[FIRST, middle + k] += np.int64(weight * value * units[FIRST])
+            rings[SECOND, middle + k] += np.int64(weight * value * value * units[SECOND])
+    return rings
+
+
+@compiled
+def push(first, last, pos, at, stretch, density, coefficients, pressure, acc):
+    """Take the ring's share off `pressure` (n,) and add its push -grad B / rho to `acc` (n, 2), eq. (2).
+
+    coefficients (4, count): of the cubics between rings, highest power first. stretch (n,): d(at)/dr over r.
+    """
+    most = coefficients.shape[1] - 1
+    for i in range(first, last):
+        k = min(max(int(at[i]), 0), most)
+        d = at[i] - k
+        a, b, c, e = coefficients[0, k], coefficients[1, k], coefficients[2, k], coefficients[3, k]
+        pressure[i] -= ((a * d + b) * d + c) * d + e
+        pull = ((3.0 * a * d + 2.0 * b) * d + c) * stretch[i] / density[i]
+        acc[i, 0] -= pull * pos[i, 0]
+        acc[i, 1] -= pull * pos[i, 1]
