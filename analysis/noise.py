@@ -7,8 +7,9 @@ H/r = .05, no drag and no gravity of its own, turns for 20 orbits at its middle,
 writes (noise.csv, noise.png, and one file a choice, so that a stopped study goes on):
 
     neighbours     within the kernel's support
-    bias, scatter  of the pressure force against -(1/Sigma) dP/dr: mean, and rms over all particles, over it
-    v_r, sound     rms radial velocity over c_s; the headwind is .05 of c_s
+    bias, scatter  of the pressure force against -(1/Sigma) dP/dr: mean over the last half of the orbits, in which the
+                   ring breathes, and rms over all particles at the end, over it
+    v_r            rms radial velocity over c_s, less its mean in rings of H; the headwind is .05 of c_s
     Sigma          largest deviation of the azimuthal mean from the start, |r - 1| < .15, rings of H
     alpha flux     angular-momentum flux through r = 1 +- .15 over 1.5 Sigma c_s^2: of velocities, Sigma <v_r dv_phi>,
                    and of the torque that the gas inside r feels from that outside
@@ -38,7 +39,7 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.kernels.smoothing import KERNELS, SUPPORT
 from discsim.study.scripts import some_of, write_csv
 
-ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.75
+ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.65
 PLAIN = {"alpha": 1.0, "beta": 2.0}
 LOW = {"alpha": 0.1, "beta": 0.5, "pairs": "all"}
 RECONSTRUCTED = {"alpha": 0.3, "beta": 0.5, "pairs": "reconstructed"}
@@ -56,6 +57,8 @@ CHOICES = {
     "wendland 2.2, alpha .3": WENDLAND | {"eta": 2.2, "viscosity": LOW | {"alpha": 0.3}},
     "wendland 2.5, reconstructed": WENDLAND | {"eta": 2.5, "viscosity": RECONSTRUCTED},
     "wendland-c2 2.5, reconstructed": {"kernel": "wendland-c2", "eta": 2.5, "viscosity": RECONSTRUCTED},
+    "wendland 2.5, quiet": {"kernel": "wendland-c4", "eta": 2.5, "quiet": True},
+    "wendland-c2 2.5, quiet": {"kernel": "wendland-c2", "eta": 2.5, "quiet": True},
     "wendland 2.2, balsara": {"kernel": "wendland-c4", "eta": 2.2, "viscosity": PLAIN | {"switch": "balsara"}},
 }
 COLUMNS = {
@@ -111,7 +114,7 @@ def density_ratio(gas, edges):
     return total / number
 
 
-def flux(sim) -> float:
+def flux(sim, acc) -> float:
     """Flux of angular momentum through the window over 1.5 Sigma c_s^2, from velocities and from torques."""
     gas = sim.gas
     r, radial, azimuthal = polar(gas)
@@ -120,7 +123,6 @@ def flux(sim) -> float:
     area = np.pi * ((1 + WINDOW) ** 2 - (1 - WINDOW) ** 2)
     pressure = gas.mass * gas.sound_speed**2
     reynolds = (gas.mass * radial * (azimuthal - balance))[inside].sum() / area
-    acc, _ = sim.acceleration("gas")
     torque = gas.mass * (gas.pos[:, 0] * acc[:, 1] - gas.pos[:, 1] * acc[:, 0])
     order = np.argsort(r)
     within, place = np.cumsum(torque[order]), r[order]
@@ -129,11 +131,24 @@ def flux(sim) -> float:
     return (reynolds + stress) / (1.5 * pressure[inside].sum() / area)
 
 
+def push(sim, acc):
+    """The pressure's pull on the particles of the window over that of the smooth disc."""
+    r = np.sqrt((sim.gas.pos**2).sum(axis=1))
+    return ((acc * sim.gas.pos).sum(axis=1) / r / (2 * ASPECT**2 / r**2))[np.abs(r - 1) < WINDOW]
+
+
+def without_means(r, values):
+    """Values less the mean in each ring of H."""
+    ring = np.floor(r / ASPECT).astype(int)
+    number = np.bincount(ring)
+    return values - (np.bincount(ring, values) / np.maximum(number, 1))[ring]
+
+
 def measure_disc(gas: dict, resolution: float, orbits: float, show) -> dict[str, float]:
     sim = ring(gas, resolution)
     edges = np.arange(1 - WINDOW, 1 + WINDOW + 1e-9, ASPECT)
     spin = (sim.gas.mass * polar(sim.gas)[2] * polar(sim.gas)[0]).sum()
-    until, found, densities = 2 * np.pi * orbits, [], []
+    until, found, pulls, densities = 2 * np.pi * orbits, [], [], []
     count, cpu = 0, time.process_time()
     while sim.time < until:
         sim.evolve(min(until, sim.time + 0.25 * 2 * np.pi))
@@ -141,15 +156,16 @@ def measure_disc(gas: dict, resolution: float, orbits: float, show) -> dict[str,
         show(sim.time / until)
         with sim.synchronised():
             if sim.time > 0.5 * until:
-                found.append(flux(sim))
+                acc, _ = sim.acceleration("gas")
+                found.append(flux(sim, acc))
+                pulls.append(push(sim, acc).mean())
                 densities.append(density_ratio(sim.gas, edges))
     cpu = time.process_time() - cpu
     sim.run(until=sim.time)
     ledger = sim.state.ledger
     r, radial, azimuthal = polar(sim.gas)
     inside = np.abs(r - 1) < WINDOW
-    acc, _ = sim.acceleration("gas")
-    push = ((acc * sim.gas.pos).sum(axis=1) / r / (2 * ASPECT**2 / r**2))[inside]
+    scatter = push(sim, sim.acceleration("gas")[0]).std()
     kernel = KERNELS[sim.scene.gas.kernel]
     spacing2 = (sim.gas.mass / sim.gas.density)[inside]
     neighbours = np.pi * (SUPPORT[kernel] * sim.gas.h[inside]) ** 2 / spacing2
@@ -157,9 +173,9 @@ def measure_disc(gas: dict, resolution: float, orbits: float, show) -> dict[str,
         "particles": sim.gas.count,
         "neighbours": float(neighbours.mean()),
         "h_over_H": float((sim.gas.h / (ASPECT * r))[inside].mean()),
-        "bias": float(push.mean() - 1),
-        "scatter": float(push.std()),
-        "v_r": float(np.sqrt(((radial / sim.gas.sound_speed)[inside] ** 2).mean())),
+        "bias": float(np.mean(pulls) - 1),
+        "scatter": float(scatter),
+        "v_r": float(np.sqrt((without_means(r, radial / sim.gas.sound_speed)[inside] ** 2).mean())),
         "sigma": float(np.abs(np.mean(densities, axis=0) - 1).max()),
         "alpha_flux": float(np.mean(found)),
         "alpha_error": float(np.std(found) / np.sqrt(len(found))),
