@@ -10,6 +10,7 @@ writes (noise.csv, noise.png, and one file a choice, so that a stopped study goe
     bias, scatter  of the pressure force against -(1/Sigma) dP/dr: mean over the last half of the orbits, in which the
                    ring breathes, and rms over all particles at the end, over it
     v_r            rms radial velocity over c_s, less its mean in rings of H; the headwind is .05 of c_s
+    disorder       rms of ln(r Sigma) of the particles, of the density that their pressure is of
     Sigma          largest deviation of the azimuthal mean from the start, |r - 1| < .15, rings of H
     alpha flux     angular-momentum flux through r = 1 +- .15 over 1.5 Sigma c_s^2: of velocities, Sigma <v_r dv_phi>,
                    and of the torque that the gas inside r feels from that outside
@@ -63,7 +64,8 @@ CHOICES = {
 }
 COLUMNS = {
     "particles": "{:.0f}", "neighbours": "{:.0f}", "bias": "{:+.3f}", "scatter": "{:.2f}", "v_r": "{:.4f}",
-    "sigma": "{:.3f}", "alpha_flux": "{:+.4f}", "alpha_shear": "{:.4f}", "spin": "{:.1e}", "ms": "{:.0f}",
+    "disorder": "{:.3f}", "sigma": "{:.3f}", "alpha_flux": "{:+.4f}", "alpha_shear": "{:.4f}",
+    "spin": "{:.1e}", "ms": "{:.0f}",
 }  # fmt: skip
 
 
@@ -107,11 +109,13 @@ def polar(gas):
 
 
 def density_ratio(gas, edges):
-    """Mean SPH density over that of the start, Sigma ~ 1/r, in rings (counts would show the particles' own rings)."""
+    """Mass over the volume that SPH gives it, over that of the start, Sigma ~ 1/r, in rings (counts would show the
+    particles' own rings).
+    """
     r = np.sqrt((gas.pos**2).sum(axis=1))
-    number, _ = np.histogram(r, edges)
-    total, _ = np.histogram(r, edges, weights=gas.density * r / 1e-4)
-    return total / number
+    mass, _ = np.histogram(r, edges, weights=gas.mass)
+    volume, _ = np.histogram(r, edges, weights=gas.mass / (gas.density * r / 1e-4))
+    return mass / volume
 
 
 def flux(sim, acc) -> float:
@@ -176,6 +180,7 @@ def measure_disc(gas: dict, resolution: float, orbits: float, show) -> dict[str,
         "bias": float(np.mean(pulls) - 1),
         "scatter": float(scatter),
         "v_r": float(np.sqrt((without_means(r, radial / sim.gas.sound_speed)[inside] ** 2).mean())),
+        "disorder": float(np.log(sim.gas.density * r)[inside].std()),
         "sigma": float(np.abs(np.mean(densities, axis=0) - 1).max()),
         "alpha_flux": float(np.mean(found)),
         "alpha_error": float(np.std(found) / np.sqrt(len(found))),

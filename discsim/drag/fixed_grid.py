@@ -7,7 +7,14 @@ from collections.abc import Iterator
 from discsim.parts import EOS, LAWS
 from discsim.scene.rules import Draft, Problem, kinds
 
-OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity")  # keys of the gas that only particles use
+OF_SPH = (
+    "kernel",
+    "eta",
+    "smoothing_length",
+    "viscosity",
+    "conductivity",
+    "quiet",
+)  # keys of the gas that only particles use
 
 
 def _tables(draft: Draft) -> Iterator[Problem]:

@@ -73,8 +73,10 @@ class Viscosity(Table):
 class Quiet(Table):
     """Pressure without the noise that shear makes of it (`effects/quiet.py`); true: all as below."""
 
-    share: Number = Field(0.9, ge=0, le=1, description="of a ring's mean pressure, taken out of the forces of pairs")
-    time: Number = Field(10.0, gt=0, description="in which the density becomes the summed one, in 1 / Omega")
+    share: Number = Field(
+        0.9, ge=0, le=1, description="of the mean pressure, of a ring or a periodic plane, not of pairs"
+    )
+    time: Number = Field(10.0, gt=0, description="in discs, in which the density becomes the summed one, in 1 / Omega")
     guard: Number = Field(0.75, ge=0, description="standard deviations of the density that pairs keep of the pressure")
 
 
@@ -106,7 +108,7 @@ class Keys(Table):
     viscosity: Viscosity | None = None
     conductivity: Conductivity | None = None
     quiet: Annotated[Quiet | None, BeforeValidator(_true_or_table)] = Field(
-        None, description="less noise in a disc of isothermal gas; true, or a table"
+        None, description="less noise in discs and periodic planes of isothermal gas; true, or a table"
     )
 
 
@@ -139,12 +141,12 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
     gas, where = draft.gas, ("gas", "quiet")
     if gas.quiet is None:
         return
-    if not draft.has("star"):
-        yield where, "it is for discs, whose rings have a mean pressure; expected a table [star] too"
+    if not draft.has("star") and not (draft.space and draft.space.boundary == "periodic" and draft.dimensions == 2):
+        yield where, "only rings and periodic planes have a mean pressure; expected a table [star], or such a space"
     if draft.eos_kind not in ("isothermal", "locally-isothermal"):
         wrong = f'density that follows the flow has no energy, and the gas is "{draft.eos_kind}"'
         yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
-    if gas.viscosity is None or gas.viscosity.acts_in_shear:
+    if draft.has("star") and (gas.viscosity is None or gas.viscosity.acts_in_shear):
         wrong = "it takes the slopes of the velocity that reconstruction makes"
         yield where, f'{wrong}; expected gas.viscosity.pairs = "reconstructed"'
 
@@ -209,7 +211,9 @@ class Effect(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = sums.Sph(scene)
-        self.quiet = None if scene.gas.quiet is None else quiet.Quieted(scene)
+        self.quiet = None
+        if scene.gas.quiet is not None:
+            self.quiet = quiet.Box(scene) if scene.star is None else quiet.Disc(scene)
         self._limit = np.inf
         self._predicted: tuple[np.ndarray, np.ndarray | None] | None = None  # with which `prepare` made the density
 
@@ -274,11 +278,8 @@ class Effect(base.Effect):
         if self.quiet is None:
             self._limit = self.sph.forces(gas, vel, u, gas.pressure)
         else:
-            self.quiet.follow(state, self.sph.slopes, self.sph.squeezed)
-            pressure, push = self.quiet.split(state)
-            self._limit = self.sph.forces(gas, vel, u, pressure)
-            share(moves.add_scaled, gas.count, gas.acc, push, 1.0, light=True)
-            self.quiet.show(gas)
+            with self.quiet.pressure_of_pairs(state, self.sph) as pressure:
+                self._limit = self.sph.forces(gas, vel, u, pressure)
         if gas.pressure_acc is not None:
             gas.pressure_acc[:] = gas.acc - before
             gas.pressure_vel[:] = vel

@@ -1,4 +1,4 @@
-"""Quiet gas of a disc: SPH without the noise that its own pressure makes in shear (`gas.quiet`).
+"""Quiet gas: SPH of isothermal discs without the noise that its own pressure makes in shear (`gas.quiet`).
 
     d ln rho / dt = -div v + (ln rho_sum - ln rho) (1 / tau + 10 s c_s / h)                             (1)
     B    = c_s^2 Sigma(r) min(share, 1 - guard sigma) n^2 / (n^2 + 30^2)                                (2)
@@ -16,16 +16,26 @@ spread over three rings (TSC), and smoothed over neighbouring ones by 1/4, 1/2, 
 `guard` keeps B below the pressure of nearly all: pairs with P < B are under tension, and clump. s is 1 in shocks, where
 the flow has no slope (`kernels/quiet.py`), and for a while behind them.
 
+In a periodic space the mean pressure pushes nobody, and
+
+    P_ij = P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                                (4)
+
+with the mean Sigma and the scatter of all gas. There the density is the summed one. A lattice of particles is a crystal
+in SPH, which resists shear by the part 2 P sum V grad W; what (4) leaves resists it by that much less.
+
 Forces of pairs keep momentum and angular momentum, and the push has no torque about the centre. With companions, or a
 star that moves, the little momentum that it has is taken off all gas as of a rigid body, so that both are kept.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.kernels import move as moves
 from discsim.kernels import quiet as kernels
 from discsim.kernels.quiet import FIRST, MASS, NUMBER, SECOND
 from discsim.numerics import world
@@ -36,6 +46,7 @@ from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
 
 if TYPE_CHECKING:
+    from discsim.numerics.sph import Sph
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -46,8 +57,27 @@ TINY = 1e-300
 BITS = 61  # of sums of whole numbers, which are the same in any order
 
 
-class Quieted:
-    """What makes the gas of a scene quiet."""
+class Box:
+    """Quiet gas of a periodic space, whose mean pressure pushes nobody: eq. (4) in the forces of pairs."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.keys, self.area = scene.gas.quiet, float(np.prod(scene.space.size))
+
+    @contextmanager
+    def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
+        """The pressure (n,) that the forces of pairs have."""
+        gas = state.gas
+        assert gas is not None
+        logs = np.log(gas.density)
+        whole, first, second = totals(np.column_stack([gas.mass, logs, logs * logs])) / np.array([self.area, 1.0, 1.0])
+        number = gas.everywhere
+        uneven = np.sqrt(max(second / number - (first / number) ** 2, 0.0))
+        taken = min(max(1.0 - self.keys.guard * uneven, 0.0), self.keys.share)
+        yield gas.pressure - taken * whole * gas.sound_speed**2
+
+
+class Disc:
+    """Quiet gas of a disc, eqs. (1 - 3)."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.keys = scene, scene.gas.quiet
@@ -59,19 +89,27 @@ class Quieted:
         speed = eos_of(scene).thermal_speed(scene, at)
         self.width = WIDTH * float((speed / kepler_omega(scene, at) / at)[0])
 
-    def follow(self, state: State, slopes: Array, squeezed: float) -> None:
-        """Let density and pressure of the gas be those of eq. (1) from now on; slopes (n, 3): eq. (7) of the sums."""
+    @contextmanager
+    def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
+        """The pressure (n,) that the forces of pairs have; the push comes to `acc` after them.
+
+        Density and pressure of the gas become those of eq. (1), which others want too; of `sph` are slopes of the flow.
+        """
+        gas = _gas(state)
+        self._follow(state, sph)
+        pressure, push = self.split(state)
+        yield pressure
+        share(moves.add_scaled, gas.count, gas.acc, push, 1.0, light=True)
+        gas.density[:] = gas.followed
+
+    def _follow(self, state: State, sph: Sph) -> None:
         gas = _gas(state)
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
         share(
-            kernels.follow, gas.count, state.time, self.keys.time, state.kepler_omega(away), slopes, gas.density,
-            gas.pressure, gas.sound_speed, squeezed / gas.h, gas.followed, gas.divergence, gas.shock, gas.followed_at,
+            kernels.follow, gas.count, state.time, self.keys.time, state.kepler_omega(away), sph.slopes, gas.density,
+            gas.pressure, gas.sound_speed, sph.squeezed / gas.h,
+            gas.followed, gas.divergence, gas.shock, gas.followed_at,
         )  # fmt: skip
-
-    def show(self, gas: Gas) -> None:
-        """Let the density of the gas be the one that its pressure is of, as others want it."""
-        assert gas.followed is not None
-        gas.density[:] = gas.followed
 
     def split(self, state: State) -> tuple[Array, Array]:
         """The pressure (n,) that pairs feel, and the push (n, 2) of the rest, eqs. (2, 3)."""

@@ -150,6 +150,6 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         immobile=given.get("immobile"),
         nu=np.zeros(n) if viscous else None,
         small=small,
-        **({} if scene.gas.quiet is None else {name: np.zeros(n) for name in FOLLOWED}),
+        **({} if scene.gas.quiet is None or scene.star is None else {name: np.zeros(n) for name in FOLLOWED}),
         h_before=h.copy() if scene.gas.smoothing_length is None and not scene.model.cells else None,
     )

@@ -5,8 +5,8 @@ import pytest
 from runs import on_threads, state_bits
 from scenes import problems
 
-from discsim import Simulation
-from discsim.effects.quiet import Quieted
+from discsim import SceneError, Simulation
+from discsim.effects.quiet import Disc
 from discsim.kernels.quiet import follow
 from discsim.run.forces import acceleration_of
 from discsim.scene import load_scene
@@ -217,16 +217,56 @@ def test_quiet_gas_is_refused_where_it_has_no_meaning(changes, words):
     assert words in found and "expected" in found
 
 
-def test_quiet_gas_wants_a_star():
-    box = {
+def plane(quiet, boundary="periodic"):
+    """A square lattice of particles whose columns are displaced along themselves, by a sine."""
+    rows = 20
+    spacing = 1.6 / rows
+    x, y = (a.ravel() for a in np.meshgrid(*[(np.arange(n) + 0.5) * spacing for n in (rows, rows // 2)], indexing="ij"))
+    wave = np.sin(2.0 * np.pi * x / 1.6)
+    tables = {
         "units": {"system": "code"},
         "run": {"until": 1.0},
-        "space": {"size": 1.0, "boundary": "periodic"},
-        "initial": {"kind": "box"},
-        "gas": {"particles": 100, "quiet": True, "eos": {"kind": "isothermal", "sound_speed": 0.3}},
+        "space": {"size": [1.6, 0.8], "boundary": boundary},
+        "gas": {"kernel": "wendland-c4", "eta": 1.9, "eos": {"kind": "isothermal", "sound_speed": 0.3}, "quiet": quiet},
     }
-    (found,) = problems(box)
-    assert "table [star]" in found
+    if boundary == "periodic":
+        tables["space"]["cells"] = 20
+    pos = np.stack([x, y + 1e-5 * wave], axis=1)
+    particles = {"gas": {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(len(x), 0.7 * spacing**2)}}
+    return tables, particles, wave
+
+
+def stiffness(quiet):
+    tables, particles, wave = plane(quiet)
+    sim = Simulation(tables, particles=particles)
+    acc = forces(sim)
+    assert np.abs(acc.sum(axis=0)).max() < 1e-13  # of c_s^2 over the spacing; masses are equal
+    return (acc[:, 1] * wave[np.argsort(np.argsort(sim.gas.ids))]).mean()
+
+
+def test_a_quiet_lattice_resists_shear_by_what_its_share_leaves():
+    """As a crystal does by the mean pressure: 1 - .8 of it, to the .2% by which summed densities are off the mean."""
+    plain, quiet = stiffness(False), stiffness({"share": 0.8, "guard": 0.0})
+    assert abs(plain) > 1e-9 and quiet / plain == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_guard_leaves_a_box_its_pressure():
+    """1 - guard sigma of it is taken; densities of every second column are 1.3 and 1 / 1.3 of the mean."""
+    tables, particles, _ = plane({"share": 0.9, "guard": 2.5})
+    sim = Simulation(tables, particles=particles)
+    forces(sim)
+    gas, effect = sim.gas, sim.effects["gas"]
+    gas.density[:] = 0.7 * np.where(gas.ids // 10 % 2 == 0, 1.3, 1.0 / 1.3)
+    gas.pressure[:], gas.sound_speed[:] = 0.09 * gas.density, 0.3
+    with effect.quiet.pressure_of_pairs(sim.state, effect.sph) as pressure:
+        taken = gas.pressure - pressure
+    np.testing.assert_allclose(taken, 0.09 * 0.7 * (1.0 - 2.5 * np.log(1.3)), rtol=1e-12)
+
+
+def test_quiet_gas_wants_a_star_or_a_periodic_plane():
+    tables, particles, _ = plane(True, boundary="open")
+    with pytest.raises(SceneError, match=r"gas.quiet: .*expected a table \[star\], or such a space"):
+        Simulation(tables, particles=particles)
 
 
 def test_quiet_has_a_viscosity_of_its_own_unless_one_is_named():
@@ -241,7 +281,7 @@ def test_quiet_has_a_viscosity_of_its_own_unless_one_is_named():
 def test_rings_are_four_tenths_of_a_scale_height_wide(index):
     """In discs of any flaring; places and radii are each other's inverse."""
     eos = {"kind": "locally-isothermal", "aspect_ratio": 0.11, "temperature_index": index, "reference_radius": 2.0}
-    rings = Quieted(load_scene(disc(gas={**GAS, "eos": eos})))
+    rings = Disc(load_scene(disc(gas={**GAS, "eos": eos})))
     r = np.array([1.3, 2.0, 3.7])
     places = rings._places(r)
     np.testing.assert_allclose(rings._radii(places), r, rtol=1e-12)

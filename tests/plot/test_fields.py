@@ -2,13 +2,16 @@
 
 from dataclasses import replace
 
+import growing
 import numpy as np
 import pytest
 from astropy import constants
 from astropy import units as u
 from astropy.modeling.physical_models import BlackBody
+from runs import put_out
 
 import discsim
+from discsim import Simulation
 from discsim.numerics.state import Dust, Gas
 from discsim.output.fields.base import FieldError
 from discsim.output.fields.binned import Optics
@@ -144,3 +147,19 @@ def test_why_a_run_lacks_a_field(snap):
     assert of_run("v_r", replace(snap, gas=None)) == ["dust.v_r"]
     code = replace(snap, units=replace(snap.units, system="code"), gas=replace(snap.gas, temperature=None))
     assert "in code units, in which gas has no temperature" in lacks("temperature", code)
+
+
+@pytest.mark.parametrize("direction", ["two-way", "one-way"])
+def test_gas_with_small_dust_has_the_temperature_and_mass_of_gas_alone(direction, tmp_path):
+    """A quarter of the dust is small: with one-way drag it is no part of the gas's mass, else it is taken off it."""
+    sim = Simulation(growing.disc(gas=400, dust=300, ratio=0.8, direction=direction))
+    sim.step()
+    small = sim.gas.small.sum() / sim.gas.mass.sum()
+    assert 0.01 < small < 0.3
+    put_out(sim, tmp_path / "a.h5")
+    snap = read_snapshot(tmp_path / "a.h5")
+    r = np.hypot(*snap.gas.pos.T)
+    np.testing.assert_allclose(snap.field("gas.aspect_ratio").value, 0.1 * r**0.25, rtol=1e-9)
+    density = snap.field("gas.surface_density", edges=np.array([0.2, 3.0])).value
+    whole = snap.gas.mass.sum() * (1.0 if direction == "one-way" else 1.0 - small)
+    np.testing.assert_allclose(density, whole / (np.pi * (9.0 - 0.04)), rtol=1e-12)
