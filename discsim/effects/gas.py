@@ -1,8 +1,8 @@
 """SPH gas: dv/dt = -grad P / rho, with artificial viscosity and conductivity where named; transport.
 
 Summation density, adaptive h with grad-h terms and the conservative force are eqs. (1-5) of `kernels/sph.py`.
-Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992; with reconstruction, which
-leaves a third of the jumps of a wave, 1 + 0.4 alpha) and sqrt(h / |a|), where h is a third of quintic-h's.
+Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where
+h is a third of quintic-h's.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
@@ -62,7 +62,7 @@ class Viscosity(Table):
     @property
     def signal(self) -> float:
         """Times c_s / h: the rate at which a step has to follow sound and the linear term."""
-        return 1.0 + (1.2 if self.acts_in_shear else 0.4) * self.alpha
+        return 1.0 + 1.2 * self.alpha
 
     @property
     def closing(self) -> float:
@@ -105,11 +105,20 @@ class Keys(Table):
     precision: Literal["double", "single"] = Field(
         "double", description="of the terms of the gas's sums over neighbours; all else is double"
     )
-    viscosity: Viscosity | None = None
+    viscosity: Annotated[
+        Viscosity | None, Default('none; of quiet gas {alpha = 0.3, beta = 0.5, pairs = "reconstructed"}')
+    ] = None
     conductivity: Conductivity | None = None
     quiet: Annotated[Quiet | None, BeforeValidator(_true_or_table)] = Field(
         None, description="less noise in discs and periodic planes of isothermal gas; true, or a table"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _viscosity_of_quiet(cls, given: Any) -> Any:
+        if isinstance(given, dict) and given.get("quiet") and "viscosity" not in given:
+            return given | {"viscosity": {"alpha": 0.3, "beta": 0.5, "pairs": "reconstructed"}}
+        return given
 
 
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
@@ -146,7 +155,7 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
     if draft.eos_kind not in ("isothermal", "locally-isothermal"):
         wrong = f'density that follows the flow has no energy, and the gas is "{draft.eos_kind}"'
         yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
-    if draft.has("star") and (gas.viscosity is None or gas.viscosity.acts_in_shear):
+    if gas.viscosity is None or gas.viscosity.acts_in_shear:
         wrong = "it takes the slopes of the velocity that reconstruction makes"
         yield where, f'{wrong}; expected gas.viscosity.pairs = "reconstructed"'
 

@@ -242,8 +242,6 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
             gas.setdefault("kernel", kernel)
         smoothing = SMOOTHING.get(str(gas.get("kernel")), SMOOTHING["cubic"])
         gas.setdefault("eta", smoothing.eta[dimensions - 1])
-        if gas.get("quiet") and "star" in data:
-            gas.setdefault("viscosity", {"alpha": 0.3, "beta": 0.5, "pairs": "reconstructed"})
     drag = filled.get("drag")
     if isinstance(drag, dict):
         if isinstance(drag.get("cell"), str):

@@ -15,7 +15,7 @@ from discsim.scene import SceneError, load_scene, rules
 COUNT, SPEED = 12, 1.3  # particles along a side, and of sound
 
 
-def box(kernel, alpha=0.3, count=COUNT, shaken=0.0, **run):
+def box(kernel, alpha=0.3, count=COUNT, shaken=0.0, pairs="all", **run):
     """Gas on a lattice in a periodic square, each particle shaken by a part of the spacing."""
     place = (np.arange(count) + 0.5) / count
     pos = np.stack(np.meshgrid(place, place, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -28,7 +28,7 @@ def box(kernel, alpha=0.3, count=COUNT, shaken=0.0, **run):
             "particles": count**2,
             "kernel": kernel,
             "eos": {"kind": "isothermal", "sound_speed": SPEED},
-            "viscosity": {"alpha": alpha, "beta": 2 * alpha, "pairs": "all"},
+            "viscosity": {"alpha": alpha, "beta": 2 * alpha, "pairs": pairs},
         },
     }
     gas = {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(count**2, 1.0 / count**2)}
@@ -81,6 +81,22 @@ def test_noise_dies_below_the_bound_and_grows_beyond_it(kernel, alpha):
         except PhysicsError:
             speeds.append(np.inf)  # by one of the guards
     assert speeds[0] < 0.1 and speeds[1] > 2.0 * speeds[0] + 0.02
+
+
+@pytest.mark.parametrize("alpha", [0.4, 2.0])
+def test_reconstructed_viscosity_is_stable_up_to_the_bound(alpha):
+    """It brakes the shortest waves as the others do, so that its limit falls with alpha as theirs: 1 + 1.2 alpha."""
+    bound = 2.0 / SMOOTHING["wendland-c4"].fastest[1]
+    speeds = []
+    for share in (0.97, 1.4):
+        step = fixed("wendland-c4", share * bound, alpha)
+        sim = box("wendland-c4", alpha, shaken=0.1, pairs="reconstructed", timestep=step)
+        try:
+            sim.evolve(1e9, lambda sim=sim: sim.state.step >= 60)
+            speeds.append(np.sqrt((sim.gas.vel**2).sum(axis=1).mean()) / SPEED)
+        except PhysicsError:
+            speeds.append(np.inf)
+    assert speeds[0] < 0.01 < speeds[1]
 
 
 @pytest.mark.parametrize("times, kept", [(1.1, True), (1.35, False)])
