@@ -58,8 +58,8 @@ CHOICES = {
     "wendland 2.2, alpha .3": WENDLAND | {"eta": 2.2, "viscosity": LOW | {"alpha": 0.3}},
     "wendland 2.5, reconstructed": WENDLAND | {"eta": 2.5, "viscosity": RECONSTRUCTED},
     "wendland-c2 2.5, reconstructed": {"kernel": "wendland-c2", "eta": 2.5, "viscosity": RECONSTRUCTED},
+    "quiet": {"kernel": "wendland-c4", "quiet": True},
     "wendland 2.5, quiet": {"kernel": "wendland-c4", "eta": 2.5, "quiet": True},
-    "wendland-c2 2.5, quiet": {"kernel": "wendland-c2", "eta": 2.5, "quiet": True},
     "wendland 2.2, balsara": {"kernel": "wendland-c4", "eta": 2.2, "viscosity": PLAIN | {"switch": "balsara"}},
 }
 COLUMNS = {

@@ -94,7 +94,9 @@ class Keys(Table):
     particles: Particles = Field(description="number of SPH particles")
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c2", "wendland-c4"],
-        Default('"cubic"; where no eta is named, in a disc "quintic", in a settling layer "wendland-c4"'),
+        Default(
+            '"cubic"; where no eta is named, in a disc "quintic", in a settling layer and in quiet gas "wendland-c4"'
+        ),
     ] = Field("cubic", description="SPH kernel")
     eta: Annotated[
         Number,

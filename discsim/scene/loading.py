@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, get_origin
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from discsim.formulas.smoothing import SMOOTHING
+from discsim.formulas.smoothing import QUIET, SMOOTHING
 from discsim.parts import EFFECTS, EOS, MODELS, STARTS, found_at
 from discsim.printable import printable
 from discsim.scene import tables, tomltext
@@ -237,7 +237,7 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
     if isinstance(gas, dict):
         # An eta alone is the cubic's.
         start = STARTS.get(str(value_at(data, "initial", "kind")))
-        kernel = start.kernel if start is not None else None
+        kernel = QUIET if gas.get("quiet") else start.kernel if start is not None else None
         if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
             gas.setdefault("kernel", kernel)
         smoothing = SMOOTHING.get(str(gas.get("kernel")), SMOOTHING["cubic"])

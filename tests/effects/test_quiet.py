@@ -269,10 +269,13 @@ def test_quiet_gas_wants_a_star_or_a_periodic_plane():
         Simulation(tables, particles=particles)
 
 
-def test_quiet_has_a_viscosity_of_its_own_unless_one_is_named():
+def test_quiet_gas_has_a_kernel_and_a_viscosity_of_its_own_unless_they_are_named():
     scene = load_scene(disc(quiet=True))
     assert (scene.gas.viscosity.alpha, scene.gas.viscosity.pairs) == (0.3, "reconstructed")
     assert (scene.gas.quiet.share, scene.gas.quiet.time, scene.gas.quiet.guard) == (0.9, 10.0, 0.75)
+    bare = disc(quiet=True)
+    del bare["gas"]["kernel"], bare["gas"]["eta"]
+    assert (load_scene(bare).gas.kernel, load_scene(bare).gas.eta) == ("wendland-c4", 1.7)
     plain = disc(quiet=False)
     assert load_scene(plain).gas.quiet is None and load_scene(plain).gas.viscosity is None
 
