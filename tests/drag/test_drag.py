@@ -338,8 +338,9 @@ def test_nodes_blur_waves_across_as_much_as_along(along):
     np.testing.assert_allclose(gas_across, gas, rtol=0, atol=2e-4)
 
 
+@pytest.mark.parametrize("scheme", ["tsc", "idic-linear"])
 @pytest.mark.parametrize("slopes", [[[1.0, 0.5], [0.0, 0.0]], [[0.0, 0.0], [1.0, -0.7]]], ids=["along x", "along y"])
-def test_a_force_linear_in_space_has_its_terminal_velocity_at_once(slopes):
+def test_a_force_linear_in_space_has_its_terminal_velocity_at_once(slopes, scheme):
     """Dust at random places in gas at rest, in a kick of 1e4 stopping times: a t_stop everywhere but at the edges."""
     rng, given = np.random.default_rng(3), {}
     for name, mass in (("gas", 1.0), ("dust", 0.3)):
@@ -352,6 +353,7 @@ def test_a_force_linear_in_space_has_its_terminal_velocity_at_once(slopes):
         "dust": {"particles": 1600, "ratio": 0.3}, "external": {"dust": 1.0},
         "drag": {"law": "stopping-time", "t_stop": 1e-4, "direction": "one-way", "cell_length": 0.2},
     }  # fmt: skip
+    tables["drag"]["scheme"] = scheme
     sim = Simulation(tables, particles=given)
     sim._prepare()
     force = np.array([0.3, -0.2]) + sim.dust.pos @ slopes

@@ -6,6 +6,7 @@ from runs import assert_resumes
 
 from discsim import Simulation
 from discsim.exact import nsh
+from discsim.run.forces import acceleration_of
 from discsim.scene import SceneError, load_scene
 
 ASPECT = 0.05
@@ -242,3 +243,16 @@ def test_light_at_the_start_is_a_share_of_a_softened_pull():
     out = (dust.pos * dust.vel).sum(axis=1) / r
     circle = np.sqrt(mass * r**2 / (r**2 + soft**2) ** 1.5)
     np.testing.assert_allclose(out, beta * circle * stokes / (1.0 + stokes**2), rtol=0.01)  # of first order in beta
+
+
+def test_light_comes_from_the_star_where_that_is():
+    """beta G M d / d^3 from a star that its companion has moved off the origin."""
+    star = {"mass": 1.4, "frame": "inertial"}
+    other = {"mass": 0.5, "semi_major_axis": 0.3, "phase": 70.0, "orbit": "live", "softening": 0.05}
+    sim = Simulation(gaseous(0.35, star=star, companion=other))
+    sim.step()
+    away = sim.dust.pos - sim.bodies.pos[0]
+    assert np.hypot(*sim.bodies.pos[0]) > 0.05
+    wanted = 0.35 * 1.4 * away / np.hypot(*away.T)[:, None] ** 3
+    found = acceleration_of(sim.effects["radiation_pressure"], sim.state)["dust"]
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)

@@ -166,6 +166,18 @@ def test_a_disc_that_falls_apart_takes_more_steps_the_shorter_its_softening(grav
     assert (ratio > most) if most > 2.0 else (ratio < most)
 
 
+def test_clumps_that_keep_their_heat_are_hotter_by_two_thirds_of_the_contrast():
+    """T ~ Sigma^(2/3): c_s of clumps that are four times as dense is 4^(1/3) of the start's, and h half of it."""
+    eos = {"kind": "adiabatic", "gamma": 1.6, "aspect_ratio": 0.08, "reference_radius": 3.0}
+    start = {"perturbation": 0.1, "mass": None, "toomre_q": 0.9}
+    disc = changed(COLD, self_gravity={"softening": 0.01}, gas={"eos": eos}, space={"cells": 512}, initial=start)
+    outlooks = Outlooks(load_scene(changed(disc, cooling={"kind": "beta", "beta": 1.3}, run={"until": 200.0})))
+    first, last = (outlooks.at(time).at for time in (0.0, 200.0))
+    np.testing.assert_allclose(last.density / first.density, 4.0, rtol=1e-12)
+    np.testing.assert_allclose(last.sound_speed / first.sound_speed, 4.0 ** (1.0 / 3.0), rtol=1e-12)
+    np.testing.assert_allclose(last.h / first.h, 0.5, rtol=1e-12)
+
+
 @pytest.mark.parametrize("stokes", [0.2, 3.0])
 def test_the_inner_edge_of_given_dust_comes_in_as_it_drifts(stokes):
     """2 eta v_K St / (1 + St^2) at 2 about .7, eta v_K = (p + q) c^2 / 2 v_K with p = 1 and q = .5; and is nearest."""
