@@ -16,6 +16,11 @@ spread over three rings (TSC), and smoothed over neighbouring ones by 1/4, 1/2, 
 `guard` keeps B below the pressure of nearly all: pairs with P < B are under tension, and clump. s is 1 in shocks, where
 the flow has no slope (`kernels/quiet.py`), and for a while behind them.
 
+Densities (1) come to lie some per cent below the mass in their ring, as summed ones of disorder lie above it. What
+others take as density, drag and snapshots, has the mass of its ring where that is even:
+
+    rho' = rho (r Sigma(r) / exp<ln r rho>)^max(0, 1 - 4 sigma)                                         (5)
+
 In a periodic space the mean pressure pushes nobody, and
 
     P_ij = P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                                (4)
@@ -31,7 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -52,9 +57,22 @@ if TYPE_CHECKING:
 Array = np.ndarray
 WIDTH = 0.4  # of a ring, in H
 SPARSE = 30.0  # particles in a ring of which half its pressure is taken
+UNEVEN = 4.0  # over it: the scatter of ln(r Sigma) in rings whose mass says nothing of their density
 MOST_RINGS = 1 << 14
 TINY = 1e-300
 BITS = 61  # of sums of whole numbers, which are the same in any order
+
+
+class Rings(NamedTuple):
+    """Means over rings (count,): their radii, surface density, number of particles, scatter of ln(r P / c_s^2), and by
+    how much the mean of that lacks what their mass has.
+    """
+
+    radius: Array
+    density: Array
+    number: Array
+    uneven: Array
+    lacking: Array
 
 
 class Box:
@@ -93,14 +111,15 @@ class Disc:
     def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
         """The pressure (n,) that the forces of pairs have; the push comes to `acc` after them.
 
-        Density and pressure of the gas become those of eq. (1), which others want too; of `sph` are slopes of the flow.
+        Density and pressure of the gas become those of eqs. (1, 5), which others want; of `sph` are slopes of the flow.
         """
         gas = _gas(state)
         self._follow(state, sph)
-        pressure, push = self.split(state)
+        pressure, push, mass_over_mean = self.split(state)
         yield pressure
         share(moves.add_scaled, gas.count, gas.acc, push, 1.0, light=True)
-        gas.density[:] = gas.followed
+        gas.density[:] = gas.followed * mass_over_mean
+        gas.pressure *= mass_over_mean
 
     def _follow(self, state: State, sph: Sph) -> None:
         gas = _gas(state)
@@ -111,22 +130,23 @@ class Disc:
             gas.followed, gas.divergence, gas.shock, gas.followed_at,
         )  # fmt: skip
 
-    def split(self, state: State) -> tuple[Array, Array]:
-        """The pressure (n,) that pairs feel, and the push (n, 2) of the rest, eqs. (2, 3)."""
+    def split(self, state: State) -> tuple[Array, Array, Array]:
+        """The pressure (n,) that pairs feel, the push (n, 2) of the rest, eqs. (2, 3), and eq. (5) over rho (n,)."""
         gas, pos = _gas(state), state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
         pressure, acc = copied(gas.pressure), np.zeros_like(gas.acc)
         place = self._places(r)
         low, count = _range(place)
         at = np.clip(place - low, 2.0, count - 3.0)
+        rings = self._rings(state, at, r, low, count)
         stretch = (r / self.reference) ** -self.flaring / (self.width * r * r)  # d(at)/dr over r
         share(
-            kernels.push, gas.count, pos, at, stretch, gas.followed,
-            self._cubics(self._rings(state, at, r, count), low), pressure, acc,
+            kernels.push, gas.count, pos, at, stretch, gas.followed, self._cubics(rings), pressure, acc,
         )  # fmt: skip
         if state.bodies is not None:
             acc -= _as_rigid(gas.mass, pos, acc)
-        return pressure, acc
+        even = np.clip(1.0 - UNEVEN * rings.uneven, 0.0, 1.0)
+        return pressure, acc, np.exp(np.interp(at, np.arange(count), even * rings.lacking))
 
     def _places(self, r: Array) -> Array:
         """Radii (n,) in widths of rings from the reference radius."""
@@ -140,8 +160,7 @@ class Disc:
             log = -np.log(np.maximum(1.0 - self.flaring * log, TINY)) / self.flaring
         return self.reference * np.exp(log)
 
-    def _rings(self, state: State, at: Array, r: Array, count: int) -> Array:
-        """Smoothed sums (4, count) of `kernels.ring_sums`."""
+    def _rings(self, state: State, at: Array, r: Array, low: float, count: int) -> Rings:
         gas = _gas(state)
         pressing = gas.pressure / gas.sound_speed**2
         mass = gas.mass * pressing / gas.followed
@@ -152,20 +171,21 @@ class Disc:
         sums = world.together.sum(sum(found)) / units[:, None]
         for _ in range(2):
             sums[:, 1:-1] = 0.25 * (sums[:, :-2] + 2.0 * sums[:, 1:-1] + sums[:, 2:])
-        return sums
+        some, radius = np.maximum(sums[NUMBER], TINY), self._radii(low + np.arange(count))
+        area = 2.0 * np.pi * self.width * radius**2 * (radius / self.reference) ** self.flaring
+        mean, density = sums[FIRST] / some, sums[MASS] / area
+        uneven = np.sqrt(np.maximum(sums[SECOND] / some - mean**2, 0.0))
+        lacking = np.log(np.maximum(radius * density, TINY)) - mean
+        return Rings(radius, density, sums[NUMBER], uneven, np.where(sums[NUMBER] > SPARSE, lacking, 0.0))
 
-    def _cubics(self, sums: Array, low: float) -> Array:
+    def _cubics(self, rings: Rings) -> Array:
         """Coefficients (4, count - 1) of B between rings, eq. (2), the highest power first."""
         from scipy.interpolate import CubicSpline
 
-        number = sums[NUMBER]
-        some = np.maximum(number, TINY)
-        uneven = np.sqrt(np.maximum(sums[SECOND] / some - (sums[FIRST] / some) ** 2, 0.0))
-        r = self._radii(low + np.arange(len(number)))
-        area = 2.0 * np.pi * self.width * r * r * (r / self.reference) ** self.flaring
-        taken = np.clip(1.0 - self.keys.guard * uneven, 0.0, self.keys.share) * number**2 / (number**2 + SPARSE**2)
-        pressure = taken * sums[MASS] / area * eos_of(self.scene).thermal_speed(self.scene, r) ** 2
-        return CubicSpline(np.arange(len(number)), pressure).c
+        number2 = rings.number**2
+        taken = np.clip(1.0 - self.keys.guard * rings.uneven, 0.0, self.keys.share) * number2 / (number2 + SPARSE**2)
+        speed = eos_of(self.scene).thermal_speed(self.scene, rings.radius)
+        return CubicSpline(np.arange(len(number2)), taken * rings.density * speed**2).c
 
 
 def _gas(state: State) -> Gas:
