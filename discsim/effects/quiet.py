@@ -1,35 +1,35 @@
 """Quiet gas: SPH of isothermal discs without the noise that its own pressure makes in shear (`gas.quiet`).
 
-    d ln rho / dt = -div v + (ln rho_sum - ln rho) (1 / tau + 10 s c_s / h)                             (1)
-    B    = c_s^2 Sigma(r) min(share, 1 - guard sigma) n^2 / (n^2 + 30^2)                                (2)
-    P_ij = P - B in the forces of pairs, and a = -grad B / rho from the centre of the disc beside them   (3)
+    d ln rho / dt = -div v + (ln rho_sum - ln rho) (1 / tau + 10 s c_s / h),   P = c_s^2 rho                (1)
+    B    = c_s^2 Sigma(r) min(share, 1 - guard sigma) n^2 / (n^2 + 30^2)                                    (2)
+    pairs feel P - B, and each particle a = -grad B / rho from the centre of the disc                       (3)
 
-Sums over neighbours feel how particles happen to lie, and shear winds up how they lie: the conservative force of the
-pressure resists that, moves particles, and viscosity makes heat of it, an alpha of some .004 that no viscosity is
-the cause of. What winding can take hold of is the noise of the summed density, and the part 2 P sum V grad W of the
-force that disorder leaves even where P is uniform. (1) takes the first away: pressure is c_s^2 rho of a density that
-follows the flow (div v of eq. (7) of `kernels/sph.py`), and becomes the summed one in tau = time / Omega. (3) takes the
-second: no pair feels the mean pressure B of a ring, which pushes as a whole. Either alone leaves the noise.
+Shear changes how particles lie. The conservative force of the pressure resists this, moves particles, and viscosity
+turns the motion into heat: an alpha of about .004 at h/H = .5, which no viscosity causes. The shear acts through the
+noise of the summed density, and through the part 2 P sum V grad W of the force, which disorder leaves even where P is
+uniform. Eq. (1) removes the first: the density follows the flow, with div v of eq. (7) of `kernels/sph.py`, and becomes
+the summed one in tau = time / Omega. Eq. (3) removes the second: the mean pressure B of a ring acts on the ring as a
+whole. One of the two alone leaves the noise.
 
-B is that of rings .4 H wide: Sigma, the number n of particles, and the scatter sigma of ln(r Sigma), each particle
-spread over three rings (TSC), and smoothed over neighbouring ones by 1/4, 1/2, 1/4 twice, with a cubic spline between.
-`guard` keeps B below the pressure of nearly all: pairs with P < B are under tension, and clump. s is 1 in shocks, where
-the flow has no slope (`kernels/quiet.py`), and for a while behind them.
+Rings are .4 H wide. Sigma, the number n of particles and the scatter sigma of ln(r P / c_s^2) are sums to which each
+particle contributes in three rings (TSC), smoothed over neighbouring rings by 1/4, 1/2, 1/4 twice; B is a cubic spline
+between them. `guard` keeps B below the pressure of nearly all particles, as pairs with P < B are under tension and
+clump. s is 1 in shocks, which have no slopes (`kernels/quiet.py`), and falls behind them.
 
-Densities (1) come to lie some per cent below the mass in their ring, as summed ones of disorder lie above it. What
-others take as density, drag and snapshots, has the mass of its ring where that is even:
+Densities of eq. (1) settle some per cent below the mass of their ring, where summed densities of disordered particles
+lie up to 25% above it. Drag and snapshots take a density with the mass of its ring, where the ring is even:
 
-    rho' = rho (r Sigma(r) / exp<ln r rho>)^max(0, 1 - 4 sigma)                                         (5)
+    rho' = rho (r Sigma(r) / exp<ln r rho>)^max(0, 1 - 4 sigma)                                             (4)
 
-In a periodic space the mean pressure pushes nobody, and
+The mean pressure of a periodic plane has no gradient. There the density is the summed one, and
 
-    P_ij = P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                                (4)
+    pairs feel P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                                (5)
 
-with the mean Sigma and the scatter of all gas. There the density is the summed one. A lattice of particles is a crystal
-in SPH, which resists shear by the part 2 P sum V grad W; what (4) leaves resists it by that much less.
+with the mean surface density and the scatter of all gas. A lattice of SPH particles resists shear like a crystal, by
+the same part of the force, and (5) lowers its stiffness by `share`. Sound with kh near .5 is some per cent slow.
 
-Forces of pairs keep momentum and angular momentum, and the push has no torque about the centre. With companions, or a
-star that moves, the little momentum that it has is taken off all gas as of a rigid body, so that both are kept.
+Forces of pairs conserve momentum and angular momentum, and the push has no torque about the centre. Where bodies move,
+the small net force of the push is taken off all gas like that on a rigid body, so that both are conserved.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Rings(NamedTuple):
 
 
 class Box:
-    """Quiet gas of a periodic space, whose mean pressure pushes nobody: eq. (4) in the forces of pairs."""
+    """Quiet gas of a periodic plane, eq. (5)."""
 
     def __init__(self, scene: Scene) -> None:
         self.keys, self.area = scene.gas.quiet, float(np.prod(scene.space.size))
@@ -95,7 +95,7 @@ class Box:
 
 
 class Disc:
-    """Quiet gas of a disc, eqs. (1 - 3)."""
+    """Quiet gas of a disc, eqs. (1 - 4)."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.keys = scene, scene.gas.quiet
@@ -111,7 +111,7 @@ class Disc:
     def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
         """The pressure (n,) that the forces of pairs have; the push comes to `acc` after them.
 
-        Density and pressure of the gas become those of eqs. (1, 5), which others want; of `sph` are slopes of the flow.
+        Density and pressure of the gas become those of eqs. (1, 4); `sph` has the slopes of the velocity.
         """
         gas = _gas(state)
         self._follow(state, sph)
@@ -131,7 +131,7 @@ class Disc:
         )  # fmt: skip
 
     def split(self, state: State) -> tuple[Array, Array, Array]:
-        """The pressure (n,) that pairs feel, the push (n, 2) of the rest, eqs. (2, 3), and eq. (5) over rho (n,)."""
+        """The pressure (n,) that pairs feel, the push (n, 2) of the rest, and rho' / rho (n,), eqs. (2 - 4)."""
         gas, pos = _gas(state), state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
         pressure, acc = copied(gas.pressure), np.zeros_like(gas.acc)

@@ -137,7 +137,7 @@ def test_the_push_is_the_share_of_the_pull_of_a_smooth_disc():
 
 
 def test_the_guard_lowers_the_share_by_the_scatter_of_the_density():
-    """Where every second particle has 1.4 and the others 1 / 1.4 of the density, rings take 1 - 2 ln 1.4 of it."""
+    """Particles have 1.4 or 1 / 1.4 of the mean density, so that sigma = ln 1.4 and rings take 1 - 2 ln 1.4 of P."""
     sim = Simulation(disc({"share": 0.9, "guard": 2.0}))
     sim.step(1e-6)
     gas = sim.gas
@@ -152,7 +152,7 @@ def test_the_guard_lowers_the_share_by_the_scatter_of_the_density():
 
 
 def test_others_take_densities_that_have_the_mass_of_their_ring():
-    """Where what is followed is .85 of that; and with as much scatter as uneven rings have, they take it as it is."""
+    """Densities that are .85 of it are corrected; in rings with a scatter of .3 they stay as they are."""
     found = []
     for scatter in (0.0, 0.3):
         sim = Simulation(disc(gas={"particles": MANY}))

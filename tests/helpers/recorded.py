@@ -1,7 +1,7 @@
 """Numbers that scenes gave when they were last recorded, so that a change of any of them is seen.
 
-These numbers say nothing of what is right: the tests of physics do. They say what an edit changes. After one that is
-meant to change results, record them anew and put what changed into the commit's message:
+These numbers do not say what is right, as the tests of physics do. They show what an edit changes. After an edit that
+is meant to change results, record them again and tell the changes in the commit's message:
 
     python tests/helpers/recorded.py          prints what changed by more than rounding
     python tests/helpers/recorded.py --write  records it
@@ -60,7 +60,7 @@ def moments(array: Any, order: Any = None) -> list[float]:
 
 
 def of_checks() -> dict[str, list[float]]:
-    """What `discsim check` prints of the shipped setups and of scenes after published discs."""
+    """Numbers that `discsim check` prints for the shipped setups and for scenes after published discs."""
     return {f"check {path.stem}": numbers_of_check(path) for path in CHECKED}
 
 
@@ -122,7 +122,7 @@ def recorded() -> dict[str, dict[str, list[float]]]:
 
 
 def changes(before: dict[str, list[float]], now: dict[str, list[float]]) -> list[str]:
-    """What differs by more than rounding, a line each."""
+    """A line for each number that differs by more than rounding."""
     out = [f"{name}: {'new' if name in now else 'gone'}" for name in before.keys() ^ now.keys()]
     for name in before.keys() & now.keys():
         a, b, text = np.array(before[name]), np.array(now[name]), name.startswith("check")

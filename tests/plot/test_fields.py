@@ -151,7 +151,7 @@ def test_why_a_run_lacks_a_field(snap):
 
 @pytest.mark.parametrize("direction", ["two-way", "one-way"])
 def test_gas_with_small_dust_has_the_temperature_and_mass_of_gas_alone(direction, tmp_path):
-    """A quarter of the dust is small: with one-way drag it is no part of the gas's mass, else it is taken off it."""
+    """Small dust is no part of the gas's mass with one-way drag, and is subtracted from it with two-way drag."""
     sim = Simulation(growing.disc(gas=400, dust=300, ratio=0.8, direction=direction))
     sim.step()
     small = sim.gas.small.sum() / sim.gas.mass.sum()

@@ -1,6 +1,6 @@
 """Numbers of small scenes with many effects are those that were recorded: an edit that changes results says so.
 
-`tests/helpers/recorded.py` says what is recorded, and records it anew where a change is meant.
+`tests/helpers/recorded.py` lists what is recorded, and records it again after a change that is meant.
 """
 
 import pytest
