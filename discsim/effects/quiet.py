@@ -26,7 +26,7 @@ The mean pressure of a periodic plane has no gradient. There the density is the 
     pairs feel P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                                (5)
 
 with the mean surface density and the scatter of all gas. A lattice of SPH particles resists shear like a crystal, by
-the same part of the force, and (5) lowers its stiffness by `share`. Sound with kh near .5 is some per cent slow.
+the same part of the force, and (5) lowers its stiffness by `share`. Sound of kh = .56 is 2.6% slow, and else 3.7% fast.
 
 Forces of pairs conserve momentum and angular momentum, and the push has no torque about the centre. Where bodies move,
 the small net force of the push is taken off all gas like that on a rigid body, so that both are conserved.

@@ -235,8 +235,8 @@ def test_quiet_gas_is_refused_where_it_has_no_meaning(changes, words):
     assert words in found and "expected" in found
 
 
-def plane(quiet, boundary="periodic"):
-    """A square lattice of particles whose columns are displaced along themselves, by a sine."""
+def plane(quiet, boundary="periodic", along=1):
+    """A square lattice of particles whose columns are displaced by a sine, along themselves or (0) across."""
     rows = 20
     spacing = 1.6 / rows
     x, y = (a.ravel() for a in np.meshgrid(*[(np.arange(n) + 0.5) * spacing for n in (rows, rows // 2)], indexing="ij"))
@@ -249,23 +249,32 @@ def plane(quiet, boundary="periodic"):
     }
     if boundary == "periodic":
         tables["space"]["cells"] = 20
-    pos = np.stack([x, y + 1e-5 * wave], axis=1)
+    pos = np.stack([x, y], axis=1)
+    pos[:, along] += 1e-5 * wave
     particles = {"gas": {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(len(x), 0.7 * spacing**2)}}
     return tables, particles, wave
 
 
-def stiffness(quiet):
-    tables, particles, wave = plane(quiet)
+def stiffness(quiet, along=1):
+    """Mean of the acceleration along the displacement times the sine."""
+    tables, particles, wave = plane(quiet, along=along)
     sim = Simulation(tables, particles=particles)
     acc = forces(sim)
     assert np.abs(acc.sum(axis=0)).max() < 1e-13  # of c_s^2 over the spacing; masses are equal
-    return (acc[:, 1] * wave[np.argsort(np.argsort(sim.gas.ids))]).mean()
+    return (acc[np.argsort(sim.gas.ids), along] * wave).mean()
 
 
 def test_a_quiet_lattice_resists_shear_by_what_its_share_leaves():
     """As a crystal does by the mean pressure: 1 - .8 of it, to the .2% by which summed densities are off the mean."""
     plain, quiet = stiffness(False), stiffness({"share": 0.8, "guard": 0.0})
     assert abs(plain) > 1e-9 and quiet / plain == pytest.approx(0.2, rel=0.02)
+
+
+def test_sound_of_a_quiet_plane_is_as_slow_as_it_is_fast_without():
+    """On a lattice with kh = .6; the error of both falls with (kh)^2."""
+    wave = 2.0 * np.pi / 1.6
+    speeds = [np.sqrt(-2.0 * stiffness(quiet, along=0) / 1e-5) / (0.3 * wave) for quiet in (False, {"guard": 0.0})]
+    assert 1.01 < speeds[0] < 1.06 and 0.94 < speeds[1] < 0.99
 
 
 def test_a_guard_leaves_a_box_its_pressure():
