@@ -39,6 +39,7 @@ AnyEos: Any = kinds_of(EOS.values())
 
 # CPU nanoseconds in a step: of a particle, and of each of its neighbours by the precision of sums over them.
 PARTICLE, NEIGHBOUR = 300.0, {"double": 27.0, "single": 15.0}
+SLOPES, QUIET = 1.2, 150.0  # times that where velocities are reconstructed; of a particle of quiet gas
 MOST_ETA = 30.0  # thousands of neighbours
 
 
@@ -235,8 +236,11 @@ class Effect(base.Effect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        each = NEIGHBOUR[scene.gas.precision]
-        return counts.gas * (PARTICLE + each * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
+        each, gas = NEIGHBOUR[scene.gas.precision], scene.gas
+        if gas.viscosity is not None and not gas.viscosity.acts_in_shear:
+            each *= SLOPES
+        own = PARTICLE + (QUIET if gas.quiet is not None else 0.0)
+        return counts.gas * (own + each * SMOOTHING[gas.kernel].neighbours(gas.eta))
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:

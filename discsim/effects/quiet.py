@@ -59,7 +59,7 @@ WIDTH = 0.4  # of a ring, in H
 SPARSE = 30.0  # particles in a ring of which half its pressure is taken
 UNEVEN = 4.0  # over it: the scatter of ln(r Sigma) in rings whose mass says nothing of their density
 MOST_RINGS = 1 << 14
-TINY = 1e-300
+TINY, FARTHEST = 1e-300, 200.0  # FARTHEST: ln of radii, so that areas of rings beyond all gas are numbers
 BITS = 61  # of sums of whole numbers, which are the same in any order
 
 
@@ -158,7 +158,7 @@ class Disc:
         log = self.width * place
         if self.flaring != 0.0:
             log = -np.log(np.maximum(1.0 - self.flaring * log, TINY)) / self.flaring
-        return self.reference * np.exp(log)
+        return self.reference * np.exp(np.clip(log, -FARTHEST, FARTHEST))
 
     def _rings(self, state: State, at: Array, r: Array, low: float, count: int) -> Rings:
         gas = _gas(state)

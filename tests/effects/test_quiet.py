@@ -214,6 +214,19 @@ def test_quiet_gas_keeps_its_angular_momentum_about_a_star():
     assert spin() == pytest.approx(before, rel=3e-15)  # rounding of 12 steps
 
 
+def test_a_particle_beyond_all_rings_is_left_alone():
+    """Rings of a flared disc end at infinity. One far beyond is in none, and the others feel the same."""
+    sims = [Simulation(disc()) for _ in range(2)]
+    far = sims[1].gas
+    far.pos[np.argmax(np.hypot(*far.pos.T))] = 1e12, 0.0
+    for sim in sims:
+        sim.step(1e-9)
+    pushes = [sim.effects["gas"].quiet.split(sim.state)[1][np.argsort(sim.gas.ids)] for sim in sims]
+    inside = within(sims[0].gas)[np.argsort(sims[0].gas.ids)]
+    np.testing.assert_allclose(pushes[1][inside], pushes[0][inside], rtol=1e-3, atol=1e-9)
+    assert np.isfinite(pushes[1]).all()
+
+
 def test_asking_for_forces_leaves_what_is_followed_alone():
     sim = Simulation(disc())
     sim.step()
