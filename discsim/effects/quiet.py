@@ -127,7 +127,7 @@ class Disc:
         share(
             kernels.follow, gas.count, state.time, self.keys.time, state.kepler_omega(away), sph.slopes, gas.density,
             gas.pressure, gas.sound_speed, sph.squeezed / gas.h,
-            gas.followed, gas.divergence, gas.shock, gas.followed_at,
+            gas.followed, gas.divergence, gas.shocked, gas.followed_at,
         )  # fmt: skip
 
     def split(self, state: State) -> tuple[Array, Array, Array]:

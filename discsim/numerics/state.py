@@ -170,12 +170,12 @@ class Gas(Particles):
     # Of quiet gas: density that follows the flow, div v, 1 in shocks, and the time of these (`effects/quiet.py`).
     followed: Array | None = None
     divergence: Array | None = None
-    shock: Array | None = None
+    shocked: Array | None = None
     followed_at: Array | None = None
     h_before: Array | None = None  # from which the search for h began (where h is not fixed)
 
 
-FOLLOWED = ("followed", "divergence", "shock", "followed_at")  # arrays of quiet gas
+FOLLOWED = ("followed", "divergence", "shocked", "followed_at")  # arrays of quiet gas
 
 
 @dataclass(kw_only=True, repr=False)
