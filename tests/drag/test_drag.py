@@ -399,6 +399,39 @@ def test_a_cell_keeps_the_rotation_of_gas_and_dust():
     assert min(lost) < 1e-15  # rounding of sums of .1
 
 
+def test_a_cell_keeps_the_torque_of_what_its_dust_alone_feels():
+    """Gas and dust at rest in one cell of idic-linear, and a force on the dust with slopes along and across: what the
+    gas gets of it by drag is taken from the dust with its torque.
+    """
+    rng, given = np.random.default_rng(11), {}
+    for name, width, mass in (("gas", [0.4, 0.3], 1.0), ("dust", [0.15, 0.25], 0.6)):
+        pos = rng.uniform(-1.0, 1.0, (60, 2)) * width
+        pos = np.concatenate([pos, -pos])
+        given[name] = {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(120, mass / 120)}
+    tables = {
+        "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 4.0, "cells": 16},
+        "gas": {"particles": 120, "eos": {"kind": "isothermal", "sound_speed": 1e-9}},
+        "dust": {"particles": 120, "ratio": 0.6}, "external": {"dust": 1.0},
+        "drag": {"law": "stopping-time", "t_stop": 0.5, "scheme": "idic-linear", "cell_length": 1.0},
+    }  # fmt: skip
+
+    def spin(p, vectors):
+        return (p.mass * (p.pos[:, 0] * vectors[:, 1] - p.pos[:, 1] * vectors[:, 0])).sum()
+
+    lost, moved = [], []
+    for step in range(6):  # as above
+        sim = Simulation(tables, particles=given)
+        sim.state.step = step
+        sim._prepare()
+        force = sim.dust.pos @ [[-0.4, -1.0], [1.5, 0.2]]
+        sim.dust.acc[:] = sim.state.own_acc["dust"][:] = force
+        sim.operators.kick(0.3)
+        gas, dust = spin(sim.gas, sim.gas.vel), spin(sim.dust, sim.dust.vel)
+        lost.append(abs(gas + dust - 0.3 * spin(sim.dust, force)))
+        moved.append(abs(gas))
+    assert min(lost) < 1e-15 and max(moved) > 1e-3  # rounding of sums of .01
+
+
 @pytest.mark.parametrize("grains", [4, 6])
 def test_few_grains_of_a_cell_share_the_line_of_the_gas(grains):
     """No slip of gas and dust with one velocity field, linear in space (idic-linear).
