@@ -62,21 +62,19 @@ class Viscosity(Table):
 
     @property
     def signal(self) -> float:
-        """Times c_s / h: the rate at which a step has to follow sound and the linear term."""
+        """Factor of c_s / h in the step limit, for sound and the linear term."""
         return 1.0 + 1.2 * self.alpha
 
     @property
     def closing(self) -> float:
-        """Times -div v: that of gas that comes together."""
+        """Factor of -div v in the step limit, for the quadratic term."""
         return 1.0 + 1.2 * self.beta
 
 
 class Quiet(Table):
     """Pressure without the noise that shear makes of it (`effects/quiet.py`); true: all as below."""
 
-    share: Number = Field(
-        0.9, ge=0, le=1, description="of the mean pressure, of a ring or a periodic plane, not of pairs"
-    )
+    share: Number = Field(0.9, ge=0, le=1, description="of the mean pressure that no pair of particles feels")
     time: Number = Field(10.0, gt=0, description="in discs, in which the density becomes the summed one, in 1 / Omega")
     guard: Number = Field(0.75, ge=0, description="standard deviations of the density that pairs keep of the pressure")
 

@@ -16,9 +16,9 @@ reconstructed velocities, which a smooth shear leaves without a jump),
 
     nu    = 3/16 alpha_sph <q> c_s h + beta <q^2> S h^2 / (6 pi)                   (5)
 
-a quarter of it with Balsara's switch; and the noise of particles, .04 c_s h, less by (34 / N)^2 with N > 34 neighbours,
-and of that a share 1.03 - `share` in 10 / `time` times in quiet gas (the rest of the figures of `analysis/noise.py`; of
-one start each, so within a factor of two).
+a quarter of it with Balsara's switch; and the noise of particles, .04 c_s h, times (34 / N)^2 with N > 34 neighbours,
+and in quiet gas times (1.03 - share) 10 / time (fitted to the figures of `analysis/noise.py`, of one start each, so
+within a factor of two).
 """
 
 from __future__ import annotations
