@@ -104,7 +104,7 @@ def disc(members: str) -> dict[str, Any]:
             "particles": DISC,
             "kernel": "wendland-c4",
             "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.05},
-            "viscosity": {"alpha": 0.1, "beta": 0.5, "pairs": "all"},  # heat swells the disc, and there is no cooling
+            "viscosity": {"alpha": 0.3, "beta": 0.5},  # heat swells the disc, and there is no cooling
         },
         "star": {"mass": 1.0, "softening": 0.3},
     }

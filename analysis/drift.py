@@ -74,7 +74,7 @@ def ring(ratio: float, stokes: float, scheme: str, seed: int, particles: int, du
     aspect = ASPECT / np.sqrt(1 + ratio) if control else ASPECT
     scene = {
         "units": {"system": "code"},
-        "run": {"until": 1e9, "courant": 0.75, "seed": seed},
+        "run": {"until": 1e9, "seed": seed},
         "space": {"size": 4.0, "cells": 1024},
         "initial": {
             "kind": "disc",
@@ -353,8 +353,9 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-# A quiet gas that hardly spreads (analysis/noise.py).
-GAS = {"kernel": "wendland-c4", "eta": 2.2, "viscosity": {"alpha": 0.3, "beta": 0.5, "pairs": "all"}}
+# Gas that hardly spreads (analysis/noise.py).
+GAS = {"kernel": "wendland-c4", "quiet": True}
+VISCOSITY = {"alpha": 0.3, "beta": 0.5}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -35,7 +35,7 @@ def ring(kernel: str, eta: float, particles: int, aspect: float, stokes: float, 
     return Simulation(
         {
             "units": {"system": "code"},
-            "run": {"until": 1e9, "courant": 0.75},
+            "run": {"until": 1e9},
             "space": {"size": 4.0} | ({"cells": 1024} if width else {}),
             "initial": {
                 "kind": "disc",
@@ -49,7 +49,7 @@ def ring(kernel: str, eta: float, particles: int, aspect: float, stokes: float, 
                 "kernel": kernel,
                 "eta": eta,
                 "particles": particles,
-                "viscosity": drift.GAS["viscosity"],
+                "viscosity": drift.VISCOSITY,
                 "eos": {"kind": "locally-isothermal", "aspect_ratio": aspect, "temperature_index": 1.0},
             },
             "star": {"mass": 1.0, "accretion_radius": 0.4},

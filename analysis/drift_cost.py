@@ -68,7 +68,7 @@ class Case(NamedTuple):
     def ring(self) -> Simulation:
         if self.gas == "given":
             return given_ring(self.stokes, self.scheme, self.particles, self.cell)
-        gas_keys = KERNELS[self.gas] | {"viscosity": drift.GAS["viscosity"]}
+        gas_keys = KERNELS[self.gas] | {"viscosity": drift.VISCOSITY}
         return drift.ring(1.0, self.stokes, self.scheme, 1, self.particles, self.particles, gas_keys)
 
     @property

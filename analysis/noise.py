@@ -3,7 +3,7 @@
     python analysis/noise.py [-o OUT] [--choices 'NAME;...'] [--orbits N] [--resolution h/H]
 
 A ring of gas from .5 to 1.55 about a star, Sigma ~ 1/r between tapers of .2 (a sharp edge sends waves through it),
-H/r = .05, no drag and no gravity of its own, turns for 20 orbits at its middle, r = 1. For each choice it prints and
+H/r = .05, no drag and no gravity of its own, turns for 10 orbits at its middle, r = 1. For each choice it prints and
 writes (noise.csv, noise.png, and one file a choice, so that a stopped study goes on):
 
     neighbours     within the kernel's support
@@ -17,7 +17,7 @@ writes (noise.csv, noise.png, and one file a choice, so that a stopped study goe
     alpha shear    nu / (c_s H) from the decay of a shear wave in a periodic box of the same h/H, about as strongly
                    sheared as a disc
     dL/L           change of the total angular momentum, with what fell in
-    ms             CPU milliseconds a step
+    ms, steps      CPU milliseconds a step, and steps
 """
 
 from __future__ import annotations
@@ -40,32 +40,34 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.kernels.smoothing import KERNELS, SUPPORT
 from discsim.study.scripts import some_of, write_csv
 
-ASPECT, INNER, OUTER, TAPER, WINDOW, COURANT = 0.05, 0.5, 1.55, 0.2, 0.15, 0.65
-PLAIN = {"alpha": 1.0, "beta": 2.0}
+ASPECT, INNER, OUTER, TAPER, WINDOW = 0.05, 0.5, 1.55, 0.2, 0.15
+PLAIN: dict = {}  # the default viscosity
+APPROACHING = {"pairs": "approaching"}
 LOW = {"alpha": 0.1, "beta": 0.5, "pairs": "all"}
-RECONSTRUCTED = {"alpha": 0.3, "beta": 0.5, "pairs": "reconstructed"}
-WENDLAND = {"kernel": "wendland-c4", "viscosity": LOW}
+WEAK = {"alpha": 0.3, "beta": 0.5}
+C2, C4 = {"kernel": "wendland-c2"}, {"kernel": "wendland-c4"}
 CHOICES = {
+    "default": C2 | {"viscosity": PLAIN},
     "cubic": {"kernel": "cubic", "viscosity": PLAIN},
-    "cubic, single": {"kernel": "cubic", "viscosity": PLAIN, "precision": "single"},
     "quintic": {"kernel": "quintic", "viscosity": PLAIN},
-    "quintic, balsara": {"kernel": "quintic", "viscosity": PLAIN | {"switch": "balsara"}},
-    "quintic, all pairs": {"kernel": "quintic", "viscosity": PLAIN | {"pairs": "all"}},
+    "wendland-c4": C4 | {"viscosity": PLAIN},
+    "eta 2.5": C2 | {"eta": 2.5, "viscosity": PLAIN},
+    "weak": C2 | {"viscosity": WEAK},
+    "wendland-c4, eta 2.5, weak": C4 | {"eta": 2.5, "viscosity": WEAK},
+    "quiet": C4 | {"quiet": True},
+    "quiet, wendland-c2": C2 | {"quiet": True},
+    "quiet, eta 2.5": C4 | {"eta": 2.5, "quiet": True},
+    "quintic, approaching": {"kernel": "quintic", "viscosity": APPROACHING},
+    "quintic, balsara": {"kernel": "quintic", "viscosity": {"switch": "balsara"}},
+    "quintic, all pairs": {"kernel": "quintic", "viscosity": {"pairs": "all"}},
     "quintic, low": {"kernel": "quintic", "viscosity": LOW},
-    "wendland 1.7, low": WENDLAND | {"eta": 1.7},
-    "wendland 2.2, low": WENDLAND | {"eta": 2.2},
-    "wendland 2.5, alpha .05": WENDLAND | {"eta": 2.5, "viscosity": LOW | {"alpha": 0.05}},
-    "wendland 2.2, alpha .3": WENDLAND | {"eta": 2.2, "viscosity": LOW | {"alpha": 0.3}},
-    "wendland 2.5, reconstructed": WENDLAND | {"eta": 2.5, "viscosity": RECONSTRUCTED},
-    "wendland-c2 2.5, reconstructed": {"kernel": "wendland-c2", "eta": 2.5, "viscosity": RECONSTRUCTED},
-    "quiet": {"kernel": "wendland-c4", "quiet": True},
-    "wendland 2.5, quiet": {"kernel": "wendland-c4", "eta": 2.5, "quiet": True},
-    "wendland 2.2, balsara": {"kernel": "wendland-c4", "eta": 2.2, "viscosity": PLAIN | {"switch": "balsara"}},
+    "wendland-c4, eta 2.5, low": C4 | {"eta": 2.5, "viscosity": LOW | {"alpha": 0.05}},
+    "cubic, single": {"kernel": "cubic", "viscosity": PLAIN, "precision": "single"},
 }
 COLUMNS = {
     "particles": "{:.0f}", "neighbours": "{:.0f}", "bias": "{:+.3f}", "scatter": "{:.2f}", "v_r": "{:.4f}",
     "disorder": "{:.3f}", "sigma": "{:.3f}", "alpha_flux": "{:+.4f}", "alpha_shear": "{:.4f}",
-    "spin": "{:.1e}", "ms": "{:.0f}",
+    "spin": "{:.1e}", "ms": "{:.0f}", "steps": "{:.0f}",
 }  # fmt: skip
 
 
@@ -85,7 +87,7 @@ def ring(gas: dict, resolution: float) -> Simulation:
     }
     scene = {
         "units": {"system": "code"},
-        "run": {"until": 1e9, "courant": COURANT},
+        "run": {"until": 1e9},
         "space": {"size": 4.0},
         "initial": start,
         "gas": gas
@@ -206,7 +208,7 @@ def measure_shear(gas: dict, resolution: float, waves: float = 8.0, mach: float 
     k = 2 * np.pi / waves
     scene = {
         "units": {"system": "code"},
-        "run": {"until": until, "courant": COURANT},
+        "run": {"until": until},
         "space": {"size": [waves, 0.5 * waves], "boundary": "periodic", "cells": 2 * rows},
         "gas": gas | {"particles": len(pos), "eos": {"kind": "isothermal", "sound_speed": 1.0}},
     }
@@ -263,8 +265,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, default=Path("noise"))
     choices = some_of(CHOICES, "choice", ";")
     parser.add_argument("--choices", type=choices, default=";".join(CHOICES), help="names separated by semicolons")
-    parser.add_argument("--orbits", type=float, default=20.0)
-    parser.add_argument("--resolution", type=float, default=0.25, help="h/H at the middle")
+    parser.add_argument("--orbits", type=float, default=10.0)
+    parser.add_argument("--resolution", type=float, default=0.34, help="h/H at the middle")
     given = parser.parse_args(arguments)
     results = study(given.out, given.choices, given.resolution, given.orbits)
     show_table(results)

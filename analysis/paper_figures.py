@@ -92,7 +92,7 @@ def gas_tube() -> Simulation:
             "run": {"until": 0.2},
             "space": {"dimensions": 1, "size": 1.0, "boundary": "open"},
             "initial": {"kind": "shock"},
-            "gas": {"particles": 990, "smoothing_length": 0.01, "eos": eos, "viscosity": {}},
+            "gas": {"particles": 990, "smoothing_length": 0.01, "eos": eos, "viscosity": {"pairs": "approaching"}},
         }
     )
     sim.run()

@@ -19,7 +19,7 @@ from discsim import Simulation
 from discsim.study.scripts import some_of
 
 ASPECT = 0.05
-LOW = {"alpha": 0.1, "beta": 0.5, "pairs": "all"}
+LOW = {"alpha": 0.3, "beta": 0.5}
 SHARP = {"kind": "disc", "mass": 1e-4, "inner": 0.5, "outer": 2.0}
 TAPERS = {"inner_taper": 0.3, "outer_taper": 0.3}
 STARTS: dict[str, tuple[dict, dict]] = {

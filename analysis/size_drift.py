@@ -63,7 +63,7 @@ def ring(bins: int, scheme: str = "tsc", gas: int = 16_000, dust: int = 2_000) -
                 "particles": gas,
                 "kernel": "wendland-c4",
                 "eta": 1.6,
-                "viscosity": {"alpha": 0.05, "beta": 0.5, "pairs": "all"},
+                "viscosity": {"alpha": 0.3, "beta": 0.5},
                 "eos": {"kind": "locally-isothermal", "aspect_ratio": ASPECT, "temperature_index": 1.0},
             },
             "dust": {"particles": dust * bins, "ratio": RATIO, "grain_size": sizes, "grain_density": 1.0},

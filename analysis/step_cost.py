@@ -35,7 +35,7 @@ def scene(gas: int, dust: int, tables: dict[str, Any], threads: int = 1) -> dict
     cells = 2 ** round(np.log2(np.sqrt(2.7 * gas)))
     out = {
         "units": {"system": "code"},
-        "run": {"until": 1e3, "threads": threads},
+        "run": {"until": 1e3, "courant": 0.3, "threads": threads},
         "space": {"size": 25.0, "cells": cells},
         "initial": {"kind": "disc", "mass": 0.02, "inner": 1.0, "outer": 10.0},
         "gas": {
@@ -43,7 +43,7 @@ def scene(gas: int, dust: int, tables: dict[str, Any], threads: int = 1) -> dict
             "kernel": "cubic",
             "eta": ETA,
             "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05},
-            "viscosity": {"switch": "balsara"},
+            "viscosity": {},
         },
         "star": {"mass": 1.0, "accretion_radius": 1.0},
     }

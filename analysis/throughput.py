@@ -6,7 +6,7 @@
 A Sigma ~ 1/r disc about a star takes sixteen steps of the real loop (outputs, and the first steps, which compile,
 apart) in a process of its own for every line:
 
-    gas            the star and SPH with about 25 neighbours (cubic), viscosity with Balsara's switch
+    gas            the star and SPH with about 25 neighbours (cubic), artificial viscosity
     box            the same SPH of isothermal gas in a periodic box, a sound wave, without a star
     gravity        the disc with self-gravity on 2.7 cells a particle
     dust one-way   ten dust particles for each of gas, drag by the default or `--scheme`, gravity of the gas

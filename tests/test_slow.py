@@ -78,7 +78,7 @@ def test_dust_drifts_as_it_must(ratio, stokes, limit):
 def test_gas_alone_keeps_its_disc():
     """`analysis/noise.py`, the choice with the least viscosity, 20 orbits at h/H = .25."""
     module = script("noise")
-    gas = module.CHOICES["wendland 2.5, alpha .05"]
+    gas = module.CHOICES["wendland-c4, eta 2.5, low"]
     found = module.measure_disc(gas, 0.25, 20.0, lambda share: None)
     assert found["sigma"] < 0.03
     assert abs(found["alpha_flux"]) < 0.005 and module.measure_shear(gas, 0.25) < 0.005

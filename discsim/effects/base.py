@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
-moves = Lazy("discsim.kernels.move")
+kepler, moves = Lazy("discsim.kernels.kepler"), Lazy("discsim.kernels.move")
+
+ALIKE = np.empty(0, np.int64)  # populations of particles that have none
 
 # Steps between reorderings of a species' arrays, of which the first comes with the first step: a start is in no order
 # of use to a cache. A particle's place in memory decides the order of sums, so that reordering must depend on the
@@ -85,6 +87,9 @@ class Effect:
     # Attributes that it has made of the particles of the start, in `__init__` or `begin`: other processes, which have
     # none of these, take them from the one that has made them, in place of `begin`. All others need the scene alone.
     from_start: tuple[str, ...] = ()
+    # Times its limit: in longer steps what it limits grows without end. A leapfrog of a frequency of 1 over the limit
+    # does above 2, and limits are estimates.
+    grows_at = 2.5
     slow_kernels = False  # whether its kick takes so long to compile that a second process is to help (run/ahead.py)
     softer = ""  # what to change so that `limit_of` is longer
 
@@ -150,6 +155,10 @@ class Effect:
     def accelerate(self, state: State) -> None:
         """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""
 
+    def acceleration(self, state: State) -> None:
+        """Add to `acc` all that it does to its species, also what the step has in their drift."""
+        self.accelerate(state)
+
     def limit(self, state: State) -> float:
         """The longest step that it allows, before the Courant factor; asked after `accelerate`."""
         return float("inf")
@@ -170,8 +179,8 @@ class Effect:
 
         The step calls it for half of it before the move, and for half after (`run/integrators.py`): what composes, as
         exp(-dt/t) does, is of second order. Velocities are then ahead of the places (`state.lag` below 0), and behind:
-        on a circle of frequency Omega they have turned by asin(Omega lag) against it. Effects that leave it as it is
-        are not called.
+        on a circle of frequency Omega they have turned by asin(Omega lag) against it, unless the drift turns them.
+        Effects that leave it as it is are not called.
         """
 
     def drift(self, state: State, dt: float) -> None:
@@ -207,12 +216,22 @@ def doing(effects: Mapping[str, Effect], what: str) -> list[str]:
     return [name for name, effect in effects.items() if getattr(type(effect), what) is not getattr(Effect, what)]
 
 
-def drift(scene: Scene, particles: Particles, dt: float) -> None:
-    """Move at constant velocity over dt; immobile particles stay."""
+def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | None = None) -> None:
+    """Move at constant velocity over dt, or on orbits about central `masses`, one a population; immobile ones stay."""
+    species = getattr(particles, "species", ALIKE)
     if particles.immobile is None:
-        share(moves.add_scaled, particles.count, particles.pos, particles.vel, dt, light=True)
+        _drift(particles.pos, particles.vel, dt, masses, species)
     else:
         free = ~particles.immobile
-        particles.pos[free] += dt * particles.vel[free]
+        pos, vel = particles.pos[free], particles.vel[free]
+        _drift(pos, vel, dt, masses, species[free] if len(species) else species)
+        particles.pos[free], particles.vel[free] = pos, vel
     if scene.space.boundary == "periodic":
         share(moves.wrap, particles.count, particles.pos, np.array(scene.space.size), light=True)
+
+
+def _drift(pos: np.ndarray, vel: np.ndarray, dt: float, masses: np.ndarray | None, species: np.ndarray) -> None:
+    if masses is not None:
+        share(kepler.drift, len(pos), pos, vel, masses, species, dt)
+    else:
+        share(moves.add_scaled, len(pos), pos, vel, dt, light=True)

@@ -7,9 +7,9 @@ orbit = "live"    feels star, companions, gas and dust, each by choice; exact wh
 What gas and dust feel of it grows as m sin^2(pi t / 2 ramp), and what it feels of them too (`physics/orbits.py`); its
 orbit has its whole mass from the start. Within accretion_radius particles are taken, all at once or each with the
 chance 1 - exp(-rate dt / P) of a step, P = 2 pi / Omega of the companion where it is; their mass and momentum go to a
-live companion, their mass to one on a fixed orbit. Step limits: ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the nearest
-particle, (d^2 + eps^2)^(1/2) / |v| of each at its relative velocity, 1/Omega about the star, and that of two live
-companions about each other.
+live companion, their mass to one on a fixed orbit. Step limit: half of ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the
+nearest particle, of (d^2 + eps^2)^(1/2) / |v| of each at its relative velocity, of 1/Omega about the star, and of that
+of two live companions about each other.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from discsim.parts import Lazy
 from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
 from discsim.physics.local import PHASES, Expected, resolution
-from discsim.physics.orbits import Orbits
+from discsim.physics.orbits import IN_KICKS, Orbits
 from discsim.scene.fields import Default, Length, Mass, Number, Table, Time, Words, fault, number, shown, units_of
 from discsim.scene.rules import Draft, Problem
 from discsim.scene.units import UnitError
@@ -227,6 +227,7 @@ class Effect(base.Effect):
     rules = (_about_a_star, _its_ramp, _what_it_feels, _its_softening)
     shared = True
     softer = "a longer companion.softening"
+    grows_at = base.Effect.grows_at / IN_KICKS
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -250,7 +251,7 @@ class Effect(base.Effect):
             orbit = formulas.step_of_orbit(scene, companion, outlook.time)
             found += [Expected(orbit, f"by the orbit of companion {k}"), Expected(nearby, f"near companion {k}")]
         steps = np.array([np.broadcast_to(one.step, PHASES) for one in found])
-        return Expected(steps.min(axis=0), found[int(np.argmin(steps.min(axis=1)))].where)
+        return Expected(IN_KICKS * steps.min(axis=0), found[int(np.argmin(steps.min(axis=1)))].where)
 
     @classmethod
     def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -309,14 +310,14 @@ class Effect(base.Effect):
     def limit(self, state: State) -> float:
         limiting = {id(particles) for particles in state.limiting}
         near = [self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting]
-        return min(self.orbits.limit(_bodies(state)), *near)
+        return min(IN_KICKS * self.orbits.limit(_bodies(state)), *near)
 
     def limit_of(self, state: State, name: str) -> float:
         felt = _bodies(state).felt[1:]
         there = felt > 0.0  # a ramp begins with 0
         near, crossing = self._near[name][there].T
         squared = (near + self._lengths[there] ** 2) ** 1.5 / felt[there]
-        return float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
+        return IN_KICKS * float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
         away = ((particles.pos[:, None] - self._places) ** 2).sum(axis=2) + self._lengths**2

@@ -22,6 +22,7 @@ from discsim.numerics.threads import share
 from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
+from discsim.physics.orbits import velocities_turn
 from discsim.scene.fields import Length, Number, Table, Words
 from discsim.scene.rules import Draft, Problem
 
@@ -101,8 +102,7 @@ class Effect(base.Effect):
         )
 
     def operate(self, state: State, dt: float) -> None:
-        # Grains in a given disc move on circles by themselves: their velocities turn with them.
-        ahead = 0.0 if self.scene.model.given is not None else -state.lag
+        ahead = 0.0 if velocities_turn(self.scene) else -state.lag
         zones = self.zones._replace(star=state.central_mass)  # a star that grows speeds circles up
         for name, p in state.species.items():
             kind = 0 if name == "gas" else int(state.gas is not None)

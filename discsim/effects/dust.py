@@ -11,6 +11,7 @@ from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.numerics.threads import share
 from discsim.parts import LAWS, SCHEMES, Lazy
+from discsim.physics.orbits import masses_in_drift
 from discsim.scene.fields import Count, Length, Measure, Number, Particles, Table, or_table
 from discsim.scene.rules import Draft, Problem, kinds
 
@@ -89,6 +90,7 @@ class Effect(base.Effect):
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
+        self.central_masses = masses_in_drift(scene, "dust")
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -98,7 +100,7 @@ class Effect(base.Effect):
         share(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt, light=True)
 
     def drift(self, state: State, dt: float) -> None:
-        base.drift(self.scene, state.dust, dt)
+        base.drift(self.scene, state.dust, dt, self.central_masses)
 
     def sort(self, state: State) -> None:
         if state.grid is not None:

@@ -32,6 +32,7 @@ from discsim.numerics.threads import copied, share
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics import diffusion
 from discsim.physics.eos import thermal_speed
+from discsim.physics.orbits import velocities_turn
 from discsim.scene.fields import Default, Diffusivity, Number, Table
 from discsim.scene.rules import Draft, Problem
 
@@ -177,8 +178,7 @@ class Effect(base.Effect):
     ) -> None:
         """One step of the walk, and what the gas loses by it; velocities are `lag` behind the places."""
         dust, centre, star = state.dust, self._centre(state), state.central
-        # Grains in a given disc move on circles by themselves: their velocities turn with them.
-        lag = 0.0 if self.scene.model.given is not None else lag
+        lag = 0.0 if velocities_turn(self.scene) else lag
         circles = kernels.Circles(*star, lag, centre)
         two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.unnoticed
         gained = np.empty(dust.count if two_way else 0)

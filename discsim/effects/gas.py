@@ -22,6 +22,7 @@ from discsim.parts import EOS, Lazy
 from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
 from discsim.physics.local import Expected, longest_step, resolution
+from discsim.physics.orbits import masses_in_drift
 from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 
@@ -49,11 +50,21 @@ class Viscosity(Table):
     alpha: Number = Field(1.0, ge=0, description="linear term")
     beta: Number = Field(2.0, ge=0, description="quadratic term")
     switch: Literal["none", "balsara"] = Field("none", description="less viscosity in shear")
-    pairs: Literal["approaching", "all", "reconstructed"] = Field(
-        "approaching",
-        description="pairs that the linear term brakes; all: quieter discs, and no pressure from shear; "
-        "reconstructed: all, with velocities extrapolated to the middle of a pair, and no viscosity in smooth flows",
+    pairs: Annotated[
+        Literal["approaching", "all", "reconstructed"],
+        Default('"reconstructed"; with switch = "balsara" "approaching"'),
+    ] = Field(
+        "reconstructed",
+        description="pairs that the linear term brakes; reconstructed: all, with velocities extrapolated to the middle "
+        "of a pair, and no viscosity in smooth flows; all: no pressure from shear",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_way_out_of_shear(cls, given: Any) -> Any:
+        if isinstance(given, dict) and given.get("switch") == "balsara":
+            return {"pairs": "approaching"} | given
+        return given
 
     @property
     def acts_in_shear(self) -> bool:
@@ -94,7 +105,7 @@ class Keys(Table):
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c2", "wendland-c4"],
         Default(
-            '"cubic"; where no eta is named, in a disc "quintic", in a settling layer and in quiet gas "wendland-c4"'
+            '"cubic"; where no eta is named, in a disc "wendland-c2", in quiet gas and a settling layer "wendland-c4"'
         ),
     ] = Field("cubic", description="SPH kernel")
     eta: Annotated[
@@ -106,9 +117,7 @@ class Keys(Table):
     precision: Literal["double", "single"] = Field(
         "double", description="of the terms of the gas's sums over neighbours; all else is double"
     )
-    viscosity: Annotated[
-        Viscosity | None, Default('none; of quiet gas {alpha = 0.3, beta = 0.5, pairs = "reconstructed"}')
-    ] = None
+    viscosity: Annotated[Viscosity | None, Default("none; of quiet gas {alpha = 0.3, beta = 0.5}")] = None
     conductivity: Conductivity | None = None
     quiet: Annotated[Quiet | None, BeforeValidator(_true_or_table)] = Field(
         None, description="less noise in discs and periodic planes of isothermal gas; true, or a table"
@@ -118,7 +127,7 @@ class Keys(Table):
     @classmethod
     def _viscosity_of_quiet(cls, given: Any) -> Any:
         if isinstance(given, dict) and given.get("quiet") and "viscosity" not in given:
-            return given | {"viscosity": {"alpha": 0.3, "beta": 0.5, "pairs": "reconstructed"}}
+            return given | {"viscosity": {"alpha": 0.3, "beta": 0.5}}
         return given
 
 
@@ -164,7 +173,7 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
 def _switched_twice(draft: Draft) -> Iterator[Problem]:
     viscosity = draft.gas.viscosity
     if viscosity and not viscosity.acts_in_shear and viscosity.switch != "none":
-        twice = f'"{viscosity.switch}" takes viscosity out of shear, and so does pairs = "reconstructed"'
+        twice = f'"{viscosity.switch}" takes viscosity out of shear, and so does pairs = "{viscosity.pairs}"'
         yield ("gas", "viscosity", "switch"), f"{twice}; expected one of them"
 
 
@@ -221,6 +230,7 @@ class Effect(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = sums.Sph(scene)
+        self.central_masses = masses_in_drift(scene, "gas")
         self.quiet = None
         if scene.gas.quiet is not None:
             self.quiet = quiet.Box(scene) if scene.star is None else quiet.Disc(scene)
@@ -347,7 +357,7 @@ class Effect(base.Effect):
         kick_gas(state, dt)
 
     def drift(self, state: State, dt: float) -> None:
-        base.drift(self.scene, state.gas, dt)
+        base.drift(self.scene, state.gas, dt, self.central_masses)
 
     def sort(self, state: State) -> None:
         if state.gas.everywhere > 0:

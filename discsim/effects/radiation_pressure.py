@@ -1,7 +1,8 @@
 """Light of the star pushes dust: a = beta G M r / (r^2 + s^2)^(3/2), beta = F_rad / F_grav of a population.
 
 The gas does not feel it, so that drag has it in its relaxation; what pushes is the star. s is the star's softening.
-Step limit: sqrt((r^2 + s^2)^(3/2) / (beta G M)) of the innermost grain.
+Without drag grains that drift on orbits do so about (1 - beta) M. Step limit else: half of sqrt((r^2 + s^2)^(3/2) /
+(beta G M)) of the innermost grain.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from discsim.numerics.threads import share
 from discsim.numerics.totals import total
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.local import Expected
+from discsim.physics.orbits import IN_KICKS, light_in_drift
 from discsim.physics.radiation import pull_share
 from discsim.scene.fields import Number, Table, Words, fault
 from discsim.scene.rules import Draft, Problem
@@ -80,6 +82,7 @@ class Effect(base.Effect):
     keys = Keys
     rules = (_needs, _one_a_population, _moves_by_particles, _has_orbits)
     acts_on = ("dust",)
+    grows_at = base.Effect.grows_at / IN_KICKS
     softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -87,6 +90,7 @@ class Effect(base.Effect):
         self.softening = scene.star.softening
         self.share = 1.0 - pull_share(scene)  # beta of each population
         self._place = 0.0, 0.0
+        self.in_drift, self.step = light_in_drift(scene), _step(scene)
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -94,11 +98,13 @@ class Effect(base.Effect):
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        strongest = float((1.0 - pull_share(scene)).max()) * scene.star.mass
-        if outlook.nearest == np.inf or strongest == 0.0:
+        strongest, step = float((1.0 - pull_share(scene)).max()) * scene.star.mass, _step(scene)
+        if outlook.nearest == np.inf or strongest == 0.0 or step == np.inf:
             return Expected()
         away = float(np.hypot(outlook.nearest, scene.star.softening))
-        return Expected((away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
+        return Expected(
+            _step(scene) * (away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}"
+        )
 
     @classmethod
     def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
@@ -110,6 +116,10 @@ class Effect(base.Effect):
             )
 
     def accelerate(self, state: State) -> None:
+        if not self.in_drift:
+            self.acceleration(state)
+
+    def acceleration(self, state: State) -> None:
         dust, self._place = state.dust, state.star_place
         strength = state.star_mass * self.share
         share(kernels.push, dust.count, state.from_star(dust.pos), dust.species, strength, self.softening, dust.acc)
@@ -119,10 +129,10 @@ class Effect(base.Effect):
 
     def limit_of(self, state: State, name: str) -> float:
         strongest = state.star_mass * self.share.max()
-        if name != "dust" or state.dust.count == 0 or strongest == 0.0:
+        if name != "dust" or state.dust.count == 0 or strongest == 0.0 or self.step == np.inf:
             return np.inf
         distance2 = min(share(stars.nearest, state.dust.count, state.dust.pos, *state.star_place))
-        return float(((distance2 + self.softening**2) ** 1.5 / strongest) ** 0.5)
+        return self.step * float(((distance2 + self.softening**2) ** 1.5 / strongest) ** 0.5)
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
         return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())
@@ -131,3 +141,10 @@ class Effect(base.Effect):
         dust = state.dust
         distance = np.sqrt((state.from_star(dust.pos) ** 2).sum(axis=1) + self.softening**2)
         return state.star_mass * total(dust.mass * self.share[dust.species] / distance)
+
+
+def _step(scene: Scene) -> float:
+    """Step limit over 1/Omega in light's field: none of what is in the drift, all of paths in a given disc."""
+    if light_in_drift(scene):
+        return float("inf")
+    return IN_KICKS if scene.model.given is None else 1.0

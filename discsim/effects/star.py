@@ -1,8 +1,12 @@
 """A star: a = -G M d / (d^2 + s^2)^(3/2), s its softening, d the way from it; optional accretion radius.
 
 What comes within the accretion radius is removed at the end of the step; its mass, momentum and angular momentum go
-to the ledger, and with grows = true its mass, and where the star moves its momentum, to the star. Step limit:
-1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest particle.
+to the ledger, and with grows = true its mass, and where the star moves its momentum, to the star.
+
+About a star without softening that stays at the origin, and which nothing moves, gas and dust drift on their Kepler
+orbits, at any step exactly (`kernels/kepler.py`). Else its pull is in the kick: to the momentum of a star that moves
+that adds what the particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest
+particle, and half of it in kicks.
 
 frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that `indirect` lists
 frame = "inertial"   the star moves with A_0; with its companions its barycentre starts at rest at the origin
@@ -25,7 +29,7 @@ from discsim.numerics.threads import share, share_all
 from discsim.numerics.totals import rounded, total, totals
 from discsim.parts import Lazy
 from discsim.physics.local import Expected
-from discsim.physics.orbits import Orbits, pulling
+from discsim.physics.orbits import Orbits, in_drift, pulling, step_of_circle
 from discsim.scene.fields import Default, Length, Mass, Table
 from discsim.scene.rules import Draft, Problem
 
@@ -33,7 +37,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.star")
+kernels, moves = Lazy("discsim.kernels.star"), Lazy("discsim.kernels.move")
 
 PULL = 5.0  # CPU nanoseconds of a particle in a step, and again of one whose pull on the star counts
 
@@ -106,6 +110,8 @@ class Effect(base.Effect):
         self.counted = [name for name in pulling(scene) if name in self.orbits.felt_by_star]
         # Drag by a given disc has to know the whole acceleration; else the star's drift is undone by one of particles.
         self.all_in_kick = scene.model.given is not None
+        self.in_drift, self.step = in_drift(scene), step_of_circle(scene)
+        self.grows_at = base.Effect.grows_at / self.step
         self._place = 0.0, 0.0
         # How far gas and dust go with the frame in a drift, and the change of their velocity.
         self._of_frame = np.zeros(2), np.zeros(2)
@@ -121,9 +127,19 @@ class Effect(base.Effect):
         if outlook.nearest == np.inf:
             return Expected()
         away = float(np.hypot(outlook.nearest, scene.star.softening))
-        return Expected((away**3 / scene.star.mass) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
+        return Expected(
+            step_of_circle(scene) * (away**3 / scene.star.mass) ** 0.5,
+            f"at {scene.units.show(outlook.nearest, 'length')}",
+        )
 
     def accelerate(self, state: State) -> None:
+        if not self.in_drift:
+            self.acceleration(state)
+            return
+        for name in state.blank:
+            share(moves.blank, state.species[name].count, state.species[name].acc, light=True)
+
+    def acceleration(self, state: State) -> None:
         self._place = place = state.star_place
         bodies, given = state.bodies, (state.star_pull, self.star.softening, *place)
         both, counted = state.species, self.counted if bodies is not None else []
@@ -151,7 +167,7 @@ class Effect(base.Effect):
         distance2 = self._nearest.pop(name, None) or min(
             share(kernels.nearest, p.count, p.pos, *state.star_place, light=True)
         )
-        return ((distance2 + self.star.softening**2) ** 1.5 / state.star_pull) ** 0.5
+        return self.step * ((distance2 + self.star.softening**2) ** 1.5 / state.star_pull) ** 0.5
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
         return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())

@@ -13,6 +13,8 @@ class Smoothing(NamedTuple):
     h = eta (m/rho)^(1/d), such that sound on an even lattice has the right speed. least_eta: W(0)^(1/d) in h; with less
     a particle is dense enough by itself at any h, which then falls to nothing. mean_q: of W in two dimensions, <q> and
     <q^2>. fastest: the largest frequency of sound on a lattice of particles, in c_s / h, h as the usual units have it.
+    noise: viscosity that particles' noise makes in the shear of a disc, in c_s h, with 36 neighbours; fitted to the
+    rings of `analysis/noise.py`.
     """
 
     support: float
@@ -22,6 +24,7 @@ class Smoothing(NamedTuple):
     least_eta: tuple[float, float]
     mean_q: tuple[float, float]
     fastest: tuple[float, float]
+    noise: float
 
     def neighbours(self, eta: float) -> float:
         """Neighbours in even gas in two dimensions."""
@@ -38,18 +41,18 @@ QUINTIC_W = (2.10, 1.88)
 QUIET = "wendland-c4"  # the kernel of quiet gas where none is named: the mean pull is right to 1% (analysis/noise.py)
 SMOOTHING = {
     "cubic": Smoothing(
-        2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), CUBIC_Q, (2.62, 2.37)
+        2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), CUBIC_Q, (2.62, 2.37), 0.032
     ),
     "quintic": Smoothing(
-        3.0, 1.0, (1.0 / 120.0, 7.0 / (478.0 * math.pi)), (2.0, 1.1), (0.55, 0.555), QUINTIC_Q, QUINTIC_W
+        3.0, 1.0, (1.0 / 120.0, 7.0 / (478.0 * math.pi)), (2.0, 1.1), (0.55, 0.555), QUINTIC_Q, QUINTIC_W, 0.034
     ),
     "quintic-h": Smoothing(
-        1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), SQUEEZED_Q, QUINTIC_W
+        1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), SQUEEZED_Q, QUINTIC_W, 0.034
     ),
     "wendland-c2": Smoothing(
-        2.0, 1.0, (0.625, 7.0 / (4.0 * math.pi)), (2.0, 1.7), (0.625, 0.747), WENDLAND_C2_Q, (2.27, 2.49)
+        2.0, 1.0, (0.625, 7.0 / (4.0 * math.pi)), (2.0, 1.7), (0.625, 0.747), WENDLAND_C2_Q, (2.27, 2.49), 0.014
     ),
     "wendland-c4": Smoothing(
-        2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_C4_Q, (2.90, 2.84)
+        2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_C4_Q, (2.90, 2.84), 0.021
     ),
 }

@@ -177,7 +177,7 @@ START = Start(
         has_dust_within,
         balance.relaxes_gas,
     ),
-    kernel="quintic",  # quieter for its cost (analysis/noise.py)
+    kernel="wendland-c2",  # quieter for its cost (analysis/noise.py)
     masses=rings.mass,
     spread=spread,
     on_lattice=False,

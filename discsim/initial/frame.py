@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.initial import start_of
-from discsim.physics.orbits import Orbits, felt_by_star
+from discsim.physics.orbits import Orbits, at_rest
 
 if TYPE_CHECKING:
     from discsim.numerics.bodies import Bodies
@@ -21,11 +21,7 @@ def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
     None where there is no star, or one that stays there with its mass and moves nothing. `with_start`: the scene's
     start, which may have them under way, is that of the run.
     """
-    star = scene.star
-    if star is None:
-        return None
-    alone = scene.table("companion") is None and star.frame == "star" and not felt_by_star(scene)
-    if alone and not star.grows:
+    if at_rest(scene):
         return None
     under_way = start_of(scene).under_way if with_start else None
     return Orbits(scene).at_start(under_way(scene) if under_way else None)

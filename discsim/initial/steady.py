@@ -104,7 +104,7 @@ START = Start(
         _viscous_everywhere,
         balance.relaxes_gas,
     ),
-    kernel="quintic",
+    kernel="wendland-c2",
     masses=rings.mass,
     spread=disc.spread,
     on_lattice=False,

@@ -196,7 +196,7 @@ START = Start(
         has_masses_to_sum,
         balance.relaxes_gas,
     ),
-    kernel="quintic",
+    kernel="wendland-c2",
     masses=rings.mass,
     spread=spread,
     on_lattice=False,

@@ -109,7 +109,7 @@ def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
     for companion in scene.table("companion") or ():
         mass, away = companion.mass * ramped(companion, outlook.time), _nearest(scene, companion, outlook)
         fallen = math.sqrt(2.0 * mass / away)
-        behind = 0.5 * scene.run.courant * scene.star.mass / companion.semi_major_axis**2
+        behind = 0.5 * scene.run.courant * orbits.IN_KICKS * scene.star.mass / companion.semi_major_axis**2
         near = mass > 0.0 and away < math.inf
         found.append(2.0 * away / (fallen + math.sqrt(fallen**2 + 4.0 * behind * away)) if near else math.inf)
     return found

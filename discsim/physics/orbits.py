@@ -36,11 +36,14 @@ from discsim.exact import kepler
 from discsim.numerics.bodies import Bodies
 from discsim.physics.centre import central
 from discsim.physics.companions import ramped
+from discsim.physics.radiation import pull_share
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+# Over 1/Omega, of what a leapfrog integrates: with the default Courant factor about a star 21 steps a turn.
+IN_KICKS = 0.5
 
 
 def feels(scene: Scene, companion: Any) -> frozenset[str]:
@@ -72,6 +75,50 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
 def orbital_mass(scene: Scene, star: float, companion: float) -> float:
     """GM of the orbit of a companion of that mass about a star of that mass: the star's alone where it feels none."""
     return star + companion if "companions" in felt_by_star(scene) else star
+
+
+def at_rest(scene: Scene) -> bool:
+    """Whether the star stays at the origin with the mass that it has, and moves nothing: a scene without bodies."""
+    star = scene.star
+    if star is None:
+        return True
+    return scene.table("companion") is None and star.frame == "star" and not star.grows and not felt_by_star(scene)
+
+
+def in_drift(scene: Scene) -> bool:
+    """Whether gas and dust drift on their orbits about the star, and no kick has its pull.
+
+    Of a point at rest: a star that moves exchanges momentum with each particle, which only a kick keeps exactly.
+    """
+    star = scene.star
+    pointlike = star is not None and star.softening == 0.0
+    return pointlike and at_rest(scene) and scene.model.given is None and scene.run.integrator == "kdk"
+
+
+def masses_in_drift(scene: Scene, species: str) -> Array | None:
+    """Central masses (populations,) of the orbits that gas or dust drifts on; None where it moves straight on."""
+    if not in_drift(scene):
+        return None
+    assert scene.star is not None
+    populations = pull_share(scene) if light_in_drift(scene) else np.ones(len(scene.dust or ()))
+    return scene.star.mass * (populations if species == "dust" else np.ones(1))
+
+
+def light_in_drift(scene: Scene) -> bool:
+    """Whether orbits of dust are those of what light leaves of the pull. Drag has to have a push on dust alone."""
+    return in_drift(scene) and scene.drag is None
+
+
+def velocities_turn(scene: Scene) -> bool:
+    """Whether the drift turns velocities with places, so that on a circle both are of the same time; else half of a
+    step is between them.
+    """
+    return scene.model.given is not None or in_drift(scene)
+
+
+def step_of_circle(scene: Scene) -> float:
+    """Step limit by circles about the star, over their 1/Omega."""
+    return 1.0 if velocities_turn(scene) else IN_KICKS
 
 
 class UnderWay(NamedTuple):

@@ -16,9 +16,9 @@ reconstructed velocities, which a smooth shear leaves without a jump),
 
     nu    = 3/16 alpha_sph <q> c_s h + beta <q^2> S h^2 / (6 pi)                   (5)
 
-a quarter of it with Balsara's switch; and the noise of particles, .04 c_s h, times (34 / N)^2 with N > 34 neighbours,
-and in quiet gas times (1.03 - share) 10 / time (fitted to the figures of `analysis/noise.py`, of one start each, so
-within a factor of two).
+a quarter of it with Balsara's switch; and the noise of particles, .014 to .034 c_s h by the kernel, times
+(36 / N)^1.1 with N neighbours, and in quiet gas times (1.03 - share) 10 / time (fitted to the figures of
+`analysis/noise.py`, of one start each, so within a factor of two).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Array = np.ndarray
 STEP = 1e-4  # of ln r, for the slope in (4): of fourth order
 STABLE = 25.0  # of the step's limit: from 20 on, of particles on a lattice or none, velocities grow
 SWITCHED = 0.25  # what Balsara's switch leaves in shear
-NOISE, QUIET = 0.04, 34.0
+USUAL, CALMER = 36.0, 1.1  # neighbours of the kernels' `noise`, and how it falls with more of them
 UNSHARED, MEMORY = 0.03, 10.0  # of quiet gas: what the rings' share leaves at least, at a `time` of so much
 
 
@@ -136,7 +136,7 @@ def noise(scene: Scene, at: Local) -> Array:
     """nu (n,) of the particles' noise in a disc at the places of `at`, about."""
     if at.resolution is None or at.thermal_speed is None:
         return np.zeros_like(at.density)
-    neighbours = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta)
-    found = NOISE * at.thermal_speed * at.resolution * min(1.0, (QUIET / neighbours) ** 2)
+    kernel = SMOOTHING[scene.gas.kernel]
+    found = kernel.noise * (USUAL / kernel.neighbours(scene.gas.eta)) ** CALMER * at.thermal_speed * at.resolution
     quiet = scene.gas.quiet
     return found if quiet is None else found * min(1.0, (1.0 + UNSHARED - quiet.share) * MEMORY / quiet.time)

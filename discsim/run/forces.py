@@ -28,12 +28,16 @@ class PhysicsError(UserError):
 
 
 class Limits(NamedTuple):
-    """The longest step, and the effect that sets it; that of one-way dust, which limits no step, apart."""
+    """The longest step, and the effect that sets it; that of one-way dust, which limits no step, apart.
+
+    growing: in longer steps something grows without end.
+    """
 
     step: float = math.inf
     by: str = ""
     dust: float = math.inf
     dust_by: str = ""
+    growing: float = math.inf
 
 
 def kick_owner(effects: Effects) -> str | None:
@@ -151,7 +155,7 @@ def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
         state.gas, state.dust, state.bodies = gas and gas.copy(), dust and dust.copy(), bodies and bodies.copy()
         for p in state.species.values():
             p.acc[:] = 0.0
-        effect.accelerate(state)
+        effect.acceleration(state)
         return {name: p.acc for name, p in state.species.items()}
     finally:
         state.gas, state.dust, state.bodies = gas, dust, bodies
@@ -160,10 +164,11 @@ def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
 def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:
     """What each effect allows, and the least of it."""
     limits = _least_of_all({name: effect.limit(state) for name, effect in effects.items()})
-    least = Limits(*_least(limits))
+    least = Limits(*_least(limits), growing=min(effects[name].grows_at * limit for name, limit in limits.items()))
     if state.unnoticed:
         of_dust = _least_of_all({name: effect.limit_of(state, "dust") for name, effect in effects.items()})
-        least = Limits(*least[:2], *_least(of_dust))
+        dust, by = _least(of_dust)
+        least = least._replace(dust=dust, dust_by=by)
     return limits, least
 
 

@@ -16,14 +16,15 @@ from discsim.numerics.entries import EntryError, check_arrays, check_like, check
 from discsim.numerics.state import State
 from discsim.numerics.threads import share_all
 from discsim.parts import Lazy
+from discsim.physics.orbits import in_drift
 from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
 
 finite = Lazy("discsim.kernels.finite")
 
 INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
-# In steps of 1/Omega a circular orbit keeps its energy to 12%, of half of it to 1%; in longer ones grains that come
-# near the star are thrown out.
-LOST = 1.0
+# Times the limit, half of 1/Omega: in such steps a circular orbit keeps its energy to 12%, in half of them to 1%; in
+# longer ones grains that come near the star are thrown out.
+LOST = 2.0
 
 # Gas that is torn apart by long steps: at least so many particles are sampled, every so many steps, and these values
 # are too much for half of them.
@@ -92,7 +93,7 @@ def _sample(state: State) -> Sample:
     rows = np.flatnonzero((gas.ids & (every - 1)) == 0)
     rows = rows[np.argsort(gas.ids[rows])]
     acc, (mass, softening) = gas.acc[rows], state.central
-    if mass > 0.0:
+    if mass > 0.0 and not in_drift(state.scene):
         away = state.from_centre(gas.pos[rows])
         acc += mass * away / np.maximum((away**2).sum(axis=1)[:, None] + softening**2, 1e-200) ** 1.5
     return Sample(state.time, gas.ids[rows], gas.sound_speed[rows], acc)

@@ -24,6 +24,7 @@ from discsim.run.forces import Effects, Limits, kick_owner
 Array = np.ndarray
 Groups = Mapping[str, Any]
 LIMITS = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))  # of `Limits`, in a checkpoint
+GROWING = "growing_limit"
 
 
 class Restored(NamedTuple):
@@ -51,7 +52,8 @@ def restored(state: State, effects: Effects, groups: Groups, values: Values) -> 
     if state.pace is not None:
         of_state["pace"] = Pace(values.number("pace_since", 0.0), values.number("pace_rate", 0.0, may_be_infinite=True))
     (step, by), (dust, dust_by) = (_limit(values, effects, *names) for names in LIMITS)
-    return Restored(particles, of_state, Limits(step, by, dust, dust_by), _costs(effects, groups["costs"]))
+    limits = Limits(step, by, dust, dust_by, values.number(GROWING, 0.0, may_be_infinite=True))
+    return Restored(particles, of_state, limits, _costs(effects, groups["costs"]))
 
 
 def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Array]:

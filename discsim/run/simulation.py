@@ -42,7 +42,7 @@ from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
 from discsim.run.operators import Operators
-from discsim.run.restored import LIMITS, restored
+from discsim.run.restored import GROWING, LIMITS, restored
 from discsim.run.start import Begun, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
@@ -294,7 +294,7 @@ class Simulation(Summarised):
         groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
-        values |= dict(zip(chain(*LIMITS), self.operators.limits, strict=True))
+        values |= dict(zip(chain(*LIMITS, [GROWING]), self.operators.limits, strict=True))
         if state.pace is not None:
             values |= {f"pace_{name}": value for name, value in state.pace._asdict().items()}
         return groups, values

@@ -8,8 +8,6 @@ from discsim.initial import start_of
 from discsim.numerics.state import State
 from discsim.run.forces import Limits, PhysicsError
 
-# A leapfrog of a frequency of 1 over the limit grows above 2; limits are estimates. In a box rounding errors do.
-MOST = 2.5
 GROWN = 8.0  # powers of ten that rounding, of 1e-16, may grow by before it is seen
 
 
@@ -35,11 +33,12 @@ def next_step(state: State, limits: Limits, until: float) -> float:
 
 def _check_fixed(state: State, limits: Limits, left: float) -> None:
     fixed = state.scene.run.timestep
-    if fixed is None or min(fixed, left) <= MOST * limits.step or _over_before_it_grows(state, limits, left):
+    if fixed is None or min(fixed, left) <= limits.growing or _over_before_it_grows(state, limits, left):
         return
     raise PhysicsError(
         f"run.timestep is {fixed / limits.step:.3g} times the step that {limits.by} allows: "
-        f"above {MOST:g} times sound and orbits grow without end; expected at most {limits.step:.3g} code units"
+        f"above {limits.growing / limits.step:.3g} times sound and orbits grow without end; "
+        f"expected at most {limits.step:.3g} code units"
     )
 
 

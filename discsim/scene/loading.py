@@ -24,7 +24,7 @@ from discsim.scene.overrides import changed
 from discsim.scene.reading import parsed, plain, read, refuse_deep
 from discsim.scene.rules import Draft, Problem, broken_rules
 from discsim.scene.summary import Rows, Summarised
-from discsim.scene.tables import REQUIRED, TABLES, optional_tables
+from discsim.scene.tables import COURANT, COURANT_OF_DISCS, REQUIRED, TABLES, optional_tables
 from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
@@ -232,6 +232,9 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
 def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
     """A copy with the defaults that depend on other tables, or on the particles that the caller has."""
     filled = deepcopy(data)
+    run = filled.get("run")
+    if isinstance(run, dict):
+        run.setdefault("courant", COURANT_OF_DISCS if "star" in data else COURANT)
     dimensions = 1 if value_at(data, "space", "dimensions") == 1 else 2
     gas = filled.get("gas")
     if isinstance(gas, dict):

@@ -18,7 +18,7 @@ from discsim.scene.fields import MOST_SNAPSHOTS
 if TYPE_CHECKING:
     from discsim.initial.base import Start
 
-ORBITS = 1.1  # times the limits of star and companions: in steps of 1.2 times these particles are thrown out
+ORBITS = 2.2  # times the limits of star and companions: in steps of 2.4 times these particles are thrown out
 # Viscosity of an artificial alpha of DAMPING damps what grows, up to so much longer steps.
 DAMPING, DAMPED = 0.3, 0.5
 

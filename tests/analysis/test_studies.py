@@ -239,8 +239,8 @@ def test_slip_follows_the_headwind():
 
 def test_alpha_of_a_shear_wave():
     module = script("noise")
-    assert module.measure_shear(module.CHOICES["wendland 2.5, alpha .05"], 0.25) < 0.005
-    assert module.measure_shear(module.CHOICES["quintic"], 0.25) > 0.02
+    assert module.measure_shear(module.CHOICES["wendland-c4, eta 2.5, low"], 0.25) < 0.005
+    assert module.measure_shear(module.CHOICES["quintic, approaching"], 0.25) > 0.02
 
 
 @pytest.mark.slow

@@ -158,7 +158,7 @@ def test_one_way_gas_is_that_without_dust(gravity):
     with_dust, without = Simulation(disc(drag, **gravity)), Simulation(disc(None, **gravity))
     np.testing.assert_array_equal(with_dust.gas.vel, without.gas.vel)
     for sim in (with_dust, without):
-        sim.run(until=4.0)
+        sim.run(until=8.0)
     assert with_dust.state.step == without.state.step > 16
     for name, array in without.gas.arrays().items():
         np.testing.assert_array_equal(getattr(with_dust.gas, name), array, err_msg=name)

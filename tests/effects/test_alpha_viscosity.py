@@ -326,18 +326,20 @@ def test_check_tells_alpha_beside_what_the_scheme_has():
     assert "alpha asked for" not in report(load_scene(DISC))
 
 
-def test_noise_falls_with_the_square_of_the_neighbours():
-    """Beyond 34: .04 c_s h (34 / N)^2, N = pi (support eta)^2 in even gas, and no more of it with fewer."""
-    of_h = []
+def test_noise_falls_with_the_neighbours():
+    """The kernel's own with 36 neighbours, times (36 / N)^1.1 with N = pi (support eta)^2 in even gas."""
+    found = {}
     for kernel, eta, support in (("quintic", 1.0, 3.0), ("quintic", 1.7, 3.0), ("wendland-c4", 2.4, 2.0)):
         given = disc(alpha=1e-3)
         given["gas"] = given["gas"] | {"kernel": kernel, "eta": eta}
         scene = load_scene(given)
         at = local(scene)
-        of_h.append((np.pi * (support * eta) ** 2, viscosity.noise(scene, at) / (at.thermal_speed * at.resolution)))
-    for neighbours, found in of_h:
-        np.testing.assert_allclose(found, 0.04 * min(1.0, (34.0 / neighbours) ** 2), rtol=1e-12)  # the formula
-    assert of_h[0][0] < 34.0 < 50.0 < of_h[2][0] < of_h[1][0]
+        of_h = viscosity.noise(scene, at) / (at.thermal_speed * at.resolution)
+        neighbours = np.pi * (support * eta) ** 2
+        own = {"quintic": 0.034, "wendland-c4": 0.021}[kernel]
+        np.testing.assert_allclose(of_h, own * (36.0 / neighbours) ** 1.1, rtol=1e-12)  # the formula
+        found[kernel, eta] = of_h[0]
+    assert found["quintic", 1.0] > 0.03 > found["quintic", 1.7] > found["wendland-c4", 2.4]
 
 
 def test_quiet_gas_has_what_its_share_and_time_leave_of_the_noise():

@@ -28,7 +28,11 @@ def together(*clouds):
 def simulation(gas, dust, scheme="tsc", until=1.0, cells=CELLS, h=None, **run):
     tables = {
         "units": {"system": "code"}, "run": {"until": until} | run, "space": {"size": SIZE, "cells": cells},
-        "gas": {"particles": len(gas["mass"]), "viscosity": {}, "eos": {"kind": "isothermal", "sound_speed": 0.3}},
+        # On approaching pairs alone: else the viscosity takes up what bursts apart.
+        "gas": {
+            "particles": len(gas["mass"]), "viscosity": {"pairs": "approaching"},
+            "eos": {"kind": "isothermal", "sound_speed": 0.3},
+        },
         "dust": {"particles": len(dust["mass"]), "ratio": 1.0}, "self_gravity": {"softening": SOFTENING},
         "drag": {"law": "stopping-time", "t_stop": 0.05, "scheme": scheme},
     }  # fmt: skip

@@ -14,14 +14,14 @@ def disc(until=1.0, gas=1000, dust=800, size=1e-6, ratio=0.3, growth=None, direc
     """Code units, H/r = .1, Sigma about 1e-3: St = 2500 sizes and more."""
     return {
         "units": {"system": "code"},
-        "run": {"until": until},
+        "run": {"until": until, "courant": 0.3},
         "space": {"size": 5.0},
         "initial": {"kind": "disc", "surface_density": 1e-3, "inner": 0.6, "outer": 1.7},
         "gas": {
             "particles": gas,
             "kernel": "cubic",
             "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1},
-            "viscosity": {},
+            "viscosity": {"pairs": "approaching"},  # so few particles are noisy without it
         },
         "dust": {"particles": dust, "ratio": ratio, "grain_size": size, "grain_density": MATERIAL},
         "star": {"mass": 1.0, "accretion_radius": 0.6},

@@ -22,7 +22,7 @@ def disc(relax=0.5, eos=LOCAL, until=0.3, start=(), **tables):
         "run": {"until": until, "threads": 1},
         "space": {"size": 6.0, "cells": 32},
         "initial": first | dict(start),
-        "gas": {"particles": 2000, "eos": eos, "viscosity": {}},
+        "gas": {"particles": 2000, "kernel": "quintic", "eos": eos, "viscosity": {"pairs": "approaching"}},
         "star": {"mass": 1.0, "accretion_radius": 0.2},
     } | tables
 

@@ -14,7 +14,7 @@ def test_viscosity_acts_on_approach_only():
     pos = np.array([[0.45, 0.5], [0.55, 0.5]])
     for speed in (1.0, -1.0):
         vel = np.array([[speed, 0.0], [-speed, 0.0]])
-        sim = simulation(pos, 2, "open", vel=vel, viscosity={"switch": "none"})
+        sim = simulation(pos, 2, "open", vel=vel, viscosity={"pairs": "approaching"})
         push = sim.effects["gas"].viscous_acceleration(sim.state)[:, 0]
         assert push[0] < 0 < push[1] if speed > 0 else (push == 0).all()
 
@@ -24,7 +24,7 @@ def test_viscosity_of_a_pair(alpha, beta):
     """dv/dt = -m (-alpha c w + beta w^2) / rho dW/dr, eq. (5), of two that approach at w = -1.2, c = 0.5."""
     h, distance, speed = 0.1, 0.08, 1.2
     vel = np.array([[0.5 * speed], [-0.5 * speed]])
-    viscosity = {"alpha": alpha, "beta": beta, "switch": "none"}
+    viscosity = {"alpha": alpha, "beta": beta, "pairs": "approaching"}
     pos = np.array([[0.5], [0.5 + distance]])
     sim = simulation(pos, 1, "periodic", vel=vel, cs=0.5, smoothing_length=h, viscosity=viscosity)
     value, slope = w("cubic", 1, np.array([0.0, distance / h]))
@@ -44,7 +44,7 @@ def test_balsara_switches_off_in_shear_alone():
         "compression": np.stack([0 * wave, wave], axis=1),
     }.items():
         for switch in ("none", "balsara"):
-            sim = simulation(pos, 2, "periodic", vel=vel, viscosity={"switch": switch}, cs=0.01)
+            sim = simulation(pos, 2, "periodic", vel=vel, viscosity={"switch": switch, "pairs": "approaching"}, cs=0.01)
             pushes[flow, switch] = np.abs(sim.effects["gas"].viscous_acceleration(sim.state)).max()
     # On a lattice the shear's divergence is rounding; in the compression |div| >> 1e-4 c/h at all but the nodes.
     assert pushes["shear", "none"] > 0.03 * pushes["compression", "none"]

@@ -161,8 +161,8 @@ def test_star_or_gravity_limit_the_step(softening, expected):
     sim = Simulation(scene)
     innermost = np.sqrt((sim.gas.pos**2).sum(axis=1).min())
     pull = np.sqrt((sim.acceleration("self_gravity")[0] ** 2).sum(axis=1).max())
-    limit = innermost**1.5 if expected == "star" else np.sqrt(softening / pull)
-    assert sim.step() == pytest.approx(0.3 * limit, rel=1e-9)
+    limit = 0.5 * innermost**1.5 if expected == "star" else np.sqrt(softening / pull)
+    assert sim.step() == pytest.approx(0.6 * limit, rel=1e-9)
 
 
 def one_way(dust, **tables):
@@ -216,7 +216,7 @@ def test_dust_that_outlives_one_way_gas_limits_the_step():
     sim = one_way(grain(3.5), star={"mass": 1.0, "accretion_radius": 3.2})
     sim.step()
     assert sim.gas.count == 0
-    assert sim.step() == pytest.approx(0.3 * 3.5**1.5, rel=1e-3)  # 1/Omega of its circle, but for the first step's kick
+    assert sim.step() == pytest.approx(0.6 * 3.5**1.5, rel=1e-3)  # 1/Omega of its circle, but for the first step's kick
 
 
 def test_external_limits_the_step():

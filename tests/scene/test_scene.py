@@ -69,7 +69,7 @@ def test_the_kernel_of_a_disc(tmp_path):
         found = load_scene(write(tmp_path, DISC), overrides).gas
         return found.kernel, found.eta
 
-    assert gas() == ("quintic", 1.1)
+    assert gas() == ("wendland-c2", 1.7)
     assert gas("gas.eta=1.2") == ("cubic", 1.2)
     assert gas("gas.kernel=cubic") == ("cubic", 1.345)
     assert gas("gas.smoothing_length=1 au")[0] == "cubic"

@@ -62,10 +62,10 @@ def test_schemes_are_those_of_the_registry_that_go_with_the_scene(twin):
 
 def test_places_set_keys(twin, wave):
     assert twin.settings(place(twin)) == {}
-    assert twin.settings(place(twin, particles=-2)) == {"gas.particles": "20000", "dust.particles": "20000"}
+    assert twin.settings(place(twin, particles=-2)) == {"gas.particles": "25000", "dust.particles": "25000"}
     found = twin.settings(place(twin, particles=-2, dust_particles=-2, run_courant=2, space_cells=-2))
-    assert found["dust.particles"] == "10000" and found["space.cells"] == "256"
-    assert float(found["run.courant"]) == pytest.approx(0.75 / 2**0.5, rel=1e-3)
+    assert found["dust.particles"] == "12500" and found["space.cells"] == "256"
+    assert float(found["run.courant"]) == pytest.approx(0.6 / 2**0.5, rel=1e-3)
     # A fixed smoothing length goes with the spacing, so that neighbours stay.
     coarse = wave.settings(place(wave, particles=-2))
     assert coarse == {"gas.particles": "300", "dust.particles": "300", "gas.smoothing_length": "0.02"}
@@ -121,7 +121,7 @@ def test_a_user_gives_and_keeps_knobs():
 
 
 def test_a_search_begins_with_few_particles(twin, wave):
-    assert twin.settings(twin.start())["gas.particles"] == "2500"
+    assert twin.settings(twin.start())["gas.particles"] == "3125"
     assert wave.settings(wave.start())["gas.particles"] == "75"
     few = knobs_of("setups/dusty_wave.toml", ["gas.particles=500"])  # particles are the user's
     assert few.start() == (0,) * len(few.all)

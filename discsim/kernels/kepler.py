@@ -1,0 +1,118 @@
+"""Kepler orbits about a star at the origin: the drift of gas and dust where no kick has the star's pull.
+
+Eqs. (1) to (3) of `exact/kepler.py`, with the root s of (1) by Newton's steps from a guess of third order,
+
+    dt = r0 s + eta G2 + zeta G3,      dt/ds = r = r0 + eta G1 + zeta G2,      zeta = M - beta r0             (1)
+
+and G_n = s^n c_n(z), z = beta s^2, from their series. Where these do not reach the root, as near the pericentre of a
+long orbit, the step is made of shorter ones, which on an orbit compose exactly.
+"""
+
+import math
+
+import numpy as np
+
+from discsim.kernels.inner import compiled, inner
+
+ONE, TWO = np.uint64(1), np.uint64(2)
+SOME = 512  # particles that are moved at once
+FEW, MORE = 2, 5  # rounds of Newton's for all particles, and for those that want them
+CLOSE = 1e-8  # last of Newton's steps, of s: the error is its square
+LARGEST = 1.0  # |z| of the series
+PARTS = 400  # of a step, most that are tried
+
+
+@inner
+def stumpff(z):
+    """c_2 and c_3 for |z| <= LARGEST, to rounding."""
+    c2, c3 = 1.0 / 6402373705728000.0, 1.0 / 121645100408832000.0  # 1 / 18!, 1 / 19!
+    c2, c3 = 1.0 / 20922789888000.0 - z * c2, 1.0 / 355687428096000.0 - z * c3
+    c2, c3 = 1.0 / 87178291200.0 - z * c2, 1.0 / 1307674368000.0 - z * c3
+    c2, c3 = 1.0 / 479001600.0 - z * c2, 1.0 / 6227020800.0 - z * c3
+    c2, c3 = 1.0 / 3628800.0 - z * c2, 1.0 / 39916800.0 - z * c3
+    c2, c3 = 1.0 / 40320.0 - z * c2, 1.0 / 362880.0 - z * c3
+    c2, c3 = 1.0 / 720.0 - z * c2, 1.0 / 5040.0 - z * c3
+    c2, c3 = 1.0 / 24.0 - z * c2, 1.0 / 120.0 - z * c3
+    return 0.5 - z * c2, 1.0 / 6.0 - z * c3
+
+
+@inner
+def functions(beta, s):
+    """G_1, G_2 and G_3."""
+    c2, c3 = stumpff(beta * s * s)
+    g3 = s * s * s * c3
+    return s - beta * g3, s * s * c2, g3
+
+
+@inner
+def after(x, y, vx, vy, mass, dt, rounds):
+    """Place and velocity after dt, and whether Newton's steps have reached the root in so many rounds."""
+    r0 = math.sqrt(x * x + y * y)
+    inverse = 1.0 / r0
+    eta, beta = x * vx + y * vy, 2.0 * mass * inverse - (vx * vx + vy * vy)
+    zeta = mass - beta * r0
+    a, first, second = dt * inverse, 0.5 * eta * inverse, zeta * inverse * (1.0 / 6.0)
+    s = a * (1.0 - a * (first - a * (2.0 * first * first - second)))
+    change = s
+    for _ in range(rounds):
+        g1, g2, g3 = functions(beta, s)
+        change = (r0 * s + eta * g2 + zeta * g3 - dt) / (r0 + eta * g1 + zeta * g2)
+        s -= change
+    g1, g2, g3 = functions(beta, s)
+    r = r0 + eta * g1 + zeta * g2
+    turned, pulled = -mass * g2, -mass * g1 * inverse / r
+    f, g, df = turned * inverse, dt - mass * g3, pulled
+    dg = turned / r
+    found = (abs(change) <= CLOSE * abs(s)) & (abs(beta) * s * s <= LARGEST)
+    return x + (f * x + g * vx), y + (f * y + g * vy), vx + (df * x + dg * vx), vy + (df * y + dg * vy), found
+
+
+@compiled
+def in_parts(x, y, vx, vy, mass, dt):
+    """Place and velocity after dt in shorter steps, without whole turns; what falls on to the star itself goes on in a
+    straight line.
+    """
+    beta = 2.0 * mass / math.sqrt(x * x + y * y) - (vx * vx + vy * vy)
+    if 0.0 < beta < np.inf:
+        turn = 2.0 * math.pi * mass / (beta * math.sqrt(beta))
+        dt -= turn * math.floor(dt / turn + 0.5)
+    left, part = dt, 0.5 * dt
+    for _ in range(PARTS):
+        part = part if abs(part) < abs(left) else left
+        nx, ny, nvx, nvy, found = after(x, y, vx, vy, mass, part, MORE)
+        if not found:
+            part *= 0.5
+            continue
+        x, y, vx, vy = nx, ny, nvx, nvy
+        if part == left:
+            return x, y, vx, vy
+        left -= part
+        part *= 2.0
+    return x + left * vx, y + left * vy, vx, vy
+
+
+@compiled
+def drift(first, last, pos, vel, masses, species, dt):
+    """Move particles, arrays (n, 2), over dt on their orbits about a mass at the origin: that of their population of
+    `masses`, or the first where there is no `species` (n,).
+    """
+    new, found = np.empty((4, SOME)), np.empty(SOME, np.bool_)
+    places, velocities = pos.reshape(-1), vel.reshape(-1)  # steps of two and unsigned numbers: vectorised
+    alike = len(species) == 0
+    for block in range(first, last, SOME):
+        number, start = np.uint64(min(SOME, last - block)), np.uint64(block)
+        for k in range(number):
+            i = TWO * (start + k)
+            mass = masses[0] if alike else masses[species[start + k]]
+            new[0, k], new[1, k], new[2, k], new[3, k], found[k] = after(
+                places[i], places[i + ONE], velocities[i], velocities[i + ONE], mass, dt, FEW
+            )
+        for k in range(number):
+            i = TWO * (start + k)
+            if found[k]:
+                places[i], places[i + ONE] = new[0, k], new[1, k]
+                velocities[i], velocities[i + ONE] = new[2, k], new[3, k]
+            else:
+                mass = masses[0] if alike else masses[species[start + k]]
+                moved = in_parts(places[i], places[i + ONE], velocities[i], velocities[i + ONE], mass, dt)
+                places[i], places[i + ONE], velocities[i], velocities[i + ONE] = moved
