@@ -78,7 +78,7 @@ def orbital_mass(scene: Scene, star: float, companion: float) -> float:
 
 
 def at_rest(scene: Scene) -> bool:
-    """Whether the star stays at the origin with the mass that it has, and moves nothing: a scene without bodies."""
+    """Whether the star stays at the origin with the mass that it has; such a scene has no bodies."""
     star = scene.star
     if star is None:
         return True
@@ -105,14 +105,12 @@ def masses_in_drift(scene: Scene, species: str) -> Array | None:
 
 
 def light_in_drift(scene: Scene) -> bool:
-    """Whether orbits of dust are those of what light leaves of the pull. Drag has to have a push on dust alone."""
+    """Whether dust drifts about (1 - beta) M. With drag, light's push on dust alone has to be in the kick beside it."""
     return in_drift(scene) and scene.drag is None
 
 
 def velocities_turn(scene: Scene) -> bool:
-    """Whether the drift turns velocities with places, so that on a circle both are of the same time; else half of a
-    step is between them.
-    """
+    """Whether the drift turns velocities on circles as it turns places; else they are half a step apart."""
     return scene.model.given is not None or in_drift(scene)
 
 
