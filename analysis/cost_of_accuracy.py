@@ -102,7 +102,6 @@ def disc(members: str) -> dict[str, Any]:
         "initial": {"kind": "disc", "mass": 0.01, "inner": 1.0, "outer": 3.0, "inner_taper": 0.3, "outer_taper": 0.3},
         "gas": {
             "particles": DISC,
-            "kernel": "wendland-c4",
             "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.05},
             "viscosity": {"alpha": 0.3, "beta": 0.5},  # heat swells the disc, and there is no cooling
         },
