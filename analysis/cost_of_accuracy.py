@@ -52,7 +52,7 @@ WAVE_K, SHOCK_K, STIFF = (0.5, 500.0, 5000.0), (500.0, 5e5), 5000.0  # explicit 
 WAVES, FINER_WAVES, SHOCKS = (24, 48, 96, 192, 384, 768), (192, 384, 768, 1536), (100, 200, 400, 800)  # particles
 SQUARES, FINER_SQUARES = (8, 16, 32, 64), (16, 32, 64)  # a side
 CELLS, SHEETS = (16, 32, 64, 128, 256), (400, 900, 1024, 3600)
-COURANTS, DISC, ORBITS = (0.1, 0.2, 0.4, 0.8), 6000, 3
+COURANTS, DISC, ORBITS = (0.075, 0.15, 0.3, 0.6), 6000, 3
 ROUNDING = 1e-16  # what is exact is drawn there
 ROOT = Path(__file__).parents[1]
 

@@ -177,7 +177,7 @@ def test_the_sheet_grows_as_it_must_with_more_cells(cost_module, tmp_path):
 
 @pytest.mark.slow
 def test_what_discs_keep_against_the_courant_factor(cost_module, tmp_path, capsys):
-    module = cost_module(COURANTS=(0.2, 0.8), DISC=800, ORBITS=0.3)
+    module = cost_module(COURANTS=(0.15, 0.6), DISC=800, ORBITS=0.3)
     assert module.main(["-o", str(tmp_path), "--studies", "courant"]) == 0
     plain, dusty, complete = (rows_of(tmp_path / f"courant-{name}" / "cost.csv") for name in (
         "gas", "gas-dust-drag", "gas-dust-drag-self-gravity"))  # fmt: skip

@@ -179,8 +179,10 @@ def test_particles_at_one_point(copies, dust):
     assert drifts(before, totals(sim))["momentum"] < 1e-12
 
 
+# Where all pairs are braked more of what parts is heat, and steps of .3 lose up to .014 of it; of .2 .005, of .15 too.
+@pytest.mark.parametrize("pairs, courant", [("approaching", 0.3), ("reconstructed", 0.2)])
 @pytest.mark.parametrize("copies", [3, 4, 5, 12])
-def test_crowds_of_warm_gas_blow_up_on_their_own_heat(copies):
+def test_crowds_of_warm_gas_blow_up_on_their_own_heat(copies, pairs, courant):
     """They part at .1 c_s and expand: what pairs exchange is exact, and what is lost is of the steps.
 
     No particle gives more heat than it has, and none is faster than gas that gave all of it, v^2 = 2 c_s^2 / (gamma
@@ -188,7 +190,7 @@ def test_crowds_of_warm_gas_blow_up_on_their_own_heat(copies):
     """
     gamma = 1.4
     eos = {"kind": "adiabatic", "gamma": gamma, "sound_speed": 1.0}
-    sim = crowded(copies, courant=0.2, kernel="quintic", eos=eos)  # .014 at .3, .002 at .15
+    sim = crowded(copies, courant=courant, kernel="quintic", eos=eos, viscosity={"pairs": pairs})
     before = totals(sim)
     sim.run()
     assert sim.gas.u.min() > 0.0

@@ -14,7 +14,7 @@ from discsim.run.runner import run_scene
 LOCAL = {"kind": "locally-isothermal", "aspect_ratio": 0.05, "temperature_index": 1.0}
 
 
-def disc(relax=0.5, eos=LOCAL, until=0.3, start=(), **tables):
+def disc(relax=0.5, eos=LOCAL, until=0.3, start=(), gas=(), **tables):
     """A disc with sharp edges, which nothing balances at first."""
     first = {"kind": "disc", "mass": 1e-4, "inner": 0.5, "outer": 2.0, "relax": relax}
     return {
@@ -22,7 +22,7 @@ def disc(relax=0.5, eos=LOCAL, until=0.3, start=(), **tables):
         "run": {"until": until, "threads": 1},
         "space": {"size": 6.0, "cells": 32},
         "initial": first | dict(start),
-        "gas": {"particles": 2000, "kernel": "quintic", "eos": eos, "viscosity": {"pairs": "approaching"}},
+        "gas": {"particles": 2000, "eos": eos, "viscosity": {}} | dict(gas),
         "star": {"mass": 1.0, "accretion_radius": 0.2},
     } | tables
 
@@ -42,14 +42,22 @@ def noise(sim):
         return np.sqrt((radial**2 * r).mean()) / 0.05
 
 
-def test_forces_come_into_balance_and_stay_there():
+# Viscosity of approaching pairs brakes the shear, and is part of the forces that come into balance.
+@pytest.mark.parametrize(
+    "gas, before, after, noisy",
+    [
+        ({"kernel": "quintic", "viscosity": {"pairs": "approaching"}}, 0.3, 0.02, 0.7),  # .51, .015 and .39 seen
+        ({}, 0.25, 0.005, 0.15),  # .27, .002 and .09 seen
+    ],
+)
+def test_forces_come_into_balance_and_stay_there(gas, before, after, noisy):
     """What is left falls to some hundredth, as epicycles at the outer edge, r = 2, have an orbit of theirs."""
-    settled, plain = Simulation(disc(3.0)), Simulation(disc(0.0))
+    settled, plain = Simulation(disc(3.0, gas=gas)), Simulation(disc(0.0, gas=gas))
     assert plain.relaxed is None and settled.relaxed.orbits == 3.0 and settled.relaxed.steps > 50
-    assert settled.relaxed.before > 0.3 and settled.relaxed.after < 0.02 * settled.relaxed.before
+    assert settled.relaxed.before > before and settled.relaxed.after < after * settled.relaxed.before
     for sim in (settled, plain):
         sim.run(0.5 * np.pi)
-    assert noise(settled) < 0.7 * noise(plain)  # .63 seen, a quarter of an orbit later
+    assert noise(settled) < noisy * noise(plain)  # a quarter of an orbit later
 
 
 def test_rings_stay_rings_with_their_mass_and_angular_momentum():

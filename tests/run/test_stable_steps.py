@@ -135,6 +135,9 @@ def test_a_courant_factor_beyond_the_bound_is_one_message():
     undamped = ["run.courant=0.9", "gas.kernel=wendland-c4", "gas.viscosity.alpha=0.0"]
     assert 'sound between particles of kernel "wendland-c4" grows; expected at most 0.7' in message(undamped)
     assert "expected at most 0.76" in message(["run.courant=0.8"], "setups/dusty_wave.toml")
+    warm = "run.courant: 0.61 makes steps in which cold gas loses more heat than it has; expected at most 0.6"
+    assert warm in message(["run.courant=0.61"], "setups/gravitoturbulent.toml")
+    load_scene("setups/gravitoturbulent.toml", ["run.courant=0.69", "gas.viscosity.pairs=all"])
     load_scene("setups/gas_disc.toml", ["run.courant=0.8"])
     load_scene("setups/dusty_box.toml", ["run.courant=50"])  # nothing moves but by drag, which is exact
 
