@@ -111,7 +111,9 @@ def test_what_the_star_takes_is_in_the_history(straight):
         lost = float(first[f"mass_{kind}"]) - float(last[f"mass_{kind}"])
         assert lost > 0  # the inner edge is inside the accretion radius
         assert lost == pytest.approx(float(last[f"accreted_{kind}"]), rel=1e-12)  # rounding of the sums
-    assert 0 <= float(last["uncoupled_dust"]) < 1
+    # Grains that gas is not in one cell with are some at times, at the edges.
+    uncoupled = [float(row["uncoupled_dust"]) for row in rows(out)]
+    assert 0 <= min(uncoupled) < max(uncoupled) < 1
 
 
 def test_potential_energy_is_that_of_the_effects(tmp_path):
