@@ -19,7 +19,7 @@ from discsim.numerics.threads import share
 from discsim.numerics.totals import total
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.local import Expected
-from discsim.physics.orbits import IN_KICKS, light_in_drift
+from discsim.physics.orbits import IN_KICKS, in_drift
 from discsim.physics.radiation import pull_share
 from discsim.scene.fields import Number, Table, Words, fault
 from discsim.scene.rules import Draft, Problem
@@ -90,7 +90,7 @@ class Effect(base.Effect):
         self.softening = scene.star.softening
         self.share = 1.0 - pull_share(scene)  # beta of each population
         self._place = 0.0, 0.0
-        self.in_drift, self.step = light_in_drift(scene), _step(scene)
+        self.in_drift, self.step = in_drift(scene), _step(scene)
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -145,6 +145,6 @@ class Effect(base.Effect):
 
 def _step(scene: Scene) -> float:
     """Step limit over 1/Omega in light's field: none of what is in the drift, all of paths in a given disc."""
-    if light_in_drift(scene):
+    if in_drift(scene):
         return float("inf")
     return IN_KICKS if scene.model.given is None else 1.0

@@ -88,11 +88,13 @@ def at_rest(scene: Scene) -> bool:
 def in_drift(scene: Scene) -> bool:
     """Whether gas and dust drift on their orbits about the star, and no kick has its pull.
 
-    Of a point at rest: a star that moves exchanges momentum with each particle, which only a kick keeps exactly.
+    Of a point at rest: a star that moves exchanges momentum with each particle, which only a kick keeps exactly. Nor
+    with drag where light pushes: the push on dust alone has to be in the kick, and so the pull that it nearly cancels.
     """
     star = scene.star
-    pointlike = star is not None and star.softening == 0.0
-    return pointlike and at_rest(scene) and scene.model.given is None and scene.run.integrator == "kdk"
+    pointlike = star is not None and star.softening == 0.0 and at_rest(scene)
+    pushed = scene.radiation_pressure is not None and scene.drag is not None
+    return pointlike and not pushed and scene.model.given is None and scene.run.integrator == "kdk"
 
 
 def masses_in_drift(scene: Scene, species: str) -> Array | None:
@@ -100,13 +102,7 @@ def masses_in_drift(scene: Scene, species: str) -> Array | None:
     if not in_drift(scene):
         return None
     assert scene.star is not None
-    populations = pull_share(scene) if light_in_drift(scene) else np.ones(len(scene.dust or ()))
-    return scene.star.mass * (populations if species == "dust" else np.ones(1))
-
-
-def light_in_drift(scene: Scene) -> bool:
-    """Whether dust drifts about (1 - beta) M. With drag, light's push on dust alone has to be in the kick beside it."""
-    return in_drift(scene) and scene.drag is None
+    return scene.star.mass * (pull_share(scene) if species == "dust" else np.ones(1))
 
 
 def velocities_turn(scene: Scene) -> bool:

@@ -28,8 +28,7 @@ def together(*clouds):
 def simulation(gas, dust, scheme="tsc", until=1.0, cells=CELLS, h=None, **run):
     tables = {
         "units": {"system": "code"}, "run": {"until": until} | run, "space": {"size": SIZE, "cells": cells},
-        # Of approaching pairs, for which these clouds were drawn: steps, and hence the pull of one, are others with more
-        # of it, and in some clouds the drag of a lone particle throws it out.
+        # On approaching pairs alone: else the viscosity takes up what bursts apart.
         "gas": {
             "particles": len(gas["mass"]), "viscosity": {"pairs": "approaching"},
             "eos": {"kind": "isothermal", "sound_speed": 0.3},
