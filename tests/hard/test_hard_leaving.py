@@ -28,7 +28,8 @@ def together(*clouds):
 def simulation(gas, dust, scheme="tsc", until=1.0, cells=CELLS, h=None, **run):
     tables = {
         "units": {"system": "code"}, "run": {"until": until} | run, "space": {"size": SIZE, "cells": cells},
-        # On approaching pairs alone: else the viscosity takes up what bursts apart.
+        # Of approaching pairs, for which these clouds were drawn: with others steps, and so pulls in one, are less; and
+        # with any, drag throws a lone particle away from the rest in some clouds.
         "gas": {
             "particles": len(gas["mass"]), "viscosity": {"pairs": "approaching"},
             "eos": {"kind": "isothermal", "sound_speed": 0.3},

@@ -21,7 +21,7 @@ def disc(until=1.0, gas=1000, dust=800, size=1e-6, ratio=0.3, growth=None, direc
             "particles": gas,
             "kernel": "cubic",
             "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1},
-            "viscosity": {"pairs": "approaching"},  # so few particles are noisy without it
+            "viscosity": {"pairs": "approaching"},  # sizes by the densities of single particles: .06 off, not .16
         },
         "dust": {"particles": dust, "ratio": ratio, "grain_size": size, "grain_density": MATERIAL},
         "star": {"mass": 1.0, "accretion_radius": 0.6},
