@@ -247,7 +247,7 @@ def show_table(results: dict) -> None:
 
 
 def draw(results: dict, file: Path) -> None:
-    """What a choice costs against what it gives: noise of v_r and alpha against CPU time of the run."""
+    """Noise of v_r and alpha of each choice against the CPU time of its run."""
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, key, label in zip(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 kepler, moves = Lazy("discsim.kernels.kepler"), Lazy("discsim.kernels.move")
 
-ALIKE = np.empty(0, np.int64)  # populations of particles that have none
+NO_SPECIES = np.empty(0, np.int64)  # of gas, which has no populations
 
 # Steps between reorderings of a species' arrays, of which the first comes with the first step: a start is in no order
 # of use to a cache. A particle's place in memory decides the order of sums, so that reordering must depend on the
@@ -218,7 +218,7 @@ def doing(effects: Mapping[str, Effect], what: str) -> list[str]:
 
 def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | None = None) -> None:
     """Move at constant velocity over dt, or on orbits about central `masses`, one a population; immobile ones stay."""
-    species = getattr(particles, "species", ALIKE)
+    species = getattr(particles, "species", NO_SPECIES)
     if particles.immobile is None:
         _drift(particles.pos, particles.vel, dt, masses, species)
     else:

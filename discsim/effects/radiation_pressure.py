@@ -102,9 +102,7 @@ class Effect(base.Effect):
         if outlook.nearest == np.inf or strongest == 0.0 or step == np.inf:
             return Expected()
         away = float(np.hypot(outlook.nearest, scene.star.softening))
-        return Expected(
-            _step(scene) * (away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}"
-        )
+        return Expected(step * (away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
 
     @classmethod
     def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
