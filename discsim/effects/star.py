@@ -14,6 +14,7 @@ frame = "inertial"   the star moves with A_0; with its companions its barycentre
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -111,7 +112,7 @@ class Effect(base.Effect):
         # Drag by a given disc has to know the whole acceleration; else the star's drift is undone by one of particles.
         self.all_in_kick = scene.model.given is not None
         self.in_drift, self.step = in_drift(scene), step_of_circle(scene)
-        self.grows_at = base.Effect.grows_at / self.step
+        self.grows_at = math.inf if self.in_drift else base.Effect.grows_at / self.step
         self._place = 0.0, 0.0
         # How far gas and dust go with the frame in a drift, and the change of their velocity.
         self._of_frame = np.zeros(2), np.zeros(2)

@@ -28,8 +28,9 @@ class PhysicsError(UserError):
 
 
 class Limits(NamedTuple):
-    """The longest step, and the effect that sets it; that of one-way dust, which limits no step, apart.
+    """The longest step, and the effect that sets it.
 
+    dust, dust_by: above it one-way dust, which limits no step, does not keep its orbits, and by which effect.
     growing: in longer steps something grows without end.
     """
 
@@ -164,12 +165,23 @@ def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
 def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:
     """What each effect allows, and the least of it."""
     limits = _least_of_all({name: effect.limit(state) for name, effect in effects.items()})
-    least = Limits(*_least(limits), growing=min(effects[name].grows_at * limit for name, limit in limits.items()))
+    least = Limits(*_least(limits), growing=min(_growing(effects[name], limit) for name, limit in limits.items()))
     if state.unnoticed:
-        of_dust = _least_of_all({name: effect.limit_of(state, "dust") for name, effect in effects.items()})
+        # 1 over the frequency: a circular orbit keeps its energy to 12% in such steps, to 1% in half of them.
+        of_dust = _least_of_all(
+            {
+                name: _growing(effect, effect.limit_of(state, "dust")) / Effect.grows_at
+                for name, effect in effects.items()
+            }
+        )
         dust, by = _least(of_dust)
         least = least._replace(dust=dust, dust_by=by)
     return limits, least
+
+
+def _growing(effect: Effect, limit: float) -> float:
+    """In longer steps than this what the effect limits grows without end."""
+    return effect.grows_at * limit if effect.grows_at < math.inf else math.inf
 
 
 def _least_of_all(limits: dict[str, float]) -> dict[str, float]:

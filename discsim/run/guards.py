@@ -22,9 +22,6 @@ from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
 finite = Lazy("discsim.kernels.finite")
 
 INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
-# Times the limit, half of 1/Omega: in such steps a circular orbit keeps its energy to 12%, in half of them to 1%; in
-# longer ones grains that come near the star are thrown out.
-LOST = 2.0
 
 # Gas that is torn apart by long steps: at least so many particles are sampled, every so many steps, and these values
 # are too much for half of them.
@@ -154,7 +151,7 @@ def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> No
 
 def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -> None:
     """That one-way dust, which may not shorten the step, keeps its orbits in one of dt."""
-    if dt <= LOST * limits.dust:
+    if dt <= limits.dust:
         return
     dust, name, which = state.dust, limits.dust_by, "a dust particle"
     assert dust is not None
@@ -162,8 +159,8 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
         i = effects[name].tightest(dust, acceleration_of(effects[name], state)["dust"])
         which = f"dust particle {dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}"
     raise PhysicsError(
-        f"a step of {dt:.3g} is {dt / limits.dust:.3g} times the limit that {name} sets for {which}: one-way dust "
-        f"does not shorten the step of the gas, and above {LOST:g} its orbit is lost; expected "
+        f"a step of {dt:.3g} is {dt / limits.dust:.3g} times the longest in which {which} keeps its orbit, by {name}: "
+        f"one-way dust does not shorten the step of the gas; expected "
         f"{effects[name].softer}, or a smaller run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
     )
 
