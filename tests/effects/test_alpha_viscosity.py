@@ -10,6 +10,7 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.physics import viscosity
 from discsim.preview.check import report
 from discsim.preview.derived import local
+from discsim.run.forces import PhysicsError
 
 NU = 0.02
 DISC = {
@@ -30,12 +31,12 @@ def disc(**viscous):
     return DISC | {"alpha_viscosity": viscous}
 
 
-def box(pos, vel, nu=NU, mass=None, u=None, size=1.0, boundary="periodic", **gas):
+def box(pos, vel, nu=NU, mass=None, u=None, size=1.0, boundary="periodic", timestep=None, **gas):
     eos = {"kind": "adiabatic", "gamma": 1.4} if u is not None else {"kind": "isothermal"}
     gas = {"particles": len(pos), "eos": eos | {"sound_speed": 1.0}} | gas
     scene = {
         "units": {"system": "code"},
-        "run": {"until": 1e9},
+        "run": {"until": 1e9} | ({} if timestep is None else {"timestep": timestep}),
         "space": {"size": size, "boundary": boundary, "cells": 16},
         "gas": gas,
     }
@@ -272,9 +273,36 @@ def test_the_step_is_the_viscosity_s_where_it_is_the_least():
     dt = sim.step()
     assert sim.limited_by == "alpha_viscosity"
     h = sim.gas.h.min()
-    assert dt == pytest.approx(0.3 * h**2 / (25.0 * 10.0 / (7.0 * np.pi)), rel=3e-3)  # W(0) is there to .2%
+    assert dt == pytest.approx(0.3 * h**2 / (18.0 * 10.0 / (7.0 * np.pi)), rel=3e-3)  # W(0) is there to .2%
     scene = load_scene(disc(alpha=1.0))
     assert local(scene).step.min() < 0.5 * local(load_scene(DISC)).step.min()  # so the forecast has it
+
+
+@pytest.mark.parametrize("shaken", [0.0, 0.3])
+@pytest.mark.parametrize("kernel", ["quintic", "wendland-c2"])
+def test_velocities_of_neighbours_die_in_the_longest_steps_and_grow_in_those_that_are_refused(kernel, shaken):
+    """Random velocities in gas of hardly any pressure, after 60 steps of .72 and of 1.24 times the limit."""
+    rng, n, nu = np.random.default_rng(3), 16, 0.7
+    pos = (lattice(n) + shaken / n * rng.uniform(-1.0, 1.0, (n * n, 2))) % 1.0
+    vel = 1e-3 * rng.normal(size=(n * n, 2))
+    cold = {"kind": "isothermal", "sound_speed": 1e-3}
+    sim = box(pos, vel, nu=nu, kernel=kernel, eos=cold)
+    sim.step(most=1e-9)
+    limit = sim.gas.h.min() ** 2 / (18.0 * SMOOTHING[kernel].least_eta[1] ** 2 * nu)
+    for share, dies in (0.72, True), (1.24, False):
+        sim = box(pos, vel, nu=nu, timestep=share * limit, kernel=kernel, eos=cold)
+        try:
+            sim.evolve(1e9, lambda sim=sim: sim.state.step >= 60)
+            assert ((sim.gas.vel**2).sum() < 0.01 * (vel**2).sum()) == dies
+        except PhysicsError:
+            assert not dies
+
+
+def test_a_courant_factor_in_which_viscous_gas_is_torn_apart_is_one_message():
+    scene = disc(alpha=0.05) | {"run": {"until": 1.0, "courant": 0.73}}
+    assert problems(scene) == [
+        "scene: run.courant: 0.73 makes steps in which velocities of viscous gas grow; expected at most 0.72"
+    ]
 
 
 def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
