@@ -22,8 +22,8 @@ ORBITS = 2.2  # times the limits of star and companions: in steps of 2.4 times t
 # Viscosity of an artificial alpha of DAMPING damps what grows, up to so much longer steps.
 DAMPING, DAMPED = 0.3, 0.5
 
-# Times the limit of alpha_viscosity: in steps of .82 times it velocities grow on a lattice. Sound bears 1.05 or more with
-# it, as it is damped.
+# Times the limit of alpha_viscosity: in steps of .82 times it velocities grow on a lattice. Sound, which it damps,
+# bears 1.05 or more.
 VISCOUS = 0.72
 # On reconstructed velocities, whose steps are long: at .7 discs of adiabatic gas with dust end in negative energies.
 WARM = 0.6
