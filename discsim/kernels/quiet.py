@@ -13,6 +13,7 @@ MASS, NUMBER, FIRST, SECOND = range(4)  # rows of rings: of masses, numbers, ln(
 # A gas compressed faster than ONSET / 2 c_s/h is in a shock, wholly from (ONSET + 1) / 2 c_s/h on: its density becomes
 # the sum's at the rate FAST c_s/h, and goes on to for LASTING h/c_s.
 ONSET, FAST, LASTING = 0.3, 10.0, 5.0
+FARTHEST = 3.0  # times the summed density, or below it by as much: four times its scatter, of ln rho, in sheared gas
 
 
 @compiled
@@ -21,6 +22,9 @@ def follow(
 ):  # fmt: skip
     """Bring densities `followed` (n,), of the times `at` (n,), to `time` by eq. (1), and `pressure` (n,) of the summed
     density to that of these. A density of 0 begins as the summed one.
+
+    Where few particles are, slopes of the velocity are noise. Density that it drives down makes the push over it larger,
+    which tears particles apart faster; so no density is far from the summed one.
 
     memory: tau Omega. omega, inv_size (n,): frequencies of circles and 1 / h; slopes (n, 3) of the velocity.
     """
@@ -31,7 +35,7 @@ def follow(
             seen = max(shock[i] * math.exp(-dt / LASTING * crossing), seen)
             ln = math.log(followed[i]) - 0.5 * dt * (divergence[i] + div)
             ln -= (math.log(density[i]) - ln) * math.expm1(-dt * (omega[i] / memory + FAST * seen * crossing))
-            new = math.exp(ln)
+            new = min(max(math.exp(ln), density[i] / FARTHEST), density[i] * FARTHEST)
         pressure[i] *= new / density[i]
         followed[i], divergence[i], shock[i], at[i] = new, div, seen, time
 
