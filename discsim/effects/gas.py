@@ -162,7 +162,7 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
         return
     if not draft.has("star") and not (draft.space and draft.space.boundary == "periodic" and draft.dimensions == 2):
         yield where, "only rings and periodic planes have a mean pressure; expected a table [star], or such a space"
-    if draft.eos_kind not in ("isothermal", "locally-isothermal"):
+    if draft.eos_kind not in viscosity.QUIETED:
         wrong = f'density that follows the flow has no energy, and the gas is "{draft.eos_kind}"'
         yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
     if gas.viscosity is None or gas.viscosity.acts_in_shear:

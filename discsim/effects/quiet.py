@@ -8,8 +8,8 @@ Shear changes how particles lie. The conservative force of the pressure resists 
 turns the motion into heat: an alpha of about .004 at h/H = .5, which no viscosity causes. The shear acts through the
 noise of the summed density, and through the part 2 P sum V grad W of the force, which disorder leaves even where P is
 uniform. Eq. (1) removes the first: the density follows the flow, with div v of eq. (7) of `kernels/sph.py`, becomes the
-summed one in tau = time / Omega, and is within a factor of 3 of it. Eq. (3) removes the second: the mean pressure B of a ring acts on the ring as a
-whole. One of the two alone leaves the noise.
+summed one in tau = time / Omega, and is within a factor of 3 of it. Eq. (3) removes the second: the mean pressure B of
+a ring acts on the ring as a whole. One of the two alone leaves the noise.
 
 Rings are .4 H wide. Sigma, the number n of particles and the scatter sigma of ln(r P / c_s^2) are sums to which each
 particle contributes in three rings (TSC), smoothed over neighbouring rings by 1/4, 1/2, 1/4 twice; B is a cubic spline

@@ -23,8 +23,8 @@ def follow(
     """Bring densities `followed` (n,), of the times `at` (n,), to `time` by eq. (1), and `pressure` (n,) of the summed
     density to that of these. A density of 0 begins as the summed one.
 
-    Where few particles are, slopes of the velocity are noise. Density that it drives down makes the push over it larger,
-    which tears particles apart faster; so no density is far from the summed one.
+    Where few particles are, slopes of the velocity are noise. A density that falls by it makes the push larger, which
+    tears particles apart faster; so no density is far from the summed one.
 
     memory: tau Omega. omega, inv_size (n,): frequencies of circles and 1 / h; slopes (n, 3) of the velocity.
     """

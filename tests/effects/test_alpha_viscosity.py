@@ -346,11 +346,15 @@ def test_tables_that_the_viscosity_needs():
 
 def test_check_tells_alpha_beside_what_the_scheme_has():
     coarse = disc(alpha=1e-3)
-    coarse["gas"] = coarse["gas"] | {"viscosity": {}}
+    coarse["gas"] = coarse["gas"] | {"viscosity": {"alpha": 0.7, "pairs": "all"}}
     text = report(load_scene(coarse))
     for row in ("alpha asked for", "alpha of artificial viscosity", "alpha of noise, about"):
         assert row in text
-    assert "more than alpha_viscosity's 0.001: lower gas.viscosity.alpha" in text
+    assert "more than alpha_viscosity's 0.001: lower gas.viscosity.alpha, or raise" in text
+    coarse["gas"] |= {"viscosity": {}}
+    assert "more than alpha_viscosity's 0.001: set gas.quiet = true, or raise" in report(load_scene(coarse))
+    coarse["gas"] |= {"quiet": {"share": 0.1, "time": 0.1}}
+    assert "more than alpha_viscosity's 0.001: raise" in report(load_scene(coarse))
     assert "alpha asked for" not in report(load_scene(DISC))
 
 
