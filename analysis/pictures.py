@@ -23,7 +23,7 @@ PICTURES: dict[str, tuple[str, tuple[str, ...], str]] = {
     "first_disc": ("disc", (), ""),
     "dusty_disc": ("dusty_disc", (), ""),
     "plot_fields": ("dusty_disc", MAIN, "toomre_q,dust_to_gas,dust.v_r"),
-    "planet_dust": ("planet_dust", ("gas.particles=60000", "run.courant=1"), ""),
+    "planet_dust": ("planet_dust", (), ""),
     "planet_gap": ("planet_gap", (), ""),
     "planet_torque": ("planet_torque", (), ""),
     "gravitoturbulent": ("gravitoturbulent", (), ""),
