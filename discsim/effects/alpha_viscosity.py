@@ -140,10 +140,12 @@ class Effect(base.Effect):
         beside = np.where(_held(scene, at), 0.0, artificial + noise)
         worst = int(np.argmax(beside - asked))
         if beside[worst] > asked[worst]:
+            from discsim.effects.gas import QUIETED
+
             gas, remedy = scene.gas, ""
             if artificial[worst] > noise[worst]:
                 remedy = "lower gas.viscosity.alpha, or "
-            elif gas.quiet is None and gas.eos.kind in viscosity.QUIETED:
+            elif gas.quiet is None and gas.eos.kind in QUIETED:
                 remedy = "set gas.quiet = true, or "
             yield (
                 f"artificial viscosity and noise have {name} = {beside[worst]:.2g} {at.where(worst)}, more than "

@@ -22,7 +22,7 @@ from discsim.numerics.threads import share
 from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
-from discsim.physics.orbits import velocities_turn
+from discsim.physics.orbits import masses_in_drift
 from discsim.scene.fields import Length, Number, Table, Words
 from discsim.scene.rules import Draft, Problem
 
@@ -99,10 +99,20 @@ class Effect(base.Effect):
             (NODES - 1) / (last - first),
             balance.tabulated(state, dict(effects), radius) / circles[:, None],
             *state.central,
+            self._in_drift(state),
         )
 
+    def _in_drift(self, state: State) -> np.ndarray:
+        """Share (kinds,) of the star's pull that the drift has, of gas and then of each population of dust."""
+        found = []
+        for name in state.species:
+            masses = masses_in_drift(self.scene, name)
+            kinds = 1 if name == "gas" else len(self.scene.dust)
+            found.append(np.zeros(kinds) if masses is None else masses / self.scene.star.mass)
+        return np.concatenate(found)
+
     def operate(self, state: State, dt: float) -> None:
-        ahead = 0.0 if velocities_turn(self.scene) else -state.lag
+        ahead = 0.0 if self.scene.model.given is not None else -state.lag
         zones = self.zones._replace(star=state.central_mass)  # a star that grows speeds circles up
         for name, p in state.species.items():
             kind = 0 if name == "gas" else int(state.gas is not None)

@@ -40,6 +40,7 @@ AnyEos: Any = kinds_of(EOS.values())
 
 # CPU nanoseconds in a step: of a particle, and of each of its neighbours by the precision of sums over them.
 PARTICLE, NEIGHBOUR = 300.0, {"double": 27.0, "single": 15.0}
+QUIETED = ("isothermal", "locally-isothermal")  # kinds of gas that may be quiet
 SLOPES, QUIET = 1.2, 150.0  # times that where velocities are reconstructed; of a particle of quiet gas
 MOST_ETA = 30.0  # thousands of neighbours
 
@@ -162,7 +163,7 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
         return
     if not draft.has("star") and not (draft.space and draft.space.boundary == "periodic" and draft.dimensions == 2):
         yield where, "only rings and periodic planes have a mean pressure; expected a table [star], or such a space"
-    if draft.eos_kind not in viscosity.QUIETED:
+    if draft.eos_kind not in QUIETED:
         wrong = f'density that follows the flow has no energy, and the gas is "{draft.eos_kind}"'
         yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
     if gas.viscosity is None or gas.viscosity.acts_in_shear:

@@ -2,7 +2,9 @@
 
 R is a sum over zones, each rate x^2 with x from 0 at its near end to 1 at its far end and beyond (de Val-Borro et al.
 2006, sec. 3.2). v* is radial and azimuthal, tabulated over v_K of the star. Where velocities are ahead of the places by
-s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a leapfrog, at which v* is taken.
+s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a leapfrog, at which v* is taken. Where the
+drift has a share of the star's pull, kicks have the rest of what holds the circle, and v* falls by (v*^2 - share v_K^2)
+s / r.
 """
 
 import math
@@ -23,6 +25,7 @@ class Zones(NamedTuple):
     table: np.ndarray  # (kinds, nodes, 2): radial and azimuthal velocity over v_K
     star: float
     softening: float
+    in_drift: np.ndarray  # (kinds,): share of the star's pull that the drift has
 
 
 @compiled
@@ -57,11 +60,14 @@ def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
             kepler = math.sqrt(zones.star * r2 / (r2 + zones.softening * zones.softening) ** 1.5)
             radial = kepler * ((1.0 - part) * zones.table[row, node, 0] + part * zones.table[row, node + 1, 0])
             azimuthal = kepler * ((1.0 - part) * zones.table[row, node, 1] + part * zones.table[row, node + 1, 1])
-            sine = min(1.0, max(-1.0, azimuthal / r * ahead))
-            cosine = math.sqrt(1.0 - sine * sine)
-            # A drift has reached another radius by then, where circles are slower by half of that.
-            around = azimuthal - 0.5 * sine * radial
-            v, w = radial * cosine - around * sine, around * cosine + radial * sine
+            if zones.in_drift[row] > 0.0:
+                v, w = radial - (azimuthal * azimuthal - zones.in_drift[row] * kepler * kepler) * ahead / r, azimuthal
+            else:
+                sine = min(1.0, max(-1.0, azimuthal / r * ahead))
+                cosine = math.sqrt(1.0 - sine * sine)
+                # A drift has reached another radius by then, where circles are slower by half of that.
+                around = azimuthal - 0.5 * sine * radial
+                v, w = radial * cosine - around * sine, around * cosine + radial * sine
             gone = -math.expm1(-rate * dt)
             vx, vy = vel[i, 0] - centre[2], vel[i, 1] - centre[3]
             dx, dy = gone * (vx - (v * x - w * y)), gone * (vy - (v * y + w * x))

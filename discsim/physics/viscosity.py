@@ -43,7 +43,6 @@ STEP = 1e-4  # of ln r, for the slope in (4): of fourth order
 STABLE = 18.0
 SWITCHED = 0.25  # what Balsara's switch leaves in shear
 USUAL, CALMER = 36.0, 1.1  # neighbours of the kernels' `noise`, and how it falls with more of them
-QUIETED = ("isothermal", "locally-isothermal")  # kinds of gas that may be quiet
 UNSHARED, MEMORY = 0.03, 10.0  # of quiet gas: what the rings' share leaves at least, at a `time` of so much
 
 
