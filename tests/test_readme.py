@@ -228,9 +228,9 @@ def test_differences_of_radii_are_those_of_the_table():
     text = PAGES["docs/backreaction.md"]
     rows = re.findall(r"^\| (one|two)-way, ([\w,]+).*? \| 40 \| [\d.]+ \| ([\d.]+) \|", text, re.M)
     median = {(way, what): float(r50) for way, what, r50 in rows}
-    words = [rf"([\d.]+) {what}" for what in ("with 100,000", "with 40,000", "with 20,000", "in the model")]
+    words = [rf"([\d.]+) {what}" for what in ("with 100,000", "with 45,000", "with 20,000", "in the model")]
     found = re.search("r50 differs by " + r",? (?:and )?by\s+".join(words), text)
-    for what, told in zip(("100,000", "40,000", "20,000", "radial"), found.groups(), strict=True):
+    for what, told in zip(("100,000", "45,000", "20,000", "radial"), found.groups(), strict=True):
         assert float(told) == pytest.approx(median["two", what] - median["one", what], abs=1e-9)
 
 
