@@ -103,7 +103,7 @@ class Effect(base.Effect):
         )
 
     def _in_drift(self, state: State) -> np.ndarray:
-        """Share (kinds,) of the star's pull that the drift has, of gas and then of each population of dust."""
+        """Share (kinds,) of the star's pull that the drift contains: of the gas, then of each population of dust."""
         found = []
         for name in state.species:
             masses = masses_in_drift(self.scene, name)

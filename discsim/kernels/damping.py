@@ -2,9 +2,10 @@
 
 R is a sum over zones, each rate x^2 with x from 0 at its near end to 1 at its far end and beyond (de Val-Borro et al.
 2006, sec. 3.2). v* is radial and azimuthal, tabulated over v_K of the star. Where velocities are ahead of the places by
-s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a leapfrog, at which v* is taken. Where the
-drift has a share of the star's pull, kicks have the rest of what holds the circle, and v* falls by (v*^2 - share v_K^2)
-s / r.
+s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a leapfrog, at which v* is taken.
+
+If the drift contains the star's pull, or a share of it, the velocities are ahead by the kick of all other forces alone.
+On a circle of speed v these give (share v_K^2 - v^2) / r outwards, and s times that is added to the radial part of v*.
 """
 
 import math

@@ -78,7 +78,7 @@ def orbital_mass(scene: Scene, star: float, companion: float) -> float:
 
 
 def at_rest(scene: Scene) -> bool:
-    """Whether the star stays at the origin with the mass that it has; such a scene has no bodies."""
+    """Return True if the star has a constant mass and stays at the origin. Such a scene has no `Bodies`."""
     star = scene.star
     if star is None:
         return True
@@ -86,10 +86,11 @@ def at_rest(scene: Scene) -> bool:
 
 
 def in_drift(scene: Scene) -> bool:
-    """Whether gas and dust drift on their orbits about the star, and no kick has its pull.
+    """Return True if gas and dust drift on Kepler orbits about the star. Then no kick contains the star's pull.
 
-    Of a point at rest: a star that moves exchanges momentum with each particle, which only a kick keeps exactly. Nor
-    with drag where light pushes: the push on dust alone has to be in the kick, and so the pull that it nearly cancels.
+    The star has to be a point at rest: a moving star exchanges momentum with every particle, which only a kick
+    conserves exactly. Radiation pressure with drag excludes it: the drag needs the push on dust in the kick, and the
+    pull that nearly cancels this push has to be there too.
     """
     star = scene.star
     pointlike = star is not None and star.softening == 0.0 and at_rest(scene)
@@ -106,7 +107,10 @@ def masses_in_drift(scene: Scene, species: str) -> Array | None:
 
 
 def velocities_turn(scene: Scene) -> bool:
-    """Whether the drift turns velocities on circles as it turns places; else they are half a step apart."""
+    """Return True if the drift rotates velocities and positions on a circle by the same angle.
+
+    Otherwise velocities are half a step ahead of positions, or behind them.
+    """
     return scene.model.given is not None or in_drift(scene)
 
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 STEP = 1e-4  # of ln r, for the slope in (4): of fourth order
-# Of the step's limit: from 22 on velocities grow on a lattice, at 14 in any disorder. A Courant factor of .72 makes 25
-# of it (`scene/rules.py`).
+# In the step limit 1 / (STABLE W(0, h) nu). Velocities grow on a lattice in steps with 22 or less in its place, and in
+# any disorder with 14. The largest Courant factor, .72 (`scene/rules.py`), makes it 25.
 STABLE = 18.0
 SWITCHED = 0.25  # what Balsara's switch leaves in shear
 USUAL, CALMER = 36.0, 1.1  # neighbours of the kernels' `noise`, and how it falls with more of them

@@ -30,7 +30,8 @@ class PhysicsError(UserError):
 class Limits(NamedTuple):
     """The longest step, and the effect that sets it.
 
-    dust, dust_by: above it one-way dust, which limits no step, does not keep its orbits, and by which effect.
+    dust, dust_by: the longest step in which one-way dust keeps its orbits, and the effect that sets it. One-way dust
+    does not limit the step.
     growing: in longer steps something grows without end.
     """
 
@@ -180,7 +181,7 @@ def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]
 
 
 def _growing(effect: Effect, limit: float) -> float:
-    """In longer steps than this what the effect limits grows without end."""
+    """The step above which what an effect limits grows without end; inf where nothing does, for a limit of 0 too."""
     return effect.grows_at * limit if effect.grows_at < math.inf else math.inf
 
 

@@ -22,8 +22,8 @@ ORBITS = 2.2  # times the limits of star and companions: in steps of 2.4 times t
 # Viscosity of an artificial alpha of DAMPING damps what grows, up to so much longer steps.
 DAMPING, DAMPED = 0.3, 0.5
 
-# Times the limit of alpha_viscosity: in steps of .82 times it velocities grow on a lattice. Sound, which it damps,
-# bears 1.05 or more.
+# Times the limit of alpha_viscosity: velocities on a lattice grow in steps of .82 times that limit. The viscosity damps
+# sound, which is stable up to 1.05 or more, so that this bound is the lower one for every kernel.
 VISCOUS = 0.72
 # On reconstructed velocities, whose steps are long: at .7 discs of adiabatic gas with dust end in negative energies.
 WARM = 0.6
@@ -211,8 +211,6 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
             found = (VISCOUS, "velocities of viscous gas grow")
         elif sound < found[0]:
             found = (sound, f'sound between particles of kernel "{gas.kernel}" grows')
-        if draft.has("alpha_viscosity") and found[0] > VISCOUS:
-            found = (VISCOUS, "velocities of viscous gas grow")
         if draft.eos.holds_heat and gas.viscosity is not None and not braked and found[0] > WARM:
             found = (WARM, "cold gas loses more heat than it has")
     return found

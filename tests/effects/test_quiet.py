@@ -91,7 +91,7 @@ def test_density_stays_within_a_factor_of_three_of_the_summed_one():
 
 
 def test_a_particle_at_an_edge_whose_density_has_run_down_is_not_torn_away():
-    """The push of its ring is over its density: of a thousandth of the sum it is six hundred times the force else."""
+    """The push is inversely proportional to the density. Without a bound it was 600 times the force here."""
     sims = [Simulation(disc()) for _ in range(2)]
     for sim, share in zip(sims, (1.0, 1e-3), strict=True):
         sim.step(1e-9)

@@ -57,7 +57,7 @@ def test_forces_come_into_balance_and_stay_there(gas, before, after, noisy):
     assert settled.relaxed.before > before and settled.relaxed.after < after * settled.relaxed.before
     for sim in (settled, plain):
         sim.run(0.5 * np.pi)
-    assert noise(settled) < noisy * noise(plain)  # a quarter of an orbit later
+    assert noise(settled) < noisy * noise(plain)  # after a quarter of an orbit at r = 1
 
 
 def test_rings_stay_rings_with_their_mass_and_angular_momentum():
