@@ -1,7 +1,5 @@
 """discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust."""
 
-import atexit
-import gc
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -23,16 +21,6 @@ _HOMES = {
     "read_snapshot": "discsim.output.snapshot",
 }
 _MODULES = ("plot",)  # with matplotlib
-
-
-def collect_rarely() -> None:
-    """Let a process that runs a command look for garbage seldom, and not at all when it ends.
-
-    Imports and compiling make many objects that stay. To look through them over and over took a tenth of a warm start
-    and a twelfth of a cold one; what a step makes is freed without that.
-    """
-    gc.set_threshold(100_000, 20, 100)
-    atexit.register(gc.freeze)
 
 
 def __getattr__(name: str) -> Any:

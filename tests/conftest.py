@@ -14,7 +14,7 @@ import environment
 import pytest
 from hypothesis import settings
 
-from discsim import collect_rarely
+from discsim.cli.process import collect_rarely
 from discsim.numerics import threads
 
 environment.settle(os.environ)
@@ -46,4 +46,6 @@ def four_cores(monkeypatch):
     from discsim.numerics import teams
 
     monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 4)
-    monkeypatch.setattr(teams.here, "threads", 0)
+    token = teams.allowed.set(0)
+    yield
+    teams.allowed.reset(token)

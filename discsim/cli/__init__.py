@@ -7,7 +7,7 @@ import os
 import sys
 from typing import Any
 
-from discsim import collect_rarely
+from discsim.cli import process
 from discsim.cli.base import NOT_WRITTEN, WRONG_INPUT, app, refuse
 from discsim.printable import UserError
 from discsim.userfiles import system_message
@@ -20,7 +20,8 @@ __all__ = ["app", "costs", "looking", "main", "runs", "scenes"]
 
 def main() -> None:
     """Entry point of the command `discsim`."""
-    collect_rarely()
+    process.collect_rarely()
+    process.keep_freed()
     status: Any = 0
     try:
         app(prog_name="discsim")

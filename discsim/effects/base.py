@@ -90,7 +90,6 @@ class Effect:
     # Times its limit: in longer steps what it limits grows without end. A leapfrog of a frequency of 1 over the limit
     # does above 2, and limits are estimates.
     grows_at = 2.5
-    slow_kernels = False  # whether its kick takes so long to compile that a second process is to help (run/ahead.py)
     softer = ""  # what to change so that `limit_of` is longer
 
     @property

@@ -163,7 +163,7 @@ def _moving_mass(dust: Dust) -> np.ndarray:
 
 class Effect(base.Effect):
     keys = Keys
-    is_kick = needs_grid = slow_kernels = lists_schemes = True
+    is_kick = needs_grid = lists_schemes = True
     acts_on = ()
     rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell, _heating)
 
@@ -234,7 +234,7 @@ class Effect(base.Effect):
 
     def prepare_kick(self, state: State) -> None:
         self.discard()
-        if self._kicked[0] < 0 or self.scheme.places is None:  # a second process may still compile it
+        if self.scheme.places is None:
             return
         if state.centre is not None:  # the kick shifts places, which others read meanwhile
             return

@@ -45,7 +45,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, subroutine
+from discsim.jit.decorators import compiled, subroutine
 from discsim.kernels.laws import hastened, quickening, steepness, stopping_time, unhastened
 from discsim.kernels.nonlinear import MOST, TOLERANCE, next_step
 

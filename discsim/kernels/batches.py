@@ -4,7 +4,7 @@ batch are near each other, and most batches need not be looked at row by row. Fo
 
 import numpy as np
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 
 BATCH = 128  # rows
 ONE, WHOLE = np.uint64(1), np.uint64(BATCH)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner, lean
+from discsim.jit.decorators import compiled, inner, lean
 from discsim.kernels.zcurve import at_place
 
 ONE, TWO, FOUR = np.uint64(1), np.uint64(2), np.uint64(4)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import inner, making
+from discsim.jit.decorators import inner, making
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X, SIDE_Y, whole
 
 BLOCK = 256  # particles of a run that are looked at together

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from discsim.formulas.opacity import BELL_LIN, METALS, THINNEST
-from discsim.kernels.inner import compiled, inner
+from discsim.jit.decorators import compiled, inner
 
 LEAST = 0.1
 TOLERANCE = 1e-6

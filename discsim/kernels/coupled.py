@@ -21,7 +21,7 @@ and the gas by what keeps momentum.
 
 import numpy as np
 
-from discsim.kernels.inner import inner, lean
+from discsim.jit.decorators import inner, lean
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
 
 POLES = (

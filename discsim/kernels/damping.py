@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 from discsim.kernels.totals import LIMBS, SOME, add, carry
 
 

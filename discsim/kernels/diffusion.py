@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import compiled, compiled_sums, inner
 from discsim.kernels.background import gas_at
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import compiled, gathering_sums, inner
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.meeting import (
     BROUGHT,
@@ -125,7 +125,7 @@ def write_gas(dim, j, sums, field):
 def gas_driver(kernel: int, dim: int):
     """Compile the sums (1) at grains: columns `field` (n, 3 + 2 d) of the gas there, S = 0 where there is none."""
 
-    @gathering_sums
+    @compiled_sums
     def gas_about(first, last, lists, grains, cells, pos, h, mass, speed2, field):
         begin, slots, order = lists.begin, lists.slots, grains.order
         pack = np.zeros((C2 + 1) * STRIDE)
@@ -155,7 +155,7 @@ def recoil_driver(kernel: int):
     """Compile what the gas loses to grains, `given` (n,) each where its density is S (n,), by weights (1)."""
     sigma = NORM[1][kernel]
 
-    @gathering_sums
+    @compiled_sums
     def recoil(first, last, lists, cells, grains, gpos, h, density, given, centre, gvel):
         begin, slots, order = lists.begin, lists.slots, cells.order
         pack = np.zeros((PER_DENSITY + 1) * STRIDE)

@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.formulas.laws import CONSTANT
+from discsim.jit.decorators import compiled, inner, lean, subroutine
 from discsim.kernels.coupled import ROOM
 from discsim.kernels.frame import kepler, sense_at
-from discsim.kernels.inner import compiled, inner, lean, subroutine
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.lines import (
     BX,

@@ -5,7 +5,7 @@ Rows of `cells` (5, n) as in `kernels/ppm.py`. A cell without dust is left alone
 
 import numpy as np
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.ppm import DUST_MASS, DUST_MOMENTUM, ENERGY, MASS, MOMENTUM
 from discsim.kernels.relax import relax_pair

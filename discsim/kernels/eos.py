@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import subroutine
+from discsim.jit.decorators import subroutine
 
 SOME = np.uint64(4096)  # particles that are looked through before there has to be room for more of them
 

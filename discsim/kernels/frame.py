@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, subroutine
+from discsim.jit.decorators import compiled, subroutine
 from discsim.kernels.rows import root
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, subroutine
+from discsim.jit.decorators import compiled, subroutine
 
 # Weights of f at five nodes for 12 cell f' at the first, ..., the last of them: fourth order (Fornberg 1988).
 _STENCILS = np.array(

@@ -9,10 +9,9 @@ all nodes about the particles; an axis of which it has them all goes round where
 """
 
 import numpy as np
-from numba import njit
 
+from discsim.jit.decorators import INNER, compiled, inner, kept, subroutine
 from discsim.kernels.batches import BATCH as ROWS
-from discsim.kernels.inner import WITHIN, compiled, inner, subroutine
 from discsim.kernels.rows import LINE, fetch, lane, load
 from discsim.kernels.zcurve import place_of
 
@@ -244,7 +243,7 @@ def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
                 out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
 
 
-@njit(**WITHIN, fastmath={"contract"})
+@kept(**INNER, fastmath={"contract"})
 def _between(flat, low, along_x, along_y, wx, wy):
     high = low + along_x
     first = flat[low] + wx * (flat[high] - flat[low])
@@ -252,7 +251,7 @@ def _between(flat, low, along_x, along_y, wx, wy):
     return first + wy * (second - first)
 
 
-@njit(**WITHIN, fastmath={"contract"})
+@kept(**INNER, fastmath={"contract"})
 def _both_between(flat, low, along_x, wx, wy):
     # Both components at once, where the next node along y is the next one in memory.
     left = load(flat, low)

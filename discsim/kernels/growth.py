@@ -19,8 +19,8 @@ from numba.extending import register_jitable
 
 from discsim.formulas import growth
 from discsim.formulas.laws import COLUMN, SIZE, THERMAL, VALUE
+from discsim.jit.decorators import compiled, inner
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import compiled, inner
 from discsim.kernels.laws import stopping_time
 
 register_jitable(error_model="numpy")(growth.layer)  # which another calls

@@ -5,8 +5,8 @@ import functools
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import compiled_sums
 from discsim.kernels.growth import GIVE, TAKE, VEL
-from discsim.kernels.inner import gathering_sums
 from discsim.kernels.meeting import (
     BROUGHT,
     W,
@@ -76,7 +76,7 @@ def hand_driver(kernel: int):
     """
     sigma = NORM[1][kernel]
 
-    @gathering_sums
+    @compiled_sums
     def hand(first, last, lists, cells, grains, carriers, vel, field, wanted, share, spread, got):
         begin, slots, order, (gpos, _, h, gas, small) = lists.begin, lists.slots, cells.order, carriers
         pack = np.zeros((VY + 1) * STRIDE)
@@ -132,7 +132,7 @@ def offered(x, y, bx, by, n, pack):
 def take_driver(kernel: int):
     """Compile what dust particles take and give: their mass (n,), and their velocities (n, 2)."""
 
-    @gathering_sums
+    @compiled_sums
     def take(first, last, lists, grains, cells, carriers, spread, field, wanted, pos, mass, vel):
         begin, slots, order, (_, _, h, _, small) = lists.begin, lists.slots, grains.order, carriers
         pack = np.zeros((OFFERED + 1) * STRIDE)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import compiled_sums, inner
 from discsim.kernels.growth import COLUMNS, GAS, GIVE, GROWN, PULL, SMALL, SPEED2, TAKE, VEL
-from discsim.kernels.inner import gathering_sums, inner
 from discsim.kernels.meeting import (
     BROUGHT,
     STEEP,
@@ -51,7 +51,7 @@ def deposit_driver(kernel: int):
     """Compile G_i of (2), `out` (n,) at gas particles."""
     sigma = NORM[1][kernel]
 
-    @gathering_sums
+    @compiled_sums
     def deposit(first, last, lists, cells, grains, gpos, h, mass, out):
         begin, slots, order = lists.begin, lists.slots, cells.order
         pack = np.zeros((HELD + 1) * STRIDE)
@@ -197,7 +197,7 @@ def write_about(j, r, sums, field):
 def gather_driver(kernel: int):
     """Compile (1), (2), (4), (5) at dust particles: `field` (n, COLUMNS); dP/dr is that of interpolated pressures."""
 
-    @gathering_sums
+    @compiled_sums
     def gather(first, last, lists, grains, cells, pos, centre, carriers, volume, pressure, grown, field):
         begin, slots, order, (_, gvel, h, gas, small) = lists.begin, lists.slots, grains.order, carriers
         pack = np.zeros((OF_GROWN + 1) * STRIDE)

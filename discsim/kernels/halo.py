@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import compiled, inner, subroutine
 from discsim.kernels import batches
 from discsim.kernels.blocks import LEVELS
 from discsim.kernels.filling import SOME, with_room
-from discsim.kernels.inner import compiled, inner, subroutine
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
 from discsim.kernels.zcurve import place_of
 
@@ -259,12 +259,12 @@ def all_there(some, cells, there):
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _over(middle, half, side):
     return math.floor((middle - half) / side - EDGE), math.floor((middle + half) / side + EDGE)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _inside(index, count):
     return min(max(index, 0), int(count) - 1)
 

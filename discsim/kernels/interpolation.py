@@ -8,7 +8,7 @@ With the pairs of `kernels/pairs.py`, V = m / rho and weights W(r_ja, h_a):
 Divided by the weights' sums, a uniform velocity is seen as it is.
 """
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 
 
 @compiled

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner
+from discsim.jit.decorators import compiled, inner
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 SOME = 512  # particles that are moved at once

@@ -4,7 +4,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from discsim.formulas import laws
-from discsim.kernels.inner import compiled, inner
+from discsim.jit.decorators import compiled, inner
 
 for formula in laws.volume_density, laws.quickening, laws.hastened:  # which the others call
     register_jitable(nogil=True, error_model="numpy")(formula)

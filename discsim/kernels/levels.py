@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner, lean
+from discsim.jit.decorators import compiled, inner, lean
 
 
 class Levels(NamedTuple):

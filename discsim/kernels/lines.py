@@ -1,13 +1,12 @@
 """Means, second moments and lines of velocity of the particles of a block (`kernels/drag.py`)."""
 
 import numpy as np
-from numba import njit
 
-from discsim.kernels.inner import WITHIN, inner, subroutine
+from discsim.jit.decorators import INNER, inner, kept, subroutine
 
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
 # callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
-fast = njit(fastmath={"reassoc", "contract", "nsz"}, **WITHIN)
+fast = kept(fastmath={"reassoc", "contract", "nsz"}, **INNER)
 # Blocks are many and small. Their arrays are made once for all of them, and are few: to make one, to take a part of it
 # or to hand it on costs as much as what is done with ten particles. Loops over particles count with unsigned numbers,
 # which are no indices from the end: otherwise nothing is vectorised.

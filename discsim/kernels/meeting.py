@@ -9,8 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import INNER, kept
 from discsim.kernels.candidates import place
-from discsim.kernels.inner import WITHIN
 from discsim.kernels.neighbours import whole
 from discsim.kernels.smoothing import NORM, shape
 from discsim.kernels.sph_packs import STRIDE
@@ -88,7 +88,7 @@ def weighed(n, row, pack):
     return total
 
 
-@njit(**WITHIN, fastmath={"nnan", "nsz"})  # that there are numbers alone lets it be vectorised
+@kept(**INNER, fastmath={"nnan", "nsz"})  # that there are numbers alone lets it be vectorised
 def farthest(n, pack):
     """The largest distance of n packed gas particles that have a weight."""
     far = 0.0

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 
 
 @compiled

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held. A grid
 # may be a part of one, near some of the particles: its first column and row in the whole, and how many that has.

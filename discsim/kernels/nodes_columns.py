@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from discsim.formulas.laws import EPSTEIN
+from discsim.jit.decorators import inner, lean
 from discsim.kernels.frame import kepler, sense_at
-from discsim.kernels.inner import inner, lean
 from discsim.kernels.nodes import BX, BY, FIELDS, MASS, ONE, RHO, VX, VY, X, Y
 from discsim.kernels.nodes_weights import cloud
 from discsim.kernels.rows import LANES, LINE, empty_row, fetch, load, store

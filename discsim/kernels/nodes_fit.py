@@ -1,6 +1,6 @@
 """Fit: slopes about a node (`kernels/nodes.py`), of velocities pooled within species and of each species' sources."""
 
-from discsim.kernels.inner import inner, lean
+from discsim.jit.decorators import inner, lean
 from discsim.kernels.lines import solve
 from discsim.kernels.nodes import BX, FIELDS, LEAST_INERTIA, ONE, VX, XX, XY, YX, YY, X, Y
 from discsim.kernels.nodes_grains import moments_within

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner, lean
+from discsim.jit.decorators import compiled, inner, lean
 from discsim.kernels.nodes import FIELDS, NORM, ONE, VX, X, Y
 from discsim.kernels.nodes_columns import (
     NORMS,

@@ -9,7 +9,7 @@ moments of each class and the second ones of all its dust together: those about 
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner, lean
+from discsim.jit.decorators import compiled, inner, lean
 from discsim.kernels.nodes import BX, BY_Y, FIELDS, MASS, ONE, RHO, X, Y
 from discsim.kernels.nodes_columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
 from discsim.kernels.rows import LANES, empty_row, lane, load, store

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner, lean
+from discsim.jit.decorators import compiled, inner, lean
 from discsim.kernels.nodes import BX, BY, DX, MASS, ONE, VX, VY, X, Y
 from discsim.kernels.nodes_columns import filled
 from discsim.kernels.nodes_weights import brought, to_polynomial, value_at

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.formulas.laws import CONSTANT, EPSTEIN
+from discsim.jit.decorators import compiled, inner, lean
 from discsim.kernels.coupled import ROOM
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import compiled, inner, lean
 from discsim.kernels.laws import stopping_time
 from discsim.kernels.nodes import BX, ONE, RHO, VX, WHOLE, XX, YX, X, Y
 from discsim.kernels.nonlinear import relax_by_speed

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner
+from discsim.jit.decorators import compiled, inner
 from discsim.kernels.lines import solve
 from discsim.kernels.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
 from discsim.kernels.nodes_columns import fetch_columns, filled, is_ragged, most_in

@@ -1,6 +1,6 @@
 """Sharpen: what gathering and scattering smoothed away is given back to second order; the rotation of eq. (4)."""
 
-from discsim.kernels.inner import inner, lean
+from discsim.jit.decorators import inner, lean
 from discsim.kernels.nodes import DX, DY, LEAST_INERTIA, ONE, RATE, SPIN, X, Y
 from discsim.kernels.nodes_heat import heat_of, work_of_turn
 

@@ -7,7 +7,7 @@ There they are quadratic in the place, and so is what they bring of the nodes' v
 with T the coefficients of w_-1, w_0 and w_1: (1/8, -1/2, 1/2), (3/4, 0, -1), (1/8, 1/2, 1/2).
 """
 
-from discsim.kernels.inner import inner
+from discsim.jit.decorators import inner
 from discsim.kernels.rows import LANES, empty_row, load, store
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, making, subroutine
+from discsim.jit.decorators import compiled, making, subroutine
 from discsim.kernels.laws import hastened, quickening, unhastened
 from discsim.kernels.relax import relax_means
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import compiled, lean
 from discsim.kernels.candidates import most_of, place
 from discsim.kernels.frame import kepler
-from discsim.kernels.inner import compiled, gathering, lean
 from discsim.kernels.laws import hastening, stopping_time
 from discsim.kernels.relax import response
 from discsim.kernels.smoothing import NORM, SUPPORT, shape
@@ -23,7 +23,7 @@ from discsim.kernels.smoothing import NORM, SUPPORT, shape
 CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta^2) finite
 
 
-@gathering
+@compiled
 def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, offset):
     """For dust cells: the gas whose support holds each dust particle, and offset x_dust - x_gas (pairs, d).
 
@@ -76,7 +76,7 @@ def weight_driver(kernel: int, dim: int, hump: bool):
     support = SUPPORT[kernel]
 
     # No fastmath: where a piece ends decides which pairs are computed in vectors, and those may be rounded differently.
-    @gathering
+    @compiled
     def weigh(first, last, gas, offset, h, weight):
         for k in range(first, last):
             inv_h = 1.0 / h[gas[k]]

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner, subroutine
+from discsim.jit.decorators import compiled, inner, subroutine
 
 MASK, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 FIRST, SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)  # multipliers

@@ -4,7 +4,7 @@ A tile (nx, TILE) is contiguous: rows are put into tiles, and tiles turned into 
 Buffers are wider than what they hold, so that their rows do not share their place in the cache.
 """
 
-from discsim.kernels.inner import compiled, inner
+from discsim.jit.decorators import compiled, inner
 
 TILE = 8  # columns: two lines of the cache
 

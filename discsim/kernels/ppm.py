@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, subroutine
+from discsim.jit.decorators import compiled, subroutine
 
 GHOSTS = 4  # cells beyond each end that a face's flux looks at
 DENSITY, VELOCITY, PRESSURE, DUST_DENSITY, DUST_VELOCITY = range(5)

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 
 MASS, NUMBER, FIRST, SECOND = range(4)  # rows of rings: of masses, numbers, ln(r P / c_s^2) and its square
 # A gas compressed faster than ONSET / 2 c_s/h is in a shock, wholly from (ONSET + 1) / 2 c_s/h on: its density becomes

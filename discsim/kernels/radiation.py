@@ -2,7 +2,7 @@
 
 import math
 
-from discsim.kernels.inner import compiled
+from discsim.jit.decorators import compiled
 
 
 @compiled

@@ -6,8 +6,8 @@ alone, those of `kernels/coupled.py`. Increments are those beyond free motion, s
 
 import math
 
+from discsim.jit.decorators import compiled, lean, subroutine
 from discsim.kernels.coupled import relax_coupled
-from discsim.kernels.inner import compiled, lean, subroutine
 
 
 @compiled

@@ -18,8 +18,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global
-from numba.extending import lower_builtin, models, register_model
+from numba.extending import lower_builtin, models, register_model, type_callable
 
 LANES = 4
 LINE = np.uint64(8)  # numbers in a line of the cache, which `fetch` asks for
@@ -99,15 +98,21 @@ def compile_as(function, build, returned, *given):
     A function that numba inlines would cost every kernel seconds: each call of it is inferred anew.
     """
 
-    class Typed(AbstractTemplate):
-        key = function
-
-        def generic(self, args, kws):
-            if kws or len(args) != len(given):
-                return None
+    @type_callable(function)
+    def typed(context):
+        def signature(*args):
             return returned(*(arg if kind is types.Array else kind for arg, kind in zip(args, given, strict=True)))
 
-    infer_global(function)(Typed)
+        # numba reads the number of arguments from that of the function.
+        of_arguments = (
+            lambda: signature(),
+            lambda a: signature(a),
+            lambda a, b: signature(a, b),
+            lambda a, b, c: signature(a, b, c),
+            lambda a, b, c, d: signature(a, b, c, d),
+        )
+        return of_arguments[len(given)]
+
     lower_builtin(function, *given)(build)
 
 
@@ -156,15 +161,19 @@ def compile_operator(symbol, emit, flags=("contract",)):
     """Let compiled code take rows, or a number and a row, by what `emit` names of a builder's."""
     pairs = [(row_type, row_type), (types.float64, row_type), (row_type, types.float64)]
 
-    class Typed(ConcreteTemplate):
-        key = symbol
-        cases = [row_type(*pair) for pair in pairs]  # noqa: RUF012
+    @type_callable(symbol)
+    def typed(context):
+        def signature(one, other):
+            if row_type not in (one, other):
+                return None
+            return row_type(*(kind if kind == row_type else types.float64 for kind in (one, other)))
+
+        return signature
 
     def build(context, builder, signature, arguments):
         both = (_row_of(builder, kind, value) for kind, value in zip(signature.args, arguments, strict=True))
         return getattr(builder, emit)(*both, flags=flags)
 
-    infer_global(symbol)(Typed)
     for pair in pairs:
         lower_builtin(symbol, *pair)(build)
 
@@ -176,9 +185,12 @@ compile_operator(operator.mul, "fmul")
 compile_operator(operator.truediv, "fdiv", ())
 
 
-@infer_global(root)
-class Root(ConcreteTemplate):
-    cases = [row_type(row_type), types.float64(types.float64)]  # noqa: RUF012
+@type_callable(root)
+def _type_root(context):
+    def signature(x):
+        return row_type(row_type) if x == row_type else types.float64(types.float64)
+
+    return signature
 
 
 @lower_builtin(root, row_type)

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import FAST, KERNEL, kept
 from discsim.kernels.candidates import most_of, place
-from discsim.kernels.inner import FAST, GATHERING
 from discsim.kernels.lines import solve
 from discsim.kernels.smoothing import SUPPORT, shape
 
@@ -42,7 +42,7 @@ def moment_sums(kernel, dim, x, y, vx, vy, h, n, cx, cy, cm, cvx, cvy):
 def slope_driver(kernel: int, dim: int):
     """Compile the pass that writes d v_c / d x_a of each particle to slope[i, a, c]; 0 where neighbours lack."""
 
-    @njit(**GATHERING, fastmath=FAST)
+    @kept(**KERNEL, fastmath=FAST)
     def fit(first, last, lists, pos, vel, mass, h, slope, cells):
         order, start = cells.order, cells.start
         begin, slots = lists.begin, lists.slots

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner
+from discsim.jit.decorators import compiled, inner
 
 ONE, TWO, THREE = np.uint32(1), np.uint64(2), np.uint64(3)
 GAPS = (

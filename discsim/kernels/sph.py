@@ -30,8 +30,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import compiled, lean_sums, lean_sums_in_single
 from discsim.kernels.candidates import per_slab, place, window
-from discsim.kernels.inner import compiled, lean_sums, lean_sums_in_single
 from discsim.kernels.neighbours import LANES, whole
 from discsim.kernels.rows import fetch
 from discsim.kernels.smoothing import MEAN_Q2, NORM, SQUEEZED, factors, terms

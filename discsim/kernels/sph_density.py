@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from discsim.jit.decorators import FAST, INNER, kept, lean_sums, lean_sums_in_single
 from discsim.kernels.candidates import per_slab, place, window
-from discsim.kernels.inner import FAST, WITHIN, lean_sums, lean_sums_in_single
 from discsim.kernels.neighbours import LANES, whole
 from discsim.kernels.smoothing import NORM, SUPPORT, factors, terms
 from discsim.kernels.sph_packs import (
@@ -152,7 +152,7 @@ def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, memb
 
 
 # These are of double precision whatever the packs are.
-in_double = njit(**WITHIN, fastmath=FAST)
+in_double = kept(**INNER, fastmath=FAST)
 
 
 @in_double

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.kernels import SINGLES
 from discsim.kernels.neighbours import LANES
 
 NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
 CHUNK = 256
+SINGLES = 8  # numbers of single precision in a vector of 256 bits, as compilers choose it
 STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
 # Columns of `force_columns` too: the first eight are of one cache line.
 MASS, INV_H, PRESS, INV_RHO, VX, VY, SOUND, SWITCH, ENERGY, P, FLUIDITY, SXX, SXY, SYY = range(14)

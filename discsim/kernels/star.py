@@ -6,11 +6,10 @@ Sums over particles are exact (`kernels/totals.py`): the same bits on any number
 import math
 
 import numpy as np
-from numba import njit
 
+from discsim.jit.decorators import INNER, KERNEL, compiled, inner, kept
 from discsim.kernels.filling import SOME as ROOM
 from discsim.kernels.filling import with_room
-from discsim.kernels.inner import KERNEL, WITHIN, compiled, inner
 from discsim.kernels.totals import LIMBS, SOME, add_some
 
 ONE, TWO, THREE, FOUR = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
@@ -109,7 +108,7 @@ def squared(i, flat, x0, y0):
     return x * x + y * y
 
 
-@njit(**WITHIN, fastmath={"nnan", "nsz"})
+@kept(**INNER, fastmath={"nnan", "nsz"})
 def least_squared(first, last, flat, x0, y0):
     """The least of places `first` to `last`. Four by four: one number would be waited for at each place."""
     one = two = three = four = np.inf
@@ -130,7 +129,7 @@ def nearest(begin, end, pos, x0, y0):
     return least_squared(np.uint64(begin), np.uint64(end), pos.reshape(-1), x0, y0)
 
 
-@njit(**KERNEL, fastmath={"nnan", "nsz"})
+@kept(**KERNEL, fastmath={"nnan", "nsz"})
 def divide(begin, end, pos, squared_radius, x0, y0):
     """The least squared distance from (x0, y0) of positions (n, 2) that are not nearer than a distance that is given
     squared, and the numbers of those that are.

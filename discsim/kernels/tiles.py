@@ -4,10 +4,10 @@ grid, with the order in which sums go through these.
 
 import numpy as np
 
+from discsim.jit.decorators import compiled, inner
 from discsim.kernels import batches
 from discsim.kernels.filling import SOME, with_room
 from discsim.kernels.grid import stencil
-from discsim.kernels.inner import compiled, inner
 
 ONE, TWO, BATCH = np.uint64(1), np.uint64(2), np.uint64(batches.BATCH)
 FEW = 4  # tiles along a side, about a batch that is not looked at row by row

@@ -6,7 +6,7 @@ LIMBS limbs of 32 bits each, without any rounding: sums depend on no order, and 
 
 import numpy as np
 
-from discsim.kernels.inner import compiled, inner, subroutine
+from discsim.jit.decorators import compiled, inner, subroutine
 
 LIMBS = 67  # of which the last counts what is not finite
 NOT_FINITE = LIMBS - 1

@@ -1,6 +1,6 @@
 """Places along a Z-curve (Morton 1966): the bits of two whole numbers below 2^8, one after the other."""
 
-from discsim.kernels.inner import inner
+from discsim.jit.decorators import inner
 
 
 @inner

@@ -87,6 +87,9 @@ class Untold(Told):
     def say(self, text: str) -> None:
         pass
 
+    def compiling(self, count: int, name: str) -> None:
+        pass
+
     def step(self, state: State, dt: float, set_by: str) -> None:
         pass
 
@@ -119,7 +122,7 @@ class DividedRun(Run):
         super().__init__(scene, directory, quiet)
         self.comm, self.leads = comm, comm.rank == 0
         self.progress: Told = (Told if self.leads else Untold)(scene, quiet)
-        self.compilation.say = self.progress.say
+        self.compilation.progress = self.progress
 
     def led(self, do: Callable[[], Any]) -> Any:
         return led(self.comm, do)

@@ -58,6 +58,20 @@ class Progress:
             with suppress(OSError):  # perhaps the log itself is what failed
                 self.note(text)
 
+    def compiling(self, count: int, name: str) -> None:
+        """Before the compilation of a kernel, the `count`-th of the run: a frame or a line, when one is due."""
+        now = time.monotonic()
+        if count == 1:
+            self.say("compiling kernels that are not on disk yet: once, up to a minute for a scene with drag")
+            self._next_line = now + LINE_EVERY
+        if self.screen.has_frames and not self.quiet:
+            if now >= self._next_frame:
+                self._next_frame = now + FRAME_EVERY
+                self.screen.frame(f"compiling kernel {count}: {name}")
+        elif now >= self._next_line:
+            self._next_line = now + LINE_EVERY
+            self.say(f"compiling kernel {count}: {name}")
+
     def step(self, state: State, dt: float, set_by: str) -> None:
         """After each step: a frame or a line, when one is due."""
         now = time.monotonic()

@@ -13,7 +13,7 @@ from numba.core import event
 
 from discsim import __version__
 from discsim.initial import start_time
-from discsim.kernels import cache
+from discsim.jit import cache
 from discsim.output import hdf5
 from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other_version, write_checkpoint
 from discsim.output.files import command, written
@@ -75,7 +75,7 @@ def ended(run: Run, resume: bool) -> int:
             if of_numba_cache(fault) and fault.errno not in NO_HANDLES:
                 reason = fault.strerror or str(fault)
                 cure = "Make room there, or set NUMBA_CACHE_DIR to another directory"
-                fail(f"{cache.place}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
+                fail(f"{cache.folder()}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
             else:
                 fail(f"{system_message(fault, 'written', directory)}. {run.way_back()}")
             return NOT_WRITTEN
@@ -98,7 +98,7 @@ class Run:
     def __init__(self, scene: Scene, directory: Path, quiet: bool) -> None:
         self.scene, self.directory = scene, directory
         self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
-        self.compilation = Compilation(scene, self.progress.say)
+        self.compilation = Compilation(self.progress)
         self.checkpoints, self.figure = Checkpoints(directory), directory / "last_state.png"
         self.begun = self.saved = time.monotonic()
         self.saved_time: float | None = None
@@ -120,11 +120,10 @@ class Run:
         self.sim = self._simulation(resume)
         if self.sim.relaxed is not None:
             self.progress.say(str(self.sim.relaxed))
-        if cache.temporary:
+        if cache.is_temporary():
             why = "numba's own places cannot be written; NUMBA_CACHE_DIR names another"
-            self.progress.say(f"compiled kernels are kept in {cache.place}: {why}")
+            self.progress.say(f"compiled kernels are kept in {cache.folder()}: {why}")
         self._open(resume)
-        self.compilation.wait(self.interrupts)
         if not resume:
             self._output()
             self._save()
@@ -151,7 +150,6 @@ class Run:
         return f"{self.checkpoints.last} is of t = {self._show(self.saved_time)}; go on from it with: {command}"
 
     def close(self) -> None:
-        self.compilation.close()
         self.progress.close()
         if hasattr(self, "records"):
             with suppress(OSError):  # of a row that found no room: told already

@@ -24,7 +24,6 @@ from discsim.effects.base import Effect
 from discsim.initial import own
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError
-from discsim.numerics.memory import keep_freed
 from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import use_threads
 from discsim.output.checkpoint import (
@@ -80,7 +79,6 @@ class Simulation(Summarised):
         if faults := list(too_much(scene)):
             raise SceneError(faults)
         use_threads(scene.run.threads)
-        keep_freed()
         self.state, effects, self.relaxed = begun or begin(scene, given, to_restore)
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])

@@ -595,7 +595,6 @@ def outcomes(
 ) -> tuple[Counter[str], Counter[str]]:
     """How the scenes of these seeds end, and which parts those that ran have had. Raises with the scene."""
     patch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
-    patch.setattr("discsim.run.compilation.CORES", 1)
     ends: Counter[str] = Counter()
     seen: Counter[str] = Counter()
     for seed in seeds:

@@ -6,9 +6,8 @@ from runs import on_threads, state_bits
 from sums import uneven
 
 from discsim import Simulation
-from discsim.kernels import SINGLES
 from discsim.kernels.neighbours import LANES, whole
-from discsim.kernels.sph_packs import CHUNK, all_of
+from discsim.kernels.sph_packs import CHUNK, SINGLES, all_of
 
 ALL = {
     "eos": {"kind": "adiabatic", "gamma": 1.4},

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 import discsim
-from discsim.kernels import cache
+from discsim.jit import cache
 
 # A kernel of a file of its own, which compiles in a moment.
 CALLER = """
-from numba import njit
+from discsim.jit.decorators import compiled
 from discsim.kernels.laws import stopping_time
 
-@njit(cache=True)
+@compiled
 def slowing(grain):
     return stopping_time(1, grain, 1.0, 1.0, 1.0, 1.0)
 """

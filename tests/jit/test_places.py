@@ -4,14 +4,13 @@ import errno
 import os
 import stat
 import tempfile
-from pathlib import Path
 
 import pytest
-from numba import config, njit
 from numba.core import caching
 from runs import WAVE, at_step, scene_of
 
-from discsim.kernels import cache
+from discsim.jit import cache
+from discsim.jit.decorators import compiled
 from discsim.output.history import History
 from discsim.run.progress import Progress
 from discsim.run.runner import run_scene
@@ -56,50 +55,44 @@ def test_a_disk_that_fills_within_the_history(tmp_path, monkeypatch, capsys):
 # Compiled kernels
 
 
-def one_more(x):
-    return x + 1
-
-
 def test_a_full_disk_of_the_cache_is_not_the_directory_of_the_run(tmp_path, monkeypatch, capsys):
     def full(file, path):
         raise OSError(errno.ENOSPC, "No space left on device")
 
+    @compiled
+    def one_more(x):
+        return x + 1
+
     monkeypatch.setattr(caching.IndexDataCacheFile, "_open_for_write", full)
-    at_step(monkeypatch, 2, lambda sim: njit(cache=True)(one_more)(1))
+    at_step(monkeypatch, 2, lambda sim: one_more(1))
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     message = capsys.readouterr().err
-    assert message.startswith(f"{cache.place}: compiled kernels cannot be written: No space left on device. Make room ")
-    assert Path(cache.place).is_dir() and "NUMBA_CACHE_DIR" in message and len(message.splitlines()) == 1
+    place = cache.folder()
+    assert message.startswith(f"{place}: compiled kernels cannot be written: No space left on device. Make room ")
+    assert place.is_dir() and "NUMBA_CACHE_DIR" in message and len(message.splitlines()) == 1
 
 
 @pytest.fixture
 def read_only(tmp_path, monkeypatch):
-    """A file system on which nothing but the temporary directory can be written, as numba sees it."""
-    real = caching._CacheLocator.ensure_cache_path
+    """A file system on which nothing but the temporary directory can be written, as the kernels' folder sees it."""
+    real = cache._made
 
-    def ensure(locator):
-        if not Path(locator.get_cache_path()).is_relative_to(tmp_path):
+    def made(parent):
+        if not parent.is_relative_to(tmp_path):
             raise OSError(errno.EROFS, "Read-only file system")
-        real(locator)
+        return real(parent)
 
-    for name in ("_CacheLocator", "UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator"):
-        monkeypatch.setattr(getattr(caching, name), "ensure_cache_path", ensure)
+    monkeypatch.setattr(cache, "_made", made)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(config, "CACHE_DIR", "")
-    for name in ("place", "temporary"):
-        monkeypatch.setattr(cache, name, getattr(cache, name))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    cache.folder.cache_clear()
+    yield
+    cache.folder.cache_clear()
 
 
-def test_where_numba_finds_no_place_a_temporary_one_is_taken(tmp_path, read_only, capsys):
-    with pytest.raises(RuntimeError, match="no locator available"):
-        caching.CompileResultCacheImpl(one_more)
-    cache.ensure(one_more)
+def test_where_no_usual_place_can_be_written_a_temporary_one_is_taken(tmp_path, read_only, capsys):
     place = tmp_path / f"discsim-kernels-{os.getuid()}"
-    assert cache.temporary and cache.place == str(place) == config.CACHE_DIR == os.environ["NUMBA_CACHE_DIR"]
+    assert cache.folder().parent == place and cache.is_temporary()
     assert stat.S_IMODE(place.stat().st_mode) == 0o700
-    cache.ensure(one_more)
-    assert Path(cache.place).parent == place  # as numba names it
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
     said = [line for line in capsys.readouterr().out.splitlines() if "compiled kernels are kept" in line]
     assert len(said) == 1 and str(place) in said[0] and "NUMBA_CACHE_DIR" in said[0]
@@ -109,8 +102,8 @@ def test_a_place_that_others_may_write_is_not_taken(tmp_path, read_only):
     place = tmp_path / f"discsim-kernels-{os.getuid()}"
     place.mkdir()
     place.chmod(0o777)
-    cache.ensure(one_more)
-    assert cache.place != str(place) and stat.S_IMODE(os.stat(cache.place).st_mode) == 0o700
+    found = cache.folder().parent
+    assert found != place and stat.S_IMODE(os.stat(found).st_mode) == 0o700 and cache.is_temporary()
 
 
 def test_no_place_at_all_is_one_message(tmp_path, read_only, monkeypatch, capsys):
@@ -118,11 +111,7 @@ def test_no_place_at_all_is_one_message(tmp_path, read_only, monkeypatch, capsys
         raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found")
 
     monkeypatch.setattr(tempfile, "gettempdir", nowhere)
-
-    def simulation(scene, **_):
-        cache.ensure(one_more)
-
-    monkeypatch.setattr("discsim.run.runner.Simulation", simulation)
+    monkeypatch.setattr("discsim.run.runner.Simulation", lambda scene, **_: cache.folder())
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     wanted = "there is no place for compiled kernels: set NUMBA_CACHE_DIR to a directory that can be written\n"
     assert capsys.readouterr().err == wanted and not (tmp_path / "out").exists()

@@ -1,23 +1,18 @@
-"""Memory that a run frees stays with its process."""
+"""Settings of a process that runs a command."""
 
 import os
 import platform
 import subprocess
 import sys
-from pathlib import Path
 
-import numpy as np
 import pytest
-
-from discsim import Simulation
-from tests.helpers.scenes import WAVE
 
 SIZE = 1 << 26  # bytes, beyond the 32 MB above which glibc would give it back
 GIVEN_BACK = f"""
 import os
 from pathlib import Path
 import numpy as np
-from discsim.numerics.memory import keep_freed
+from discsim.cli.process import keep_freed
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 keep_freed()
@@ -29,21 +24,10 @@ print(held - resident() > {SIZE // 2})
 pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other libraries have no such setting")
 
 
-def resident():
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def test_a_freed_array_leaves_its_memory_for_the_next():
-    Simulation(WAVE)
-    array = np.ones(SIZE // 8)
-    held = resident()
-    del array
-    assert held - resident() < SIZE // 8  # other threads may free a little
-
-
 @pytest.mark.parametrize(
     "told, given_back",
     [
+        ({}, False),
         ({"MALLOC_TRIM_THRESHOLD_": "131072"}, True),
         ({"GLIBC_TUNABLES": "glibc.malloc.trim_threshold=131072"}, True),
         ({"GLIBC_TUNABLES": "glibc.rtld.optional_static_tls=512"}, False),

@@ -1,0 +1,1 @@
+"""Compiling: decorators of kernels, where compiled code is kept, and single precision."""
