@@ -26,7 +26,7 @@ SMALLEST = 8  # a thread has as many of the smallest pieces, or fewer: what othe
 def use_threads(number: int | None) -> None:
     """Let loops of this Python thread take `number` threads, at most as many (None: as many) as NUMBA_NUM_THREADS."""
     most = int(numba.config.NUMBA_NUM_THREADS)
-    teams.here.threads = most if number is None else min(number, most)
+    teams.allowed.set(most if number is None else min(number, most))
 
 
 def share(
@@ -95,7 +95,7 @@ def _run(
 ) -> list[Any]:
     if len(lengths) < 2:
         return [kernel(*part, *arguments) for part in parts]
-    return teams.share(teams.Loop(kernel, parts, arguments, lengths), threads - 1)
+    return teams.share(teams.Loop(kernel, parts, arguments, lengths), threads)
 
 
 def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
