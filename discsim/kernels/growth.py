@@ -24,8 +24,9 @@ from discsim.kernels.frame import kepler
 from discsim.kernels.laws import stopping_time
 
 register_jitable(error_model="numpy")(growth.layer)  # which another calls
-small_share, midplane_density, relative_speed, fragmentation_size = map(
-    inner, (growth.small_share, growth.midplane_density, growth.relative_speed, growth.fragmentation_size)
+small_share, midplane_density, relative_speed, fragmentation_size = (
+    inner(formula)
+    for formula in (growth.small_share, growth.midplane_density, growth.relative_speed, growth.fragmentation_size)
 )
 # Columns of what is about a dust particle: surface densities, c^2, dP/dr over Sigma_g, the velocity (5); then what
 # makes shares of W_ij and a mass, as (4) has it: 1 over their sum and b, of small dust and of gas.
