@@ -2,18 +2,19 @@
 
     python analysis/drift.py [-o OUT] [--gas sph|background] [--cases eps:St,...] [--schemes NAME,...] [--seeds N]
 
-sph: a ring of gas from .5 to 1.55 about a star, Sigma ~ 1/r between tapers of .2 (sharp edges send waves through it,
-and what viscosity makes of a taper must not reach the middle), H/r = .05, and as many dust as gas particles, evenly
-placed, both starting at the NSH velocities; means over orbits 2 to 12 at r = 1, |r - 1| < .12. For each case, scheme
-and seed it keeps one file in OUT, so that a stopped study goes on, and prints and writes (drift.csv, drift.png):
+sph: a ring of gas from .5 to 1.55 (`--outer`) about a star, Sigma ~ 1/r between tapers of .2 (sharp edges send waves
+through it, and what viscosity makes of a taper must not reach the middle), H/r = .05, and as many dust as gas
+particles, evenly placed, both starting at the NSH velocities; means over orbits 2 to 12 at r = 1, |r - 1| < .12. For
+each case, scheme and seed it keeps one file in OUT, so that a stopped study goes on, and prints and writes (drift.csv,
+drift.png):
 
     relative     radial velocity of dust minus that of gas at the same place, over NSH; what the drag alone answers for
     headwind     the gas's own acceleration over -(1/Sigma) dP/dr of the start: what SPH's noise and viscosity and the
                  ring's spreading leave of it; "of_headwind" is "relative" over it, the drag's own error
     means        mean over all dust minus mean over all gas in the window, over NSH: the same with the gas's own noise
     dust         over its own NSH drift
-    gas          over its own NSH drift, from the angular momentum of the gas that began within .25 of r = 1: 2 r dlnL/dt.
-                 The mean radial velocity sways by far more than it drifts
+    gas          over its own NSH drift, from the angular momentum L of the gas that began within .2 of r = 1, as
+                 2 r dlnL/dt: the mean radial velocity sways by far more than it drifts
     control      the same of gas alone, its acceleration by pressure divided by 1 + eps (H/r = .05/sqrt(1 + eps)):
                  what of its drift is SPH's own; "gas - control" is the rest
     error        standard error, from the means of ten batches
@@ -47,7 +48,7 @@ from discsim.parts import SCHEMES
 from discsim.study.scripts import some_of, write_csv
 
 ASPECT, SIGMA, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 1e-4, 0.5, 1.55, 0.2, 0.12, 10
-FOLLOWED = 0.25  # from r = 1, within which gas begins whose angular momentum tells its drift
+FOLLOWED = 0.2  # from r = 1, within which gas begins whose angular momentum tells its drift
 CASES = "0.01:0.1,0.01:0.01,1:0.1,1:0.01,0.01:0.001,0.01:1,1:0.001,1:1"
 STOKES = (1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4, 1e6)
 SIZES = ("1 um", "1 mm", "10 cm", "1 m", "3 m", "10 m", "100 m", "1 km")
@@ -72,19 +73,21 @@ COLUMNS = (
 )
 
 
-def ring(ratio: float, stokes: float, scheme: str, seed: int, particles: int, dust: int, gas_keys: dict) -> Simulation:
-    """The ring; a scheme "control" has no dust, and its gas 1/(1 + eps) of the pressure."""
+def ring(
+    ratio: float, stokes: float, scheme: str, seed: int, particles: int, dust: int, gas_keys: dict, outer: float = OUTER
+) -> Simulation:
+    """The ring, to the radius `outer`; a scheme "control" has no dust, and its gas 1/(1 + eps) of the pressure."""
     control = scheme == "control"
     aspect = ASPECT / np.sqrt(1 + ratio) if control else ASPECT
     scene = {
         "units": {"system": "code"},
         "run": {"until": 1e9, "seed": seed},
-        "space": {"size": 4.0, "cells": 1024},
+        "space": {"size": 2.0 * outer + 0.9, "cells": 1024},
         "initial": {
             "kind": "disc",
             "surface_density": SIGMA,
             "inner": INNER,
-            "outer": OUTER,
+            "outer": outer,
             "inner_taper": TAPER,
             "outer_taper": TAPER,
         },
@@ -251,10 +254,11 @@ def study(given, cases: list[tuple[float, float]]) -> list[dict]:
 
         def run(ratio: float, stokes: float, scheme: str, seed: int) -> dict:
             name = f"{scheme}-eps{ratio:g}" + ("" if scheme == "control" else f"-St{stokes:g}")
+            name += f"-outer{given.outer:g}" if given.outer != OUTER else ""
             file = given.out / f"drift-{name}-seed{seed}.json"
             if not file.exists():
                 task = progress.add_task(file.stem, total=1.0)
-                sim = ring(ratio, stokes, scheme, seed, given.particles, given.dust, keys)
+                sim = ring(ratio, stokes, scheme, seed, given.particles, given.dust, keys, given.outer)
                 found = measure(sim, given.orbits, lambda share: progress.update(task, completed=share))
                 file.write_text(json.dumps(found))
             return json.loads(file.read_text())
@@ -348,6 +352,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--particles", type=int, default=100_000)
     parser.add_argument("--dust", type=int, default=100_000)
     parser.add_argument("--orbits", type=float, nargs=2, default=(2.0, 12.0))
+    parser.add_argument("--outer", type=float, default=OUTER, metavar="R", help=f"of the ring (default {OUTER:g})")
     parser.add_argument("--gas-keys", default=json.dumps(GAS), help="table [gas] as JSON")
     given = parser.parse_args(arguments)
     console = Console(width=190)
