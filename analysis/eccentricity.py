@@ -44,7 +44,7 @@ class Mode(NamedTuple):
 
 
 def mode_of(path: Path, scene: Scene, inner: float, outer: float) -> Mode:
-    """Of the gas between two radii. Raises Fault."""
+    """Return the mode of the gas between two radii. Raises Fault."""
     snap = read_snapshot(path)
     gas = snap.gas
     if gas is None or not scene.star:
@@ -98,7 +98,7 @@ def main(arguments: list[str] | None = None) -> int:
     Console(width=100).print(table)
     grows = growth_time(modes, given.low, given.high)
     if grows is None:
-        print(f"no {LEAST} snapshots between e = {given.low:g} and {given.high:g}: no growth is told")
+        print(f"no {LEAST} snapshots between e = {given.low:g} and {given.high:g}: no growth time")
     else:
         print(f"{'grows' if grows > 0.0 else 'falls'} by a factor of e in {scene.units.show_time(abs(grows))}")
     return 0

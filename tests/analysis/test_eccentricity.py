@@ -48,7 +48,7 @@ def test_the_growth_of_a_known_eccentricity(tmp_path, capsys):
     assert float(last.split()[-2]) == pytest.approx(3e-5 * np.exp(60.0 / 7.9), rel=0.02)  # lattice: few per cent
     assert said.startswith("grows by a factor of e in ") and float(said.split()[-1]) == pytest.approx(7.9, rel=1e-3)
     assert measure.main([str(run_of(tmp_path / "two", 7.9, mode=2))]) == 0
-    assert "no growth is told" in capsys.readouterr().out
+    assert "no growth time" in capsys.readouterr().out
 
 
 def test_decay_and_radii(tmp_path, capsys):
