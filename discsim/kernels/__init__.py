@@ -1,5 +1,7 @@
-"""Loops for numba. All take the same options where they can: numba compiles what it brings itself (np.empty, min, ...)
-once for each set of options, and each number given literally to a function makes a version of it. An array assigned to
-a slice of another takes two seconds to compile, as numba brings the text of an error about shapes with it, and all that
-puts texts together: a loop takes none of that.
+"""Loops compiled by numba.
+
+All kernels use the same compile options where possible. numba compiles its own functions (np.empty, min, ...) once
+per set of options, and one specialisation per literal argument. Assigning an array to a slice of another array takes
+two seconds to compile, as numba compiles an error message about shapes and all its string formatting with it. Kernels
+copy by loops instead.
 """

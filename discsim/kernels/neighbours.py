@@ -1,9 +1,9 @@
-"""Neighbour search on cell-sorted grids, one grid a size class of support radii.
+"""Neighbour search on cell-sorted grids, one grid for each size class of support radii.
 
-Particles whose support radius R lies in (s/2, s] share a grid with cells of side >= CELL_OVER_REACH s, so that
-strongly varying smoothing lengths never make a cell with many small particles search far. What surrounds a cell is
-looked up on every grid, column by column: the cells of a column follow each other, and so do their particles. On
-periodic axes it is looked up in every turn of the box that it reaches into.
+Particles whose support radius R lies in (s/2, s] share a grid with cells of side >= CELL_OVER_REACH s. Strongly
+varying smoothing lengths therefore never make a cell with many small particles search far. The surroundings of a cell
+are searched on every grid, column by column: the cells of a column are adjacent in memory, and so are their
+particles. On periodic axes the search covers every image of the box within reach.
 """
 
 from typing import NamedTuple
@@ -13,25 +13,26 @@ from numba import njit
 
 from discsim.jit.decorators import compiled
 
-# Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R held. A grid
-# may be a part of one, near some of the particles: its first column and row in the whole, and how many that has.
+# Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R in the grid. A
+# table may hold only the part of a grid near some of the particles: FROM_X and FROM_Y are the first column and row of
+# the part in the whole grid, ALL_X and ALL_Y the numbers of columns and rows of the whole grid.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH, FROM_X, FROM_Y, ALL_X, ALL_Y = range(10)
 MAX_CLASSES = 24
-WIDE = np.uint64(32)  # four vectors that do not wait for each other
-LANES = 8  # candidates come in whole vectors, the last filled up with some of no mass: rests of a loop are slow
+WIDE = np.uint64(32)  # accumulators: four independent vectors overlap their latencies
+LANES = 8  # candidates are padded with massless ones to whole vectors: loop remainders are slow
 
-# Side of a cell over the largest support radius held: smaller wastes fewer pairs, larger shares more packing.
+# Side of a cell over the largest support radius: smaller cells waste fewer pairs, larger ones share packing more.
 CELL_OVER_REACH = 1.0
 
 
 class Cells(NamedTuple):
-    """Particles sorted by cell. `x`, `y` and `radius` are in the order of the cells, particle `order[k]` at k."""
+    """Particles sorted by cell. `x`, `y` and `radius` are in cell order: index k holds particle `order[k]`."""
 
-    filled: np.ndarray  # the cells that hold any
-    key: np.ndarray  # each particle's cell
+    filled: np.ndarray  # cells that hold particles
+    key: np.ndarray  # cell of each particle
     grids: np.ndarray
     order: np.ndarray
-    start: np.ndarray  # where in it each cell begins
+    start: np.ndarray  # index in `order` at which each cell begins
     x: np.ndarray
     y: np.ndarray
     radius: np.ndarray
@@ -43,9 +44,9 @@ class Cells(NamedTuple):
 
 @compiled
 def extremes(first, last, values):
-    """Least and largest (2, columns) of one or two columns of values (n, columns), of those that are numbers."""
+    """Return the least and largest values (2, columns) of one or two columns of `values` (n, columns), ignoring NaN."""
     columns, some = values.shape[1], values[first:last].reshape(-1)
-    out, least, most = np.empty((2, columns)), np.full(WIDE, np.inf), np.full(WIDE, -np.inf)  # of entries WIDE apart
+    out, least, most = np.empty((2, columns)), np.full(WIDE, np.inf), np.full(WIDE, -np.inf)  # of every WIDE-th entry
     count = np.uint64(len(some))
     whole = count // WIDE * WIDE
     for begin in range(np.uint64(0), count, WIDE):
@@ -61,9 +62,10 @@ def extremes(first, last, values):
 
 @compiled
 def size_classes(first, last, h, extent, edges, out):
-    """Class of each support radius, `extent` times h: out (n,). `edges` (MAX_CLASSES,) are the largest of each.
+    """Write the size class of each support radius, `extent` times h, to `out` (n,).
 
-    Returns (2, MAX_CLASSES): how many are in each class, and its largest radius.
+    `edges` (MAX_CLASSES,) are the largest radii of the classes. Returns (2, MAX_CLASSES): the number of particles in
+    each class, and its largest radius.
     """
     found = np.zeros((2, MAX_CLASSES))
     for i in range(np.uint64(first), np.uint64(last)):
@@ -78,20 +80,22 @@ def size_classes(first, last, h, extent, edges, out):
 
 @compiled
 def cell_keys(first, last, pos, classes, grids, per_side, low, out):
-    """Write the cell of each particle to `out` (n,); per_side (grids, 2): cells in a length along x and y."""
+    """Write the cell of each particle to `out` (n,). `per_side` (grids, 2) is the number of cells per length along x
+    and y.
+    """
     for i in range(np.uint64(first), np.uint64(last)):
         g = classes[i]
         x, y = (pos[i, 0] - low[0]) * per_side[g, 0] - grids[g, FROM_X], 0.0
         if pos.shape[1] == 2:
             y = (pos[i, 1] - low[1]) * per_side[g, 1] - grids[g, FROM_Y]
-        x = min(x if x > 0.0 else 0.0, grids[g, NX] - 1.0)  # also what is not a number
+        x = min(x if x > 0.0 else 0.0, grids[g, NX] - 1.0)  # 0 also for NaN
         y = min(y if y > 0.0 else 0.0, grids[g, NY] - 1.0)
         out[i] = int(grids[g, FIRST]) + int(x) * int(grids[g, NY]) + int(y)
 
 
 @compiled
 def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
-    """Positions and support radii in the order of the cells, and the bounds of each cell."""
+    """Write positions and support radii in cell order, and the bounds of each cell."""
     dim = pos.shape[1]
     for c in range(first, last):
         x0, x1, y0, y1, reach = np.inf, -np.inf, np.inf, -np.inf, 0.0
@@ -107,7 +111,7 @@ def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
 
 @compiled
 def widen(some, extent, h, cells):
-    """Let the support radii of the particles in `some` cells be `extent` h (n,), in place."""
+    """Set the support radii of the particles in the cells `some` to `extent` h (n,), in place."""
     for cell in some:
         reach = 0.0
         for k in range(cells.start[cell], cells.start[cell + 1]):
@@ -122,5 +126,5 @@ def widen(some, extent, h, cells):
 
 @njit(nogil=True, inline="always")
 def whole(n):
-    """n candidates filled up to whole vectors."""
+    """Return the number n of candidates, rounded up to whole vectors."""
     return (n + LANES - 1) & -LANES

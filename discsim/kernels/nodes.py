@@ -1,35 +1,37 @@
 """Implicit drag between nodes of a lattice: gathered, relaxed and scattered with one set of weights.
 
-Nodes J are the centres of cells, w the weights of the triangular-shaped cloud (Hockney & Eastwood 1988, ch. 5) in
-units of the cell. Of each species s a node holds
+Nodes J are the centres of cells, w the weights of the triangular-shaped cloud (TSC; Hockney & Eastwood 1988, ch. 5)
+in units of the cell. For each species s a node holds
 
     M_s = sum m w,   X_s = sum m w x / M_s,   V_s = sum m w y / M_s,   A_s = sum m w b / M_s              (1)
 
-with y velocities (relative to Kepler's about a star) and b sources. The slip is that at the gas's centroid,
+with y velocities (relative to Kepler's about a star) and b sources, the accelerations of this species alone. The slip
+is that at the gas's centroid,
 
     V_s + G (X_g - X_s) - V_g,                                                                           (2)
 
-G the slope pooled within species over the nine cells about the node; that of the sources is at the node itself,
+G the velocity slope pooled within species over the nine cells about the node. The slip of the sources is that at the
+node itself,
 
     A_s - B_s X_s - (A_g - B_g X_g),                                                                     (2b)
 
-B_s the slope of a species' own sources there: where t_stop << dt the drag takes back nearly all that they do in a
-step, and sources linear in space leave no error then. The slip relaxes exactly with the sources inside, which changes
-the velocities by D_s, sum_s M_s D_s = 0, and a particle's by
+B_s the slope of a species' own sources there. Where t_stop << dt the drag undoes nearly all that the sources do in a
+step, and with (2b) sources linear in space then leave no error. The slip relaxes exactly, sources included. This
+changes the velocities by D_s, with sum_s M_s D_s = 0, and the velocity of a particle by
 
     sum_J w_J D_s,J,                                                                                     (3)
 
-so that momentum is exact. In two dimensions what the offset of the two centroids makes of angular momentum,
+so that momentum is exact. In two dimensions the offset between the centroids changes the angular momentum by
 
-    sum_s M_s X_s x D_s,                                                                                 (4)
+    sum_s M_s X_s x D_s.                                                                                 (4)
 
-is taken from the gas about the node as a rotation about its centroid, scattered with the same weights. What is left
-of a particle beside the line of its own species in its cell decays at the species' own rate.
+A rotation of the gas at the node about its centroid, scattered with the same weights, cancels (4). The deviation of a
+particle's velocity from the linear fit of its own species in its cell decays at the species' own rate.
 
-The particles of a cell are columns, `nodes_columns`. Five parts: `nodes_gather` makes (1), of many classes of grains
-`nodes_grains`, `nodes_fit` G and B, `nodes_relax` (2) and (3), `nodes_sharpen` gives back what the clouds smoothed away
-and makes (4), `nodes_scatter` changes the particles.
-In one dimension the second components are there, and are 0.
+The particles of a cell are packed in columns (`nodes_columns`). `nodes_gather` computes (1), `nodes_grains` (1) for
+many classes of grains, `nodes_fit` G and B, and `nodes_relax` (2) and (3). `nodes_sharpen` restores what the clouds
+smoothed away and computes the rotation that cancels (4). `nodes_scatter` changes the particles. In one dimension the
+second components exist and are 0.
 """
 
 from typing import NamedTuple
@@ -38,26 +40,29 @@ import numpy as np
 
 from discsim.kernels.rows import LANES
 
-# A particle as the nodes see it: ONE, its place (2) from the middle of its cell in sides, what the law of the drag
-# needs of the gas, velocity (2) and source (2), two rows of LANES. Of the particle itself its mass is kept in place of
-# ONE, and once the nodes have it, the norm of its weights in place of RHO.
+# Fields of a particle that nodes sum, two vectors of LANES: 1, position (2) from the centre of its cell in sides, the
+# density that the drag law takes, velocity (2) and source (2). In the columns of the particles MASS replaces ONE and,
+# after the gather, the norm of the weights replaces RHO.
 ONE, X, Y, RHO, VX, VY, BX, BY, FIELDS = range(9)
 MASS, NORM = ONE, RHO
-# A cell's own moments of these: weighed with m, m x and m y.
+# A cell's own moments of these fields: with the weights m, m x and m y.
 WHOLE, BY_X, BY_Y = range(3)
-# What a node brings to the particles of a species, a row: change of velocity (2), where there is a rotation with that
-# of the centre that it is about; rotation; rate.
+# Values that a node scatters to the particles of a species, one vector: change of velocity at the node (2), which
+# includes that by the rotation; rate of rotation; rate of drag.
 DX, DY, SPIN, RATE = range(LANES)
-# A slope: d/dx of both components, then d/dy.
+# Components of a slope: d/dx of both velocity components, then d/dy.
 XX, XY, YX, YY = range(4)
-LEAST_INERTIA = 0.01  # over mass times side^2: the least for gas about a node to be turned, and for a slope of sources
+LEAST_INERTIA = 0.01  # over mass times side^2: minimum for the rotation of gas and for slopes of sources
 
 
 class Cells(NamedTuple):
-    """The cell of each block: its `corner` (n, 2), `side` (n,) and the node at its centre, `home` (n,). Each species
-    in it has a slot, `slot` (n, species): the gas that of the block's number, absent dust -1. What it gives to the
-    nodes about is `given` (slots, 9, FIELDS), its own moments `own` (slots, 3, FIELDS). `period` (2,): of space, inf
-    where it is open.
+    """Drag cells, one for each block, and their sums.
+
+    `corner` (n, 2); `side` (n,); `home` (n,): the node at the centre. `slot` (n, species): row of each species of a
+    cell in the sums; that of the gas is the block's index, that of absent dust -1. `given` (slots, 9, FIELDS):
+    contributions to the nine nodes about the cell. `own` (slots, 3, FIELDS): own moments. `total` (n, 3, FIELDS):
+    moments of all the dust, and `share` (grains,): mass over the sum of weights, both of grains taken one by one
+    (`nodes_grains`), else without entries. `period` (2,): of space, inf where it is open.
     """
 
     corner: np.ndarray
@@ -72,9 +77,11 @@ class Cells(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """The nodes in reach of cells: the nodes and the cells about each, `about` and `near` (n, 9), -1 where there is
-    none, and its place `centre` (n, 2). `sums` (n, species, FIELDS): eq. (1) times M, places from the node; `square`
-    (n,): sum m w x^2 of the gas, without entries if nothing is to turn.
+    """Nodes in reach of cells, and their sums.
+
+    `about` (n, 9): the nodes about each node; `near` (n, 9): the cells about it; both -1 where there is none.
+    `centre` (n, 2): position. `sums` (n, species, FIELDS): eq. (1) times M, positions from the node. `square` (n,):
+    sum m w x^2 of the gas, without entries if there is no rotation.
     """
 
     about: np.ndarray
@@ -85,8 +92,10 @@ class Nodes(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Slopes about nodes, in sides: of the velocities pooled within species (n, 4), of each species' sources
-    (n, species, 4), and whether it has one there (n, species).
+    """Slopes at nodes, per side of a cell.
+
+    `pooled` (n, 4): of velocities, pooled within species. `source` (n, species, 4): of each species' sources, and
+    `known` (n, species): whether that slope exists.
     """
 
     pooled: np.ndarray
@@ -95,8 +104,10 @@ class Slopes(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What the drag changes at nodes: velocities by the slip and by sources (n, species, 2), at which `rate`
-    (n, species), and the reduced `mass` (n, species) that it is done with.
+    """Changes by the drag at nodes.
+
+    `slip` and `drive` (n, species, 2): velocity changes by the slip and by sources. `rate` (n, species): rate of the
+    drag. `mass` (n, species): reduced mass of gas and species.
     """
 
     slip: np.ndarray
@@ -106,9 +117,11 @@ class Change(NamedTuple):
 
 
 class Sharp(NamedTuple):
-    """The same as particles take it: `value` (n, species, LANES), what a node brings to each species, places from it,
-    and `slope` (n, 4) of the velocities. `heat` (n,), and `turn` (n, 2, LANES), what the rotation does and what it does
-    no work on (`nodes_heat`): without entries if heat goes nowhere.
+    """Changes at nodes after sharpening, as particles take them.
+
+    `value` (n, species, LANES): values that a node scatters to each species, positions from the node. `slope` (n, 4):
+    of velocities. `heat` (n,) and `turn` (n, 2, LANES), the rotation and the motion on which it does no work
+    (`nodes_heat`), have no entries if the heat is not used.
     """
 
     value: np.ndarray

@@ -1,9 +1,9 @@
-"""Particles of a cell as its nodes see them (`kernels/nodes.py`), in columns: LANES particles at once.
+"""Columns of the particles of a cell for the nodes (`kernels/nodes.py`): LANES particles at once.
 
-The FIELDS of a population in a block are columns of n entries one after the other, n the number of its particles filled
-up to whole rows: what fills up is as the last particle, and has no mass. Columns of all blocks are more than caches
-hold: a population without sources has none for them, and that of a density or norm is touched only where there is one.
-Loops are few, as a block may have few particles: where a loop ends is what a processor guesses wrong.
+The FIELDS of a population in a block are consecutive columns of n entries, n the number of its particles padded to
+whole vectors. Padding copies the last particle, with mass 0. The columns of all blocks exceed the caches. A
+population without sources therefore has no columns for them, and that of a density or norm is touched only where
+there is one. Loops are few because a block may have few particles: processors mispredict the end of each loop.
 """
 
 import math
@@ -17,24 +17,25 @@ from discsim.kernels.nodes import BX, BY, FIELDS, MASS, ONE, RHO, VX, VY, X, Y
 from discsim.kernels.nodes_weights import cloud
 from discsim.kernels.rows import LANES, LINE, empty_row, fetch, load, store
 
-# Columns that a block has while it is summed: the weights on the nine nodes times the mass; which way orbits turn, then
-# norms of weights.
+# Scratch columns of a block: the weights on the nine nodes times the mass, then one for the sense of orbits and later
+# for the norms of weights.
 SENSE, NORMS, ROOM = 9, 9, 10
 
 
 @inner
 def filled(count):
-    """Entries of a column of `count` particles."""
+    """Return the length of a column of `count` particles, padded to whole vectors."""
     return (count + LANES - 1) & -LANES
 
 
 @lean
 def find_slots(gas_start, dust_start, slot, gas_rows, dust_rows):
-    """Where sums and columns of blocks are, from where their gas, and their dust by population, starts.
+    """Find the sums and columns of blocks, from the starts of their gas and, by population, of their dust.
 
-    Writes where in sums each species of a block is, `slot` (blocks, species): the gas of all first, then what dust
-    there is, -1 where there is none; and how many rows of LANES columns come before those of each population in each
-    block, (blocks + 1,) of the gas and (blocks times populations + 1,) of the dust. Returns how many slots there are.
+    Writes the row of each species of a block in the sums, `slot` (blocks, species): first the gas of all blocks, then
+    the dust that is present, -1 where there is none. Writes how many vectors of LANES particles precede those of each
+    population in each block: `gas_rows` (blocks + 1,) and `dust_rows` (blocks times populations + 1,). Returns the
+    number of slots.
     """
     count, kinds = slot.shape[0], slot.shape[1] - 1
     slots, gas_rows[0], dust_rows[0] = count, 0, 0
@@ -52,7 +53,7 @@ def find_slots(gas_start, dust_start, slot, gas_rows, dust_rows):
 
 @inner
 def most_in(block_from, block_to, kind):
-    """Entries of the longest column of a population in a block."""
+    """Return the length of the longest column of a population in the blocks."""
     most = 0
     for part in range(block_from * kind.number, block_to * kind.number):
         most = max(most, kind.start[part + 1] - kind.start[part])
@@ -61,7 +62,7 @@ def most_in(block_from, block_to, kind):
 
 @inner
 def take_plane(first, count, n, kind, dense, begin, column):
-    """Of particles in two dimensions what their arrays hold."""
+    """Copy particles in two dimensions from their arrays to columns."""
     start, last, sources = np.uint64(first), np.uint64(count - 1), len(kind.own) > 0
     mass, x, y = np.uint64(begin + MASS * n), np.uint64(begin + X * n), np.uint64(begin + Y * n)
     u, v, rho = np.uint64(begin + VX * n), np.uint64(begin + VY * n), np.uint64(begin + RHO * n)
@@ -79,7 +80,9 @@ def take_plane(first, count, n, kind, dense, begin, column):
 
 @inner
 def fetch_next(first, count, kind):
-    """What `take` goes through next, of as many particles as the block before has: they lie here and there."""
+    """Prefetch the particles that `take` copies next, assuming as many as in this block: they are scattered in
+    memory.
+    """
     start, end, dim = np.uint64(first), np.uint64(min(first + count, len(kind.order))), np.uint64(kind.vel.shape[1])
     for k in range(start, end):
         i = dim * kind.order[k]
@@ -89,7 +92,7 @@ def fetch_next(first, count, kind):
 
 @inner
 def take_line(first, count, n, kind, dense, begin, column):
-    """The same in one dimension, where second components are 0."""
+    """Copy particles in one dimension from their arrays to columns; second components are 0."""
     for at in range(n):
         i, into = kind.order[first + (at if at < count else count - 1)], begin + at
         column[into + MASS * n] = kind.mass[i] if at < count else 0.0
@@ -103,8 +106,9 @@ def take_line(first, count, n, kind, dense, begin, column):
 
 @inner
 def fetch_columns(n, sources, begin, column):
-    """Ask memory for what comes after the columns of a block, as much as these: those of the next one, which are more
-    than caches hold. Who writes them would wait as much as who reads.
+    """Prefetch the memory behind the columns of a block, as much as they take: the columns of the next block.
+
+    Columns exceed the caches, and a write to memory that is not cached waits as long as a read.
     """
     length = (FIELDS if sources else BX) * n
     for at in range(np.uint64(begin + length), np.uint64(begin + 2 * length), LINE):
@@ -113,14 +117,14 @@ def fetch_columns(n, sources, begin, column):
 
 @inner
 def wrap(f, n, corner, period, begin, column):
-    """Places in a periodic space beyond the corner of the cell."""
+    """Shift positions in a periodic space to less than a period above the corner of the cell."""
     for at in range(begin + f * n, begin + (f + 1) * n):
         column[at] -= period * math.floor((column[at] - corner) / period)
 
 
 @inner
 def to_cell(block, n, cells, flat, begin, column):
-    """Places from the middle of the cell, in sides."""
+    """Convert positions to sides of the cell, from its centre."""
     inverse, x0, y0 = 1.0 / cells.side[block], cells.corner[block, 0], cells.corner[block, 1]
     for at in range(begin, begin + n, LANES):
         store(column, at + X * n, inverse * (load(column, at + X * n) - x0) - 0.5)
@@ -130,7 +134,7 @@ def to_cell(block, n, cells, flat, begin, column):
 
 @inner
 def leave_orbits(block, n, cells, frame, begin, column, room):
-    """Velocities relative to Kepler's, `frame`."""
+    """Convert velocities to those relative to Kepler's in the `frame`."""
     side, several, sense = cells.side[block], len(frame.sense) > 1, empty_row() + frame.sense[0]
     x0, y0 = cells.corner[block, 0] + 0.5 * side, cells.corner[block, 1] + 0.5 * side
     if several:
@@ -149,7 +153,7 @@ def leave_orbits(block, n, cells, frame, begin, column, room):
 
 @inner
 def take(block, first, count, n, kind, cells, frame, law, begin, column, room):
-    """The columns of some particles of a block, from element `begin` on."""
+    """Write the columns of `count` particles of a block, from element `begin` on."""
     flat, dense = kind.pos.shape[1] == 1, len(kind.density) > 0
     if flat:
         take_line(first, count, n, kind, dense, begin, column)
@@ -169,7 +173,7 @@ def take(block, first, count, n, kind, cells, frame, law, begin, column, room):
 
 @inner
 def weigh(n, flat, begin, column, room):
-    """Weights on the nine nodes times the mass."""
+    """Write the weights on the nine nodes times the mass to `room`."""
     for into in range(0, n, LANES):
         m = load(column, begin + MASS * n + into)
         u0, u1, u2 = cloud(load(column, begin + X * n + into))
@@ -190,7 +194,7 @@ def weigh(n, flat, begin, column, room):
 
 @inner
 def is_ragged(home, flat, about, sums):
-    """Whether some of the nodes about a cell's have no gas."""
+    """Return whether any of the nodes about the node `home` has no gas."""
     for k in range(9):
         n = about[home, k]
         if (n < 0 or sums[n, 0, ONE] <= 0.0) and not (flat and k % 3 != 1):
@@ -200,8 +204,10 @@ def is_ragged(home, flat, about, sums):
 
 @inner
 def leave_out(home, n, about, sums, begin, column, room):
-    """No weight on nodes without gas. The norm of a particle's weights is one over their sum as it was, 0 where none
-    has gas, and of what fills up.
+    """Set the weights on nodes without gas to 0, and normalise the others.
+
+    The norm of a particle's weights is one over the sum of those on nodes with gas, 0 where there is no such node,
+    and 0 for padding.
     """
     for at in range(n):
         whole = 0.0

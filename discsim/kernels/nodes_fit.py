@@ -1,4 +1,4 @@
-"""Fit: slopes about a node (`kernels/nodes.py`), of velocities pooled within species and of each species' sources."""
+"""Slopes at a node (`kernels/nodes.py`), of velocities pooled within species and of each species' sources."""
 
 from discsim.jit.decorators import inner, lean
 from discsim.kernels.lines import solve
@@ -6,13 +6,15 @@ from discsim.kernels.nodes import BX, FIELDS, LEAST_INERTIA, ONE, VX, XX, XY, YX
 from discsim.kernels.nodes_grains import moments_within
 from discsim.kernels.rows import LANES, empty_row, lane, load
 
-ROUNDING = 1e-9  # over mass times side^2: inertia of particles at one place, but for rounding
+ROUNDING = 1e-9  # over mass times side^2: inertia of coincident particles, by rounding
 
 
 @inner
 def moments_about(n, s, near, slot, own):
-    """Mass and second moments of place (xx, xy, yy) of a species in the nine cells about a node, and those of x and of
-    y with velocity and source, a row each; nearer cells count more.
+    """Return the moments of a species in the nine cells about a node; nearer cells have larger weights.
+
+    These are mass, second moments of position (xx, xy, yy), and two vectors: the moments of x and of y with velocity
+    and source.
     """
     mass, by_x, by_y, ii, ij, jj = empty_row(), empty_row(), empty_row(), 0.0, 0.0, 0.0
     shift_x, shift_y, motion, along, across = empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
@@ -21,7 +23,7 @@ def moments_about(n, s, near, slot, own):
         cell = slot[block, s] if block >= 0 else -1
         if cell < 0:
             continue
-        # About the node, which lies at (-i, -j) from the cell's middle.
+        # Relative to the node, which lies at (-i, -j) from the cell's centre.
         i, j, at = k // 3 - 1.0, k % 3 - 1.0, cell * 3 * FIELDS
         w = (0.5 if i == 0.0 else 0.25) * (0.5 if j == 0.0 else 0.25)
         row, moves = w * load(own, at), w * load(own, at + LANES)
@@ -48,7 +50,7 @@ def moments_about(n, s, near, slot, own):
 
 @inner
 def slope_of(mass, xx, xy, yy, along, across, f, dim):
-    """Whether there is a slope of lanes f and f + 1, and the slope, 0 where there is none."""
+    """Return whether lanes f and f + 1 have a slope, and this slope, 0 where there is none."""
     if xx + yy <= ROUNDING * mass:
         return False, 0.0, 0.0, 0.0, 0.0
     return solve(xx, xy, yy, lane(along, f), lane(along, f + 1), lane(across, f), lane(across, f + 1), dim, 1.0)
@@ -57,7 +59,7 @@ def slope_of(mass, xx, xy, yy, along, across, f, dim):
 @inner
 def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
     mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
-    grains = len(cells.total) > 0  # of many classes, which have no sources
+    grains = len(cells.total) > 0  # grains taken one by one have no sources
     for s in range(1 if grains else nodes.sums.shape[1]):
         if not (s == 0 or two_way or sourced[s]):
             continue
@@ -84,8 +86,9 @@ def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
 
 @lean
 def fit(node_from, node_to, cells, nodes, dim, two_way, sourced, slopes):
-    """Slopes about the nodes: of the velocities, where there is gas (of the gas alone for one-way drag), and of the
-    sources of those species that have any.
+    """Fit the slopes at nodes, of velocities and of the sources of species that have any.
+
+    Velocities have a slope where there is gas; for one-way drag it is that of the gas alone.
     """
     for n in range(node_from, node_to):
         fit_node(n, cells, nodes, dim, two_way, sourced, slopes)

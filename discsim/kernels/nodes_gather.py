@@ -1,4 +1,4 @@
-"""Gather: what the particles of each cell give to its nine nodes, and eq. (1) of `kernels/nodes.py`."""
+"""Gather from the particles of each cell to its nine nodes, and the sums at nodes, eq. (1) of `kernels/nodes.py`."""
 
 import numpy as np
 
@@ -21,15 +21,17 @@ from discsim.kernels.rows import LANES, empty_row, lane, load, store, sums_of
 
 @inner
 def sum_columns(half, more, n, k, begin, column, room, given, at):
-    """What a cell gives to the nodes k, k + 1 and k + 2: mass, places and density, or velocities and sources, as `half`
-    is ONE or VX; density or sources only if there are any, `more`.
+    """Write a cell's contributions to the nodes k, k + 1 and k + 2.
+
+    `half` is ONE for mass, position and density, VX for velocity and source. `more`: whether there is a density or
+    source.
     """
     a, b, c, d = empty_row(), empty_row(), empty_row(), empty_row()
     e, f, g, h = empty_row(), empty_row(), empty_row(), empty_row()
     i, j, l, m = empty_row(), empty_row(), empty_row(), empty_row()
     for p in range(0, n, LANES):
         u, v, w = load(room, k * n + p), load(room, (k + 1) * n + p), load(room, (k + 2) * n + p)
-        one = empty_row() + 1.0  # the mass is in the weights
+        one = empty_row() + 1.0  # the weights include the mass
         if half != ONE:
             one = load(column, begin + half * n + p)
         a += u * one
@@ -56,15 +58,18 @@ def sum_columns(half, more, n, k, begin, column, room, given, at):
 
 @inner
 def give(n, dense, sources, begin, column, room, given, at):
-    """What a cell gives to its nine nodes: sums of its particles with their weights, 0 of what they lack."""
-    for k in range(0, 9, 3):  # each literal given to a function would compile anew
+    """Write a cell's contributions to its nine nodes: weighted sums over its particles, 0 for absent fields."""
+    for k in range(0, 9, 3):  # np.int64: numba compiles one specialisation per literal
         sum_columns(np.int64(ONE), dense, n, k, begin, column, room, given, at)
         sum_columns(np.int64(VX), sources, n, k, begin, column, room, given, at)
 
 
 @inner
 def own_moments(given, at, own, into):
-    """A cell's own moments: its weights add up to 1, and with the nodes' places to its particles' own."""
+    """Write a cell's own moments, from its contributions to nodes.
+
+    The weights of a particle sum to 1, and the mean position of the nodes with these weights is that of the particle.
+    """
     for half in (0, LANES):
         begin = at + half
         low = load(given, begin) + load(given, begin + FIELDS) + load(given, begin + 2 * FIELDS)
@@ -79,14 +84,14 @@ def own_moments(given, at, own, into):
 
 @inner
 def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, room, square):
-    """The columns of one population in a block, what it gives, and its own moments."""
+    """Write the columns of one population in a block, its contributions to nodes and its own moments."""
     flat, s, home = kind.pos.shape[1] == 1, kind.first + part, cells.home[block]
     cell, first = cells.slot[block, s], kind.start[block * kind.number + part]
     count = kind.start[block * kind.number + part + 1] - first
     if cell < 0:
         return
     n = filled(count)
-    if count > 0:  # a block without gas has a slot of it
+    if count > 0:  # a block without gas has a slot for gas
         take(block, first, count, n, kind, cells, frame, law, begin, column, room)
         fetch_columns(n, len(kind.own) > 0, begin, column)
         fetch_next(first + count, count, kind)
@@ -98,7 +103,7 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, r
         if again:
             leave_out(home, n, nodes.about, nodes.sums, begin, column, room)
         give(n, len(kind.density) > 0, len(kind.own) > 0, begin, column, room, cells.given, cell * 9 * FIELDS)
-        if not again:  # of all weights
+        if not again:  # before nodes without gas are left out
             own_moments(cells.given, cell * 9 * FIELDS, cells.own, cell * 3 * FIELDS)
     if ragged:
         for at in range(0, n, LANES):
@@ -107,7 +112,7 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, r
 
 @inner
 def square_of(block, n, begin, column, room, square):
-    """What the gas of a cell gives of m x^2."""
+    """Write the contributions of the gas of a cell to sum m w x^2 at its nine nodes."""
     a, b, c, d, e, f = empty_row(), empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
     g, h, i = empty_row(), empty_row(), empty_row()
     for at in range(0, n, LANES):
@@ -129,9 +134,10 @@ def square_of(block, n, begin, column, room, square):
 
 @compiled
 def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, square):
-    """The columns of each population in the blocks, `column` from element `begin` on (segments,); what each cell
-    gives, into its part of `cells.given`, and its own moments; of the gas also what it gives of m x^2, `square`
-    (blocks, 9), if that has entries.
+    """Write the columns of each population in the blocks, and the contributions and own moments of each cell.
+
+    Columns start at the elements `begin` (blocks times populations,) of `column`. Contributions go to `cells.given`,
+    own moments to `cells.own`. `square` (blocks, 9), if it has entries, gets the gas's contributions to sum m w x^2.
     """
     room = np.empty(ROOM * most_in(block_from, block_to, kind))
     for block in range(block_from, block_to):
@@ -142,7 +148,7 @@ def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, 
 
 @inner
 def collect_species(n, s, near, slot, given, sums):
-    """Eq. (1) for a species at a node, places from it."""
+    """Write the sums of eq. (1) for a species at a node, positions from the node."""
     places, motion, x, y = empty_row(), empty_row(), 0.0, 0.0
     for k in range(9):
         block, j = near[n, k], 8 - k
@@ -152,7 +158,7 @@ def collect_species(n, s, near, slot, given, sums):
             one = load(given, at)
             places += one
             motion += load(given, at + LANES)
-            # The node lies at (-i, -j) from the cell's middle.
+            # The node lies at (-i, -j) from the cell's centre.
             x += (k // 3 - 1) * lane(one, ONE)
             y += (k % 3 - 1) * lane(one, ONE)
     store(sums, (n * sums.shape[1] + s) * FIELDS, places)
@@ -163,7 +169,7 @@ def collect_species(n, s, near, slot, given, sums):
 
 @inner
 def collect_square(n, near, given, square):
-    """Sum m w x^2 of the gas at a node, x from it."""
+    """Return sum m w x^2 of the gas at a node, x from the node."""
     total = 0.0
     for k in range(9):
         block, i, j = near[n, k], k // 3 - 1, k % 3 - 1
@@ -175,7 +181,7 @@ def collect_square(n, near, given, square):
 
 @lean
 def collect(node_from, node_to, kind, cells, nodes, square):
-    """Sums over the species of one kind at each node."""
+    """Write the sums of eq. (1) at each node, for the gas or for all dust species."""
     for n in range(node_from, node_to):
         for s in range(kind.first, kind.first + kind.number):
             collect_species(n, s, nodes.near, cells.slot, cells.given, nodes.sums)

@@ -1,8 +1,9 @@
-"""Gather where a cell has a grain or two of each class: nodes take grains one by one (`kernels/nodes.py`).
+"""Gather for cells with one or two grains of each class: nodes sum over single grains (`kernels/nodes.py`).
 
-What a cell gives to its nine nodes would be many more numbers than its grains are. So a node asks the grains of nine
-cells for their weights, which are polynomials of the place in a cell (`nodes_weights`); for slopes a cell has the first
-moments of each class and the second ones of all its dust together: those about the centroids of classes are
+A cell's contributions to its nine nodes would be many more numbers than its grains. A node therefore sums over the
+grains of nine cells directly, with weights that are polynomials of the position in a cell (`nodes_weights`). For
+slopes a cell stores the first moments of each class and the second moments of all its dust together. The second
+moments about the centroids of the classes are
 
     sum_s sum m x y - sum_s M_s X_s Y_s.                                                                  (6)
 """
@@ -17,7 +18,7 @@ from discsim.kernels.rows import LANES, empty_row, lane, load, store
 
 @inner
 def most_of_all(block_from, block_to, kind):
-    """The largest number of grains in a block."""
+    """Return the largest number of grains in a block."""
     most = 0
     for block in range(block_from, block_to):
         most = max(most, kind.start[(block + 1) * kind.number] - kind.start[block * kind.number])
@@ -26,7 +27,7 @@ def most_of_all(block_from, block_to, kind):
 
 @inner
 def first_moments(cell, first, last, kind, row, own):
-    """Of a class in a cell."""
+    """Write the mass and first moments of a class in a cell."""
     places, motion = empty_row(), empty_row()
     for k in range(first, last):
         m = kind.mass[kind.order[k]]
@@ -38,7 +39,7 @@ def first_moments(cell, first, last, kind, row, own):
 
 @inner
 def moments_of_all(block, first, last, kind, row, total):
-    """First and second moments of all the dust of a cell."""
+    """Write the mass, first and second moments of all the dust of a cell."""
     for half in (0, LANES):
         whole, by_x, by_y = empty_row(), empty_row(), empty_row()
         for k in range(first, last):
@@ -54,13 +55,13 @@ def moments_of_all(block, first, last, kind, row, total):
 
 @inner
 def take_rows(block, first, count, kind, cells, nodes, frame, law, row, share, column, room):
-    """The grains of a block as rows, and their shares."""
+    """Write the grains of a block as rows (n, FIELDS), and their shares."""
     n, home, flat = filled(count), cells.home[block], kind.pos.shape[1] == 1
     take(block, first, count, n, kind, cells, frame, law, 0, column, room)
     for at in range(count):
         share[first + at] = column[MASS * n + at]
         for f in range(FIELDS):
-            there = f < BX and (f != RHO or len(kind.density) > 0)  # by grain, where none has sources
+            there = f < BX and (f != RHO or len(kind.density) > 0)  # grains taken one by one have no sources
             row[first + at, f] = column[f * n + at] if there else 0.0
         row[first + at, ONE] = 1.0
     if is_ragged(home, flat, nodes.about, nodes.sums):
@@ -85,8 +86,9 @@ def gather_block(block, kind, cells, nodes, frame, law, row, share, column, room
 
 @compiled
 def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, share):
-    """The dust of the blocks in its order as `row` (n, FIELDS), and the moments of cells; `share` (n,): mass of a grain
-    over the sum of its weights on nodes that have gas.
+    """Write the dust of the blocks in its order as `row` (n, FIELDS), and the moments of cells.
+
+    Writes `share` (n,), the mass of a grain over the sum of its weights on nodes that have gas.
     """
     most = filled(most_of_all(block_from, block_to, kind))
     column, room = np.empty(FIELDS * most), np.empty(ROOM * most)
@@ -96,7 +98,9 @@ def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, sha
 
 @inner
 def coefficients(step, flat):
-    """Of 1, x and x^2 in the weight of a cell's particle on the node `step` beside its own."""
+    """Return the coefficients of 1, x and x^2 in a particle's weight on the node `step` cells from that of its own
+    cell.
+    """
     if flat:
         return 1.0, 0.0, 0.0
     return (0.75, 0.0, -1.0) if step == 0 else (0.125, 0.5 * step, 0.5)
@@ -104,8 +108,8 @@ def coefficients(step, flat):
 
 @inner
 def take_grains(n, k, block, kind, row, share, sums):
-    """Add what the dust of a cell brings to node n to its sums of eq. (1)."""
-    i, j, number = 1 - k // 3, 1 - k % 3, kind.number  # of the node, as the cell sees it
+    """Add the contributions of the dust of a cell to the sums of eq. (1) at node n."""
+    i, j, number = 1 - k // 3, 1 - k % 3, kind.number  # position of the node relative to the cell
     a0, a1, a2 = coefficients(i, False)
     b0, b1, b2 = coefficients(j, kind.pos.shape[1] == 1)
     last = np.uint64(kind.start[block * number])
@@ -129,7 +133,7 @@ def take_grains(n, k, block, kind, row, share, sums):
 
 @lean
 def collect_grains(node_from, node_to, kind, nodes, row, share):
-    """Sums over the classes at each node that has gas, eq. (1)."""
+    """Write the sums of eq. (1) over the grain classes at each node that has gas."""
     for n in range(node_from, node_to):
         for s in range(kind.first, kind.first + kind.number):
             for f in range(FIELDS):
@@ -143,13 +147,13 @@ def collect_grains(node_from, node_to, kind, nodes, row, share):
 
 @inner
 def weight_of(k):
-    """In slopes at a node, of a cell about it: nearer ones count more."""
+    """Return the weight of cell k about a node in slopes: nearer cells have larger weights."""
     return (0.5 if k // 3 == 1 else 0.25) * (0.5 if k % 3 == 1 else 0.25)
 
 
 @inner
 def take_off(n, s, near, slot, own, xx, xy, yy, along, across):
-    """What a class has in eq. (6) taken off the second moments about a node."""
+    """Return second moments about a node, less a class's term of eq. (6)."""
     places, motion, i, j = empty_row(), empty_row(), 0.0, 0.0
     for k in range(9):
         block = near[n, k]
@@ -171,15 +175,16 @@ def take_off(n, s, near, slot, own, xx, xy, yy, along, across):
 
 @inner
 def moments_within(n, near, slot, own, total):
-    """Mass and second moments of place (xx, xy, yy) within the classes in the nine cells about a node, and those of x
-    and of y with velocity, a row each.
+    """Return the moments about the centroids of the classes, eq. (6), in the nine cells about a node.
+
+    These are mass, second moments of position (xx, xy, yy), and two vectors: the moments of x and of y with velocity.
     """
     mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
     for k in range(9):
         block = near[n, k]
         if block < 0:
             continue
-        # About the node, which lies at (-i, -j) from the cell's middle.
+        # Relative to the node, which lies at (-i, -j) from the cell's centre.
         i, j, w, at = k // 3 - 1.0, k % 3 - 1.0, weight_of(k), block * 3 * FIELDS
         row, moves, by_x = w * load(total, at), w * load(total, at + LANES), w * load(total, at + FIELDS)
         m, x, y = lane(row, ONE), lane(row, X), lane(row, Y)

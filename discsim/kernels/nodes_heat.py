@@ -1,4 +1,4 @@
-"""Heat of the drag between nodes: what the particles of a cell lose, and where it goes."""
+"""Heat of the drag between nodes: the energy lost by the particles of a cell, and its transfer to the gas."""
 
 import numpy as np
 
@@ -8,15 +8,18 @@ from discsim.kernels.nodes_columns import filled
 from discsim.kernels.nodes_weights import brought, to_polynomial, value_at
 from discsim.kernels.rows import LANES, empty_row, lane, load, store
 
-# Of the rotation at a node, two rows: its rate, and that times the centre that it is about (2); times the gas's mean
-# velocity half-way (2), on which it does no work, and times that velocity's own turn.
+# Two vectors for the rotation at a node. First: its rate, and the rate times the centre of rotation (2). Second: the
+# rate times the gas's mean velocity half-way through the kick (2), on which the rotation does no work, and the rate
+# times y u - x v of that velocity at the centre.
 SPIN_X, SPIN_Y = 1, 2
 U, V, TURN = range(3)
 
 
 @inner
 def heat_of(n, nodes, value, dt):
-    """Energy that eq. (3) takes at a node, to first order in the changes (the rest is the particles')."""
+    """Return the energy that eq. (3) removes at a node, to first order in the changes. `loss` has the second-order
+    part.
+    """
     heat = 0.0
     for s in range(nodes.sums.shape[1]):
         for c in range(2):
@@ -26,7 +29,7 @@ def heat_of(n, nodes, value, dt):
 
 @inner
 def work_of_turn(n, spin, nodes, dt, turn):
-    """What the rotation at a node does and what it does no work on, places from the node."""
+    """Write the rotation at a node and the motion on which it does no work, positions from the node."""
     for k in range(2):
         store(turn, (2 * n + k) * LANES, empty_row())
     if spin == 0.0:
@@ -40,7 +43,9 @@ def work_of_turn(n, spin, nodes, dt, turn):
 
 @inner
 def turns_about(home, about, turn, table):
-    """The same about a cell, as polynomials (2, 9, LANES), places from its middle."""
+    """Write the vectors of `work_of_turn` about a cell as polynomials (2, 9, LANES), positions from the cell's
+    centre.
+    """
     for k in range(9):
         n, i, j = about[home, k], k // 3 - 1.0, k % 3 - 1.0
         for r in range(2):
@@ -57,11 +62,11 @@ def turns_about(home, about, turn, table):
 
 @inner
 def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
-    """Energy that the particles of a cell lose beside what their nodes count, `heat_of`.
+    """Return the energy lost by the particles of a cell that the nodes do not count, `heat_of`.
 
-    `frame` is what columns leave out, Kepler's and half a kick of what gas and dust share: from one orbit to another
-    the same momentum is not the same energy. (u, v) is the mean that what is left of a particle decays to: the changes
-    by the decay have no mean, and what is common to the cell does no work.
+    `frame` is the velocity that columns leave out: Kepler's, and half a kick by accelerations that gas and dust
+    share. Between two orbits equal momentum is not equal energy. (u, v) is the mean velocity of the linear fit:
+    changes by the decay of deviations have no mean, so a velocity common to the cell does no work.
     """
     lost, sources = 0.0, len(kind.own) > 0
     for p in range(count):
@@ -86,7 +91,7 @@ def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
 
 @lean
 def pass_on(nodes, heat):
-    """Heat of nodes without gas to those about them, in equal parts to each that has."""
+    """Pass the heat of nodes without gas to the nodes about them, in equal parts to each that has gas."""
     for n in range(len(heat)):
         if heat[n] == 0.0 or nodes.sums[n, 0, ONE] > 0.0:
             continue
@@ -100,7 +105,7 @@ def pass_on(nodes, heat):
 
 @inner
 def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
-    """Heat per mass of the gas particles of a block."""
+    """Write the heat per mass of the gas particles of a block."""
     for k in range(9):
         node = nodes.about[cells.home[block], k]
         there = node >= 0 and nodes.sums[node, 0, ONE] > 0.0
@@ -115,7 +120,7 @@ def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
 
 @compiled
 def spread(block_from, block_to, kind, cells, nodes, node_heats, begin, column, heat):
-    """Heat per mass of each gas particle from that of the nodes."""
+    """Write the heat per mass of each gas particle, interpolated from the nodes."""
     table = np.empty((9, LANES))
     for block in range(block_from, block_to):
         heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat)

@@ -1,4 +1,6 @@
-"""Relax: what the slip at a node, eqs. (2) and (2b) of `kernels/nodes.py`, and the sources change there, eq. (3)."""
+"""Relaxation at a node: the changes of eq. (3) of `kernels/nodes.py` by the slips of velocities and sources, eqs. (2,
+2b).
+"""
 
 from typing import NamedTuple
 
@@ -16,7 +18,9 @@ from discsim.kernels.relax import relax_apart, relax_means, response
 
 @inner
 def source_slope(n, s, about, slopes, c):
-    """The slope of component c of a species' sources at a node, along x and y: its own, or the mean of those about."""
+    """Return the slope along x and y of component c of a species' sources at a node, or its mean over the nodes about
+    it.
+    """
     if slopes.known[n, s]:
         return slopes.source[n, s, XX + c], slopes.source[n, s, YX + c]
     count, along, across = 0, 0.0, 0.0
@@ -31,7 +35,9 @@ def source_slope(n, s, about, slopes, c):
 
 @inner
 def velocities(n, nodes, slopes, sourced, y, b):
-    """Velocities, as they would be at the gas's centroid, and sources, at the node, of all species there (n, 2)."""
+    """Write the velocities of all species at a node as at the gas's centroid, and their sources as at the node, (n,
+    2) each.
+    """
     sums = nodes.sums
     for s in range(sums.shape[1]):
         m = sums[n, s, ONE]
@@ -50,14 +56,15 @@ def velocities(n, nodes, slopes, sourced, y, b):
 
 @inner
 def times_at(n, nodes, sound, law, frame, mass, time):
-    """Masses and, at vanishing slip, stopping times of all species at a node; returns density, sound speed and Omega
-    there, and whether there is dust.
+    """Write masses and stopping times at vanishing slip of all species at a node.
+
+    Returns the gas's density, Omega, and whether there is dust.
     """
     gas, omega, c_s, met = nodes.sums[n, 0, ONE], 0.0, 1.0, False
     if frame.star > 0.0:
         x, y = nodes.centre[n, 0], nodes.centre[n, 1]
         omega = kepler(x * x + y * y, frame.star, frame.softening)
-    density = nodes.sums[n, 0, RHO] / gas  # of Epstein's law without a star its product with the sound speed
+    density = nodes.sums[n, 0, RHO] / gas  # Epstein's law without a star: density times sound speed
     if sound is not None:  # noqa: SIM102
         if law.code != EPSTEIN:
             c_s = sound[n]
@@ -69,14 +76,14 @@ def times_at(n, nodes, sound, law, frame, mass, time):
             met = True
             ratio = own / m / density if own > 0.0 else m / gas
             time[s] = stopping_time(law.code, law.grains[s - 1], ratio, density, c_s, omega)
-            if law.code != CONSTANT and own > 0.0:  # grains have sizes of their own
+            if law.code != CONSTANT and own > 0.0:  # grains have individual sizes
                 time[s] *= own / m
     return density, omega, met
 
 
 @inner
 def relax_two(n, mass, time, y, b, law, change):
-    """Gas and the one population at a node: both relax to their mean, or the dust to the gas alone."""
+    """Relax the gas and the one population at a node to their mean, or for one-way drag the dust to the gas."""
     rate = 1.0 / time[1]
     of_gas, of_dust = 0.0, 1.0
     if law.two_way:
@@ -90,7 +97,9 @@ def relax_two(n, mass, time, y, b, law, change):
 
 
 class Scratch(NamedTuple):
-    """Of all species at one node: masses, stopping times, velocities, sources, changes by slip and by source, room."""
+    """Scratch arrays of all species at one node: masses, stopping times, velocities, sources, zeros, changes by slip
+    and by source, workspace.
+    """
 
     mass: np.ndarray
     time: np.ndarray
@@ -104,7 +113,7 @@ class Scratch(NamedTuple):
 
 @inner
 def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, own):
-    """Eq. (3) at node n."""
+    """Write the changes of eq. (3) at node n."""
     species, gas = nodes.sums.shape[1], nodes.sums[n, 0, ONE]
     density, omega, met = times_at(n, nodes, sound, law, frame, own.mass, own.time)
     if not met:
@@ -140,10 +149,10 @@ def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, ow
 
 @compiled
 def relax(node_from, node_to, nodes, slopes, sourced, sound, law, frame, several, change):
-    """Relax the slip at each node: eq. (3) and what goes with it, `change`.
+    """Relax the slip at each node: write the changes of eq. (3), the rates and the reduced masses to `change`.
 
-    `sound` (nodes,) is None unless the stopping time depends on the slip, and `several` where there is one population:
-    without them numba leaves out the branches that ask for them, half a minute of compilation.
+    `sound` (nodes,) is None unless the stopping time depends on the slip. `several` is None where there is one
+    population. numba then leaves out the branches that need them, which saves half a minute of compilation.
     """
     species = nodes.sums.shape[1]
     own = Scratch(
@@ -171,7 +180,10 @@ def clear(n, change):
 
 @lean
 def mean_sound(node_from, node_to, nodes, own, sound, out):
-    """Sound speed at nodes, from the gas's means (blocks,) in the nine cells about them; nearer cells count more."""
+    """Write the sound speed at nodes, the mass-weighted mean of the gas (blocks,) in the nine cells about each node.
+
+    Nearer cells have larger weights.
+    """
     for n in range(node_from, node_to):
         total, mass = 0.0, 0.0
         for k in range(9):

@@ -1,4 +1,7 @@
-"""Scatter: what a particle gets of the nodes about it, eq. (3) of `kernels/nodes.py`; what is left beside its line."""
+"""Scatter from nodes to particles, eq. (3) of `kernels/nodes.py`, and the decay of deviations from the linear fit.
+
+The linear fit is that to the velocities of the particles of one species in a cell.
+"""
 
 import numpy as np
 
@@ -14,22 +17,24 @@ from discsim.kernels.rows import LANES, empty_row, fetch, lane, load, store, sum
 
 @inner
 def values_about(block, s, cells, nodes, value, turns, table):
-    """What the nodes about a cell bring to a species, as polynomials."""
+    """Write the values of the nodes about a cell for a species, as polynomials."""
     home = cells.home[block]
     for k in range(9):
         n, row = nodes.about[home, k], empty_row()
         if n >= 0:
             row = load(value, (n * value.shape[1] + s) * LANES)
         store(table, k * LANES, row)
-        if turns:  # about the cell's middle, not the node
+        if turns:  # rotation about the cell's centre instead of the node
             table[k, DX] += (k % 3 - 1) * lane(row, SPIN)
             table[k, DY] -= (k // 3 - 1) * lane(row, SPIN)
 
 
 @inner
 def place_of(block, part, kind, cells, begin, column, held):
-    """From where on the columns of a population in a block are in `held`: those that gathering left, or those of grains
-    that nodes took one by one, which it left as rows.
+    """Return the element of `held` at which the columns of a population in a block begin.
+
+    These columns are those of the gather. Grains that nodes take one by one were gathered as rows, which are copied
+    to columns here.
     """
     seat = block * kind.number + part
     if not by_grain(kind, cells):
@@ -47,12 +52,13 @@ def place_of(block, part, kind, cells, begin, column, held):
 
 @inner
 def by_grain(kind, cells):
+    """Return whether nodes take these particles one by one (`nodes_grains`)."""
     return kind.first > 0 and len(cells.total) > 0
 
 
 @inner
 def has_norms(block, kind, cells, nodes):
-    """Whether the weights of particles in a block do not add up to 1."""
+    """Return whether the weights of particles in a block do not add up to 1."""
     return kind.first > 0 and (
         by_grain(kind, cells) or is_ragged(cells.home[block], kind.pos.shape[1] == 1, nodes.about, nodes.sums)
     )
@@ -60,7 +66,7 @@ def has_norms(block, kind, cells, nodes):
 
 @inner
 def rate_in(block, s, cells, nodes, value):
-    """Mean rate of a species in a cell."""
+    """Return the mean rate of drag of a species in a cell."""
     rate, cell = 0.0, cells.slot[block, s]
     for k in range(9):
         n = nodes.about[cells.home[block], k]
@@ -71,7 +77,7 @@ def rate_in(block, s, cells, nodes, value):
 
 @inner
 def rate_of(count, n, begin, column, table):
-    """The same of its particles."""
+    """Return the mean rate of drag over the particles of a species in a cell."""
     rate, mass = 0.0, 0.0
     for at in range(begin, begin + count):
         m = column[at + MASS * n]
@@ -82,8 +88,10 @@ def rate_of(count, n, begin, column, table):
 
 @inner
 def curvature(home, about, sums, slope, bend):
-    """Half the second derivatives of the velocity along xx, xy (whole) and yy, in sides, from the slopes at the next
-    nodes: bend (2, 3).
+    """Write half the second derivatives of the velocity along xx and yy, and the whole one along xy, to `bend` (2,
+    3).
+
+    They are in sides of the cell, from the slopes at neighbouring nodes.
     """
     for c in range(2):
         bend[c, 0], bend[c, 1], bend[c, 2] = 0.0, 0.0, 0.0
@@ -101,11 +109,11 @@ def curvature(home, about, sums, slope, bend):
 
 @inner
 def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
-    """Centroid of the particles whose columns begin at `begin`, near (x0, y0), mean of the two columns of `value` from
-    `at_value` on, and their slope.
+    """Return the linear fit of particles to two columns of `value`, from `at_value` on: centroid, means and slopes.
 
-    Any more than a line needs will do: with few of them little is left beside it, but nothing false. Those too few
-    have the slope `pooled` and a rotation of their own: what is beside their line never has angular momentum.
+    The columns of the particles begin at `begin`, and (x0, y0) is near their centroid. One particle more than a
+    linear fit needs is enough: the deviations of few particles are small, but not wrong. With fewer particles the
+    slopes are `pooled` plus a rotation of their own. The deviations therefore never have angular momentum.
     """
     sx, sy, su, sv = empty_row(), empty_row(), empty_row(), empty_row()
     xx, xy, yy, m = empty_row(), empty_row(), empty_row(), empty_row()
@@ -134,11 +142,13 @@ def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
 
 @inner
 def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
-    """What `own_line` returns, from sums of m times x, y, u, v; xx, xy, yy, 1; xu, xv, yu, yv, from x0, y0, u0, v0."""
+    """Return what `own_line` returns, from sums of m times x, y, u, v; xx, xy, yy, 1; xu, xv, yu, yv, from x0, y0,
+    u0, v0.
+    """
     m, sx, sy = lane(inertia, 3), lane(first, 0), lane(first, 1)
     xx, xy, yy = lane(inertia, 0), lane(inertia, 1), lane(inertia, 2)
     x0, y0, su, sv = x0 + sx / m, y0 + sy / m, lane(first, 2) / m, lane(first, 3) / m
-    # Where all are at one place their distance from (x0, y0) is its rounding, and has to meet no mean velocity.
+    # The distance of coincident particles from (x0, y0) is rounding, and must not be multiplied by a mean velocity.
     xu, xv = lane(moment, 0) - sx * su, lane(moment, 1) - sx * sv
     yu, yv = lane(moment, 2) - sy * su, lane(moment, 3) - sy * sv
     if count > dim + 1:
@@ -155,8 +165,8 @@ def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
 
 @inner
 def add_changes(n, begin, column, table, turns, normed, bend, new):
-    """`new`, columns from 0 on: velocity of each particle with what the nodes bring, less its quadratic part (2), and
-    what they bring (2).
+    """Write to `new`, from column 0 on, particle velocities with the change by the nodes, less their quadratic part
+    (2), and this change (2).
     """
     for p in range(0, n, LANES):
         at = begin + p
@@ -178,10 +188,11 @@ def add_changes(n, begin, column, table, turns, normed, bend, new):
 
 @inner
 def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
-    """Turn the velocity in `new` into what the decay of what is left beside the own line changes; returns the mean of
-    the velocity.
+    """Replace the velocity in `new` by its change through the decay of deviations from the linear fit.
+
+    Returns the mean of the velocity.
     """
-    motion, even, source = np.int64(0), (0.0, 0.0, 0.0, 0.0), begin + BX * n  # a literal would compile anew
+    motion, even, source = np.int64(0), (0.0, 0.0, 0.0, 0.0), begin + BX * n  # a literal would be compiled separately
     x0, y0, u, v, uu, uv, vu, vv = own_line(count, n, begin, column, motion, new, x0, y0, pooled, dim)
     if not sources:
         for p in range(0, n, LANES):
@@ -204,7 +215,9 @@ def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
 
 @inner
 def fetch_motion(first, count, kind):
-    """What `kick` goes through: particles of a block lie here and there, which no processor foresees."""
+    """Prefetch the particles that `kick` changes: those of a block are scattered in memory, which no processor
+    predicts.
+    """
     start, dim = np.uint64(first), np.uint64(kind.vel.shape[1])
     for at in range(np.uint64(count)):
         i = dim * kind.order[start + at]
@@ -224,8 +237,9 @@ def kick(first, count, n, kind, dt, new):
 
 @inner
 def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, exponential, new, table, work, bend):
-    """The kick of one population in a block; adds the energy lost to that of the block's own node where heat has
-    entries. Returns its mean rate.
+    """Kick one population in a block, and return its mean rate of drag.
+
+    Adds the energy lost to the heat of the block's own node, where heat has entries.
     """
     dim, s, home = kind.pos.shape[1], kind.first + part, cells.home[block]
     first = kind.start[block * kind.number + part]
@@ -262,7 +276,7 @@ def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, e
 
 @inner
 def scatter_block(block, kind, cells, nodes, sharp, begin, column, held, dt, exponential, met, new, table, work, bend):
-    """The kick of the particles of a block, and the mean rate of each population."""
+    """Kick the particles of a block, and write the mean rate of each population."""
     curvature(cells.home[block], nodes.about, nodes.sums, sharp.slope, bend)
     if len(sharp.turn) > 0 and kind.first == 0:
         turns_about(cells.home[block], nodes.about, sharp.turn, work)
@@ -275,9 +289,11 @@ def scatter_block(block, kind, cells, nodes, sharp, begin, column, held, dt, exp
 
 @compiled
 def scatter(block_from, block_to, kind, cells, nodes, sharp, begin, column, dt, exponential, met):
-    """The kick of the particles in each block: free motion, eq. (3), the gas's rotation, eq. (4) taken back, and the
-    decay of what is left beside the line; columns as `gather` leaves them. Writes the mean rate of each population in
-    each block, `met` (blocks, number), and adds to `sharp.heat` where it has entries.
+    """Kick the particles in each block, from columns as `gather` leaves them.
+
+    A kick is free motion, eq. (3), the rotation of the gas that cancels eq. (4), and the decay of deviations from the
+    linear fit. Writes the mean rate of each population in each block, `met` (blocks, number), and adds to
+    `sharp.heat` where it has entries.
     """
     most = most_in(block_from, block_to, kind)
     held, new, bend = np.empty(FIELDS * most) if by_grain(kind, cells) else column, np.empty(4 * most), np.empty((2, 3))
@@ -290,7 +306,7 @@ def scatter(block_from, block_to, kind, cells, nodes, sharp, begin, column, dt, 
 
 @inner
 def times_in(block, part, kind, cells, nodes, value, begin, column, table, time):
-    """Stopping times of one population in a block."""
+    """Write the stopping times of one population in a block."""
     if cells.slot[block, kind.first + part] < 0:
         return
     values_about(block, kind.first + part, cells, nodes, value, False, table)
@@ -309,7 +325,9 @@ def times_in(block, part, kind, cells, nodes, value, begin, column, table, time)
 
 @compiled
 def stopping_times(block_from, block_to, kind, cells, nodes, value, begin, column, time):
-    """Stopping time of each dust particle, one over the rate that the nodes bring it; inf where there is none."""
+    """Write the stopping time of each dust particle: one over the rate interpolated from the nodes, inf where that is
+    0.
+    """
     held, table = (
         np.empty(FIELDS * most_in(block_from, block_to, kind)) if by_grain(kind, cells) else column,
         np.empty((9, LANES)),

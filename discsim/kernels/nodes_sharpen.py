@@ -1,4 +1,7 @@
-"""Sharpen: what gathering and scattering smoothed away is given back to second order; the rotation of eq. (4)."""
+"""Sharpening: the second-order correction for smoothing by gather and scatter, and the rotation that cancels eq. (4).
+
+Equations: `kernels/nodes.py`.
+"""
 
 from discsim.jit.decorators import inner, lean
 from discsim.kernels.nodes import DX, DY, LEAST_INERTIA, ONE, RATE, SPIN, X, Y
@@ -7,10 +10,10 @@ from discsim.kernels.nodes_heat import heat_of, work_of_turn
 
 @inner
 def sharpen_slip(n, s, nodes, change, two_way, value):
-    """Add to `value` what the clouds smoothed away of the changes by the slip of gas and species s.
+    """Add to `value` what the clouds smoothed away from the changes by the slip of gas and species s.
 
-    To the clouds' two variances of 1/4 a side, through the faces between nodes and in proportion to the lesser
-    reduced mass there: a uniform change stays what it is, and momentum is exact.
+    The correction is for the two clouds' variance of 1/4 side^2 each. It is a flux through the faces between nodes,
+    in proportion to the lesser reduced mass of the two: a uniform change is unaffected, and momentum is exact.
     """
     slip, mass = change.slip, change.mass
     for k in range(1, 9, 2):  # across faces
@@ -27,8 +30,9 @@ def sharpen_slip(n, s, nodes, change, two_way, value):
 
 @inner
 def sharpen_drive(n, s, nodes, change, two_way, value):
-    """The same of the changes by sources, but along each axis by second differences: those linear in space stay what
-    they are.
+    """Add to `value` what the clouds smoothed away from the changes by sources.
+
+    The correction is by second differences along each axis: changes linear in space are unaffected.
     """
     drive, sums = change.drive, nodes.sums
     for step in (3, 1):
@@ -48,10 +52,10 @@ def sharpen_drive(n, s, nodes, change, two_way, value):
 
 @inner
 def sharpen_slope(n, nodes, pooled, out):
-    """Slope of the velocities at a node with what pooling over nine cells took from a curved field given back.
+    """Write the slope of the velocities at a node, corrected for pooling a curved field over nine cells.
 
-    Of a sine the fit along the slope takes k^2 m_4 / (6 m_2), the mean across it k^2 m_2 / 2, with m_2 = 7/12 and
-    m_4 = 61/80 the moments of the cells' weights 1/4, 1/2, 1/4.
+    Of a sine wave the fit removes k^2 m_4 / (6 m_2) along the slope, the mean k^2 m_2 / 2 across it, with m_2 = 7/12
+    and m_4 = 61/80 the moments of the cells' weights 1/4, 1/2, 1/4.
     """
     sums = nodes.sums
     for a in range(4):
@@ -68,7 +72,7 @@ def sharpen_slope(n, nodes, pooled, out):
 
 @inner
 def spin_of(n, nodes, value):
-    """Rate of rotation of the gas about its centroid that takes eq. (4) back."""
+    """Return the rate of rotation of the gas about its centroid that cancels eq. (4)."""
     m, x, y, torque = nodes.sums[n, 0, ONE], nodes.sums[n, 0, X], nodes.sums[n, 0, Y], 0.0
     if m <= 0.0:
         return 0.0
@@ -82,7 +86,7 @@ def spin_of(n, nodes, value):
 
 @inner
 def turn(n, spin, nodes, value):
-    """Give the gas its rotation at node n: its rate, and the velocity that it has at the node."""
+    """Add the rotation of the gas at node n to `value`: its rate, and its velocity at the node."""
     if spin != 0.0:
         value[n, 0, SPIN] = spin
         value[n, 0, DX] += spin * nodes.sums[n, 0, Y] / nodes.sums[n, 0, ONE]
@@ -91,7 +95,7 @@ def turn(n, spin, nodes, value):
 
 @lean
 def sharpen(node_from, node_to, nodes, pooled, change, two_way, dt, sharp):
-    """What particles take: `sharp`, of all that it has entries for."""
+    """Write the sharpened changes at each node to `sharp`, as far as this has entries."""
     value = sharp.value
     for n in range(node_from, node_to):
         for s in range(value.shape[1]):

@@ -2,9 +2,10 @@
 
     dV_s/dt of `kernels/drag.py`, eq. (1), with t_j = t_j(|V_j - V_g|)
 
-by sub-steps. One is made of 1, 2 and 4 exact linear solutions with the stopping times at the slip half-way of each
-(exponential midpoint), extrapolated in their length (Richardson) to fourth order, and is as short as TOLERANCE asks,
-whatever the rates. Momentum is exact. Where no slip that can come up changes the drag, it is the exact linear solution.
+The solution takes sub-steps. A sub-step is computed as 1, 2 and 4 exact linear solutions with the stopping times at
+the slip half-way through each (exponential midpoint), and extrapolated in their length (Richardson) to fourth order.
+TOLERANCE sets its length, whatever the rates. Momentum is exact. With the exponential scheme the result is the exact
+linear solution where no slip that can arise changes the drag.
 """
 
 import math
@@ -16,13 +17,13 @@ from discsim.jit.decorators import compiled, making, subroutine
 from discsim.kernels.laws import hastened, quickening, unhastened
 from discsim.kernels.relax import relax_means
 
-TOLERANCE = 1e-8  # of the largest slip: the difference of the last two extrapolations
-ROUNDING = 1e-5  # of the velocities, a slip below which their rounding would ask for ever shorter sub-steps
-MOST = 10_000  # sub-steps
+TOLERANCE = 1e-8  # relative to the largest slip: difference of the last two extrapolations
+ROUNDING = 1e-5  # relative to velocities: smaller slips are rounding, and would shorten sub-steps without end
+MOST = 10_000  # sub-steps, after which errors are accepted
 
 
 class Coupled(NamedTuple):
-    """Gas (entry 0) and populations (n) that relax; as `relax_means` takes them."""
+    """Gas (entry 0) and populations (n,) that relax, as `relax_means` takes them."""
 
     mass: np.ndarray
     slow: np.ndarray  # stopping times at vanishing slip
@@ -34,8 +35,10 @@ class Coupled(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What a sub-step writes: stopping times, changes, velocities half-way, after 1, 2 and 4 parts (3, n, d) and
-    extrapolated, and of each the sub-step over its stopping time.
+    """Scratch arrays of a sub-step.
+
+    Stopping times; changes; velocities half-way, after 1, 2 and 4 parts (3, n, d), and extrapolated; and for each
+    species the sum of sub-step over stopping time.
     """
 
     time: np.ndarray
@@ -49,6 +52,7 @@ class Work(NamedTuple):
 
 @subroutine
 def slip2_of(y, s):
+    """Return the squared slip of species s."""
     total = 0.0
     for c in range(y.shape[1]):
         total += (y[s, c] - y[0, c]) ** 2
@@ -57,7 +61,7 @@ def slip2_of(y, s):
 
 @compiled
 def advance(them, work, y, at, dt, out):
-    """`y` over dt by the stopping times at the slips of `at`."""
+    """Write `y` after dt to `out`, with the stopping times at the slips of `at`."""
     n, dim = y.shape
     for s in range(1, n):
         if them.mass[s] > 0.0:
@@ -72,14 +76,16 @@ def advance(them, work, y, at, dt, out):
 
 @compiled
 def next_step(error):
-    """The next sub-step over this one, whose `error` is in units of the tolerance; it grows with its fourth power."""
+    """Return the next sub-step over this one, whose `error` is in units of the tolerance and grows with its fourth
+    power.
+    """
     return min(4.0, max(0.1, 0.9 * (error + 1e-30) ** -0.25))
 
 
 @subroutine
 def sub_step(them, work, now, step):
-    """Velocities `now` after a sub-step, in `work.best`; its error in units of the tolerance."""
-    # Arrays are copied by loops: assigning slices would cost seconds of compilation.
+    """Write the velocities `now` after a sub-step to `work.best`, and return the error in units of the tolerance."""
+    # Loops copy arrays: assignments of slices would cost seconds of compilation.
     n, dim = now.shape
     stage, best = work.stage, work.best
     for level in range(3):
@@ -109,7 +115,7 @@ def sub_step(them, work, now, step):
 
 @subroutine
 def is_linear(them, y, dt):
-    """Whether no slip during dt changes the drag: drag alone never widens the range of the velocities."""
+    """Return whether no slip during dt changes the drag: drag alone never widens the range of the velocities."""
     reach = 0.0
     for s in range(1, len(y)):
         if them.mass[s] > 0.0:
@@ -125,7 +131,10 @@ def is_linear(them, y, dt):
 def relax_by_speed(
     mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, room, change
 ):
-    """As `relax_means`, whose `time` (n,) is here that at vanishing slip, and afterwards the mean over the kick."""
+    """Compute the changes of `relax_means` for slip-dependent drag.
+
+    `time` (n,) holds the stopping times at vanishing slip before, and their means over the kick afterwards.
+    """
     n, dim = y.shape
     slow, quick, rate = np.empty(n), np.zeros((n, 2)), np.zeros(n)
     for s in range(n):
@@ -139,7 +148,7 @@ def relax_by_speed(
     start, now = np.empty((n, dim)), np.empty((n, dim))
     for s in range(n):
         for c in range(dim):
-            start[s, c] = y[s, c] - y[0, c] if mass[s] > 0.0 else 0.0  # small numbers, whatever the frame
+            start[s, c] = y[s, c] - y[0, c] if mass[s] > 0.0 else 0.0  # relative to the gas: small numbers in any frame
             now[s, c] = start[s, c]
     work = Work(time, change, np.empty((n, dim)), np.empty((3, n, dim)), np.empty((n, dim)), np.empty(n), room)
     done, step, count = 0.0, dt, 0

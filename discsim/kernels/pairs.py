@@ -1,8 +1,8 @@
-"""Pairs of a dust and a gas particle: the list of them, their weights, and the sums of what they exchange.
+"""Pairs of a dust and a gas particle: their list, their weights, and the sums of their exchange.
 
 Dust j and gas a are a pair where j lies in the support of a, with the weight W(r_ja, h_a) in both directions. The
-list goes by dust particle; `by_gas` orders it by gas particle. What a pair exchanges is computed once, and each of
-the two sums gathers it in a fixed order: momentum is exact, and results are bitwise the same on any number of
+list is sorted by dust particle, and `by_gas` orders it by gas particle. The exchange of a pair is computed once, and
+each of the two sums gathers it in a fixed order: momentum is exact, and results are bitwise the same on any number of
 threads.
 """
 
@@ -25,9 +25,9 @@ CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta
 
 @compiled
 def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, offset):
-    """For dust cells: the gas whose support holds each dust particle, and offset x_dust - x_gas (pairs, d).
+    """List the gas whose support holds each dust particle of the cells, and the offset x_dust - x_gas (pairs, d).
 
-    Where `gas` has no entries only their number is written, to start[j + 1].
+    Where `gas` has no entries only the number of pairs is written, to start[j + 1].
     """
     dim = pos.shape[1]
     counting = len(gas) == 0
@@ -58,7 +58,7 @@ def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, o
 
 
 def hump_norm(kernel: int, dim: int) -> float:
-    """Factor that makes q^2 times a kernel a kernel: 1 over the mean of q^2."""
+    """Return the factor that makes q^2 times a kernel a kernel: 1 over the mean of q^2."""
     node, weight = np.polynomial.legendre.leggauss(8)
     total = 0.0
     for piece in range(9):  # the splines are polynomials between thirds
@@ -71,11 +71,13 @@ def hump_norm(kernel: int, dim: int) -> float:
 
 @functools.cache
 def weight_driver(kernel: int, dim: int, hump: bool):
-    """Compile the weights W(r, h_a) of pairs; with `hump` the double hump q^2 W (Laibe & Price 2012, sec. 2.6)."""
+    """Compile the loop that computes the weights W(r, h_a) of pairs; with `hump` for the double hump q^2 W (Laibe &
+    Price 2012, sec. 2.6).
+    """
     sigma = NORM[dim - 1][kernel] * (hump_norm(kernel, dim) if hump else 1.0)
     support = SUPPORT[kernel]
 
-    # No fastmath: where a piece ends decides which pairs are computed in vectors, and those may be rounded differently.
+    # No fastmath: chunk ends decide which pairs a vector loop computes, and its rounding may differ.
     @compiled
     def weigh(first, last, gas, offset, h, weight):
         for k in range(first, last):
@@ -94,7 +96,7 @@ def weight_driver(kernel: int, dim: int, hump: bool):
 
 @compiled
 def gather(first, last, start, gas, weight, value, out):
-    """out_j = sum over the pairs of dust j of W value_a."""
+    """Write the sum of W value_a over the pairs of dust j to out_j."""
     for j in range(first, last):
         total = 0.0
         for k in range(start[j], start[j + 1]):
@@ -103,7 +105,7 @@ def gather(first, last, start, gas, weight, value, out):
 
 
 class Side(NamedTuple):
-    """The gas or the dust of pairs: masses and densities (n,), velocities (n, d)."""
+    """Gas or dust of pairs: masses and densities (n,), velocities (n, d)."""
 
     mass: np.ndarray
     density: np.ndarray
@@ -111,8 +113,9 @@ class Side(NamedTuple):
 
 
 class Couples(NamedTuple):
-    """Pairs, those of each dust particle from its `start` on: the gas particle, the part V_a W of the dust particle's
-    drag that a pair has, and its stopping time (pairs,).
+    """Pairs, those of each dust particle from its `start` on.
+
+    Per pair (pairs,): the gas particle, the part V_a W of the dust particle's drag, and the stopping time.
     """
 
     start: np.ndarray
@@ -125,7 +128,8 @@ class Couples(NamedTuple):
 def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlinear, star, softening, whole, rate):
     """Write part and time of the pairs, from their `weight` W, and the rate of each dust particle.
 
-    With `whole` the parts of a particle sum to one. A time that depends on the slip is that of the pair's slip now.
+    With `whole` the parts of a particle sum to one. A stopping time that depends on the slip is that at the pair's
+    present slip.
     """
     for j in range(first, last):
         omega = 0.0
@@ -152,7 +156,7 @@ def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlin
 
 @compiled
 def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
-    """Rate at which the pairs of a gas particle change its velocity, sum_j (m_j / m_a) part / time, added to `out`."""
+    """Add the rate at which pairs change the velocity of a gas particle, sum_j (m_j / m_a) part / time, to `out`."""
     for a in range(first, last):
         for m in range(begin[a], begin[a + 1]):
             k = by_gas[m]
@@ -161,7 +165,7 @@ def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
 
 @compiled
 def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, gvel, dt, impulse):
-    """Impulse of each pair on its dust particle over dt, along the line of sight (`drag/mk.py`)."""
+    """Write the impulse of each pair on its dust particle over dt, along the line of sight (`drag/mk.py`)."""
     dim = offset.shape[1]
     for j in range(first, last):
         for k in range(start[j], start[j + 1]):
@@ -177,7 +181,7 @@ def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, g
 
 @njit(inline="always")
 def limited(a, b):
-    """Monotonised central slope of two slopes (van Leer 1977)."""
+    """Return the monotonised central slope of two slopes (van Leer 1977)."""
     if a * b <= 0.0:
         return 0.0
     return math.copysign(min(0.5 * abs(a + b), 2.0 * min(abs(a), abs(b))), a)
@@ -187,17 +191,19 @@ def limited(a, b):
 def push_by_relaxing(
     first, last, pairs, offset, gas, gas_own, gas_slope, dust, own, slope, two_way, dt, exponential, pull, impulse
 ):
-    """Impulse of each pair on its dust particle over dt, whose slip relaxes by itself (`drag/lab14.py`), and its
-    `pull`, that of a slip of one along the line of sight.
+    """Write the impulse of each pair on its dust particle over dt, by relaxing the pair's slip alone
+    (`drag/lab14.py`).
 
-    `slope` (n, d, d) of both species, d v_c / d x_a at [a, c], takes the slip to a common point, as in
-    `drag/reconstructed.py`; no entries: it is that of the two places. `own` may have no entries, for none.
+    Writes `pull`, the c of eq. (1) there: the impulse that a slip of one along the line of sight loses. `slope` and
+    `gas_slope` (n, d, d), d v_c / d x_a at [a, c], extrapolate the slip to a common point, as in
+    `drag/reconstructed.py`; without entries the slip is that between the two positions. `own` has no entries if dust
+    has no sources.
     """
     dim = offset.shape[1]
     for j in range(first, last):
         for k in range(pairs.start[j], pairs.start[j + 1]):
             a = pairs.gas[k]
-            # What of the slip's change is the dust's: all of it where the gas does not move.
+            # The dust's part of the change of the slip: all of it where the gas does not move.
             mine = gas.density[a] / (gas.density[a] + dust.density[j]) if two_way else 1.0
             f, g = response(1.0 / (mine * pairs.time[k]), dt, exponential)
             factor = dust.mass[j] * pairs.part[k] * mine
@@ -207,7 +213,7 @@ def push_by_relaxing(
                 y += (dust.vel[j, i] - gas.vel[a, i]) * offset[k, i]
                 b += ((own[j, i] if len(own) > 0 else 0.0) - gas_own[a, i]) * offset[k, i]
             pull[k] = -factor * f * (1.0 if r2 == 0.0 else dim)
-            if r2 == 0.0:  # no line of sight: the mean over all of them
+            if r2 == 0.0:  # no line of sight: the mean over all directions
                 for i in range(dim):
                     source = (own[j, i] if len(own) > 0 else 0.0) - gas_own[a, i]
                     impulse[k, i] = factor * (f * (dust.vel[j, i] - gas.vel[a, i]) + g * source)
@@ -225,8 +231,10 @@ def push_by_relaxing(
 
 @compiled
 def shares(first, last, begin, order, offset, pull, mass, share):
-    """Largest share of its slip that a particle's pairs take from it, if all are of one slip: that of the direction
-    in which they take most. Pairs of particle i are order[begin[i] : begin[i + 1]], in turn where `order` is empty.
+    """Write the largest share of its slip that a particle's pairs remove, if all pairs have the same slip.
+
+    This is the share for a slip in the direction in which the pairs remove most. The pairs of particle i are
+    order[begin[i] : begin[i + 1]], or begin[i] to begin[i + 1] where `order` is empty.
     """
     for i in range(first, last):
         xx, xy, yy = 0.0, 0.0, 0.0
@@ -246,8 +254,9 @@ def shares(first, last, begin, order, offset, pull, mass, share):
 
 @compiled
 def most_shares(first, last, begin, order, mine, one, other, both):
-    """The largest sum of the shares of a particle and of its partner: `one` (n,) of these particles, `other` of
-    theirs, whose numbers are `mine` (pairs,).
+    """Write to `both` the largest sum of a particle's share, `one` (n,), and its partner's, `other`, over its pairs.
+
+    `mine` (pairs,) has the index of the partner in each pair.
     """
     for i in range(first, last):
         both[i] = 0.0
@@ -258,7 +267,7 @@ def most_shares(first, last, begin, order, mine, one, other, both):
 
 @compiled
 def hold_back(first, last, start, gas, both, gas_both, impulse):
-    """Scale impulses down to where no energy of motion can come of them (`drag/lab14.py`)."""
+    """Scale impulses down to where they cannot create kinetic energy (`drag/lab14.py`)."""
     for j in range(first, last):
         for k in range(start[j], start[j + 1]):
             scale = 2.0 / max(2.0, both[j], gas_both[gas[k]])
@@ -268,7 +277,7 @@ def hold_back(first, last, start, gas, both, gas_both, impulse):
 
 @compiled
 def pull_dust(first, last, start, impulse, mass, vel):
-    """Add the impulses of its pairs to each dust particle."""
+    """Add the impulses of its pairs to the velocity of each dust particle."""
     for j in range(first, last):
         for i in range(vel.shape[1]):
             total = 0.0
@@ -279,7 +288,7 @@ def pull_dust(first, last, start, impulse, mass, vel):
 
 @compiled
 def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
-    """Take the impulses of its pairs from each gas particle."""
+    """Subtract the impulses of its pairs from the velocity of each gas particle."""
     for a in range(first, last):
         for i in range(vel.shape[1]):
             total = 0.0
@@ -290,9 +299,10 @@ def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
 
 @compiled
 def warm(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
-    """Heat per mass that the pairs of a gas particle leave it: impulse . slip, of velocities halfway through the kick.
+    """Add to `heat` the heat per mass that pairs leave in a gas particle: -impulse . slip, at velocities halfway
+    through the kick.
 
-    That is the whole loss of energy of motion beside the work of the accelerations.
+    This is the whole loss of kinetic energy apart from the work of the accelerations.
     """
     for a in range(first, last):
         for m in range(begin[a], begin[a + 1]):

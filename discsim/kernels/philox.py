@@ -1,7 +1,7 @@
 """Random numbers by counter: Philox4x32-10 (Salmon, Moraes, Dror & Shaw 2011), and normal ones (Box & Muller 1958).
 
-What comes out depends on a key and a counter alone, so that a particle's numbers are those of its id and the step, in
-whatever order and by however many threads they are made, and nothing has to be kept for a run to go on.
+The numbers depend on a key and a counter alone. A particle's numbers are therefore those of its id and the step, in
+any order and on any number of threads, and a restart needs no state of a generator.
 """
 
 import math
@@ -12,14 +12,14 @@ from discsim.jit.decorators import compiled, inner, subroutine
 
 MASK, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 FIRST, SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)  # multipliers
-GOLDEN, ROOT = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)  # what keys grow by, round by round
+GOLDEN, ROOT = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)  # increments of the key per round
 ROUNDS = 10
 TWICE_PI = 2.0 * math.pi
 
 
 @inner
 def random_words(key, counter):
-    """Four random words of 32 bits of a key (two words) and a counter (four), all as 64-bit numbers."""
+    """Return four random 32-bit words of a key (two words) and a counter (four), all as 64-bit numbers."""
     k, l = key
     a, b, c, d = counter
     for _ in range(ROUNDS):
@@ -31,13 +31,13 @@ def random_words(key, counter):
 
 @inner
 def share_of_one(high, low):
-    """A number in (0, 1) of 52 random bits."""
+    """Return a number in (0, 1) of 52 random bits."""
     return (float(((high << HALF) | low) >> np.uint64(12)) + 0.5) * 2.0**-52
 
 
 @inner
 def normal_pair(key, counter):
-    """Two independent numbers of mean 0 and variance 1."""
+    """Return two independent normal numbers of mean 0 and variance 1."""
     a, b, c, d = random_words(key, counter)
     length = math.sqrt(-2.0 * math.log(share_of_one(a, b)))
     angle = TWICE_PI * share_of_one(c, d)
@@ -61,11 +61,11 @@ def normals_of(first, last, key, ids, step, out):
 
 @inner
 def counter_of(particle, step):
-    """The counter of a particle's id and of a step, two words each."""
+    """Return the counter of a particle's id and a step, two words each."""
     one, other = np.uint64(particle), np.uint64(step)
     return one & MASK, one >> HALF, other & MASK, other >> HALF
 
 
 def key_of(seed: int, use: int) -> tuple[np.uint64, np.uint64]:
-    """The key of a scene's seed and of what its numbers are for."""
+    """Return the key of a scene's seed and of the purpose `use` of its numbers."""
     return np.uint64(seed & 0xFFFFFFFF), np.uint64(((seed >> 32) ^ use) & 0xFFFFFFFF)

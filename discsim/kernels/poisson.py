@@ -1,17 +1,18 @@
-"""The half-transformed field in tiles of TILE columns, columns in small buffers, and the product with the kernel.
+"""Copies between rows, tiles and columns of the half-transformed field, and products with the kernel (Poisson
+solver).
 
-A tile (nx, TILE) is contiguous: rows are put into tiles, and tiles turned into columns, without long strides.
-Buffers are wider than what they hold, so that their rows do not share their place in the cache.
+A tile (nx, TILE) holds TILE columns and is contiguous: copies from rows to tiles and from tiles to columns have no
+long strides. Buffers are wider than their content, so that their rows do not map to the same cache lines.
 """
 
 from discsim.jit.decorators import compiled, inner
 
-TILE = 8  # columns: two lines of the cache
+TILE = 8  # columns: two cache lines of complex numbers
 
 
 @compiled
 def load_rows(field, first, rows):
-    """Rows first, first + 1, ... of a field (nx, ny) into `rows` (batch, >= ny)."""
+    """Copy rows first, first + 1, ... of a field (nx, ny) to `rows` (batch, >= ny)."""
     for i in range(min(rows.shape[0], field.shape[0] - first)):
         row = rows[i]
         for j in range(field.shape[1]):
@@ -20,8 +21,9 @@ def load_rows(field, first, rows):
 
 @compiled
 def store_rows(rows, first, shift, border, field):
-    """The reverse of `load_rows`, `shift` rows further on, from the last to the first; the last `border` nodes of a row
-    are put before its first.
+    """Copy `rows` back to a field, `shift` rows further on, from the last to the first.
+
+    The last `border` nodes of a row go before its first node.
     """
     count, held = field.shape[0], field.shape[1] - border
     for i in range(min(rows.shape[0], count - first)):
@@ -34,7 +36,7 @@ def store_rows(rows, first, shift, border, field):
 
 @compiled
 def rows_to_tiles(rows, first, tiles):
-    """Rows (batch, tiles TILE) into rows first, first + 1, ... of `tiles` (tiles, nx, TILE)."""
+    """Copy rows (batch, tiles TILE) to rows first, first + 1, ... of `tiles` (tiles, nx, TILE)."""
     for t in range(tiles.shape[0]):
         for i in range(min(rows.shape[0], tiles.shape[1] - first)):
             for c in range(TILE):
@@ -43,7 +45,7 @@ def rows_to_tiles(rows, first, tiles):
 
 @compiled
 def tiles_to_rows(tiles, first, rows):
-    """The reverse of `rows_to_tiles`."""
+    """Copy rows of `tiles` to `rows`, the reverse of `rows_to_tiles`."""
     for t in range(tiles.shape[0]):
         for i in range(min(rows.shape[0], tiles.shape[1] - first)):
             for c in range(TILE):
@@ -52,7 +54,7 @@ def tiles_to_rows(tiles, first, rows):
 
 @compiled
 def load_columns(tile, columns):
-    """Columns of a tile (nx, TILE) into `columns` (TILE, >= nx)."""
+    """Copy the columns of a tile (nx, TILE) to `columns` (TILE, >= nx)."""
     for i in range(tile.shape[0]):
         for c in range(TILE):
             columns[c, i] = tile[i, c]
@@ -60,7 +62,7 @@ def load_columns(tile, columns):
 
 @compiled
 def store_columns(columns, tile):
-    """The reverse of `load_columns`."""
+    """Copy `columns` to a tile, the reverse of `load_columns`."""
     for i in range(tile.shape[0]):
         for c in range(TILE):
             tile[i, c] = columns[c, i]
@@ -68,7 +70,7 @@ def store_columns(columns, tile):
 
 @compiled
 def multiply_columns(columns, quadrant, first, length):
-    """Multiply by the kernel's transform: `quadrant` (ky, kx) has half of the kx, for it is even.
+    """Multiply columns by the kernel's transform: `quadrant` (ky, kx) has half of the kx because it is even.
 
     `columns` (TILE, >= 2 length) are real and imaginary parts in turn.
     """
@@ -78,7 +80,7 @@ def multiply_columns(columns, quadrant, first, length):
 
 @inner
 def _multiply(column, factor, length, unpaired):
-    # factor[k] is that of mode k. The kernel is even: modes from the last one back have the same factors, from number
+    # factor[k] belongs to mode k. The kernel is even: modes from the last one back have the same factors, from index
     # `unpaired` on, which is 1 where mode 0 has no mirror image, and 0 where each mode has one.
     half = len(factor)
     for k in range(half):
@@ -91,11 +93,12 @@ def _multiply(column, factor, length, unpaired):
 
 @compiled
 def load_halves(tile, nx, wave, columns):
-    """Columns of the first nx rows of a tile into columns[0] of `columns` (2, TILE, >= n), and times `wave` (n,) into
-    columns[1]; zeros in rows from nx up to n.
+    """Copy the first nx rows of a tile to columns[0] of `columns` (2, TILE, >= n), and times `wave` (n,) to
+    columns[1].
 
-    With wave[i] = exp(-j pi i / n) their transforms, of length n, are the even and the odd modes of the transform of
-    length 2n, of which the second half is padding (decimation in frequency; Cooley & Tukey 1965).
+    Rows from nx up to n are 0. With wave[i] = exp(-j pi i / n) the transforms, of length n, are the even and the odd
+    modes of the transform of length 2n, of which the second half is padding (decimation in frequency; Cooley & Tukey
+    1965).
     """
     for i in range(nx):
         for c in range(TILE):
@@ -105,9 +108,11 @@ def load_halves(tile, nx, wave, columns):
 
 @compiled
 def store_halves(columns, nx, border, wave, tile):
-    """Rows of the inverse transform of length 2n from those of even and of odd modes, `columns` (2, TILE, >= n), into a
-    tile: row i < n is even + conj(wave[i]) odd, and row n + i is even - conj(wave[i]) odd. There are nx rows, the
-    `border` after them and, behind these, the last `border` of all, which are those before the first.
+    """Write rows of the inverse transform of length 2n to a tile, from those of even and odd modes, `columns` (2,
+    TILE, >= n).
+
+    Row i < n is even + conj(wave[i]) odd, and row n + i is even - conj(wave[i]) odd. The tile gets the first nx rows,
+    the `border` rows after them and then the last `border` of all, which lie before the first.
     """
     count = len(wave)
     for i in range(min(nx + border, count)):
@@ -122,7 +127,7 @@ def store_halves(columns, nx, border, wave, tile):
 
 @inner
 def _store_beyond(columns, i, wave, row):
-    # Row i of the second half: its wave has the other sign.
+    # Row i of the second half: its wave has the opposite sign.
     back = wave[i].conjugate()
     for c in range(TILE):
         row[c] = columns[0, c, i] - back * columns[1, c, i]
@@ -130,8 +135,9 @@ def _store_beyond(columns, i, wave, row):
 
 @compiled
 def multiply_halves(columns, quadrant, first, length):
-    """`multiply_columns` for even and then odd modes, `columns` (2, TILE, >= 2 length); `quadrant` has the even kx
-    before the odd ones.
+    """Apply `multiply_columns` to even and then odd modes, `columns` (2, TILE, >= 2 length).
+
+    `quadrant` has the even kx before the odd ones.
     """
     even = length // 2 + 1
     for c in range(min(TILE, quadrant.shape[0] - first)):

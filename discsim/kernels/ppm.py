@@ -4,13 +4,13 @@ Colella & Woodward 1984 (CW84): with limited slopes d_i (1.7-1.8) the value at a
 
     a_(i+1/2) = (a_i + a_(i+1)) / 2 - (d_(i+1) - d_i) / 6                                              (1.6)
 
-from both sides; where gas is shocked it is drawn to the cell's mean (4.1, appendix A.2), and the parabola is made
-monotone (1.10). What passes is HLLC's flux for gas with an energy and HLL's for barotropic gas (Toro 2009, ch. 10),
-with Einfeldt's wave speeds, and for dust what either side sends through (Huang & Bai 2022, arXiv:2206.01023):
+on both sides. In shocks of the gas it is moved towards the cell's mean (4.1, appendix A.2). The parabola is then made
+monotone (1.10). The flux is HLLC's for gas with an energy and HLL's for barotropic gas (Toro 2009, ch. 10), both with
+Einfeldt's wave speeds. The flux of dust is the sum of those from either side (Huang & Bai 2022, arXiv:2206.01023):
 
     F = r_L max(u_L, 0) (1, u_L) + r_R min(u_R, 0) (1, u_R)                                            (2)
 
-Rows of a state: gas density, velocity, pressure; dust density, velocity. Rows of what is conserved: gas mass,
+Rows of a state: gas density, velocity, pressure; dust density, velocity. Rows of conserved quantities: gas mass,
 momentum, energy; dust mass, momentum, each over the length of a cell.
 """
 
@@ -20,17 +20,17 @@ import numpy as np
 
 from discsim.jit.decorators import compiled, subroutine
 
-GHOSTS = 4  # cells beyond each end that a face's flux looks at
+GHOSTS = 4  # cells beyond each end that the flux through a face depends on
 DENSITY, VELOCITY, PRESSURE, DUST_DENSITY, DUST_VELOCITY = range(5)
 MASS, MOMENTUM, ENERGY, DUST_MASS, DUST_MOMENTUM = range(5)
 
-MOST = 0.75  # share of a cell's dust that its parabola may give away in a step
+MOST = 0.75  # largest share of a cell's dust that may leave by its parabola in a step
 STEEP, SHOCKED, SLOPE, LEAST_JUMP = 0.75, 10.0, 2.0, 0.33  # omega_1, omega_2, of (1.8), epsilon of A.2
 
 
 @subroutine
 def limited_slope(left, centre, right):
-    """(1.7), (1.8)."""
+    """Return the limited slope of a cell, CW84 (1.7) and (1.8)."""
     down, up = centre - left, right - centre
     if down * up <= 0.0:
         return 0.0
@@ -40,7 +40,7 @@ def limited_slope(left, centre, right):
 
 @subroutine
 def monotone(left, centre, right):
-    """The ends of a cell's parabola between which it has no extremum (1.10)."""
+    """Return the ends of a cell's parabola, limited to have no extremum between them (1.10)."""
     if (right - centre) * (centre - left) <= 0.0:
         return centre, centre
     jump, bulge = right - left, 6.0 * (centre - 0.5 * (left + right))
@@ -53,7 +53,7 @@ def monotone(left, centre, right):
 
 @subroutine
 def parabolas(mean, flatness, left, right):
-    """Values at the left and right ends of each cell but two at either end (A.2, 1.6, 4.1, 1.10)."""
+    """Write values at the left and right ends of all cells but two at either end (A.2, 1.6, 4.1, 1.10)."""
     n = len(mean)
     slope = np.zeros(n)
     for i in range(1, n - 1):
@@ -68,7 +68,7 @@ def parabolas(mean, flatness, left, right):
 
 @subroutine
 def flattening(velocity, pressure):
-    """How far the parabola of each cell is drawn to its mean: 1 in a shock of one or two cells (A.2)."""
+    """Return the weight of each cell's mean in its parabola: 1 in a shock of one or two cells (A.2)."""
     n = len(pressure)
     own, out = np.zeros(n), np.zeros(n)
     for i in range(2, n - 2):
@@ -85,9 +85,9 @@ def flattening(velocity, pressure):
 
 @subroutine
 def gas_flux(left, right, gamma, flux):
-    """HLLC's flux of mass, momentum and energy between two states; HLL's of mass and momentum with gamma = 0.
+    """Write HLLC's flux of mass, momentum and energy between two states; HLL's of mass and momentum with gamma = 0.
 
-    With gamma = 0 the gas is isothermal, P / rho of the faces being c_s^2.
+    With gamma = 0 the gas is isothermal, with P / rho at the faces equal to c_s^2.
     """
     heat = gamma if gamma > 0.0 else 1.0
     rl, vl, pl = left[DENSITY], left[VELOCITY], left[PRESSURE]
@@ -123,9 +123,10 @@ def gas_flux(left, right, gamma, flux):
 
 @compiled
 def through_faces(state, gamma):
-    """Flux through the faces of cells with their ghosts, state (5, n + 2 ghosts).
+    """Return the fluxes through the faces of cells with their ghosts, state (5, n + 2 ghosts).
 
-    Returns that of the gas (3, n + 1), and of the dust what goes right and what goes left (2, n + 1) each.
+    These are the flux of the gas (3, n + 1), and the fluxes of the dust to the right and to the left, (2, n + 1)
+    each.
     """
     width = state.shape[1]
     faces = width - 2 * GHOSTS + 1
@@ -147,12 +148,12 @@ def through_faces(state, gamma):
 
 @compiled
 def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
-    """Let no more leave a cell than it has, and that with its own velocity: dust in voids.
+    """Limit the dust that leaves a cell to what it has, with the cell's own velocity, for dust in voids.
 
-    Where parabolas let go MOST of what was there at the start, density and momentum (n,), the cell gives what a
-    uniform one does. Fluxes (2, n + 1) in place, ratio = dt / dx.
+    Where the parabolas remove more than MOST of the density at the start, `density` and `momentum` (n,), the cell's
+    fluxes are those of a uniform cell. Fluxes (2, n + 1) are changed in place; ratio = dt / dx.
     """
-    n, fastest = len(density), (1.0 - 1e-12) / ratio  # a hair less than all, against rounding
+    n, fastest = len(density), (1.0 - 1e-12) / ratio  # slightly less than all, with a margin for rounding
     for i in range(n):
         if ratio * (rightward[0, i + 1] - leftward[0, i]) <= MOST * density[i]:
             continue

@@ -1,4 +1,4 @@
-"""Loops of a quiet disc: densities that follow the flow, sums over rings, and the push of a ring's mean pressure.
+"""Loops of quiet gas: densities that follow the flow, sums over rings, and the push of a ring's mean pressure.
 
 Equations are those of `effects/quiet.py`.
 """
@@ -9,24 +9,25 @@ import numpy as np
 
 from discsim.jit.decorators import compiled
 
-MASS, NUMBER, FIRST, SECOND = range(4)  # rows of rings: of masses, numbers, ln(r P / c_s^2) and its square
-# A gas compressed faster than ONSET / 2 c_s/h is in a shock, wholly from (ONSET + 1) / 2 c_s/h on: its density becomes
-# the sum's at the rate FAST c_s/h, and goes on to for LASTING h/c_s.
+MASS, NUMBER, FIRST, SECOND = range(4)  # rows of ring sums: mass, number, ln(r P / c_s^2) and its square
+# Gas that is compressed faster than ONSET / 2 c_s/h is in a shock, fully from (ONSET + 1) / 2 c_s/h on. Its density
+# relaxes to the summed one at the rate FAST c_s/h, and behind the shock this rate decays over LASTING h/c_s.
 ONSET, FAST, LASTING = 0.3, 10.0, 5.0
-FARTHEST = 3.0  # largest factor between followed and summed density; the scatter of ln of it is .24 in sheared gas
+FARTHEST = 3.0  # largest factor between followed and summed density; its ln has a scatter of 0.24 in sheared gas
 
 
 @compiled
 def follow(
     first, last, time, memory, omega, slopes, density, pressure, sound, inv_size, followed, divergence, shock, at
 ):  # fmt: skip
-    """Bring densities `followed` (n,), of the times `at` (n,), to `time` by eq. (1), and `pressure` (n,) of the summed
-    density to that of these. A density of 0 begins as the summed one.
+    """Advance the densities `followed` (n,) from the times `at` (n,) to `time` by eq. (1), and scale `pressure` (n,)
+    to them.
 
-    The velocity gradient of a particle with few neighbours is noise. A density that this noise lowers gives a stronger
-    push, and the push a larger divergence. The factor FARTHEST stops this runaway.
+    A density of 0 starts as the summed one. The velocity gradient of a particle with few neighbours is noise. A
+    density lowered by this noise gives a stronger push, and the push a larger divergence. The factor FARTHEST stops
+    this runaway.
 
-    memory: tau Omega. omega, inv_size (n,): frequencies of circles and 1 / h; slopes (n, 3) of the velocity.
+    memory: tau Omega. omega, inv_size (n,): orbital frequencies and 1 / h. slopes (n, 3): of the velocity.
     """
     for i in range(first, last):
         div, dt, crossing = slopes[i, 0] + slopes[i, 2], time - at[i], sound[i] * inv_size[i]
@@ -42,8 +43,10 @@ def follow(
 
 @compiled
 def ring_sums(first, last, count, at, mass, pressing, radius, units):
-    """Sums over particles at the places `at` (n,) of `count` rings, as whole numbers in `units` (4,), shape (4, count):
-    masses, numbers, ln(r P / c_s^2) and its square, each particle spread over three rings (TSC).
+    """Return sums (4, count) over particles at the positions `at` (n,) of `count` rings, as integers in `units` (4,).
+
+    The rows are masses, numbers, ln(r P / c_s^2) and its square. Each particle is spread over three rings (TSC).
+    pressing (n,): P / c_s^2.
     """
     rings = np.zeros((4, count), np.int64)
     for i in range(first, last):
@@ -60,7 +63,8 @@ def ring_sums(first, last, count, at, mass, pressing, radius, units):
 
 @compiled
 def push(first, last, pos, at, stretch, density, coefficients, pressure, acc):
-    """Take the ring's share off `pressure` (n,) and add its push -grad B / rho to `acc` (n, 2), eq. (2).
+    """Subtract the ring's pressure B from `pressure` (n,) and add its push -grad B / rho to `acc` (n, 2), eqs. (2,
+    3).
 
     coefficients (4, count): of the cubics between rings, highest power first. stretch (n,): d(at)/dr over r.
     """

@@ -1,4 +1,4 @@
-"""Push of a star's light on dust: acc += beta G M r / (r^2 + s^2)^(3/2)."""
+"""Radiation pressure of the star on dust: acc += beta G M r / (r^2 + s^2)^(3/2)."""
 
 import math
 
@@ -7,7 +7,9 @@ from discsim.jit.decorators import compiled
 
 @compiled
 def push(begin, end, pos, species, strength, softening, acc):
-    """Add it to the accelerations (n, 2) of grains whose populations have the strengths beta G M (populations,)."""
+    """Add the radiation pressure to the accelerations (n, 2) of grains; strength (populations,): beta G M of each
+    population.
+    """
     for i in range(begin, end):
         x, y = pos[i, 0], pos[i, 1]
         d2 = x * x + y * y + softening * softening

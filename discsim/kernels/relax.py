@@ -1,7 +1,7 @@
 """Exact relaxation of coupled velocities with the accelerations inside: eq. (1) of `kernels/drag.py` over any dt.
 
-Of two velocities the slip y obeys dy/dt = b - rate y; of gas and several populations, which meet through the gas
-alone, those of `kernels/coupled.py`. Increments are those beyond free motion, so that they vanish with the drag.
+The slip y of two velocities obeys dy/dt = b - rate y. Gas and several populations, coupled through the gas alone,
+obey the equations of `kernels/coupled.py`. Increments are those beyond free motion, and vanish with the drag.
 """
 
 import math
@@ -12,7 +12,7 @@ from discsim.kernels.coupled import relax_coupled
 
 @compiled
 def response(rate, dt, exponential):
-    """What dy/dt = b - rate y does beyond the free y + b dt: (f, g) of y' = y + b dt + f y + g b."""
+    """Return (f, g) of y' = y + b dt + f y + g b, the change by dy/dt = b - rate y beyond the free y + b dt."""
     x = rate * dt
     if not exponential:
         low = 1.0 / (1.0 + x)
@@ -25,7 +25,7 @@ def response(rate, dt, exponential):
 
 @compiled
 def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
-    """Increments of two coupled velocities of weights w0, w1 beyond their free motion."""
+    """Return the increments of two coupled velocities of weights w0, w1 beyond their free motion."""
     f, g = response(rate, dt, exponential)
     change = f * (y0 - y1) + g * (b0 - b1)
     return w1 / (w0 + w1) * change, -w0 / (w0 + w1) * change
@@ -33,8 +33,10 @@ def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
 
 @lean
 def relax_apart(mass, time, y, b, two_way, dt, exponential, room, slip, drive):
-    """Changes (n, d) beyond their free motion of the velocities of gas (entry 0) and several populations, those of no
-    mass left out, by their slips and by sources apart; one-way: of the populations alone. `room` as `relax_coupled`.
+    """Write the velocity changes (n, d) of gas (entry 0) and several populations by slips and by sources, apart.
+
+    The changes are those beyond free motion, and 0 for populations of no mass. One-way drag changes the populations
+    alone. `room` is as in `relax_coupled`.
     """
     n, dim = y.shape
     for s in range(n):
@@ -52,8 +54,10 @@ def relax_apart(mass, time, y, b, two_way, dt, exponential, room, slip, drive):
 
 @subroutine
 def relax_means(mass, time, y, b, two_way, dt, exponential, several, room, change):
-    """Both changes together. `several` is None where there is one population: without it numba leaves out the coupling
-    of many, seconds of compilation.
+    """Write the sum of the changes by slips and by sources of `relax_apart`.
+
+    `several` is None where there is one population: numba then leaves out the coupling of many, which saves seconds
+    of compilation.
     """
     n, dim = y.shape
     count, only = 0, 0

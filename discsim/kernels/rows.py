@@ -1,15 +1,15 @@
-"""Rows: four numbers in the vector registers of a processor, for loops that are too short for a compiler to see any.
+"""Rows: vectors of four numbers in registers (SIMD), for loops too short to be vectorised by the compiler.
 
-    row = load(array, at)            the LANES numbers of an array, whatever its shape, from element `at` on
-    row + row, row - row, row * row  of all lanes at once, also with a number in place of either; products and sums are
+    row = load(array, at)            the LANES numbers of an array of any shape, from element `at` on
+    row + row, row - row, row * row  lane by lane, also with a number in place of either row; products and sums are
     row / row, root(row)             fused where the processor can; root also of a number
-    lane(row, k)                     one of them
+    lane(row, k)                     lane k of a row
     sums_of(a, b, c, d)              the sums over the lanes of each, as a row
-    store(array, at, row)            back into memory
-    fetch(array, at)                 ask memory for an element, without waiting for it
-    empty_row()                      nothing but 0
+    store(array, at, row)            write a row to memory
+    fetch(array, at)                 prefetch an element
+    empty_row()                      zeros
 
-Where numba is told not to compile, rows are arrays. Extending numba: its manual, "Low-level extension API".
+Where numba's compilation is disabled, rows are arrays. Extending numba: its manual, "Low-level extension API".
 """
 
 import operator
@@ -21,7 +21,7 @@ from numba.core import cgutils
 from numba.extending import lower_builtin, models, register_model, type_callable
 
 LANES = 4
-LINE = np.uint64(8)  # numbers in a line of the cache, which `fetch` asks for
+LINE = np.uint64(8)  # numbers in a cache line, which `fetch` loads
 
 
 class RowType(types.Type):
@@ -40,7 +40,7 @@ class RowModel(models.PrimitiveModel):
 
 
 def load(array, at):
-    """LANES numbers of a contiguous array from its element `at` on."""
+    """Return LANES numbers of a contiguous array from its element `at` on."""
     return array.reshape(-1)[at : at + LANES].copy()
 
 
@@ -75,7 +75,7 @@ def _place(context, builder, kind, array, at):
 
 
 def _loads(context, builder, signature, arguments):
-    # An array begins where a number may; a row need not begin where a vector would.
+    # Arrays are aligned to numbers (8 bytes), not to vectors.
     return builder.load(_place(context, builder, signature.args[0], *arguments), align=8)
 
 
@@ -93,9 +93,10 @@ def _zeros(context, builder, signature, arguments):
 
 
 def compile_as(function, build, returned, *given):
-    """Let compiled code call `function` of arguments of the types `given` (types.Array: any) by what `build` emits.
+    """Compile calls of `function` with arguments of the types `given` (types.Array: any array) to the code that
+    `build` emits.
 
-    A function that numba inlines would cost every kernel seconds: each call of it is inferred anew.
+    A function inlined by numba would cost every kernel seconds: numba infers the types of each call again.
     """
 
     @type_callable(function)
@@ -103,7 +104,7 @@ def compile_as(function, build, returned, *given):
         def signature(*args):
             return returned(*(arg if kind is types.Array else kind for arg, kind in zip(args, given, strict=True)))
 
-        # numba reads the number of arguments from that of the function.
+        # numba takes the number of arguments from the function's own.
         of_arguments = (
             lambda: signature(),
             lambda a: signature(a),
@@ -125,14 +126,14 @@ def _fetches(context, builder, signature, arguments):
     kind = ir.FunctionType(ir.VoidType(), [byte, whole, whole, whole])
     fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
     place = builder.bitcast(_place(context, builder, signature.args[0], *arguments), byte)
-    builder.call(fetch, [place, whole(0), whole(3), whole(1)])  # to read, to be kept, data
+    builder.call(fetch, [place, whole(0), whole(3), whole(1)])  # read, high locality, data cache
     return context.get_dummy_value()
 
 
 def _sums(context, builder, signature, arguments):
     a, b, c, d = arguments
 
-    def pairs(one, other):  # both sums of neighbours of one, beside those of the other
+    def pairs(one, other):  # sums of pairs of lanes, of `one` and `other` in turn
         even, odd = builder.shuffle_vector(one, other, _lanes((0, 4, 2, 6))), _lanes((1, 5, 3, 7))
         return builder.fadd(even, builder.shuffle_vector(one, other, odd))
 
@@ -150,7 +151,7 @@ compile_as(sums_of, _sums, row_type, row_type, row_type, row_type, row_type)
 
 
 def _row_of(builder, kind, value):
-    """A number in each lane, or a row as it is."""
+    """Return a row as it is, or a number in each lane."""
     if kind == row_type:
         return value
     first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), value, ir.IntType(32)(0))
@@ -158,7 +159,7 @@ def _row_of(builder, kind, value):
 
 
 def compile_operator(symbol, emit, flags=("contract",)):
-    """Let compiled code take rows, or a number and a row, by what `emit` names of a builder's."""
+    """Compile an operator for rows, or a number and a row, to the builder's instruction named `emit`."""
     pairs = [(row_type, row_type), (types.float64, row_type), (row_type, types.float64)]
 
     @type_callable(symbol)

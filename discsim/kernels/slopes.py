@@ -2,7 +2,7 @@
 
     G_i = [sum_k m_k W(r_ik, h_i) x_ik x_ik^T]^-1 [sum_k m_k W(r_ik, h_i) x_ik v_ik^T],   x_ik = x_k - x_i
 
-It is exact for a linear velocity field on any particles, so that neither a boost nor a rotation changes it.
+The slope is exact for a linear velocity field on any particles: neither a boost nor a rotation adds an error.
 """
 
 import functools
@@ -19,7 +19,7 @@ from discsim.kernels.smoothing import SUPPORT, shape
 
 @njit(inline="always")
 def moment_sums(kernel, dim, x, y, vx, vy, h, n, cx, cy, cm, cvx, cvy):
-    """Second moments of the neighbours of one particle: of place with place, and with velocity."""
+    """Return second moments of the neighbours of one particle: of position with position, and with velocity."""
     support, inv_h = SUPPORT[kernel], 1.0 / h
     xx, xy, yy, xvx, xvy, yvx, yvy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
@@ -40,7 +40,7 @@ def moment_sums(kernel, dim, x, y, vx, vy, h, n, cx, cy, cm, cvx, cvy):
 
 @functools.cache
 def slope_driver(kernel: int, dim: int):
-    """Compile the pass that writes d v_c / d x_a of each particle to slope[i, a, c]; 0 where neighbours lack."""
+    """Compile the loop that writes d v_c / d x_a of each particle to slope[i, a, c]; 0 where neighbours are too few."""
 
     @kept(**KERNEL, fastmath=FAST)
     def fit(first, last, lists, pos, vel, mass, h, slope, cells):

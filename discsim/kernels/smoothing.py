@@ -20,13 +20,15 @@ MEAN_Q2 = tuple(kernel.mean_q[1] for kernel in SMOOTHING.values())
 NORM = tuple(tuple(kernel.norm[dim] for kernel in SMOOTHING.values()) for dim in (0, 1))
 
 
-# Of what `cubic` returns, in w(q), dw/dq and d2w/dq2.
+# Factors of the values of `cubic` in w(q), dw/dq and d2w/dq2.
 CUBIC_FACTORS = 0.25, -0.75, 1.5
 
 
 @njit(inline="always")
 def cubic(q):
-    """(2 - q)^k - 4 (1 - q)^k for k = 3, 2, 1, without what is below 0: w(q), dw/dq and d2w/dq2 over their factors."""
+    """Return (2 - q)^k - 4 (1 - q)^k for k = 3, 2, 1, each power 0 below 0: w(q), dw/dq and d2w/dq2 over
+    CUBIC_FACTORS.
+    """
     a, b = max(0.0, 2.0 - q), max(0.0, 1.0 - q)
     a2, b2 = a * a, 4.0 * b * b
     return a2 * a - b2 * b, a2 - b2, a - 4.0 * b
@@ -34,7 +36,7 @@ def cubic(q):
 
 @njit(inline="always")
 def shape(kernel, dim, q):
-    """w(q) and dw/dq. `kernel` and `dim` are compile-time constants of the caller, so one branch is left."""
+    """Return w(q) and dw/dq. `kernel` and `dim` are compile-time constants: one branch is compiled."""
     if kernel == CUBIC:
         w, dw, _ = cubic(q)
         return CUBIC_FACTORS[0] * w, CUBIC_FACTORS[1] * dw
@@ -58,7 +60,7 @@ def shape(kernel, dim, q):
 
 @njit(inline="always")
 def bend(kernel, dim, q):
-    """d2w/dq2."""
+    """Return d2w/dq2."""
     if kernel == CUBIC:
         _, _, ddw = cubic(q)
         return CUBIC_FACTORS[2] * ddw
@@ -78,7 +80,7 @@ def bend(kernel, dim, q):
 
 @njit(inline="always")
 def terms(kernel, dim, q):
-    """w(q), dw/dq and d2w/dq2 over `factors(kernel)`, by which sums are multiplied at their end."""
+    """Return w(q), dw/dq and d2w/dq2 over `factors(kernel)`, which the caller applies to its sums at the end."""
     if kernel == CUBIC:
         return cubic(q)
     w, dw = shape(kernel, dim, q)

@@ -1,4 +1,6 @@
-"""Counting sort in parts: part p of `parts` has the keys from n p / parts on. For `discsim.numerics.threads.share`."""
+"""Counting sort in parts: part p of `parts` has the keys from n p / parts on. Run by
+`discsim.numerics.threads.share`.
+"""
 
 import numpy as np
 
@@ -9,14 +11,14 @@ GAPS = (
     16764929, 9427969, 4188161, 2354689, 1045505, 587521, 260609, 146305, 64769, 36289, 16001, 8929, 3905, 2161, 929,
     505, 209, 109, 41, 19, 5, 1,
 )  # fmt: skip
-FEW = 8  # members, of whom each is put straight where it belongs
+FEW = 8  # members, up to which insertion sort needs no larger gaps
 
 
 @compiled
 def count_keys(part_from, part_to, key, parts, place):
-    """Count the keys (n,) of each part in `place` (1 + keys parts,), by key, within it by part, after a 0."""
-    # Neighbours have the same key as a rule, and an addition would wait for the one before to be written: so they come
-    # from four places in turn. Unsigned numbers are no indices from the end, which would have to be asked for.
+    """Count the keys (n,) of each part in `place` (1 + keys parts,), by key and within it by part, after a 0."""
+    # Adjacent particles mostly have the same key, and an increment waits for the one before to be written. The loop
+    # therefore takes keys from four quarters in turn. Unsigned indices need no test for negative values.
     stride = np.uint64(parts)
     for part in range(part_from, part_to):
         first, end = len(key) * part // parts, len(key) * (part + 1) // parts
@@ -32,7 +34,9 @@ def count_keys(part_from, part_to, key, parts, place):
 
 @compiled
 def put_in_order(part_from, part_to, key, parts, place, order):
-    """Put the numbers of the particles where `place` has them, which ends where the next one has its first."""
+    """Write the indices of the particles to `order` from the positions in `place` on; these then end at those of the
+    next key.
+    """
     stride = np.uint64(parts)
     for part in range(part_from, part_to):
         for i in range(np.uint64(len(key) * part // parts), np.uint64(len(key) * (part + 1) // parts)):
@@ -43,7 +47,9 @@ def put_in_order(part_from, part_to, key, parts, place, order):
 
 @compiled
 def find_behind(first, last, ids, order, out):
-    """Write to `out` (n,) of each in an order, but for the first of all, whether its `ids` is below that before it."""
+    """Write to `out` (n,) for each entry of an order, except the first of all, whether its `ids` is below the one
+    before.
+    """
     if first == last:
         return
     before = ids[order[max(first - 1, 0)]]
@@ -55,8 +61,9 @@ def find_behind(first, last, ids, order, out):
 
 @compiled
 def sort_members(first, last, some, start, ids, order):
-    """Put the members of `some` keys, order[start[key]:start[key + 1]], in the order of their `ids` (n,), which differ
-    and mostly rise: members that are out of order are taken out, sorted, and merged with the others.
+    """Sort the members of the keys `some`, order[start[key]:start[key + 1]], by their `ids` (n,), which are distinct.
+
+    The ids mostly rise: members that are out of order are taken out, sorted, and merged with the others.
     """
     most = 0
     for n in range(first, last):
@@ -72,14 +79,15 @@ def sort_members(first, last, some, start, ids, order):
 
 @inner
 def _take_out(members, ids, rising, rising_ids, late, late_ids):
-    """Members in `rising` order of ids, how many these are, and others, `late`."""
+    """Split members into `rising`, in the order of ids, and the others, `late`; return the number of the rising ones.
+    """
     held = 0
     for k in range(len(members)):
         member, mine = members[k], ids[members[k]]
         if held > 0 and mine < rising_ids[held - 1]:
             out = k - held
             late[out], late_ids[out] = member, mine
-            if held == 1 or rising_ids[held - 2] <= mine:  # rather the one before, which is above more than this one
+            if held == 1 or rising_ids[held - 2] <= mine:  # the one before is out of order instead: move that
                 late[out], late_ids[out] = rising[held - 1], rising_ids[held - 1]
                 rising[held - 1], rising_ids[held - 1] = member, mine
             continue
@@ -90,8 +98,9 @@ def _take_out(members, ids, rising, rising_ids, late, late_ids):
 
 @inner
 def _sort(count, members, ids):
-    """Insertion among members that are `gap` apart, 1 at last (Shell 1959; gaps of Sedgewick 1986). numba's own sorts
-    take seconds to compile.
+    """Sort by insertion among members `gap` apart, at last 1 apart (Shell 1959; gaps of Sedgewick 1986).
+
+    numba's own sorts take seconds to compile.
     """
     for step in range(len(GAPS) - 1 if count <= FEW else 0, len(GAPS)):
         gap = GAPS[step]
@@ -105,7 +114,7 @@ def _sort(count, members, ids):
 
 @inner
 def _merge(members, held, rising, rising_ids, late, late_ids):
-    """All members in order, from the last to the first."""
+    """Merge both lists into `members`, from the last to the first."""
     i, j = held - 1, len(members) - held - 1
     for k in range(len(members) - 1, -1, -1):
         if j >= 0 and (i < 0 or late_ids[j] > rising_ids[i]):

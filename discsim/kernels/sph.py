@@ -5,22 +5,23 @@
     dv_i/dt = -sum_j m_j [P_i / (Omega_i rho_i^2) grad W(h_i) + P_j / (Omega_j rho_j^2) grad W(h_j)]  (3)
     du_i/dt = P_i / (Omega_i rho_i^2) sum_j m_j v_ij . grad W(h_i)                                  (4)
     Pi_ij   = (-alpha c_ij w + beta w^2) / rho_ij,   w = min(0, v_ij . r_ij / r_ij)                   (5)
-              with `pairs` "all" the first w is that of all pairs (Lodato & Price 2010): on approaching pairs
-              alone the shear of a disc makes a pressure of it, and twice the noise at one shear viscosity
     w_ij   -= 2 a b / (a + b) where a b > 0,   a = r_ij e . G_i e,   b = r_ij e . G_j e             (6)
-              with reconstruction, in both terms of (5): what is left of the jump between velocities that are
-              extrapolated to the middle of a pair, e = r_ij / r_ij; heat is that of the pair's whole velocity
     G_i     = A_i T_i^-1,   A_i = sum_j m_j W(r_ij, h_i) v_ij x r_ij,   T_i = sum_j m_j W(r_ij, h_i) r_ij x r_ij  (7)
+
+With `pairs` "all" the first w of (5) is that of all pairs (Lodato & Price 2010). On approaching pairs alone this term
+is partly a pressure in the shear of a disc, with twice the noise at the same shear viscosity. With reconstruction
+both terms of (5) take (6): the jump between velocities extrapolated to the middle of a pair, e = r_ij / r_ij. Heat is
+that of the pair's full velocity.
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
 kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). (6): Frontiere,
 Raskin & Owen 2017 and Rosswog 2020, with the harmonic mean of both slopes as limiter (van Leer 1974). (7): the
-gradient of Garcia-Senz, Cabezon & Escartin 2012, exact for linear flows, which hence feel no viscosity. Conduction:
+gradient of Garcia-Senz, Cabezon & Escartin 2012, exact for linear flows, which hence have no viscosity. Conduction:
 Price 2008, eq. 28. Shear viscosity nu: eq. (1) of `effects/alpha_viscosity.py`.
 
-All sums gather (each particle sums over its own neighbours, in a fixed order), so that they are bitwise the
-same on any number of threads. Candidates of a cell are packed once (`sph_packs.py`). The sums
-of (1), (2) and (7) are in `sph_density.py`.
+All sums gather: each particle sums over its own neighbours, in a fixed order. They are therefore bitwise the same on
+any number of threads. Candidates of a cell are packed once (`sph_packs.py`). The sums of (1), (2) and (7) are in
+`sph_density.py`.
 """
 
 import functools
@@ -65,17 +66,19 @@ from discsim.kernels.sph_packs import (
     inverse_root,
 )
 
-# Means of 1 / rho and of grad W, each over a pair, are much more than the mean of grad W / rho where a light particle
-# sits on a heavy one: its kernel is narrow, and the other's density low. Viscosity and conduction, which no step would
-# then resolve, have this many times that mean at most; even gas has 1, and that of equal masses needs no such bound.
+# Where a light particle sits on a heavy one, its kernel is narrow and the density of the other low. The product of the
+# pair's means of 1 / rho and of grad W is then much larger than the mean of grad W / rho, and no time step resolves
+# viscosity and conduction. They have at most MOST_UNEVEN times that mean. Even gas has 1; equal masses need no bound.
 MOST_UNEVEN = 4.0
 NO_VISCOSITY, APPROACHING, ALL_PAIRS, RECONSTRUCTED = range(4)
-# Halves of the means over a pair, taken out of its sums.
+# Factors 1/2 of the means over a pair, taken out of the sums.
 ALPHA, BETA = 1.0 / 16.0, 1.0 / 8.0
 
 
 class Strengths(NamedTuple):
-    """beta of artificial viscosity, alpha of conductivity; for the step's limit the factors of c_s / h and -div v."""
+    """Coefficients: beta of artificial viscosity, alpha of conductivity; of the time-step limit, for c_s / h and for
+    -div v.
+    """
 
     beta: float
     conductivity: float
@@ -87,8 +90,9 @@ class Strengths(NamedTuple):
 def force_columns(
     first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, scale, order, columns
 ):  # fmt: skip
-    """Write to `columns` (n, 8, 11 or 14) what the sums of a scene read of each particle, in units of `scale` and in
-    the `order` of the cells; nu (n,), or none.
+    """Write to `columns` (n, 8, 11 or 14) the data of each particle that the force sums read, in cell `order`.
+
+    The data are in units of `scale`. nu (n,): shear viscosity, without entries if there is none.
     """
     vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
@@ -118,8 +122,9 @@ def force_columns(
 
 @njit(inline="always")
 def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame, columns, pack):
-    """Pack what the sums of a scene read of the candidates `slots`, h in the unit and velocities less that of their
-    cell's `frame` (unit, ux, uy).
+    """Pack the data of the candidates `slots` that the sums of a scene read.
+
+    h is in the unit, and velocities are relative to that, of their cell's `frame` (unit, ux, uy).
     """
     unit, ux, uy = frame
     count, norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
@@ -143,13 +148,15 @@ def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame,
             pack[ENERGY * STRIDE + k], pack[P * STRIDE + k] = columns[j, ENERGY], columns[j, P]
         if shearing:
             pack[FLUIDITY * STRIDE + k] = columns[j, FLUIDITY]
-    for k in range(count, np.uint64(whole(len(slots)) + LANES)):  # what windows and `all_of` are filled up with
+    for k in range(count, np.uint64(whole(len(slots)) + LANES)):  # padding of windows and `all_of`
         pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
 
 
 @njit(inline="always")
 def fetch_columns(begin, slots, columns):
-    """Ask memory for what `pack_columns` reads of the next cell's candidates, if there is one; `begin` from it on."""
+    """Prefetch what `pack_columns` reads of the next cell's candidates, if there is a next cell; `begin` starts with
+    that.
+    """
     if len(begin) > 1:
         for k in range(np.uint64(begin[0]), np.uint64(begin[1])):
             fetch(columns, slots[k] * np.uint64(columns.shape[1]))
@@ -157,7 +164,7 @@ def fetch_columns(begin, slots, columns):
 
 @njit(inline="always")
 def pack_distances(single, x, y, n, pack):
-    """Pack the distances of n candidates from (x, y), and one over them."""
+    """Pack the distances of n candidates from (x, y), and their inverses."""
     real = pack.dtype.type
     x, y = real(x), real(y)
     for k in range(n):
@@ -170,7 +177,7 @@ def pack_distances(single, x, y, n, pack):
 
 @njit(inline="always")
 def pack_gradients(kernel, dim, inv_h, n, pack):
-    """dW/dr by both kernels of each pair, up to norms that sums take."""
+    """Pack dW/dr by both kernels of each pair, without norms, which the sums apply."""
     inv_h = pack.dtype.type(inv_h)
     for k in range(n):
         r = pack[R * STRIDE + k]
@@ -182,7 +189,7 @@ def pack_gradients(kernel, dim, inv_h, n, pack):
 
 @njit(inline="always")
 def widened(uneven, own, other, inv_rho_i, inv_rho_j):
-    """The sum of q^2 dW/dr by both kernels of a pair, `own` and `other`; of unequal masses within a bound."""
+    """Return the sum of q^2 dW/dr by both kernels of a pair, `own` and `other`, bounded for unequal masses."""
     if uneven:
         return max(own + other, MOST_UNEVEN * (inv_rho_i * own + inv_rho_j * other) / (inv_rho_i + inv_rho_j))
     return own + other
@@ -190,13 +197,13 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
 
 @njit(inline="always")
 def harmonic(a, b):
-    """The harmonic mean 2 a b / (a + b) of two slopes, 0 where their signs differ: the limiter of eq. (6)."""
+    """Return the harmonic mean 2 a b / (a + b) of two slopes, 0 where their signs differ: the limiter of eq. (6)."""
     return 2.0 * a * b / (a + b) if a * b > 0.0 else 0.0
 
 
 @njit(inline="always")
 def packed_slopes(viscous, i, unit, columns, real):
-    """Slopes xx, 2 xy and yy of the i-th particle in units of a pack; 0 where nothing is reconstructed."""
+    """Return slopes xx, 2 xy and yy of the i-th particle in units of a pack; 0 without reconstruction."""
     if viscous == RECONSTRUCTED:
         return real(columns[i, SXX] * unit), real(columns[i, SXY] * unit), real(columns[i, SYY] * unit)
     return real(0.0), real(0.0), real(0.0)
@@ -204,7 +211,7 @@ def packed_slopes(viscous, i, unit, columns, real):
 
 @njit(inline="always")
 def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
-    """The velocity w of a pair along its line, and what eq. (6) leaves of it where velocities are reconstructed."""
+    """Return the velocity w of a pair along its line, reduced by eq. (6) where velocities are reconstructed."""
     if viscous != RECONSTRUCTED:
         return w
     xx, xy, yy = dx * dx * inv_r, dx * dy * inv_r, dy * dy * inv_r
@@ -216,8 +223,9 @@ def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
 def force_sums(
     kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, i, columns, strengths, n, pack
 ):  # fmt: skip
-    """Sums of the i-th particle in the order of the cells over n candidates, as they are packed: acceleration, du/dt,
-    divergence and the rate at which conduction takes u towards that of its neighbours.
+    """Return the sums of the i-th particle in cell order over n packed candidates.
+
+    These are acceleration, du/dt, divergence and the rate at which conduction relaxes u to that of its neighbours.
     """
     real, inv_h, (unit, ux, uy) = pack.dtype.type, columns[i, INV_H], frame
     norm = NORM[dim - 1][kernel] * factors(kernel)[1] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
@@ -276,7 +284,7 @@ def force_sums(
 
 @njit(inline="always")
 def most(a, b):
-    """The larger of two; what is no number stays none."""
+    """Return the larger of two numbers, or NaN where either is NaN."""
     return a if a >= b or a != a else b
 
 
@@ -292,8 +300,11 @@ def add(found, sums):
 
 @njit(inline="always")
 def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate):
-    """Add a cell's sums to acc and rate; the largest rate at which h is crossed, fourth power of that at which it is
-    fallen through, |a|^2 / h^2, and rate of conduction, in units of the pack.
+    """Add a cell's sums to `acc` and `rate`, and return the largest rates for the time-step limit, in units of the
+    pack.
+
+    These are the rate at which h is crossed, the fourth power of that of free fall through h, |a|^2 / h^2, and the
+    rate of conduction.
     """
     of_acc, of_heat, per_speed = units
     crossing, pulling, conduction = 0.0, 0.0, 0.0
@@ -316,12 +327,11 @@ def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeez
 def force_driver(
     kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool, single: bool
 ):  # fmt: skip
-    """Compile eqs. (3-5), leaving out what the scene does not name; `uneven`: masses may differ; `single`: packs are of
-    single precision.
+    """Compile the loop over eqs. (3-5), without the terms that the scene lacks.
 
-    Adds to `acc` (n, d) and, for gas with energy, to `rate` (n,); returns the largest rates at which h is crossed,
-    signal c_s / h + closing max(0, -div v), and fallen through, sqrt(|a| / h), and that of conduction.
-    Takes the cells whose `met` is `now` alone.
+    uneven: masses may differ. single: packs are of single precision. The loop adds to `acc` (n, d) and, for gas with
+    energy, to `rate` (n,). It processes the cells whose `met` equals `now`. It returns the largest rates of crossing
+    h, signal c_s / h + closing max(0, -div v), of falling through h, sqrt(|a| / h), and of conduction.
     """
     moving, norm = viscous != NO_VISCOSITY or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
     squeezed = SQUEEZED[kernel]

@@ -1,7 +1,7 @@
-"""Density of SPH with its smoothing length, and derivatives of the velocity: eqs. (1, 2, 7) of `sph.py`.
+"""SPH density with its smoothing length, and derivatives of the velocity: eqs. (1, 2, 7) of `sph.py`.
 
-h goes from step to step by so little that one sum over the neighbours is nearly always enough: with its first two
-derivatives in h the root of (1) is known to third order in the change, and rho and Omega follow by their series.
+h changes so little from step to step that one sum over the neighbours is nearly always enough. Its first two
+derivatives in h give the root of (1) to third order in the change, and rho and Omega follow by their series.
 """
 
 import functools
@@ -31,16 +31,16 @@ from discsim.kernels.sph_packs import (
     relative,
 )
 
-TOLERANCE = 4e-3  # of h, on the last step; the error left is some times its cube
+TOLERANCE = 4e-3  # relative to h, of the last change; the remaining error is a few times its cube
 ITERATIONS = 60
-# Where nearly all of rho is that of particles at one place, h hangs on the edge of its support: pressure felt through
-# it would be stiffer by 1 / Omega than the step allows. Discs, shocks and collapses have .16 and more.
+# Where coincident particles have nearly all of rho, h depends on the edge of its support: the pressure force would be
+# stiffer by 1 / Omega than the time step allows. Discs, shocks and collapses have 0.16 and more.
 LEAST_OMEGA = 0.05
-OUTGROWN = -1.0  # in place of Omega, where h is still to be found with a longer list
+OUTGROWN = -1.0  # in place of Omega, where the search for h needs a longer list
 NO_DERIVATIVES, DIV_CURL, SLOPES = range(3)  # of the velocity: none, |div v| and |curl v|, or the gradient of eq. (7)
 PLANE = 1e-6  # least det T over its trace squared: neighbours on one line have no gradient across it
-# Of a cell's particles: sums, what the search for h goes on from, and what it finds. Of each TILE of them they are one
-# row after the other, so that loops over them are vectorised.
+# Rows for a cell's particles (members): sums, state of the search for h, and results. Each TILE of members has its rows
+# one after the other, so that loops over members are vectorised.
 TILE, ROWS = 64, 22
 SUMS, SUMS_OF_SLOPES = 7, 14
 (
@@ -52,14 +52,15 @@ IN_ALL, LAST = np.uint64(ROWS), np.uint64(TILE - 1)
 
 
 class Given(NamedTuple):
-    """Of n particles: velocities (n, d) and masses (n,)."""
+    """Velocities (n, d) and masses (n,) of n particles."""
 
     vel: np.ndarray
     mass: np.ndarray
 
 
 class Found(NamedTuple):
-    """Results of the density pass (n,): h, rho and Omega of eqs. (1, 2); for a switch |div v| and |curl v|, else empty.
+    """Results of the density pass (n,): h, rho and Omega of eqs. (1, 2); |div v| and |curl v| for a switch, else
+    empty.
 
     slopes (n, 3): xx, xy and yy of the symmetric part of eq. (7), for reconstruction, else empty.
     """
@@ -73,8 +74,8 @@ class Found(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What sums over candidates work in: their pack, the rows of a cell's particles by tiles, `members`, and sums of
-    forces (members, 5).
+    """Scratch memory of sums over candidates: their pack, rows of a cell's particles by tiles, and sums of forces
+    (members, 5).
     """
 
     pack: np.ndarray
@@ -83,7 +84,7 @@ class Work(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """How h is chosen: eta of eq. (1), the least and the largest h, and whether it stays as it is."""
+    """Rule for h: eta of eq. (1), the least and the largest h, and whether h is fixed."""
 
     eta: float
     least: float
@@ -93,7 +94,9 @@ class Wanted(NamedTuple):
 
 @njit(inline="always")
 def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, members, at):
-    """Add n packed candidates' share of what `in_units_of_density` takes to the sums of the member at `at`."""
+    """Add the contributions of n packed candidates to the sums of the member at `at`, as `in_units_of_density` takes
+    them.
+    """
     real = pack.dtype.type
     x, y, vx, vy, inv_h = real(x), real(y), real(vx), real(vy), real(inv_h)
     total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -131,7 +134,7 @@ def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, memb
             curl += dw * across
             more_div += ddw * along
             more_curl += ddw * across
-    # Factors, and those of q = r / h, are taken in at the end.
+    # Constant factors, and those of q = r / h, are applied at the end.
     of_w, of_dw, of_ddw = factors(kernel)
     members[at + TOTAL] += of_w * total
     members[at + FIRST] += of_dw * inv_h * first
@@ -151,15 +154,15 @@ def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, memb
         members[at + MORE_CURL] += of_ddw * inv_h * more_curl
 
 
-# These are of double precision whatever the packs are.
+# Functions of double precision, whatever that of the packs.
 in_double = kept(**INNER, fastmath=FAST)
 
 
 @in_double
 def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, more_div, more_curl):
-    """Of a particle's sums: h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, and h div v, h curl v.
+    """Return h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, h div v and h curl v from a particle's sums.
 
-    The last two values are those two's slopes, as much of the velocity's derivatives per relative change of h.
+    Two more values are h d(div v)/d ln h and h d(curl v)/d ln h.
     """
     rate = 1.0 / total
     first *= rate
@@ -172,18 +175,19 @@ def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, m
 
 @in_double
 def improve(dim, m, h, wanted, low, high, rho, slope, curve):
-    """(found, step, h, rho, Omega, low, high): a third-order step to the root of eq. (1), between its bounds.
+    """Return (found, step, h, rho, Omega, low, high) after a third-order step to the root of eq. (1), between its
+    bounds.
 
-    Where it is short enough, rho and Omega are taken along by their series. `step` is relative to h. All that may
-    come of it is worked out, and then chosen from: so the loop around it is vectorised.
+    `step` is relative to h. Where it is short enough, rho and Omega follow by their series. All possible results are
+    computed and then selected, so that the calling loop is vectorised.
     """
     inv_h, eta, h_least, h_most = 1.0 / h, wanted.eta, wanted.least, wanted.most
     # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
     t = eta * inv_h * (m / rho if dim == 1 else math.sqrt(m / rho))
     rise = 1.0 + t * slope / dim
     step = (t - 1.0) / rise
-    # A lone particle, or a crowd at one place, where (1) has no root: h stays at its limit, as if fixed. So it does
-    # where the step is not a number, rather than grow to its limit; the step's limit will see it.
+    # For a lone particle, or many at one position, (1) has no root: h stays at its limit, as if fixed. h also stays
+    # where the step is NaN, instead of growing to its limit; the time-step limit then becomes NaN and stops the run.
     stays = ((t >= 1.0) & (h >= h_most)) | ((t <= 1.0) & (h <= h_least)) | (step != step) | wanted.fixed
     near = (abs(step) <= TOLERANCE) & (h + h * step > h_least)
     last = step * (1.0 - 0.5 * step * t / dim * (curve - (1.0 + 1.0 / dim) * slope * slope) / rise)
@@ -201,8 +205,10 @@ def improve(dim, m, h, wanted, low, high, rho, slope, curve):
 
 @in_double
 def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
-    """A step of the search for h of n members, from their sums in the rows `some`: |div v| and |curl v| take the place
-    of these. Returns how many of them go on, and how many want an h that their list does not reach for.
+    """Advance the search for h of n members by one iteration, from their sums in the rows `some`.
+
+    |div v| and |curl v| replace their sums. Returns the number of members that continue, and of those that need an h
+    beyond the reach of their list.
     """
     left, beyond = 0.0, 0.0
     for k in range(np.uint64(n)):
@@ -233,15 +239,17 @@ def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
 
 @njit(inline="always")
 def seat(p):
-    """Where the p-th member of a cell is in its rows."""
+    """Return the index of the p-th member of a cell in the rows."""
     lane = np.uint64(p) & LAST
     return (np.uint64(p) - lane) * IN_ALL + lane
 
 
 @njit(inline="always")
 def begin_cell(wanted, own, count, cells, again, mass, h, gradh, members):
-    """Let the search for h begin within its limits: `again` of those alone that outgrew their list. What others of
-    their cell find does not hang on them.
+    """Start the search for h of a cell's members within its limits; with `again` only of those that outgrew their
+    list.
+
+    The results of other members are unaffected by a second search.
     """
     for p in range(whole(count)):
         at, k = seat(p), own + min(p, count - 1)
@@ -255,7 +263,7 @@ def begin_cell(wanted, own, count, cells, again, mass, h, gradh, members):
 
 @njit(inline="always")
 def clear_sums(sums, count, members):
-    """Let the sums of members that are searched begin with 0."""
+    """Set the sums of members in the search to 0."""
     for p in range(count):
         at = seat(p)
         if members[at + STATE] == SEARCHED:
@@ -265,7 +273,7 @@ def clear_sums(sums, count, members):
 
 @njit(inline="always")
 def slopes_of(dim, at, members):
-    """xx, xy and yy of the symmetric part of eq. (7) from a member's sums, over one unit of their lengths."""
+    """Return xx, xy and yy of the symmetric part of eq. (7) from a member's sums, per unit of length of the pack."""
     txx, txy, tyy = members[at + TXX], members[at + TXY], members[at + TYY]
     axx, axy, ayx, ayy = members[at + AXX], members[at + AXY], members[at + AYX], members[at + AYY]
     if dim == 1:
@@ -278,7 +286,7 @@ def slopes_of(dim, at, members):
 
 @njit(inline="always")
 def end_cell(dim, derived, own, count, order, per_unit, found, members):
-    """Write what was found for the members of a cell."""
+    """Write the results of a cell's members."""
     for p in range(count):
         at, i = seat(p), order[own + p]
         if members[at + STATE] == NOT_ASKED:
@@ -293,7 +301,7 @@ def end_cell(dim, derived, own, count, order, per_unit, found, members):
 
 @njit(inline="always")
 def pack_masses(dim, moving, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
-    """Pack masses, and with `moving` velocities less (ux, uy), of the candidates from `begin` to `end`."""
+    """Pack masses and, with `moving`, velocities relative to (ux, uy) of the candidates from `begin` to `end`."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]
     for k in range(count):
@@ -303,16 +311,17 @@ def pack_masses(dim, moving, begin, end, slots, order, vel, mass, ux, uy, per_ma
             vx[k] = vel[j, 0] - ux
             if dim == 2:
                 vy[k] = vel[j, 1] - uy
-    for k in range(count, np.uint64(whole(end - begin) + LANES)):  # what windows and `all_of` are filled up with
+    for k in range(count, np.uint64(whole(end - begin) + LANES)):  # padding of windows and `all_of`
         masses[k] = 0.0
 
 
 @functools.cache
 def density_driver(kernel: int, dim: int, derived: int, single: bool):
-    """Compile the pass that gives each particle its h, density and Omega, and derivatives of the velocity.
+    """Compile the loop that computes h, density, Omega and derivatives of the velocity for each particle.
 
-    With `single` packs are of single precision, with masses in units of `unit_mass`, a power of two.
-    `outgrown` (cells,) says where a particle wants an h that its list of candidates does not reach for: `again`.
+    With `single` packs are of single precision, with masses in units of `unit_mass`, a power of two. `outgrown`
+    (cells,) marks the cells in which a particle needs an h beyond the reach of its candidate list, for a second pass,
+    `again`.
     """
     support, moving = SUPPORT[kernel], derived != NO_DERIVATIVES
     sums = SUMS_OF_SLOPES if derived == SLOPES else SUMS
@@ -345,7 +354,7 @@ def density_driver(kernel: int, dim: int, derived: int, single: bool):
                         x, y, per_h = from_x * per_unit, from_y * per_unit, unit / members[at + H]
                         vx, vy = relative(dim, vel, order[k], ux, uy, 1.0) if moving else (0.0, 0.0)
                         add_density(single, kernel, dim, derived, x, y, vx, vy, per_h, n, pack[near:], members, at)
-                # Apart from the sums, whose loop need not wait for all these divisions.
+                # A separate loop: that of the sums does not wait for these divisions.
                 left = 0.0
                 for p in range(0, count, TILE):
                     n, some = whole(min(TILE, count - p)), members[seat(p) :]

@@ -1,12 +1,13 @@
-"""Packs: what SPH sums read of a cell's candidates, packed once, relative to the cell's centre, for all its particles.
+"""Packs: the data of a cell's candidates for SPH sums, packed once for all particles of the cell, relative to its
+centre.
 
-A pack holds what sums read of up to CHUNK candidates, and what their loops hand on to each other: a long chain of
-instructions keeps a processor waiting, where some short loops over the same candidates do not. Its rows are of one
-array, and the distance between them is known when it is compiled: so loops that write are vectorised too.
+A pack holds the data of up to CHUNK candidates, and the results that one loop over them passes to the next. Several
+short loops over the same candidates are faster than one with a long chain of dependent instructions. The rows of a
+pack are parts of one array at a distance known at compile time, so that loops that write are vectorised too.
 
-A pack may be of single precision, and the sums over its chunk with it: twice as many candidates fit in a register. It
-holds places and velocities from the cell's own, and all else in units of the gas (`Scale`), so that no number is too
-large or small. Sums over chunks, and all that is done with them, are of double precision.
+A pack may be of single precision, with the sums over its chunk: twice as many candidates fit in a register. Positions
+and velocities are relative to the cell, and all else is in units of the gas (`Scale`), so that no number is too large
+or too small. Sums over chunks, and all further steps, are of double precision.
 """
 
 from typing import NamedTuple
@@ -16,18 +17,18 @@ from numba import njit
 
 from discsim.kernels.neighbours import LANES
 
-NEAREST2 = 1e-30  # least square of a distance, in units of the cell's reach: single precision has to hold it
+NEAREST2 = 1e-30  # least squared distance, in units of the cell's reach: representable in single precision
 CHUNK = 256
-SINGLES = 8  # numbers of single precision in a vector of 256 bits, as compilers choose it
-STRIDE = CHUNK + 2 * LANES  # no power of two: rows would push each other out of the cache
-# Columns of `force_columns` too: the first eight are of one cache line.
+SINGLES = 8  # numbers of single precision in a vector of 256 bits, the size that compilers choose
+STRIDE = CHUNK + 2 * LANES  # not a power of two: rows would evict each other from the cache
+# Also the columns of `force_columns`: the first eight fill one cache line.
 MASS, INV_H, PRESS, INV_RHO, VX, VY, SOUND, SWITCH, ENERGY, P, FLUIDITY, SXX, SXY, SYY = range(14)
 NORM_H, X, Y, INV_R, R, OWN, OTHER = range(SYY + 1, SYY + 8)
 ROWS = OTHER + 1
 
 
 class Scale(NamedTuple):
-    """Units of packs: powers of two, by which nothing is rounded."""
+    """Units of packs: powers of two, which round nothing."""
 
     mass: float
     length: float
@@ -36,16 +37,18 @@ class Scale(NamedTuple):
 
 @njit(inline="always")
 def all_of(n):
-    """n candidates in single precision, filled up to whole vectors: half of one left over would be added apart, slowly.
+    """Return n candidates in single precision, rounded up to whole vectors: a remainder of half a vector is slow.
 
-    At most whole(n) + LANES: so far a pack is filled up with candidates of no mass.
+    The result is at most whole(n) + LANES, to which packs are padded with candidates of no mass.
     """
     return (n + SINGLES - 1) & -SINGLES
 
 
 @njit(inline="always")
 def inverse_root(single, x):
-    """1 / sqrt(x) to rounding: a guess in single precision, for which there is an instruction, and one step."""
+    """Return 1 / sqrt(x) to rounding: in double precision from the processor's single-precision estimate and one
+    correction.
+    """
     if single:
         return np.float32(1.0) / np.sqrt(x)
     y = np.float64(np.float32(1.0) / np.sqrt(np.float32(x)))
@@ -55,13 +58,13 @@ def inverse_root(single, x):
 
 @njit(inline="always")
 def relative(dim, vector, i, ox, oy, factor):
-    """The vector (n, d) of particle i, less (ox, oy) and times a factor; y is 0 in one dimension."""
+    """Return the vector (n, d) of particle i, less (ox, oy) and times a factor; y is 0 in one dimension."""
     return (vector[i, 0] - ox) * factor, (vector[i, 1] - oy) * factor if dim == 2 else 0.0
 
 
 @njit(inline="always")
 def clear(sums, members):
-    """Let the sums (members, n) of a cell's particles begin at 0."""
+    """Set the sums (members, n) of a cell's particles to 0."""
     for p in range(members):
         for k in range(sums.shape[1]):
             sums[p, k] = 0.0

@@ -1,4 +1,4 @@
-"""Softened point masses: the pull of the star and of companions on particles, and what the particles pull with.
+"""Softened point masses: the pull of the star and of companions on particles, and the pull of particles on them.
 
 Sums over particles are exact (`kernels/totals.py`): the same bits on any number of threads.
 """
@@ -23,10 +23,11 @@ def blank(begin, end, out):
 
 @compiled
 def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
-    """acc -= G M d / (d^2 + s^2)^(3/2), arrays (n, 2), d the way from (x0, y0); the `first` to write to acc begins with
-    0: block by block, so that memory is looked at once.
+    """Subtract G M d / (d^2 + s^2)^(3/2) from `acc` (n, 2), with d the offset from (x0, y0).
+
+    With `first`, `acc` is uninitialised and is set to 0 before, block by block, so that memory is read once.
     """
-    flat, out = pos.reshape(-1), acc.reshape(-1)  # steps of two and unsigned numbers: vectorised
+    flat, out = pos.reshape(-1), acc.reshape(-1)  # strides of two and unsigned indices: vectorised
     for block in range(begin, end, SOME):
         number, start = np.uint64(min(SOME, end - block)), np.uint64(block)
         if first:
@@ -51,7 +52,9 @@ def add(begin, end, vectors, x, y):
 
 @compiled
 def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0):
-    """`attract` by a mass `pull`, and back: returns the limbs (2, LIMBS) of sum m d / (d^2 + s^2)^(3/2)."""
+    """Apply `attract` by a mass `pull`, and return the limbs (2, LIMBS) of the pull back, sum m d / (d^2 +
+    s^2)^(3/2).
+    """
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     flat, out = pos.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):
@@ -74,9 +77,9 @@ def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0)
 
 @compiled
 def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0):
-    """`attract_mutually` by a mass that moves with (vx0, vy0).
+    """Apply `attract_mutually` by a mass that moves with (vx0, vy0).
 
-    Returns the limbs of that, and the least d^2 and the least (d^2 + s^2) / v^2, v the relative velocity.
+    Returns the limbs of the pull back, and the least d^2 and the least (d^2 + s^2) / v^2, v the relative velocity.
     """
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     nearest2 = crossing2 = np.inf
@@ -103,14 +106,16 @@ def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0
 
 @inner
 def squared(i, flat, x0, y0):
-    """Squared distance of a place from (x0, y0)."""
+    """Return the squared distance of position i from (x0, y0)."""
     x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
     return x * x + y * y
 
 
 @kept(**INNER, fastmath={"nnan", "nsz"})
 def least_squared(first, last, flat, x0, y0):
-    """The least of places `first` to `last`. Four by four: one number would be waited for at each place."""
+    """Return the least squared distance of positions `first` to `last`; four minima at once avoid a chain of
+    dependencies.
+    """
     one = two = three = four = np.inf
     whole = first + (last - first) // FOUR * FOUR
     for i in range(first, whole, FOUR):
@@ -125,21 +130,21 @@ def least_squared(first, last, flat, x0, y0):
 
 @compiled
 def nearest(begin, end, pos, x0, y0):
-    """Least squared distance of positions (n, 2) from (x0, y0), inf where there are none; they must be numbers."""
+    """Return the least squared distance of positions (n, 2) from (x0, y0), inf for none; they must not be NaN."""
     return least_squared(np.uint64(begin), np.uint64(end), pos.reshape(-1), x0, y0)
 
 
 @kept(**KERNEL, fastmath={"nnan", "nsz"})
 def divide(begin, end, pos, squared_radius, x0, y0):
-    """The least squared distance from (x0, y0) of positions (n, 2) that are not nearer than a distance that is given
-    squared, and the numbers of those that are.
+    """Return the least squared distance from (x0, y0) of positions (n, 2) outside a squared radius, and the indices
+    of those inside.
     """
     least, inside, count = np.inf, np.empty(ROOM, np.int64), np.uint64(0)
     flat = pos.reshape(-1)
     for block in range(begin, end, SOME):
         first, last = np.uint64(block), np.uint64(min(block + SOME, end))
         here = least_squared(first, last, flat, x0, y0)
-        if here < squared_radius:  # of few blocks
+        if here < squared_radius:  # in few blocks
             here, inside = np.inf, with_room(inside, count)
             for i in range(first, last):
                 d2 = squared(i, flat, x0, y0)

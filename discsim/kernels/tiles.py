@@ -1,5 +1,6 @@
-"""Tiles of space, which ranks own: particles in some of them, and those that give mass to other ranks' nodes of the
-grid, with the order in which sums go through these.
+"""Tiles of space that ranks own: particles in given tiles, ghosts for grid nodes, and the order of sums.
+
+Ghosts for a node are the particles that give mass to it on another rank.
 """
 
 import numpy as np
@@ -10,12 +11,12 @@ from discsim.kernels.filling import SOME, with_room
 from discsim.kernels.grid import stencil
 
 ONE, TWO, BATCH = np.uint64(1), np.uint64(2), np.uint64(batches.BATCH)
-FEW = 4  # tiles along a side, about a batch that is not looked at row by row
+FEW = 4  # tiles along a side, up to which a batch is tested as a whole
 
 
 @inner
 def _along(x, low, tiles):
-    # The tile along an axis of a place, or the nearest; the first one of what is no number.
+    # The tile of a coordinate along an axis, or the nearest one; the first one for NaN.
     at = (x - low) * tiles[1]
     return int(min(at, tiles[2] - 1.0)) if at > 0.0 else 0
 
@@ -30,8 +31,9 @@ def _tile_of(pos, i, tiles):
 
 @compiled
 def tiles_of(first, last, pos, tiles, out):
-    """The tile (n,) of each place (n, d), or the nearest: `tiles` begin at `low`, are 1 / `per_tile` wide, and `along`
-    many along each axis.
+    """Write the tile (n,) of each position (n, d), or the nearest one.
+
+    `tiles` is (low, per_tile, along): the lower corner, tiles per length, and tiles along each axis.
     """
     for i in range(first, last):
         out[i] = _tile_of(pos, i, tiles)
@@ -39,13 +41,14 @@ def tiles_of(first, last, pos, tiles, out):
 
 @compiled
 def in_marked(first, last, pos, bounds, tiles, marked):
-    """The places (n, d) whose tile, or the nearest one, is `marked` (tiles,), of the batches from `first` to `last`,
-    which have `bounds` (batches, 4).
+    """Return the indices of positions (n, d) whose tile, or the nearest one, is `marked` (tiles,).
+
+    Positions are those of the batches from `first` to `last`, with `bounds` (batches, 4).
     """
     out, count, tile = np.empty(SOME, np.int64), np.uint64(0), np.empty(BATCH, np.uint32)
     for batch in range(np.uint64(first), np.uint64(last)):
         x0, x1, y0, y1 = bounds[batch, 0], bounds[batch, 1], bounds[batch, 2], bounds[batch, 3]
-        if not _marked_about(x0, x1, y0, y1, pos.shape[1], tiles, marked, BATCH):  # more than that are cheaper as rows
+        if not _marked_about(x0, x1, y0, y1, pos.shape[1], tiles, marked, BATCH):  # beyond BATCH tiles: row by row
             continue
         begin = batch * BATCH
         n = min(BATCH, np.uint64(len(pos)) - begin)
@@ -59,7 +62,7 @@ def in_marked(first, last, pos, bounds, tiles, marked):
 
 @inner
 def _marked_about(x0, x1, y0, y1, dim, tiles, marked, most):
-    """Whether any tile between two places is marked, or they are more than `most`, or the places no numbers."""
+    """Return whether any tile in a box is marked, or the box has more than `most` tiles or is NaN."""
     low, _, along = tiles
     if not x0 <= x1:
         return True
@@ -87,8 +90,11 @@ def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
 
 @compiled
 def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
-    """The places (n, d) within a margin of `marked` tiles (tiles,), or not between the `ends` (2, d), and others of the
-    same batches, from `first` to `last`; of those that are wide, as one is where others have come, some one by one.
+    """Return the indices of positions (n, d) within `margin` of `marked` tiles (tiles,), or outside the `ends` (2,
+    d).
+
+    Other positions of the same batches, from `first` to `last`, are included. Wide batches, as after the arrival of
+    particles, are tested row by row.
     """
     out, count, dim = np.empty(SOME, np.int64), np.uint64(0), pos.shape[1]
     wide = FEW / tiles[1]
@@ -106,13 +112,13 @@ def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
 
 @inner
 def _tiles_of_some(pos, begin, n, tiles, out):
-    """Write the tiles of `n` places from `begin` on to `out`."""
+    """Write the tiles of `n` positions from `begin` on to `out`."""
     low, per_tile, along = tiles
     if pos.shape[1] == 1:
         for i in range(n):
             out[i] = _tile_of(pos, begin + i, tiles)
         return
-    # No branches and unsigned indices: a loop of vectors.
+    # No branches and unsigned indices: vectorised.
     flat, ox, oy, most = pos.reshape(-1)[TWO * begin : TWO * (begin + n)], low[0], low[-1], along - 1.0
     for i in range(n):
         x, y = (flat[TWO * i] - ox) * per_tile, (flat[TWO * i + ONE] - oy) * per_tile
@@ -122,9 +128,11 @@ def _tiles_of_some(pos, begin, n, tiles, out):
 
 @compiled
 def pieces_of(place, held, loose, others):
-    """Rows in the order of their `place` (n,): from first up to last (pieces,) one piece after the other; and whether
-    that is their order. Of the first `held` rows places rise but for the `loose` ones, which come in rising order;
-    `others`: these and all further rows, by their places.
+    """Return rows in the order of their `place` (n,), the index in the global order, as pieces of consecutive rows.
+
+    Pieces go from `first` up to `last` (pieces,). A third result is whether this is the order. The places of the
+    first `held` rows rise, except for the `loose` rows, which are in rising order. `others`: these and all further
+    rows, by place.
     """
     most = 2 * len(others) + len(loose) + 1
     first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
@@ -151,7 +159,7 @@ def pieces_of(place, held, loose, others):
 
 @inner
 def _first_not_below(place, row, stop, least):
-    """The first from `row` on whose `place` is not below `least`, or `stop`: mostly near."""
+    """Return the first row from `row` on whose `place` is not below `least`, or `stop`; it is mostly near."""
     step = 1
     while row + step < stop and place[row + step] < least:
         row, step = row + step, 2 * step
@@ -175,9 +183,9 @@ def _rise(place, first, last):
 
 @compiled
 def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
-    """Of `some` particles those about which another than `rank` owns a node, once for each such, and who: (m,) each.
+    """Return the particles of `some` near nodes of ranks other than `rank`, and these ranks, one entry each (m,).
 
-    A node has the `owner` (along x, along y) of its tile, which is that of `tiles`, (nx,) and (ny,).
+    `tiles` (nx,) and (ny,): tile of each node along x and y. `owner` (along x, along y): rank of each tile.
     """
     (at_x, at_y), plane = tiles, pos.shape[1] == 2
     nx, ny, found = len(at_x), len(at_y), np.empty(4, np.int64)
@@ -206,8 +214,9 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
 
 @compiled
 def leave_own(first, last, x, y, owner, rank, begin, end, out):
-    """Put 0 in `out` (nx, ny) at nodes whose tiles, x (nx,) and y (ny,), another than `rank` is the `owner` of: in each
-    row from the column `begin` up to `end` (nx,).
+    """Set `out` (nx, ny) to 0 at nodes of ranks other than `rank`, in each row from column `begin` up to `end` (nx,).
+
+    `x` (nx,) and `y` (ny,): tiles of the nodes. `owner` (along x, along y): rank of each tile.
     """
     for i in range(first, last):
         row, whose = out[i], owner[x[i]]
@@ -218,7 +227,9 @@ def leave_own(first, last, x, y, owner, rank, begin, end, out):
 
 @compiled
 def take_spans(first, last, field, row, begin, end, start, out):
-    """Write to `out` (m,), from `start` (n + 1,) on, columns from `begin` up to `end` (n,) of a row (n,) of a field."""
+    """Copy spans of a field to `out` (m,), from `start` (n + 1,) on: columns `begin` up to `end` (n,) of the rows
+    `row` (n,).
+    """
     for k in range(first, last):
         place, some = out[start[k] : start[k + 1]], field[row[k], begin[k] : end[k]]
         for i in range(len(some)):
@@ -227,7 +238,7 @@ def take_spans(first, last, field, row, begin, end, start, out):
 
 @compiled
 def put_spans(found, row, begin, end, start, add, field):
-    """The other way; to `add` them, or in place of what is there."""
+    """Copy spans from `found` (m,) to a field, the reverse of `take_spans`, or with `add` add them to it."""
     for k in range(len(row)):
         place, some = field[row[k], begin[k] : end[k]], found[start[k] : start[k + 1]]
         for i in range(len(some)):

@@ -1,24 +1,25 @@
 """Exact sums of floating-point numbers: superaccumulators (Neal 2015, arXiv:1505.05571, sec. 2).
 
-A number m 2^(e - 1075), of a whole m and an e >= 1, is m 2^e in units of 2^-1075. Those whole numbers are added in
-LIMBS limbs of 32 bits each, without any rounding: sums depend on no order, and sums of parts add up to that of all.
+A number m 2^(e - 1075), of an integer m and an e >= 1, is m 2^e in units of 2^-1075. These integers are added in
+LIMBS limbs of 32 bits each, without any rounding. Sums are independent of the order, and partial sums add up to the
+sum of all.
 """
 
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner, subroutine
 
-LIMBS = 67  # of which the last counts what is not finite
+LIMBS = 67  # of which the last counts non-finite numbers
 NOT_FINITE = LIMBS - 1
-SOME = 1024  # numbers that limbs of 64 bits have room for: each adds less than 2^53
+SOME = 1024  # numbers that 64-bit limbs can take before a carry: each adds less than 2^53
 EXPONENT, MANTISSA = np.int64(0x7FF), np.int64((1 << 52) - 1)
 HIDDEN, LOW, HALF = np.int64(1 << 52), np.int64(0xFFFFFFFF), np.int64(1 << 51)
-CUT = 41  # bits of a number that are summed as one: SOME of them stay below 2^53
+CUT = 41  # bits of a number that are summed as one integer: SOME of them stay below 2^53
 
 
 @inner
 def add(bits, limbs):
-    """Add a number, given as the bits of it (int64), to `limbs` (LIMBS,)."""
+    """Add a number, given as its bits (int64), to `limbs` (LIMBS,)."""
     e, m, sign = bits >> 52 & EXPONENT, bits & MANTISSA, bits >> 63
     if e == EXPONENT:
         limbs[NOT_FINITE] += 1
@@ -32,7 +33,7 @@ def add(bits, limbs):
 
 @inner
 def _add_whole(m, e, sign, limbs):
-    """Add m 2^e, m below 2^53; subtract it where `sign` is -1, not 0."""
+    """Add m 2^e, m below 2^53; subtract it where `sign` is -1 instead of 0."""
     k, shift = np.uint64(e >> 5), e & 31
     limbs[k] += (m << shift & LOW ^ sign) - sign
     limbs[k + np.uint64(1)] += (m >> 32 - shift ^ sign) - sign
@@ -40,7 +41,7 @@ def _add_whole(m, e, sign, limbs):
 
 @inner
 def carry(limbs):
-    """Take what is beyond 32 bits of each limb to the next one, which leaves room for SOME numbers more."""
+    """Carry what is beyond 32 bits of each limb to the next one, which makes room for SOME more numbers."""
     for k in range(NOT_FINITE - 1):
         limbs[k + 1] += limbs[k] >> 32
         limbs[k] &= LOW
@@ -50,10 +51,11 @@ def carry(limbs):
 def add_some(number, values, spare, limbs):
     """Add the first `number`, at most SOME, of values (SOME,) to `limbs` (LIMBS,); spare: (2, SOME), overwritten.
 
-    Each is cut into whole numbers of at most 2^CUT units, two as a rule and three at most, which are added as such.
-    y + b - b, of a b so large that its last bit is the unit, is y to whole units (Rump et al. 2008, SIAM J. Sci.
-    Comput. 31, 189, algorithm 3.2), and the bits of y + b less those of b are their number. No loop has a branch: they
-    are vectorised. What is not 0 after that, of numbers far smaller than the largest, is added one by one.
+    Each value is cut into integers of at most 2^CUT units, two as a rule and three at most, which are added as such.
+    Let b be so large that its last bit is the unit. Then y + b - b is y in whole units (Rump et al. 2008, SIAM J.
+    Sci. Comput. 31, 189, algorithm 3.2), and the bits of y + b less those of b are their number. No loop has a
+    branch: all are vectorised. Any remainder after that, of numbers far smaller than the largest, is added one by
+    one.
     """
     bits, left, sums = values.view(np.int64), spare[0], spare[1]
     rest, sum_bits = left.view(np.int64), sums.view(np.int64)
@@ -62,7 +64,7 @@ def add_some(number, values, spare, limbs):
         left[k] = values[k]
         top = max(top, bits[k] >> 52 & EXPONENT)
     e = top + 53 - CUT
-    if top > EXPONENT - 53 or e - 2 * CUT < 1:  # not finite or, with those, too large or small for such units
+    if top > EXPONENT - 53 or e - 2 * CUT < 1:  # non-finite, or too large or small for such units
         for k in range(np.uint64(number)):
             add(bits[k], limbs)
         carry(limbs)
@@ -89,7 +91,7 @@ def add_some(number, values, spare, limbs):
 
 @compiled
 def add_columns(first, last, values):
-    """Limbs (columns, LIMBS) of the sums over the rows `first` to `last` of numbers (n, columns)."""
+    """Return the limbs (columns, LIMBS) of the sums over the rows `first` to `last` of numbers (n, columns)."""
     limbs, spare = np.zeros((values.shape[1], LIMBS), np.int64), np.empty((3, SOME))
     for column in range(values.shape[1]):
         for begin in range(first, last, SOME):

@@ -1,4 +1,4 @@
-"""Smoothing lengths that count for the side of drag cells (`drag/width.py`)."""
+"""Smoothing lengths for the side of drag cells (`drag/width.py`)."""
 
 import math
 
@@ -11,12 +11,14 @@ ONE, TWO = np.uint64(1), np.uint64(2)
 
 @compiled
 def limit_lengths(begin, end, pos, h, least, table, nodes, out):
-    """min(h, max(limit(r), least h)) at positions (n, 2); `table` has the limit at r = 0, 1 / nodes, 2 / nodes, ..."""
+    """Write min(h, max(limit(r), least h)) at positions (n, 2); `table` has the limit at r = 0, 1 / nodes, 2 / nodes,
+    ...
+    """
     flat, last = pos.reshape(-1), float(len(table) - 2)
     for i in range(np.uint64(begin), np.uint64(end)):
         x, y = flat[TWO * i], flat[TWO * i + ONE]
         place = nodes * math.sqrt(x * x + y * y)
-        place = place if place < last + 1.0 else last + 1.0  # also of what is no number
+        place = place if place < last + 1.0 else last + 1.0  # also for NaN
         node = int(min(place, last))
         limit = table[node] + (place - node) * (table[node + 1] - table[node])
         out[i] = min(h[i], max(limit, least * h[i]))

@@ -1,23 +1,23 @@
-"""Places along a Z-curve (Morton 1966): the bits of two whole numbers below 2^8, one after the other."""
+"""Index along a Z-curve (Morton 1966): the interleaved bits of two integers below 2^8."""
 
 from discsim.jit.decorators import inner
 
 
 @inner
 def place_of(x, y):
-    """The place of (x, y) along the curve: x has the higher bit of each two."""
+    """Return the index of (x, y) along the curve: x has the higher bit of each pair."""
     return _apart(x) << 1 | _apart(y)
 
 
 @inner
 def at_place(z):
-    """(x, y) at a place along the curve."""
+    """Return (x, y) at an index along the curve."""
     return _together(z >> 1), _together(z)
 
 
 @inner
 def _apart(i):
-    # The bits of i, each behind a 0.
+    # The bits of i, with a 0 above each.
     i = (i | i << 4) & 0x0F0F
     i = (i | i << 2) & 0x3333
     return (i | i << 1) & 0x5555
