@@ -1,1 +1,1 @@
-"""Compiling: decorators of kernels, where compiled code is kept, and single precision."""
+"""Compilation: decorators of kernels, the cache of compiled code, and single precision."""

@@ -1,12 +1,12 @@
-"""Where compiled kernels are kept on disk, and how processes share the folder.
+"""Cache of compiled kernels on disk, in a folder that processes share.
 
-numba asks a locator for the folder of a function and for a stamp of its source (NUMBA_CACHE_LOCATOR_CLASSES in numba's
-manual). Its own locators stamp a function with the file that it stands in, and would load old machine code where a
-function that it calls has changed in another file. Here the stamp is a hash of all files that kernels are made from,
-and is part of the folder's name. Only kernels of discsim are kept this way.
+numba calls a locator for the cache folder of a function and a stamp of its source (NUMBA_CACHE_LOCATOR_CLASSES in
+numba's manual). numba's own locators stamp a function with the file that defines it. They would load old machine code
+after a change of a called function in another file. Here the stamp is a hash of all files that kernels are made from,
+and is part of the folder's name. Only kernels of discsim are cached this way.
 
-Two processes that add versions of one kernel at the same time could give both the same file name. So a process holds a
-lock on the folder from the moment that numba is about to write until it releases its compiler lock.
+Two processes that add specialisations of one kernel at the same time could choose the same file name. A process
+therefore locks the folder from just before numba writes until numba's compiler lock is released.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from numba.core.caching import InTreeCacheLocator
 
 PACKAGE = Path(__file__).parents[1]
 SOURCES = ("jit", "kernels", "formulas")  # folders of the package whose functions kernels call
-KEPT, KEPT_FOR = 8, 86400.0  # folders of other sources: the last ones used, and all used within a day [s]
-PRIVATE = "discsim-kernels-"  # how the name of the directory among temporary files begins
-LONGEST_WAIT = 60.0  # for the lock [s]; a process that does not get it writes without
+KEPT, KEPT_FOR = 8, 86400.0  # folders of other sources kept: the last ones used, and all used within a day [s]
+PRIVATE = "discsim-kernels-"  # prefix of the directory among temporary files
+LONGEST_WAIT = 60.0  # for the lock [s]; after that a process writes without it
 
 config: Any = numba.config
 
 
 class CacheError(Exception):
-    """No folder for compiled kernels can be written."""
+    """Error that no folder for compiled kernels can be written."""
 
 
 @cache
@@ -58,15 +58,13 @@ def stamp() -> str:
 
 @cache
 def folder() -> Path:
-    """Return the folder of compiled kernels, which is made if need be.
+    """Return the folder of compiled kernels, and create it if it is missing.
 
-    The first of these that can be written: NUMBA_CACHE_DIR, the package's own `__pycache__`, the user's cache
-    directory, a private directory among temporary files.
+    It is in the first of these that can be written: NUMBA_CACHE_DIR, the package's own `__pycache__`, the user's
+    cache directory, a private directory among temporary files.
 
-    Raises
-    ------
-    CacheError
-        Where none of them can be written.
+    Raises ------ CacheError
+        If none of them can be written.
     """
     given = [Path(config.CACHE_DIR)] if config.CACHE_DIR else []
     for parent in (*given, PACKAGE / "__pycache__", platformdirs.user_cache_path("discsim")):
@@ -80,12 +78,12 @@ def folder() -> Path:
 
 
 def is_temporary() -> bool:
-    """Return whether the folder is among temporary files, as none of the usual places can be written."""
+    """Return whether the folder is a temporary one because none of the usual folders can be written."""
     return folder().parent.name.startswith(PRIVATE)
 
 
 def _made(parent: Path) -> Path:
-    """Make the folder within a directory and see that it can be written. Raises OSError."""
+    """Return the folder within a directory, created if missing and tested for writing. Raises OSError."""
     path = parent / f"kernels-{stamp()}"
     new = not path.is_dir()
     path.mkdir(parents=True, exist_ok=True)
@@ -97,10 +95,10 @@ def _made(parent: Path) -> Path:
 
 
 def sweep(path: Path) -> None:
-    """Remove the folders beside `path` that were compiled from other sources, but for those used of late."""
+    """Remove folders next to `path` that were compiled from other sources, except recently used ones."""
     used = []
     for other in path.parent.glob("kernels-*"):
-        with suppress(OSError):  # another process sweeps too
+        with suppress(OSError):  # another process may remove it first
             used.append((other.stat().st_mtime, other))
     for when, other in sorted(used, reverse=True)[KEPT + 1 :]:
         if other != path and when < time.time() - KEPT_FOR:
@@ -108,9 +106,10 @@ def sweep(path: Path) -> None:
 
 
 def _private() -> Path:
-    """Return this user's own directory, the same for every run; a new one where somebody else has made it.
+    """Return this user's own directory among temporary files.
 
-    numba trusts what it finds in a cache: nobody else may have written there. Raises OSError.
+    It is the same for every run, or a new one if others can write there. numba runs any code in its cache: no other
+    user may have written there. Raises OSError.
     """
     path = Path(tempfile.gettempdir()) / f"{PRIVATE}{os.getuid()}"
     path.mkdir(mode=0o700, exist_ok=True)
@@ -120,7 +119,7 @@ def _private() -> Path:
 
 
 class Locator(InTreeCacheLocator):
-    """The place of kernels for numba: one folder for all, named after their sources."""
+    """Cache locator of kernels for numba: one folder for all, named after their sources."""
 
     @classmethod
     def from_function(cls, py_func, py_file):
@@ -133,18 +132,18 @@ class Locator(InTreeCacheLocator):
         return stamp()
 
     def get_disambiguator(self) -> str:
-        """Files of the same name in different packages keep their kernels apart by their line and folder."""
+        """Return a text of line and folder that distinguishes functions in files of the same name."""
         where = os.path.dirname(os.path.abspath(self._py_file))
         return f"{self._lineno}-{hashlib.sha256(where.encode()).hexdigest()[:8]}"
 
     def ensure_cache_path(self) -> None:
-        """Take the lock: numba calls this when it is about to write."""
+        """Create the folder and take the lock: numba calls this method just before it writes."""
         super().ensure_cache_path()
         lock.take()
 
 
 class FolderLock(event.Listener):
-    """A lock on the folder, from `take` until the thread leaves numba's compiler lock."""
+    """Lock on the folder, from `take` until the thread leaves numba's compiler lock."""
 
     def __init__(self) -> None:
         self._held: filelock.BaseFileLock | None = None
@@ -156,7 +155,7 @@ class FolderLock(event.Listener):
             event.register("numba:compiler_lock", self)
             self._listens = True
         file = filelock.FileLock(folder() / "lock", thread_local=False)
-        with suppress(OSError, NotImplementedError):  # of a file system without locks, or after the longest wait
+        with suppress(OSError, NotImplementedError):  # file systems without locks, and the end of the longest wait
             file.acquire(timeout=LONGEST_WAIT)
             self._held, self._thread, self._depth = file, threading.get_ident(), 0
 
@@ -178,7 +177,7 @@ lock = FolderLock()
 
 @contextmanager
 def located() -> Iterator[None]:
-    """Let functions that are decorated meanwhile be kept by `Locator`; afterwards numba is as it was."""
+    """Cache functions that are decorated within this context by `Locator`; restore numba's setting afterwards."""
     before = config.CACHE_LOCATOR_CLASSES
     config.CACHE_LOCATOR_CLASSES = f"{Locator.__module__}.{Locator.__qualname__}"
     try:

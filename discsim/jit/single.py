@@ -1,8 +1,8 @@
-"""A compiler that takes every constant of a kernel for one of single precision.
+"""Compiler that converts every constant of a kernel to single precision.
 
-To numba a literal is of double precision, and turns whatever it meets into that. With `SingleCompiler` one source
-serves both precisions, by the arrays that it is given; what has to stay in double precision is a function of its own.
-Custom compilers: numba's manual, "Customizing the compiler".
+numba types a literal as double precision, and an operation with a literal then promotes the other operand. With
+`SingleCompiler` one source serves both precisions, depending on the arrays passed. Code that must stay in double
+precision is a function of its own. Custom compilers: numba's manual, "Customizing the compiler".
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ def _single(value):
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class SingleConstants(FunctionPass):
-    """Constants of a function, and of what was inlined in it, become those of single precision."""
+    """Compiler pass that converts constants of a function, and of functions inlined in it, to single precision."""
 
     _name = "single_constants"
 
@@ -36,7 +36,7 @@ class SingleConstants(FunctionPass):
 
 
 class SingleCompiler(CompilerBase):
-    """numba's own passes, with `SingleConstants` after the inlining."""
+    """numba's default compiler, with `SingleConstants` after inlining."""
 
     def define_pipelines(self):
         manager = DefaultPassBuilder.define_nopython_pipeline(self.state)
