@@ -1,8 +1,10 @@
-"""One run on many MPI ranks, with the same bits as on one. Imported only where a launcher started several.
+"""Runs on many MPI ranks, with the same bits as on one. Imported only if a launcher started several processes.
 
-Each rank owns the particles of some tiles of space (`division.py`); effects see those alone. What looks at neighbours
-fetches the particles of other ranks that it needs, as whole cells (`exchange.py`): SPH sums (`sph.py`), drag in cells
-(`drag.py`) and the deposit on the grid (`gravity.py`). All particles of a run have one order, that of one process's
-memory: by the cell at the last sort, then by id. It is kept in `place` and in every array, with others' particles in
-between, so that each sum has the members that it has on one rank, in their order.
+Each rank owns the particles of some tiles of space (`division.py`); effects process these alone. Sums over neighbours
+also need ghosts, particles of other ranks, which are fetched as whole cells (`exchange.py`). These sums are those of
+SPH (`sph.py`), of drag in cells (`drag.py`), and of the deposit on the grid (`gravity.py`).
+
+All particles of a run have one global order, the order in memory of a run on one process: by the cell at the last
+sort, then by id. `place` has a particle's index in it. Sums over own particles and ghosts follow it, so that each sum
+has the same terms in the same order as on one rank.
 """

@@ -1,4 +1,4 @@
-"""What ranks do so that all come to the same end: where one of them fails, all do."""
+"""Collective handling of errors: an exception on one rank is raised on all ranks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from discsim.ranks.comm import Comm
 
 
 def led(comm: Comm, do: Callable[[], Any]) -> Any:
-    """What `do` returns on the rank that leads, where alone it is called; raises everywhere what it raises."""
+    """Call `do` on the leading rank alone; return its result on all ranks, or raise its exception on all."""
     value, raised = comm.mpi.bcast(_tried(do) if comm.rank == 0 else None)
     if raised is not None:
         raise raised
@@ -19,9 +19,9 @@ def led(comm: Comm, do: Callable[[], Any]) -> Any:
 
 
 def alike(comm: Comm, do: Callable[[], Any]) -> Any:
-    """What `do` returns here; raises everywhere what it raises on the first rank where it does.
+    """Call `do` on each rank and return its own result, or raise the exception of the first rank that has one on all.
 
-    It must not wait for other ranks.
+    `do` must not wait for other ranks.
     """
     value, fault = _tried(do)
     if comm.reduced(fault is not None, MPI.MAX):

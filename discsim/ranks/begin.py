@@ -1,4 +1,4 @@
-"""Several ranks take up a run: each keeps its own part of the state."""
+"""Division of a simulation among several ranks: each keeps its own part of the state."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ gravity = Lazy("discsim.ranks.gravity")
 
 
 def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
-    """Let each rank have its own particles of a simulation, and step on with the others.
+    """Divide a simulation among ranks: each keeps its own particles and steps on together with the others.
 
-    alike: all have made all of it, else each has a run of the rows, in the order of ranks.
+    alike: every rank has all particles; otherwise each has a range of the rows, in the order of ranks.
     """
     ranks = Ranks(sim.scene, comm)
     ranks.divide(sim.state, alike)

@@ -1,4 +1,4 @@
-"""MPI as a run uses it: reductions that are exact, and rows of arrays to other ranks. All calls are of all ranks."""
+"""MPI operations of a run: exact reductions, and exchanges of rows of arrays. All calls are collective."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ LONG = 2048  # bytes, above which MPI libraries reduce in parts
 
 
 class Comm:
-    """The ranks of a run; what they send is counted in `traffic`."""
+    """Communicator of the ranks of a run; `traffic` counts the bytes and messages sent."""
 
     def __init__(self) -> None:
         self.mpi = MPI.COMM_WORLD.Dup()
         self.rank, self.size = self.mpi.rank, self.mpi.size
         self.traffic = Traffic(self.mpi)
-        self._rounds = (self.size - 1).bit_length()  # of messages, in which all hear of all
+        self._rounds = (self.size - 1).bit_length()  # rounds of messages in a collective call
 
     def reduced(self, values: Any, operation: MPI.Op) -> Any:
-        """Of each of `values`, a number or an array of any shape, what the operation makes of those of all ranks."""
+        """Return the element-wise reduction of `values`, a number or an array of any shape, over all ranks."""
         given = np.ascontiguousarray(values)
         if given.dtype == bool:
             given = given.astype(np.int64)
         out = np.empty_like(given)
-        # What is long is summed in parts, which are then gathered (Thakur, Rabenseifner & Gropp 2005).
+        # Long arrays are reduced in parts, which are then gathered (Thakur, Rabenseifner & Gropp 2005).
         sent = given.nbytes * (self._rounds if given.nbytes <= LONG else min(self._rounds, 2))
         with self.traffic.call(sent, self._rounds):
             self.mpi.Allreduce(given, out, operation)
         return out if isinstance(values, np.ndarray) else out.item()
 
     def gathered(self, array: Array) -> Array:
-        """Arrays (ranks, ...) of all ranks, of this one's of the same shape on all."""
+        """Return the arrays (ranks, ...) of all ranks; `array` has the same shape on each."""
         out = np.empty((self.size, *array.shape), array.dtype)
         with self.traffic.call((self.size - 1) * array.nbytes, self._rounds):
             self.mpi.Allgather(np.ascontiguousarray(array), out)
         return out
 
     def listed(self, array: Array) -> list[Array]:
-        """Arrays (n,) of all ranks, each of its own length."""
+        """Return the arrays (n,) of all ranks, each of its own length."""
         counts = self.gathered(np.array(len(array)))
         out = np.empty(int(counts.sum()), array.dtype)
         of = MPI.Datatype.fromcode(array.dtype.char)
@@ -55,7 +55,10 @@ class Comm:
         return np.split(out, np.cumsum(counts)[:-1])
 
     def deal(self, out: Array, given: Array, taken: Array) -> Array:
-        """Rows of `out`, numbers `given` (ranks,) of them to each rank in turn; those that come here, `taken`."""
+        """Send each rank in turn its rows of `out`, and return the rows received.
+
+        given, taken (ranks,): numbers of rows sent to and received from each rank.
+        """
         wide = math.prod(out.shape[1:])
         item = MPI.BYTE.Create_contiguous(max(out.itemsize * wide, 1)).Commit()
         found = np.empty((int(taken.sum()), *out.shape[1:]), out.dtype)
@@ -68,12 +71,12 @@ class Comm:
         return found
 
     def swap(self, out: Array, parts: list[Array], found: Array, places: list[Array]) -> None:
-        """Of `out` its `parts` to each rank, what comes from each to its place of `places` in `found`: views of these,
-        of some of their rows, or of some of the second axis.
+        """Send the views `parts` of `out`, one to each rank, and receive the views `places` of `found`.
 
-        MPI packs and unpacks them on their way: blocks made for that took twice the time (2026-11).
+        A view has some rows of its array, or a part of the second axis. MPI packs and unpacks the views: copies to
+        blocks before sending took twice the time (2026-11).
         """
-        places[self.rank][:] = parts[self.rank]  # faster than by MPI
+        places[self.rank][:] = parts[self.rank]  # a copy is faster than MPI
         elsewhere = [int(rank != self.rank) for rank in range(self.size)]
         sizes = np.array(elsewhere) * [part.nbytes for part in parts]
         given, taken = (
@@ -85,7 +88,7 @@ class Comm:
 
 
 class Route:
-    """Rows of arrays that go to other ranks again and again: `to`, the numbers of those for each rank."""
+    """Route of rows of arrays to other ranks, for repeated use: `to` has the rows for each rank."""
 
     def __init__(self, comm: Comm, to: list[Array]) -> None:
         self.comm = comm
@@ -97,17 +100,18 @@ class Route:
 
     @property
     def count(self) -> int:
-        """How many rows come here."""
+        """Number of rows received."""
         return int(self.taken.sum())
 
     def send(self, array: Array) -> Array:
-        """The rows of this rank's `array` (n, ...) to where they go; those that come here, by the rank they are of."""
+        """Send rows of this rank's `array` (n, ...); return the rows received, by source rank."""
         return self.pass_on(array[self.rows])
 
     def send_all(self, arrays: list[Array], into: list[Array] | None = None) -> list[Array]:
-        """The same of several arrays, of any kinds, in one exchange; `into` arrays (count, ...) where these are given.
+        """Send rows of several arrays, of any types, in one exchange; return the rows received.
 
-        What goes to a rank is one block of bytes: an array after the other, each as it lies in memory.
+        They are written to `into` (count, ...) if given. A rank gets one block of bytes: one array after the other,
+        each as it lies in memory.
         """
         width = [_bytes(array) for array in arrays]
         out = np.empty(len(self.rows) * sum(width), np.uint8)
@@ -123,7 +127,7 @@ class Route:
         return taken
 
     def _blocks(self, counts: Array, width: list[int], whole: Array) -> Iterator[tuple[Any, ...]]:
-        """Of each rank that has any of the rows the first one and how many there are, and the bytes of each array."""
+        """Yield for each rank with any rows (first row, number of rows), and the bytes of each array."""
         begin = at = 0
         for count in counts.tolist():
             if count > 0:
@@ -133,22 +137,22 @@ class Route:
             begin += count
 
     def pass_on(self, rows: Array) -> Array:
-        """The same, of the rows that go."""
+        """Send `rows`, already selected; return the rows received, by source rank."""
         return self.comm.deal(np.ascontiguousarray(rows), self.given, self.taken)
 
 
 def _bytes(array: Array) -> int:
-    """Of an entry of an array (n, ...)."""
+    """Return the bytes of one entry of an array (n, ...)."""
     return int(array.itemsize * math.prod(array.shape[1:]))
 
 
 def _begin(view: Array, array: Array) -> int:
-    """At which byte of an array a view of it begins."""
+    """Return the byte of an array at which a view of it begins."""
     return int(view.ctypes.data - array.ctypes.data)
 
 
 def _kind_of(view: Array, array: Array) -> MPI.Datatype:
-    """A view of an array, of rows or of a part of each, as MPI has it."""
+    """Return the MPI datatype of a view of an array: of rows, or of a part of each row."""
     if view.flags.c_contiguous:
         return _kind(view.dtype.char, 1, view.size, view.size)
     return _kind(view.dtype.char, len(view), view[0].size, array[0].size)
@@ -156,18 +160,21 @@ def _kind_of(view: Array, array: Array) -> MPI.Datatype:
 
 @cache
 def _kind(code: str, count: int, length: int, stride: int) -> MPI.Datatype:
-    """Kept until the end: there are no more than lengths of shares. As a subarray MPICH takes twice the time."""
+    """Return an MPI datatype, cached until the end: there are no more than lengths of shares.
+
+    A subarray type would take twice the time in MPICH.
+    """
     of = MPI.Datatype.fromcode(code)
     return (of.Create_contiguous(length) if count == 1 else of.Create_vector(count, length, stride)).Commit()
 
 
 def _like(array: Array, block: Array) -> Array:
-    """Bytes as entries of an array."""
+    """Return bytes as entries of an array's type and shape."""
     return np.ndarray((len(block) // max(_bytes(array), 1), *array.shape[1:]), array.dtype, block)
 
 
 def by_rank(some: Array, owner: Array, size: int) -> list[Array]:
-    """`some` (n,) by their owners (n,): of each rank those that are its own, in the order that they had."""
-    owner = owner.astype(np.min_scalar_type(size))  # one or two bytes for up to 65535 ranks: numpy then counts
+    """Return `some` (n,) split by their owners (n,): for each rank its own entries, in their previous order."""
+    owner = owner.astype(np.min_scalar_type(size))  # for up to 65535 ranks numpy then uses a radix sort
     order = np.argsort(owner, kind="stable")
     return np.split(some[order], np.searchsorted(owner[order], np.arange(1, size)))

@@ -1,7 +1,7 @@
-"""What the effects of a run on several ranks cost, and apart from that what their communication does.
+"""Costs of effects in a run on several ranks, with those of communication apart.
 
-CPU seconds are those of this rank, where those of MPI calls are in lines of their own; the seconds in these calls, the
-waiting in them (`traffic.py`), bytes and messages are those of a rank, the mean of all.
+CPU seconds are those of this rank; those of MPI calls have rows of their own. Seconds in MPI calls, the waiting in
+them (`traffic.py`), bytes and messages are those of a rank, averaged over all ranks.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from contextlib import contextmanager
 from discsim.ranks.traffic import Sum, Traffic
 from discsim.run.costs import Costs
 
-BETWEEN = "step"  # what belongs to no effect
+BETWEEN = "step"  # communication outside effects
 
 
 class DividedCosts(Costs):
-    """`Costs` of a rank. `copy` and `agree` are called by all ranks together."""
+    """`Costs` of a rank. `copy` and `agree` are collective."""
 
     def __init__(self, costs: Costs, traffic: Traffic) -> None:
         super().__init__(costs.calls)
@@ -24,7 +24,7 @@ class DividedCosts(Costs):
         self.seconds.update(costs.seconds)
         self.traffic = traffic
         traffic.fold()
-        self._spent = dict(traffic.sums)  # when this was made
+        self._spent = dict(traffic.sums)  # sums at the start
         self._forgotten: dict[str, Sum] = {}
         self._means: dict[str, Sum] = {}
 
@@ -48,7 +48,7 @@ class DividedCosts(Costs):
 
     @property
     def communication(self) -> dict[str, Sum]:
-        """That of this rank, by effect; that of none is `BETWEEN`."""
+        """Communication of this rank by effect; `BETWEEN` is that outside effects."""
         sums = {name: spent - self._forgotten.get(name, Sum()) for name, spent in self.traffic.sums.items()}
         return {name or BETWEEN: sums[name] for name in (*self.seconds, "") if name in sums}
 

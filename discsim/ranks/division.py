@@ -1,7 +1,7 @@
-"""Who owns which particles: square tiles of space along a Hilbert curve (Hilbert 1891), a run of them for each rank.
+"""Ownership of particles: square tiles of space along a Hilbert curve (Hilbert 1891), a run of tiles for each rank.
 
-Runs are cut so that the costs of their particles are alike, and anew where those of a rank are TOLERANCE above the
-mean. A particle off the grid belongs to the nearest tile.
+Runs are cut for equal costs of their particles, and are cut again when a rank's cost is TOLERANCE above the mean. A
+particle off the grid belongs to the nearest tile.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-COST = {"gas": 4.0, "dust": 1.0}  # of a particle in a step
-NODE = 0.1  # of a node of the grid, in windows about own particles
+COST = {"gas": 4.0, "dust": 1.0}  # of a particle per step, relative
+NODE = 0.1  # of a grid node per step, in windows about own particles
 TOLERANCE = 0.1
-# At first arrays have room for a share of more entries: for arrivals and ghosts, which lie along a border. Of n own
-# particles of the species that has the fewest BORDER sqrt(n) are ghosts, and of others as large a part, at most SPARE.
+# Arrays begin with spare memory for arrivals and ghosts, which lie along a border. For the species with the fewest
+# particles, n on a rank, it is for BORDER sqrt(n) more; for others it is the same fraction. SPARE is the largest.
 BORDER, SPARE = 64.0, 0.25
-TILES = 32  # along a side for each doubling of the ranks, at least
+TILES = 32  # along a side, at least, times ranks^(1 / dimensions)
 
 
 class Division:
@@ -46,8 +46,8 @@ class Division:
         self.low = -0.5 * size.max() * np.ones(dim) if scene.centred else np.zeros(dim)
         self.per_tile = self.along / size.max()
         self.owner = np.zeros(self.along**dim, np.int64)
-        self.margin = 0.0  # within which of others' tiles particles are to be known
-        self._known: list[tuple[Any, Array]] = []  # places that have been settled, and their bounds
+        self.margin = 0.0  # distance to other ranks' tiles, for `near`
+        self._known: list[tuple[Any, Array]] = []  # arrays of positions after `settle`, and their bounds
         if dim == 2:
             x, y = np.divmod(np.arange(self.along**2), self.along)
             self.curve = np.argsort(hilbert(x, y, bits))
@@ -56,18 +56,19 @@ class Division:
 
     @property
     def tiles(self) -> tuple[Array, float, int]:
-        """As kernels take them."""
+        """Lower corner, tiles per length and tiles along a side, as kernels take them."""
         return self.low, self.per_tile, self.along
 
     def tile_of(self, pos: Array) -> Array:
-        """The tile (n,) of each place (n, d)."""
+        """Return the tile (n,) of each position (n, d)."""
         out = np.empty(len(pos), np.int64)
         share(tiles_of, len(pos), pos, self.tiles, out)
         return out
 
     def near(self, pos: Array) -> Array:
-        """Numbers of the places (n, d) within the margin of others' tiles, or of the edge of a periodic box, and of
-        others in the same batches.
+        """Return the indices of positions (n, d) near other ranks' tiles or the edge of a periodic box.
+
+        Near is within the margin. Other positions in the same batches are included.
         """
         dim = pos.shape[1]
         ends = np.array([[-np.inf] * dim, [np.inf] * dim])
@@ -80,30 +81,33 @@ class Division:
         return joined(share(near_marked, len(bounds), *given, least=LEAST))
 
     def bounds(self, pos: Array) -> Array:
-        """Bounds of batches of places (n, d), as of `numerics/batches.py`."""
+        """Return the bounds of batches of positions (n, d), as in `numerics/batches.py`."""
         known = self.known_bounds(pos)
         return bounds_of(pos) if known is None else known
 
     def known_bounds(self, pos: Array) -> Array | None:
-        """The same, None of places that have not been settled."""
+        """Return the stored bounds of positions from `settle`, None for other positions."""
         return next((bounds for of, bounds in self._known if of() is pos), None)
 
     def forget(self) -> None:
-        """Let go of what is known of places: they are others."""
+        """Drop stored bounds: positions change."""
         self._known.clear()
 
     def within(self, pos: Array, marked: Array, bounds: Array) -> Array:
-        """Numbers of the places (n, d), of such bounds, that are in `marked` tiles (tiles,)."""
+        """Return the indices of positions (n, d), with batch `bounds`, that are in `marked` tiles (tiles,)."""
         return joined(share(in_marked, len(bounds), pos, bounds, self.tiles, marked, least=LEAST))
 
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
-        """Divide the tiles anew where that is due; whether it was. `whole`: each rank has all the particles."""
+        """Divide the tiles again if the balance requires it; return whether owners changed.
+
+        whole: each rank has all the particles.
+        """
         cost = np.zeros(len(self.owner))
         for name, p in species.items():
             cost += COST[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
         if not whole:
-            cost = self.comm.reduced(cost, MPI.SUM)  # whole numbers
-        cost += round(NODE * self._nodes(int(cost.sum()))) * (cost > 0.0)  # nodes that nobody is near cost nothing
+            cost = self.comm.reduced(cost, MPI.SUM)  # whole numbers: an exact sum
+        cost += round(NODE * self._nodes(int(cost.sum()))) * (cost > 0.0)  # nodes of empty tiles cost nothing
         if not whole:
             loads = np.bincount(self.owner, cost, self.comm.size)
             if loads.max() <= (1.0 + TOLERANCE) * loads.mean():
@@ -118,29 +122,29 @@ class Division:
         return changed
 
     def _nodes(self, particles: int) -> float:
-        """Nodes of the grid in a tile."""
+        """Return the number of grid nodes in a tile."""
         cell, counts = grid_cells(self.scene, particles)
         return float((1.0 / self.per_tile / cell) ** len(counts))
 
     def _spare(self, counts: list[int]) -> float:
-        """Of species of so many particles on all ranks."""
+        """Return the fraction of spare entries for species with `counts` particles on all ranks."""
         fewest = min(counts, default=0) / self.comm.size
         return min(SPARE, BORDER / math.sqrt(max(fewest, 1.0)))
 
     def keep_own(self, state: State) -> None:
-        """Of particles that each rank has all of, keep own ones."""
+        """Keep own particles alone, where each rank starts with all of them."""
         spare = self._spare([p.count for p in state.species.values()])
         for name, p in state.species.items():
             p.place = np.arange(p.count, dtype=np.uint64)
             own = self.within(p.pos, self.owner == self.comm.rank, bounds_of(p.pos))
             p.spare = int(spare * len(own))
             p.take(own)
-            acc = state.own_acc.get(name)  # of a run that goes on
+            acc = state.own_acc.get(name)  # of a resumed run
             if acc is not None and len(acc) > 0:
                 state.own_acc[name] = acc[own]
 
     def deal(self, state: State) -> None:
-        """Of particles of which each rank has a run of rows, in the order of ranks, bring all to their owners."""
+        """Send particles to their owners, where each rank starts with a range of rows, in the order of ranks."""
         spare = self._spare([int(self.comm.reduced(p.count, MPI.SUM)) for p in state.species.values()])
         for name, p in state.species.items():
             before = self.comm.mpi.exscan(p.count) or 0
@@ -156,7 +160,7 @@ class Division:
                 state.own_acc[name] = route.send(state.own_acc[name])[order]
 
     def settle(self, species: dict[str, Particles]) -> None:
-        """Bring particles to their owners, once they have moved."""
+        """Send particles that have moved to their owners."""
         self.forget()
         for particles in species.values():
             self._migrate(particles)
@@ -174,12 +178,12 @@ class Division:
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:
-    """Place (n,) along the Hilbert curve of whole numbers x, y (n,) below 2^bits."""
+    """Return the index (n,) along the Hilbert curve of integers x, y (n,) below 2^bits."""
     x, y, out = x.copy(), y.copy(), np.zeros_like(x)
     for k in range(bits - 1, -1, -1):
         right, up = x >> k & 1, y >> k & 1
         out += (3 * right ^ up) << 2 * k
-        # Turn the quadrant, so that the curve begins and ends where its neighbours do.
+        # Rotate or reflect the quadrant, so that its curve joins those of its neighbours.
         turned = up == 0
         flipped = turned & (right == 1)
         x, y = np.where(flipped, ~x, x), np.where(flipped, ~y, y)

@@ -1,8 +1,9 @@
-"""Drag beside that of other ranks: one kick of own gas and dust and all that these hang on, as on one rank.
+"""Drag on several ranks: one kick of own gas and dust and of the ghosts that they depend on, as on one rank.
 
-In cells that is what lies in own particles' blocks, and about their nodes. What decides where blocks are (numbers of
-particles in each leaf and their h, the mean h, the frame) is that of all ranks: a first look at own particles agrees on
-it and finds their blocks. Between pairs it is all particles, and each rank makes the whole kick.
+For schemes in cells the ghosts are the particles in the blocks of own particles and about their nodes. The positions
+of blocks depend on the particles of all ranks: on their numbers in each leaf and their h, the mean h, and the frame.
+A first pass over own particles finds these collectively, and then the blocks of own particles. For schemes of pairs
+the ghosts are all particles of other ranks, and each rank computes the whole kick.
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ if TYPE_CHECKING:
     from discsim.ranks.division import Division
 
 Array = np.ndarray
-HEAT = 2  # rings more: a node has heat of the particles of its cell, and of nodes about it that have no gas
+HEAT = 2  # more rings: a node gets heat from the particles of its cell, and from nodes about it that have no gas
 
 
 class Agreement(Known):
-    """What a first look at own particles has found together, told to the kick."""
+    """Collective results of the first pass over own particles, for use in the kick."""
 
     def __init__(self, parts: Leaves) -> None:
         self.parts, self.found, self._own_blocks = parts, dict[str, Any](), 0
@@ -69,7 +70,10 @@ class Agreement(Known):
         return out
 
     def held(self, lattice: Lattice, leaves: Sequence[Array]) -> Array:
-        """Which leaves of a part have any own particles, of which `leaves` are those; also where nothing was summed."""
+        """Return which leaves of a part hold own particles, also if `summed` was not called.
+
+        `leaves` has the leaf of each own particle, by species.
+        """
         if self._held is None:
             self._held = np.zeros(math.prod(lattice.shape) + 1, bool)
             for leaf in leaves:
@@ -78,8 +82,10 @@ class Agreement(Known):
         return self._held
 
     def leaves(self, name: str, pos: Array, find: Callable[[Array], Array]) -> Array:
-        """As `Known` has it. The second time only ghosts are looked at: own leaves are those of the first time, which
-        whoever has asked may overwrite from then on.
+        """Return the leaf of each position, as `Known.leaves`.
+
+        The second call finds the leaves of ghosts alone. The leaves of own particles are those of the first call,
+        whose array the caller may overwrite afterwards.
         """
         known = self._leaves.pop(name, None)
         if known is None:
@@ -88,11 +94,11 @@ class Agreement(Known):
         own, both = len(known), room.longer(known, len(pos))
         if both is None:
             return np.concatenate([known, find(pos[own:])])
-        both[own:] = find(pos[own:])  # of ghosts
+        both[own:] = find(pos[own:])  # those of ghosts
         return both
 
     def leave(self, own: Array, needed: Array) -> None:
-        """Of blocks tell only of those `needed` (blocks,), of which `own` come first."""
+        """Keep only the blocks `needed` (blocks,) in the results, with the `own` ones first."""
         some = np.concatenate([np.flatnonzero(own), np.flatnonzero(needed & ~own)])
         self._own_blocks = int(np.count_nonzero(own))
         for name, each in self.found.items():
@@ -100,7 +106,7 @@ class Agreement(Known):
 
 
 def _some(blocks: Merged, some: Array) -> Merged:
-    """`some` of them; the numbers of all are made anew in place."""
+    """Return the blocks `some`, and renumber blocks in their leaves in place."""
     number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
     number[some] = np.arange(len(some))
     share(number_anew, len(blocks.number), blocks.number, number, light=True)
@@ -108,7 +114,7 @@ def _some(blocks: Merged, some: Array) -> Merged:
 
 
 class DividedDrag:
-    """The kick of a scheme, in place of `Scheme.relax`, and the step that it allows, in place of `Scheme.limit`."""
+    """Kick of a scheme, in place of `Scheme.relax`, and its time-step limit, in place of `Scheme.limit`."""
 
     def __init__(self, drag: Drag, division: Division) -> None:
         self.division, self.comm, self.drag, self.scheme = division, division.comm, drag, drag.scheme
@@ -123,15 +129,15 @@ class DividedDrag:
         self.forget()
         wides = self._hung_on(drag, state)
         self._kick(drag, state, wides, dt, gas_vel, heat)
-        drag.agree = Known()  # it holds arrays of leaves
+        drag.agree = Known()  # frees arrays of leaves
 
     def forget(self) -> None:
-        """Let go of the arrays of the last kick, which its stopping times keep: forces take their memory."""
+        """Free the arrays of the last kick, which its stopping times refer to: forces need the memory."""
         self.drag.stopping_times = np.empty(0)
         self.drag.buffers.clear()
 
     def limit(self, drag: Drag, state: State) -> float:
-        """Of a scheme of pairs: that of all particles."""
+        """Return the time-step limit of a scheme of pairs, that of all particles."""
         assert self.scheme.limit is not None
         both = self._both(state, self._everyone(state))
         with world.apart():
@@ -159,7 +165,7 @@ class DividedDrag:
         drag.stopping_times = lambda: (times() if callable(times) else times)[dust.own]
 
     def _both(self, state: State, wides: dict[str, Any]) -> State:
-        """All that particles have."""
+        """Return a state with all arrays of own particles and ghosts."""
         there = self._there([*state.own_acc.values()])
         own_acc = {
             name: wides[name].of(acc) if some else acc[:0]
@@ -172,8 +178,10 @@ class DividedDrag:
         return replace(state, own_acc=own_acc, **species)
 
     def _both_in_cells(self, drag: Drag, state: State, wides: dict[str, Any], gas_vel: Array) -> State:
-        """What the scheme reads of others' particles, the gas with the velocities `gas_vel`; what is about grains goes
-        with them, and is agreed on.
+        """Return a state with the arrays of own particles and ghosts that the scheme reads.
+
+        The gas has the velocities `gas_vel`. The data of `about_grains` are fetched with those of the dust, and
+        stored as a collective result.
         """
         reads = {*self.scheme.reads, *(("acc",) if drag.drag.heating else ())}
         held = {name: p.arrays() for name, p in state.species.items()}
@@ -194,24 +202,24 @@ class DividedDrag:
         return replace(state, own_acc=own_acc, **found)
 
     def _there(self, arrays: list[Array]) -> list[bool]:
-        """Which of them any rank has entries of."""
+        """Return for each array whether it has entries on any rank."""
         return list(self.comm.reduced(np.array([len(array) for array in arrays]), MPI.MAX) > 0)
 
     def _everyone(self, state: State) -> dict[str, Any]:
-        """All particles: what pairs exchange hangs on others' pairs, and these on others again."""
+        """Fetch all particles: a pair's exchange depends on other pairs, and through these on all ranks."""
         return {name: world.together.everyone(p) for name, p in state.species.items()}
 
     def _hung_on(self, drag: Drag, state: State) -> dict[str, Any]:
-        """The particles of the blocks that own ones hang on."""
+        """Fetch the particles of the blocks that own particles depend on."""
         rings = self.scheme.rings + (HEAT if drag.drag.heating and self.scheme.rings >= 0 else 0)
         while True:
             agreement = drag.agree = Agreement(self.leaves)
             lattice, blocks, *leaves = self.scheme.members(drag, state)
-            blocks.number[-1] = len(blocks.level)  # of what is outside
+            blocks.number[-1] = len(blocks.level)  # for particles outside
             own = np.zeros(len(blocks.level), bool)
             held = agreement.held(lattice, leaves)
             share(mark_held, len(held), held, blocks.number, own, light=True)
-            # Nodes are of one level: a block hangs on others of its own side, `rings` and two away.
+            # Nodes are of one level: a block depends on others of its own side, up to `rings` + 2 away.
             widest = int(blocks.level[own].max(initial=0))
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
             if self.leaves.suffices(world.together.most(away)):
@@ -228,17 +236,18 @@ class DividedDrag:
         return wides
 
     def _batches(self, pos: Array, lattice: Lattice, marked: Array) -> Array:
-        """The batches of places in which any may be in largest blocks that are `marked` (x, y)."""
-        bounds, along = self.division.bounds(pos), np.array([1.0, self.drag.dim - 1.0])  # 0: no y
+        """Return the batches of positions of which any may be in largest blocks that are `marked` (x, y)."""
+        bounds, along = self.division.bounds(pos), np.array([1.0, self.drag.dim - 1.0])  # 0 in one dimension
         part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
         given = bounds, along * lattice.origin, lattice.side, part, MOST, marked
         return joined(share(batches_near, len(bounds), *given, least=LEAST))
 
 
 def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int, flat: bool) -> Array:
-    """The blocks (blocks,) that particles of `own` ones (blocks,) hang on, which are `away` largest ones at most.
+    """Return the blocks (blocks,) that particles of `own` blocks (blocks,) depend on.
 
-    These are looked for where own ones and others have each other in reach.
+    They are at most `away` largest blocks from own ones. The search covers only largest blocks near both own blocks
+    and others.
     """
     needed, held = own.copy(), _largest_with(blocks, lattice, own)
     some = blocks_in(blocks.first_leaf, widened(held[0], lattice, away) & widened(held[1], lattice, away))
@@ -251,15 +260,16 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int,
 
 
 def _largest_with(blocks: Merged, lattice: Lattice, chosen: Array) -> Array:
-    """The largest blocks (2, x, y) in which any of the `chosen` (blocks,) is, and any of the others."""
+    """Return the largest blocks (2, x, y) that hold any of the `chosen` blocks (blocks,), and any others."""
     out = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
     sides_held(blocks.first_leaf, chosen, out)
     return out
 
 
 def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
-    """The numbers that blocks have in the whole lattice, from begin up to end, by largest blocks and along Z-curves in
-    these: leaves. What is outside comes last.
+    """Return the ranges of numbers of blocks in the whole lattice, from begin up to end, in leaves.
+
+    The order is by largest block, and along a Z-curve in each. One more entry, for particles outside, comes last.
     """
     count = len(blocks.level)
     begin, end = np.full(count + 1, 2**62), np.full(count + 1, 2**62 + 1)
@@ -268,7 +278,10 @@ def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
 
 
 def _made(particles: Any, wide: Any, both: dict[str, Array]) -> Any:
-    """Particles with some arrays of both; others that there have to be have no entries, but `acc` own ones."""
+    """Return particles with the arrays of own particles and ghosts in `both`; other required arrays have no entries.
+
+    `acc` is an exception: it has own entries, and uninitialised ones of ghosts.
+    """
     arrays = both if "acc" in both else both | {"acc": wide.beside(particles.acc)}
     for each in fields(particles):
         if each.default is MISSING:

@@ -1,4 +1,4 @@
-"""Particles of other ranks that sums here need, beside this rank's own, in the order of all."""
+"""Ghosts: particles of other ranks that sums on this rank need, and their place in the global order."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
 Array = np.ndarray
-REMEMBERED = 16  # steps, in which what some of them needed of others is fetched at once: to do all anew costs more
-SPARE = 8  # room for ghosts: a SPARE-th more than there are
+REMEMBERED = 16  # recent steps, whose largest halo is fetched at once: a repeated step costs more than a wide halo
+SPARE = 8  # spare memory for ghosts: 1 / SPARE more than present
 
 
 class Placed(Protocol):
-    """Particles that have their places in the order of all."""
+    """Protocol of particles with an index in the global order, `place`."""
 
     place: Array | None
 
@@ -33,10 +33,10 @@ class Placed(Protocol):
 
 
 class Wide:
-    """`world.Fetched`: own particles of a species and then ghosts, those that a route brings.
+    """`world.Fetched` on several ranks: own particles of a species, and then the ghosts that a route brings.
 
-    Arrays of both are own ones with ghosts in the room behind these, where they have it: what another one writes there
-    takes its place. `lasting` ones are copies.
+    Combined arrays hold both. Where an array of own particles has spare memory behind it, its ghosts are written
+    there, and a later `Wide` overwrites them. `lasting` combined arrays are copies.
     """
 
     def __init__(self, particles: Placed, route: Route, lasting: bool = False) -> None:
@@ -54,18 +54,18 @@ class Wide:
 
     @property
     def loose(self) -> Array:
-        """Rows of arrays of both besides which places rise."""
+        """Rows of combined arrays that break the rising order of `place`."""
         assert self._own_loose is not None
         own = self._own_loose[self._own_loose < self._held]
         return np.concatenate([own, np.arange(self._held, self.count)])
 
     def own_among(self, some: Array) -> Array:
-        """Of `some` rows of arrays of both those that are own: their numbers in own arrays."""
+        """Return the rows of own arrays that are among the rows `some` of combined arrays."""
         return some[some < self._held]
 
     @property
     def place(self) -> Array:
-        """Where it has not come with other arrays, all ranks ask for it together."""
+        """Indices (n,) in the global order. Collective, unless they came with other arrays."""
         if self._place is None:
             self._place = self.of(self._own_place)
         return self._place
@@ -76,7 +76,7 @@ class Wide:
         return both
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        given = [*arrays, self._own_place] if self._place is None else arrays  # it comes along
+        given = [*arrays, self._own_place] if self._place is None else arrays  # `place` comes with them
         out = [self.beside(array) for array in given]
         self.route.send_all(given, [both[self._held :] for both in out])
         if self._place is None:
@@ -99,13 +99,13 @@ class Wide:
 
 
 class Ordered:
-    """`world.Joined`: the same with arrays in the order of all. own (n,): where in them own particles are."""
+    """`world.Joined` on several ranks: arrays in the global order. own (n,): rows of own particles in them."""
 
     place = None
 
     def __init__(self, wide: Wide) -> None:
         self._wide = wide
-        # Nearly in order, which a stable sort makes use of.
+        # Nearly in order, which makes a stable sort fast.
         self._order = np.argsort(wide.place, kind="stable")
 
     @cached_property
@@ -119,14 +119,14 @@ class Ordered:
         return len(self._order)
 
     def own_among(self, some: Array) -> Array:
-        """As that of `Wide`."""
+        """Return the rows of own arrays that are among the rows `some`, as `Wide.own_among`."""
         return self._wide.own_among(self._order[some])
 
     def of(self, array: Array) -> Array:
         return self.sorted(self._wide.of(array))
 
     def sorted(self, both: Array) -> Array:
-        """An array of own ones and then ghosts."""
+        """Return an array of own particles and then ghosts, in the global order."""
         return np.take(both, self._order, axis=0)
 
     def keep(self, array: Array, both: Array) -> None:
@@ -134,8 +134,10 @@ class Ordered:
 
 
 class Asked(NamedTuple):
-    """Runs of own cells, from `first` up to `last` (runs,), that ranks (runs,) need, which rise; `number` (cells + 1,):
-    how many cells before each are in any of them.
+    """Requests of other ranks for runs of own cells.
+
+    `ranks` (runs,): requesting rank, rising. `first`, `last` (runs,): a run goes from first up to last. `number`
+    (cells + 1,): number of cells before each cell that are in any run.
     """
 
     ranks: Array
@@ -153,17 +155,17 @@ def in_cells(
     batches: Array | None = None,
     lasting: bool = False,
 ) -> Wide:
-    """Own particles with those of others in the cells that are needed here; the rest as `route_to` has it."""
+    """Return own particles with ghosts from the cells needed on this rank; other arguments are those of `route_to`."""
     return Wide(particles, route_to(comm, key, asked, of, batches), lasting)
 
 
 def asked_of(comm: Comm, needed: Needed) -> Asked:
-    """What other ranks need of own cells, when all have said what they need."""
+    """Send the cells needed on this rank to all ranks, and return the requests for own cells."""
     runs = comm.listed(runs_of(needed).ravel())
     runs[comm.rank] = runs[comm.rank][:0]
     of_rank = np.repeat(np.arange(comm.size), [len(each) // 2 for each in runs])
     first, last = np.concatenate(runs).reshape(-1, 2).T
-    # Own cells that have numbers in each run.
+    # Own cells with numbers in each run.
     first, last = np.searchsorted(needed.end, first, "right"), np.searchsorted(needed.begin, last, "left")
     met = first < last
     of_rank, first, last = of_rank[met], first[met], last[met]
@@ -173,12 +175,14 @@ def asked_of(comm: Comm, needed: Needed) -> Asked:
 
 
 def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batches: Array | None = None) -> Route:
-    """What brings rows to the ranks that need their cells: those `of` their keys (n,), or these where that is None.
-    batches: those that may have rows in these cells, where that is known; else all.
+    """Return the route that brings rows to the ranks that need their cells.
+
+    The cells are `of[key]`, or `key` (n,) where `of` is None. batches: those that may have rows in requested cells;
+    None: all.
     """
     number = asked.number
     batches = np.arange(-(-len(key) // BATCH)) if batches is None else batches
-    found = share(in_runs, len(batches), batches, key, of, number, least=LEAST)  # few of all
+    found = share(in_runs, len(batches), batches, key, of, number, least=LEAST)  # few of all batches
     some, numbers = (joined([each[k] for each in found]) for k in range(2))
     order, start = counting_sort(numbers, int(number[-1]))
     first, last = start[number[asked.first]], start[number[asked.last]]
@@ -189,18 +193,18 @@ def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batc
 
 
 def rising(rows: Array) -> Array:
-    """Each of some rows once, in rising order."""
-    rows = np.sort(rows, kind="stable")  # ten times as fast for rows that rise but for some, and np.unique far slower
+    """Return distinct rows in rising order."""
+    rows = np.sort(rows, kind="stable")  # 10 times as fast for nearly sorted rows; np.unique is far slower
     return rows[np.append(True, rows[1:] != rows[:-1])[: len(rows)]]
 
 
 def joined(parts: list[Array]) -> Array:
-    """Arrays as one."""
+    """Return arrays as one."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def runs_of(needed: Needed) -> Array:
-    """Where runs of the numbers of what is needed begin and end (runs, 2)."""
+    """Return where runs of the numbers of needed cells begin and end (runs, 2)."""
     some = np.flatnonzero(needed.mask)
     begin, end = needed.begin[some], needed.end[some]
     breaks = np.flatnonzero(begin[1:] != end[:-1])

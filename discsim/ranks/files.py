@@ -1,7 +1,8 @@
-"""Snapshots and checkpoints of several ranks: of small states one file, which the rank that leads writes of all; of
-larger ones a part by each rank, and a master (`output/parts.py`).
+"""Snapshots and checkpoints of several ranks.
 
-A part has the particles that are next in the order of the file, so that the master has the very rows of the one file.
+A small state is written to one file, by the leading rank. Of a larger one each rank writes a part, and the leading
+rank a master file (`output/parts.py`). The parts have consecutive particles in the order of the file, so that the
+master has exactly the rows of the one file.
 """
 
 from __future__ import annotations
@@ -20,21 +21,22 @@ from discsim.ranks.comm import Comm
 if TYPE_CHECKING:
     from discsim.numerics.state import State
 
-# Bytes of the particles of all ranks, from which on they go to parts. Below that one file takes about a second, and
-# what one rank needs for it is little beside the kernels and libraries that each has.
+# Bytes of the particles of all ranks, from which on a file is in parts. Below that one file takes about a second, and
+# the memory that it needs on one rank is small compared with that of kernels and libraries on each rank.
 LEAST = 1 << 28
 
 
 def to_divide(comm: Comm, state: State) -> bool:
-    """Whether a file of the state is to be one in parts."""
+    """Return whether a file of the state is to be written in parts."""
     held = sum(array.nbytes for p in state.species.values() for array in p.arrays().values())
     return bool(comm.reduced(held, MPI.SUM) >= LEAST)
 
 
 def write(comm: Comm, path: Path, divided: bool, fill: Callable[[Any], None], before: Path | None = None) -> None:
-    """Have `fill(into)` write to `path`, where `into` makes the file, as `hdf5.create`; on all ranks if `divided`.
+    """Write a file at `path` by `fill(into)`, where `into` creates it, as `hdf5.create`; on all ranks if `divided`.
 
-    before: where what was there stays. Raises on all ranks what one of them raises, and leaves what was there.
+    before: path that keeps the previous file. Raises an exception of one rank on all ranks, and keeps the previous
+    file.
     """
     if not divided:
         led(comm, lambda: fill(hdf5.create))

@@ -1,4 +1,4 @@
-"""Particles in the order in which they are written: all on the rank that leads, or a run of them on each."""
+"""Collection of particles in the order of output: all on the leading rank, or a range of rows on each rank."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
 
 Array = np.ndarray
-SAMPLES = 256  # of each rank, from which it is found where a run ends: to 1/SAMPLES of a rank's
+SAMPLES = 256  # keys of each rank, which set the ends of ranges to 1 / SAMPLES of a rank's particles
 
 
 class Gathering:
-    """Arrays of a species, brought to where they are written.
+    """Route of a species' arrays to the ranks that write them.
 
-    by: "place", their order in the memory of one process, or "ids". divided: each rank takes a run of them.
+    by: "place", the order in memory of one process, or "ids". divided: each rank gets a range of the rows.
     """
 
     def __init__(self, comm: Comm, particles: Particles, by: str = "place", divided: bool = False) -> None:
@@ -30,11 +30,11 @@ class Gathering:
         self.order = np.argsort(self.route.send(key))
 
     def array(self, array: Array) -> Array:
-        """What comes here of an array (n, ...)."""
+        """Return the rows received of an array (n, ...)."""
         return self.route.send(array)[self.order]
 
     def particles(self, particles: Any, wanted: Collection[str] | None = None) -> Any:
-        """Those that come here; arrays that are not `wanted` have no entries."""
+        """Return the particles received; arrays not `wanted` have no entries."""
         held = {name: array for name, array in particles.arrays().items() if name != "place"}
         every = wanted is None
         return type(particles)(
@@ -43,7 +43,7 @@ class Gathering:
 
 
 def _cuts(comm: Comm, key: Array) -> Array:
-    """Keys (size - 1,) that divide those of all ranks into runs, about as long."""
+    """Return keys (size - 1,) that divide those of all ranks into ranges of about equal length."""
     some = np.sort(key)[np.linspace(0, max(len(key) - 1, 0), SAMPLES if len(key) else 0).astype(np.int64)]
     found = comm.mpi.allgather((some, len(key)))
     keys = np.concatenate([sample for sample, _ in found])
@@ -58,9 +58,10 @@ def _cuts(comm: Comm, key: Array) -> Array:
 def gathered(
     comm: Comm, state: State, by: str = "place", divided: bool = False, wanted: Collection[str] | None = None
 ) -> State:
-    """A state with the particles that come here: all on the rank that leads and elsewhere none, or a run of them.
+    """Return a state with the particles received: all on the leading rank, or a range of rows on each rank.
 
-    wanted: names of arrays; all others, and what gas and dust do not both feel, have no entries. None: all.
+    wanted: names of arrays. All others, and `own_acc`, the accelerations of one species alone, have no entries. None:
+    all.
     """
     found: dict[str, Any] = {}
     own_acc = {}
@@ -77,7 +78,7 @@ def gathered(
 def gathered_columns(
     comm: Comm, state: State, extra: dict[str, dict[str, Any]], by: str = "place", divided: bool = False
 ) -> dict[str, dict[str, Any]]:
-    """Columns of effects, by species and name, as snapshots take them."""
+    """Return columns of effects in the order of output, by species and name, as snapshots take them."""
     out: dict[str, dict[str, Any]] = {}
     for species, columns in extra.items():
         gathering = Gathering(comm, state.species[species], by, divided)

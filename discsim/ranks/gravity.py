@@ -1,9 +1,9 @@
-"""The field of a rank's particles beside those of others: `numerics/mesh.py` with the part of the grid that it needs.
+"""Self-gravity on several ranks: `numerics/mesh.py` with the part of the grid that a rank needs.
 
-A node belongs to who owns its tile of space, who fetches the particles about it that others have, and sums it as one
-rank does. A rank has the nodes that its particles touch (`windows.py`): its own ones go to the slabs that have their
-rows (`slabs.py`), and the potential of all, with a ring for the gradient, comes back. A sheet in one dimension is
-solved by each rank.
+A node belongs to the owner of its tile of space. The owner fetches the ghosts about the node, and sums its density in
+the same order as one rank. A rank has a window of nodes, those that its particles touch (`windows.py`). The density
+of its own nodes goes to the slabs that have their rows (`slabs.py`). The potential at all nodes of the window, and at
+a ring about it for the gradient, comes back. In one dimension each rank solves the whole sheet.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from discsim.ranks.windows import Rows, Windows
 
 Array = np.ndarray
 NOBODY = np.empty(0, np.int64)
-Pieces = tuple[Array, Array]  # of rows: their first ones and ends, as `Grid.deposit` has them
+Pieces = tuple[Array, Array]  # of rows: first rows and ends, as `Grid.deposit` takes them
 
 
 class About(NamedTuple):
-    """Own particles and others about own nodes: places, the bounds of these, masses, and the order of sums."""
+    """Own particles and ghosts about own nodes: positions, bounds of batches, masses, and the order of sums."""
 
     pos: Array
     bounds: Array
@@ -43,11 +43,11 @@ class About(NamedTuple):
 
 
 class Nodes:
-    """Whose the nodes of a grid are."""
+    """Ownership of the nodes of a grid."""
 
     def __init__(self, grid: Grid, division: Division) -> None:
         self.grid, self.division, self.comm = grid, division, division.comm
-        division.margin = (1.0 + 1e-6) * grid.cell  # but for rounding
+        division.margin = (1.0 + 1e-6) * grid.cell  # with a margin for rounding
         along = division.along - 1
         places = [np.clip((grid.nodes(axis) - division.low[0]) * division.per_tile, 0, along) for axis in range(2)]
         if grid.shape[1] == 1:
@@ -56,16 +56,19 @@ class Nodes:
 
     @property
     def owner(self) -> Array:
-        """Of each tile (along x, along y)."""
+        """Rank of each tile (along x, along y)."""
         return self.division.owner.reshape(self.division.along, -1)
 
     def leave_own(self, density: Array, first: Node, begin: Array, end: Array) -> None:
-        """Put 0 at the nodes of others, in a part of the grid: from the columns `begin` up to `end` (nx,) of it."""
+        """Set `density` to 0 at nodes of other ranks, in a part of the grid.
+
+        begin, end (nx,): columns of the part, in each row.
+        """
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
         share(leave_own, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
 
     def about(self, particles: Particles) -> About:
-        """Of a species."""
+        """Fetch the particles of a species about own nodes."""
         grid, pos = self.grid, particles.pos
         some = self.division.near(pos)
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
@@ -78,12 +81,15 @@ class Nodes:
 
 
 def _in_order(place: Array, held: int, loose: Array) -> Pieces:
-    """Rows by their `place` (n,), in pieces: of those `held` here it rises but for the `loose` ones."""
+    """Return rows by their `place` (n,), as pieces.
+
+    The places of the first `held` rows rise, except for the `loose` rows.
+    """
     loose = rising(loose[loose < held])
     others = np.concatenate([loose, np.arange(held, len(place))])
-    in_order = np.argsort(place[others], kind="stable")  # three times as fast, as places mostly rise
+    in_order = np.argsort(place[others], kind="stable")  # 3 times as fast, as places mostly rise
     first, last, rises = pieces_of(place, held, loose, others[in_order])
-    if not rises:  # arrays of another making
+    if not rises:  # arrays in another order
         first = np.argsort(place)
         last = first + 1
     return first, last
@@ -96,7 +102,7 @@ class DividedMesh(Mesh):
         super().__init__(grid, kernel)
         self.nodes, self.comm = Nodes(grid, division), division.comm
         self.slabs = Slabs(self.comm, grid.shape, grid.cell, kernel, grid.periodic, self.border)
-        # What is made before the slabs are solved, or after that, may have memory that only they need.
+        # The density is needed only before, the gradient only after the slabs are solved: they use the slabs' memory.
         memory = {"density": self.slabs.by_rows, "gradient": self.slabs.by_tiles}
         self._kept = {name: array.reshape(-1).view(float) for name, array in memory.items()}
 
@@ -129,21 +135,21 @@ class DividedMesh(Mesh):
         return self._sums
 
     def _room(self, name: str, shape: tuple[int, ...]) -> Array:
-        """An array that is kept while it is large enough."""
+        """Return an array in memory that is reused while it is large enough."""
         size = int(np.prod(shape))
         if name not in self._kept or len(self._kept[name]) < size:
             self._kept[name] = np.empty(size)
         return self._kept[name][:size].reshape(shape)
 
     def _rows_here(self) -> Rows:
-        """Those of this rank's window, without its ring."""
+        """Return the rows of this rank's window, without its ring."""
         rank, (x, y) = self.comm.rank, self.first
         rows = np.arange(x, x + self.density.shape[0])
         begin, end = (ends[0] - y for ends in self.windows.columns(slice(rank, rank + 1), rows))
         return Rows.of(rows - x, begin, end)
 
     def _to_slabs(self) -> None:
-        """The density of the windows to the slabs: of each node one number, and zeros."""
+        """Send the density of the windows to the slabs. A node gets its owner's value, and zeros of other ranks."""
         slabs, first, rows = self.slabs, self.slabs.rows.edges[self.comm.rank], self._rows
         taken = self.windows.columns(slice(None), np.arange(first, first + slabs.held))
         ends = np.clip(np.array(slabs.rows.edges) - self.first[0], 0, len(rows.row))
@@ -154,7 +160,7 @@ class DividedMesh(Mesh):
         Rows.of(of_all, *(each.ravel() for each in taken)).put(found, slabs.density, add=True)
 
     def _to_windows(self) -> None:
-        """The potential of the slabs to the windows with their rings."""
+        """Send the potential of the slabs to the windows with their rings."""
         slabs, rank, size, border = self.slabs, self.comm.rank, self.comm.size, self.border
         held = np.arange(*slabs.rows.edges[rank : rank + 2])
         begin, end = self.windows.columns(slice(None), nodes_of(held, slabs.nx, border), ring=True)
@@ -162,7 +168,7 @@ class DividedMesh(Mesh):
         rows = Rows.of(of_all, begin.ravel() + border, end.ravel() + border)
         shape, (x, y) = self.windows.shape(rank, ring=True), (self.windows.low - self.windows.ring)[rank].tolist()
         nodes = np.arange(x, x + shape[0])
-        nodes = nodes[np.argsort(nodes % slabs.count)]  # as slabs have them
+        nodes = nodes[np.argsort(nodes % slabs.count)]  # in the order of slabs
         here = self.windows.columns(slice(rank, rank + 1), nodes, ring=True)
         come = Rows.of(nodes - x, *(each[0] - y for each in here))
         ends = np.searchsorted(nodes % slabs.count, slabs.rows.edges)
@@ -171,7 +177,7 @@ class DividedMesh(Mesh):
         come.put(found, self._potential)
 
     def _summed(self) -> tuple[Array, Array]:
-        """Sums of the density along y and along x, with the bits of those of one array.
+        """Return the sums of the density along y and along x, with the bits of those of one array.
 
         Along x rows are added one after another: in pieces of columns, from rank to rank.
         """
@@ -193,12 +199,12 @@ class DividedMesh(Mesh):
 
 
 def nodes_of(rows: Array, nx: int, border: int) -> Array:
-    """The nodes (n,) along x of rows of slabs: those before the first of `nx`, `border` many, are the last ones."""
+    """Return the nodes (n,) along x of rows of slabs. The last `border` rows are the nodes before the first of `nx`."""
     return np.where(rows < nx + border, rows, rows - nx - 2 * border)
 
 
 class DividedSheet(Mesh):
-    """`Mesh` of a rank in one dimension: the whole of it."""
+    """`Mesh` of a rank in one dimension: the whole grid."""
 
     def __init__(self, grid: Grid, kernel: Kernel, division: Division) -> None:
         super().__init__(grid, kernel)
@@ -210,11 +216,11 @@ class DividedSheet(Mesh):
             pos, _, mass, pieces = self.nodes.about(species[name])
             self.grid.deposit(pos, mass, self.density, pieces=pieces)
         self.nodes.leave_own(self.density, self.first, *np.array([[0], [1]]).repeat(len(self.density), axis=1))
-        self.density[:] = self.comm.reduced(self.density, MPI.SUM)  # one number each, and zeros
+        self.density[:] = self.comm.reduced(self.density, MPI.SUM)  # a node has its owner's value, and zeros
         self._poisson.solve(self.density, out=self._potential)
 
 
 def divided(mesh: Mesh, division: Division) -> Mesh:
-    """A mesh as that of this rank."""
+    """Return a mesh as that of this rank."""
     kind = DividedSheet if mesh.grid.shape[1] == 1 else DividedMesh
     return kind(mesh.grid, mesh.kernel, division)

@@ -1,8 +1,8 @@
-"""The part of drag's lattice near a rank's own particles (`drag/cells.py`), and what all ranks have in its leaves.
+"""Part of the drag lattice near a rank's own particles (`drag/cells.py`), with sums over all ranks in its leaves.
 
-Blocks are merged within largest ones, squares of leaves: with the particles of all ranks in a largest block, its blocks
-are those of one rank. A rank has the largest blocks that hold any of its own particles, and as many about these as the
-blocks that its own hang on may be away.
+Blocks are merged within largest blocks, which are squares of leaves. From the particles of all ranks in a largest
+block, its blocks are the same as on one rank. A rank has the largest blocks that hold any of its own particles, and
+those about them that blocks of its own may depend on.
 """
 
 from __future__ import annotations
@@ -25,19 +25,20 @@ from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import REMEMBERED, asked_of, route_to
 
 Array = np.ndarray
-LEAST = 4  # columns of largest blocks that a thread takes at once
+LEAST = 4  # columns of largest blocks in a chunk of a loop
 
 
 class Leaves:
-    """Parts of lattices. reach: how many largest blocks about its own a rank has."""
+    """Parts of lattices. reach: number of largest blocks about its own that a rank has."""
 
     def __init__(self, comm: Comm) -> None:
         self.comm, self.reach = comm, 0
         self._wanted = deque[int](maxlen=REMEMBERED)
 
     def suffices(self, wanted: int) -> bool:
-        """Whether a reach that is `wanted` is there. The next one is the largest of the last kicks: blocks are others
-        in each, and to look again costs more than a wider part.
+        """Return whether the reach covers the `wanted` one, and set the next reach to the largest of the last kicks.
+
+        Blocks change in each kick, and a second pass costs more than a wider part.
         """
         enough = wanted <= self.reach
         self._wanted.append(wanted)
@@ -45,17 +46,20 @@ class Leaves:
         return enough
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Particles]) -> Lattice:
-        """As `drag/known.py` has it."""
+        """Return the part of a lattice near own particles, as `Known.part_of`."""
         held = [world.together.corners(p.pos, corners) for p in species if p.count > 0] or [(np.zeros(2), np.zeros(2))]
         low, high = np.min([low for low, _ in held], axis=0), np.max([high for _, high in held], axis=0)
         ends = np.floor((np.stack([low, high]) - lattice.origin) / lattice.side + shift)
-        ends = np.where(np.isfinite(ends), ends, 0.0) + np.array([[-1.0], [1.0]])  # but for rounding
+        ends = np.where(np.isfinite(ends), ends, 0.0) + np.array([[-1.0], [1.0]])  # with a margin for rounding
         spans = [self._span(lattice, axis, *ends[:, axis].tolist()) for axis in range(2)]
         (first_x, along_x), (first_y, along_y) = spans
         return lattice._replace(first=(first_x, first_y), shape=(along_x, along_y))
 
     def _span(self, lattice: Lattice, axis: int, low: float, high: float) -> tuple[int, int]:
-        """First leaf and number of leaves of the largest blocks about own ones, which are from `low` to `high`."""
+        """Return the first leaf and the number of leaves of the largest blocks about own leaves.
+
+        Own leaves go from `low` to `high`.
+        """
         count, reach = lattice.whole[axis], _reach(lattice, axis, self.reach)
         last, turns = (count - 1) // MOST, low // count if lattice.periodic else 0.0
         begin, end = (int((leaf - turns * count) // MOST) for leaf in (low, high))
@@ -66,8 +70,9 @@ class Leaves:
         return begin * MOST, min((end + 1) * MOST, count) - begin * MOST
 
     def summed(self, lattice: Lattice, *held: Array) -> tuple[list[Array], Array]:
-        """As `drag/known.py` has it, in each largest block within reach of one with own particles; and which leaves
-        (leaves,) have any of these.
+        """Return the sums over ranks in each largest block within reach of one with own particles, as `Known.summed`.
+
+        A second result is which leaves (leaves,) hold own particles.
         """
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
@@ -90,12 +95,12 @@ class Leaves:
 
 
 def _reach(lattice: Lattice, axis: int, away: int) -> int:
-    """One more than `away` where the last largest block of a period is no whole one."""
+    """Return `away`, or one more where the last largest block of a period is incomplete."""
     return away + (lattice.periodic and away > 0 and lattice.whole[axis] % MOST > 0)
 
 
 def widened(mask: Array, lattice: Lattice, away: int) -> Array:
-    """Of the largest blocks of a part of a lattice (x, y) those in reach of any in the `mask`."""
+    """Return which largest blocks of a part of a lattice (x, y) are within reach of any in the `mask`."""
     for axis in range(2):
         reach = min(_reach(lattice, axis, away), mask.shape[axis])
         mode = "wrap" if lattice.joined[axis] else "constant"

@@ -1,8 +1,8 @@
-"""A run on several MPI ranks: each steps on with its own particles, the first one (rank 0) leads: it alone writes, and
-tells of the run.
+"""Run on several MPI ranks: each steps on with its own particles. Rank 0 leads: it alone writes files and messages.
 
-What only it does may fail there alone: all are told of it, and all end alike. Where a rank fails by itself the others
-wait for it in vain: after WAIT seconds the job is aborted.
+An operation of the leading rank may fail there alone; its exception is then raised on all ranks, and all end in the
+same way. If a rank fails outside such operations, the others wait for it in vain: the job is aborted after WAIT
+seconds.
 """
 
 from __future__ import annotations
@@ -40,16 +40,18 @@ from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import Simulation
 from discsim.scene import Scene
 
-STORED = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays that snapshots show
-OPEN = {"mass", "ids", *KICKED, "h_before"}  # and what they have of an open step
+STORED = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays in snapshots
+OPEN = {"mass", "ids", *KICKED, "h_before"}  # arrays for an open step in snapshots
 WAIT = 3.0  # seconds for all ranks to come to their ends
-FAILED = 1  # exit status of what nobody has foreseen
+FAILED = 1  # exit status of unforeseen errors
 
 
 def run_on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
-    """`run_scene` on all ranks; returns the exit status, the same on each. Ends the process where ranks are lost."""
+    """Run a scene on all ranks, as `run_scene`; return the exit status, the same on each. Aborts the job if a rank is
+    lost.
+    """
     comm = Comm()
-    alarm = comm.mpi.Dup()  # beside what may be waited for
+    alarm = comm.mpi.Dup()  # apart from operations that may still be pending
     run = DividedRun(scene, directory, quiet, comm)
     try:
         status = ended(run, resume)
@@ -68,7 +70,7 @@ def run_on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> in
 
 
 class Told(Progress):
-    """Of the leading rank; keeps its errors until it is known whether others have any."""
+    """Progress of the leading rank; it holds its errors back until those of other ranks are known."""
 
     failed = ""
 
@@ -79,7 +81,7 @@ class Told(Progress):
 
 
 class Untold(Told):
-    """Of the other ranks."""
+    """Silent progress of the other ranks."""
 
     def open_log(self, path: Path, resume: bool) -> None:
         pass
@@ -107,14 +109,14 @@ class Unwritten(Records):
         pass
 
     def add_history(self, state: State, effects: Mapping[str, Effect], dt: float, set_by: str) -> None:
-        history_row(state, effects, dt, set_by)  # totals are of all ranks
+        history_row(state, effects, dt, set_by)  # totals are collective
 
     def add_companions(self, state: State, dt: float) -> None:
         pass
 
 
 class DividedRun(Run):
-    """A run's part on one rank."""
+    """Part of a run on one rank."""
 
     ranks: Ranks
 
@@ -153,11 +155,11 @@ class DividedRun(Run):
         return list(self.led(lambda: super(DividedRun, self)._take_up_rows(values)))
 
     def _open_files(self, resume: bool) -> None:
-        self.led(lambda: super(DividedRun, self)._open_files(resume))  # all have read the checkpoint
+        self.led(lambda: super(DividedRun, self)._open_files(resume))  # after all ranks have read the checkpoint
         self.ranks = divide(self.sim, self.comm, alike=False)
 
     def _add_row(self) -> None:
-        alike(self.comm, super()._add_row)  # of what fails once all have made the row
+        alike(self.comm, super()._add_row)  # for errors after the collective part
 
     def _must_save(self) -> bool:
         return bool(self.ranks.most(super()._must_save()))
@@ -170,7 +172,7 @@ class DividedRun(Run):
         sim, comm, divided = self.sim, self.comm, files.to_divide(self.comm, self.sim.state)
         unfinished = gathered(comm, sim.state, "ids", divided, OPEN)
         open_step = left_open(unfinished, kick_owner(sim.effects) is not None)
-        del unfinished  # it takes memory
+        del unfinished  # to free memory
         with sim.closed() as state:
             extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)
             extent = self._extent(state)
@@ -194,7 +196,7 @@ class DividedRun(Run):
         self.snapshots += 1
 
     def _extent(self, state: State) -> Extent:
-        """That of the particles of all ranks."""
+        """Return the extent of the particles of all ranks."""
         lower, upper, counts = extent_of(self.scene, state.gas, state.dust, state.bodies)
         counts |= {name: p.everywhere for name, p in state.species.items()}
         return Extent(self.ranks.least(lower), self.ranks.most(upper), counts)

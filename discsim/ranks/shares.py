@@ -1,4 +1,4 @@
-"""Equal shares of ranks of what lies in a row."""
+"""Equal shares of consecutive items for ranks."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 
 class Share(NamedTuple):
-    """What each rank has of some things in a row: from `edges[rank]` to `edges[rank + 1]`."""
+    """Shares of consecutive items: those of a rank go from `edges[rank]` up to `edges[rank + 1]`."""
 
     edges: list[int]
 
     @classmethod
     def of(cls, count: int, size: int, ranks: int) -> Share:
-        """Of `count`, in whole pieces of a `size`."""
+        """Return the shares of `count` items, in whole pieces of `size` items."""
         pieces = -(-count // size)
         return cls([min(size * (pieces * rank // ranks), count) for rank in range(ranks + 1)])
 

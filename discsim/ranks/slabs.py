@@ -1,8 +1,8 @@
-"""The potential of a grid that is divided among ranks: `numerics/poisson.py` by slabs, with the same bits.
+"""Potential of a grid divided among ranks: `numerics/poisson.py` by slabs, with the same bits.
 
-A rank transforms some batches of rows along y; an exchange between all brings it some tiles of columns whole, which it
-transforms along x, multiplies with the kernel, of which it has these columns alone, and transforms back; another one
-brings them to its rows again. Batches are those of one rank, and so are what comes out of their plans.
+A rank transforms some batches of rows along y. An all-to-all exchange then brings it whole tiles of columns. It
+transforms these along x, multiplies them by its columns of the kernel, and transforms them back. A second exchange
+brings them to its rows again. Batches are those of one rank, and so are the results of FFT plans.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ Array = np.ndarray
 
 
 class Slabs:
-    """The slab of a rank of a grid (nx, ny) with `border` nodes more on every side.
+    """Slab of a rank, of a grid (nx, ny) with `border` more nodes on every side.
 
-    rows: those of the grid of each rank; nodes beyond the last and then those before the first follow as more rows.
-    density (rows, ny): to be filled, of which rows from `held` on are beyond the grid. potential (rows, ny + 2 border).
+    rows: rows of each rank; those of the grid are followed by nodes beyond the last and then by those before the
+    first. density (held, ny): input, at the `held` rows in the grid. potential (rows, ny + 2 border): output.
     by_rows, by_tiles: memory that only `solve` needs.
     """
 
@@ -57,7 +57,7 @@ class Slabs:
         self._turn = Turn(comm, self._tiles, self.rows)
 
     def solve(self) -> None:
-        """The potential of the density, of all ranks."""
+        """Compute the potential of the density of all ranks."""
         by_rows, by_tiles, each = self.by_rows, self.by_tiles, self._workers.each
         each(lambda worker, batch: worker.forward(self.density, batch * ROWS, by_rows), -(-self.held // ROWS))
         self._turn.forth(by_rows, by_tiles)
@@ -67,13 +67,13 @@ class Slabs:
         each(lambda worker, batch: worker.backward(by_rows, batch * ROWS, self.potential, 0), batches)
 
     def _transform(self, padded: tuple[int, int], cell: float, kernel: Kernel, periodic: bool) -> Array:
-        """The rows of the kernel's transform (ky, kx) that this rank's tiles have."""
+        """Return the rows of the kernel's transform (ky, kx) for this rank's tiles."""
         modes = padded[1] // 2 + 1
         of_ky = Share([min(TILE * edge, modes) for edge in self._tiles.edges])
         rank = self.comm.rank
         if periodic:
             return periodic_transform(padded, cell, kernel, of_ky.span(rank))
-        # A cosine transform along both axes, first that along y, as `scipy.fft.dctn` has it.
+        # A cosine transform along both axes, first along y, as in `scipy.fft.dctn`.
         of_x = Share.of(padded[0] // 2 + 1, 1, self.comm.size)
         given = open_kernel(padded, cell, kernel, of_x.span(rank))
         given = dct(given, type=1, axis=0) if given.size > 0 else given
@@ -83,24 +83,27 @@ class Slabs:
 
 
 class Turn(NamedTuple):
-    """An exchange between arrays (m, n, ...) of which a rank has all along one axis, its share of the other."""
+    """Exchange between two divisions of an array (m, n, ...) among ranks.
+
+    Before and after it a rank has all along one axis, and its share along the other.
+    """
 
     comm: Comm
     along_first: Share
     along_second: Share
 
     def forth(self, given: Array, taken: Array) -> None:
-        """From all of the first axis to all of the second."""
+        """Exchange from arrays with the whole first axis to arrays with the whole second axis."""
         self.comm.swap(given, self._rows(given), taken, self._columns(taken))
 
     def back(self, given: Array, taken: Array) -> None:
-        """From all of the second axis to all of the first."""
+        """Exchange from arrays with the whole second axis to arrays with the whole first axis."""
         self.comm.swap(given, self._columns(given), taken, self._rows(taken))
 
     def _rows(self, array: Array) -> list[Array]:
-        """The share of each rank of the first axis."""
+        """Return the share of each rank along the first axis."""
         return [array[self.along_first.span(rank)] for rank in range(self.comm.size)]
 
     def _columns(self, array: Array) -> list[Array]:
-        """The share of each rank of the second axis."""
+        """Return the share of each rank along the second axis."""
         return [array[:, self.along_second.span(rank)] for rank in range(self.comm.size)]

@@ -1,10 +1,10 @@
-"""SPH sums of own gas beside that of other ranks: those of `numerics/sph.py`, of the cells that hold own particles.
+"""SPH sums on several ranks: those of `numerics/sph.py` over the cells that hold own particles.
 
-Cells of neighbours are those of all the gas: the same box, size classes and sides on every rank, which has the part of
-them about its own. It fetches the particles of all cells within reach of its own (`kernels/halo.py`), as whole cells,
-so that lists of candidates are those of one rank. After each pass over density others' h, and after the last one all
-that forces read of them, is fetched from where it was found. Where an h outgrows what the cells were fetched for, all
-is done anew with more, and as much is fetched in the next steps.
+Neighbour cells are those of all the gas: the box, size classes and sides are the same on every rank, which has the
+part of the cells about its own. It fetches the ghosts in all cells within reach of its own (`kernels/halo.py`), as
+whole cells, so that candidate lists are those of one rank. After each density pass the h of ghosts are fetched from
+their owners, and after the last one all data that forces read. Where an h outgrows the halo, the density is computed
+again with a wider halo, which the next steps keep.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from discsim.ranks.exchange import REMEMBERED, asked_of, in_cells
 from discsim.scene import Scene
 
 Array = np.ndarray
-HALO = 1.35  # times the largest support of a class, that the cells are fetched for: outgrown ones look 1.2 h far
-MORE = 1.1  # times what was found to be needed
+HALO = 1.35  # width of the halo over the largest support of a class: outgrown cells search to 1.2 h
+MORE = 1.1  # margin over the width that was needed
 
 
 class DividedSph(Sph):
@@ -36,8 +36,8 @@ class DividedSph(Sph):
         super().__init__(scene)
         self.comm = comm
         self.room = HALO
-        self._found = deque[float](maxlen=REMEMBERED)  # what was needed
-        self.needed = 0.0  # of room, by what has been found
+        self._found = deque[float](maxlen=REMEMBERED)  # widths needed in recent steps
+        self.needed = 0.0  # width needed in this step, in units of `room`
         self.again = 0  # how often the halo was too narrow
         self.alone = self.ghosts = self.left = np.empty(0, np.int64)
 
@@ -51,14 +51,14 @@ class DividedSph(Sph):
         return True
 
     def forces(self, gas: Gas, vel: Array, u: Array | None, pressure: Array) -> float:
-        """As `Sph` has it. What is left of neighbours is let go of: a kick takes its memory."""
+        """Compute forces as `Sph.forces`, and free the neighbour data: a kick needs the memory."""
         found = super().forces(gas, vel, u, pressure)
         del self.both, self.cells, self.lists, self.found, self.met
         self.columns = self.columns[:0].copy()
         return found
 
     def around(self, points: Points) -> Around:
-        """With supports `room` times the largest."""
+        """Return own particles and ghosts, for a halo of `room` times the largest support."""
         grids, classes = self.grids_of(points)
         held = [k for k in range(len(grids.table)) if np.any(classes == k)]
         reach = np.maximum(grids.table[:, REACH], grids.table[held, REACH].max(initial=0.0))
@@ -73,26 +73,29 @@ class DividedSph(Sph):
         pos, h, mass, classes = wide.of_all([points.pos, points.h, points.mass, classes])
         key = np.concatenate([key, keys_in(grids, classes[points.count :], pos[points.count :])])
         cells = cells_in(grids, classes, pos, h, wide.place, key)
-        self.ghosts = np.flatnonzero(cells.order >= points.count)  # where they are in the order of the cells
+        self.ghosts = np.flatnonzero(cells.order >= points.count)  # their indices in cell order
         self.alone = needed
         self.alone[cells.key[cells.order[self.ghosts]]] = False
         return Around(wide, h, mass, cells._replace(filled=mine))
 
     def outgrown(self, own: Array) -> Array:
-        """Beside them those that only others have particles in."""
+        """Return the outgrown cells: those with own particles, `own`, and those that only ghosts outgrew."""
         cells, ghosts = self.cells, self.cells.order[self.ghosts]
         beyond = self.support * self.found.h[ghosts] > cells.radius[self.ghosts]
         self.left = own
         return np.union1d(own, cells.key[ghosts[beyond]])
 
     def meets_all(self, outgrown: Array) -> bool:
-        """Those of others are looked at by others. Own ones may be wider where they reach own ones alone."""
+        """Return whether the halo has all that own outgrown cells reach.
+
+        Each rank tests its own cells. Cells that reach only cells without ghosts may be wider than the halo.
+        """
         some = self.left[~all_there(self.left, self.cells, self.alone)]
         self.needed = max(self.needed, world.together.most(self._widest(some)))
         return self.needed <= self.room
 
     def _widest(self, some: Array) -> float:
-        """The largest support in `some` cells over what was the largest in their grids."""
+        """Return the largest support in the cells `some` over the former largest one in their grids."""
         if len(some) == 0:
             return 0.0
         level = np.searchsorted(self.grids.table[:, FIRST], some, side="right") - 1

@@ -1,5 +1,7 @@
-"""The start of a run on several ranks: the one that leads makes it, with all its particles; the others have the same
-effects and none of the particles, until these are dealt out (`division.py`).
+"""Start of a run on several ranks.
+
+The leading rank makes it, with all its particles. The other ranks have the same effects and no particles, until the
+particles are distributed (`division.py`).
 """
 
 from __future__ import annotations
@@ -17,11 +19,11 @@ from discsim.run.start import Begun, begin
 from discsim.scene import Scene
 
 KINDS: dict[str, Any] = {"gas": Gas, "dust": Dust}
-TOLD = ("time", "step", "earlier", "lag", "ledger", "pace", "bodies")  # of a state, beside its particles
+TOLD = ("time", "step", "earlier", "lag", "ledger", "pace", "bodies")  # fields of a state, besides its particles
 
 
 def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
-    """As `begin`, with all particles on the rank that leads."""
+    """Return the start by `begin`, with all particles on the leading rank."""
     use_threads(scene.run.threads)
     made: list[Begun] = []
 
@@ -34,7 +36,7 @@ def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
 
 
 def told(begun: Begun) -> dict[str, Any]:
-    """What other ranks have to know of a start."""
+    """Return the data of a start for the other ranks."""
     state = begun.state
     return {
         "arrays": {
@@ -49,8 +51,8 @@ def told(begun: Begun) -> dict[str, Any]:
 
 
 def without_particles(scene: Scene, told: dict[str, Any]) -> Begun:
-    """The same state and effects, with arrays of no rows."""
-    # Effects are made of a state that has as many particles: zeros, which take no memory until somebody writes there.
+    """Return the same state and effects, with arrays of no rows."""
+    # Effects need a state with as many particles: zeros, which take no memory until they are written.
     species: dict[str, Any] = {
         name: KINDS[name](**{key: np.zeros(*like) for key, like in arrays.items()})
         for name, arrays in told["arrays"].items()
@@ -64,7 +66,7 @@ def without_particles(scene: Scene, told: dict[str, Any]) -> Begun:
             setattr(effect, key, value)
         if not effect.from_start:
             effect.begin(state, effects)
-    state.pace = told["state"]["pace"]  # which an effect may have begun anew
+    state.pace = told["state"]["pace"]  # which an effect may have reset
     for p in species.values():
         for key, array in p.arrays().items():
             setattr(p, key, array[:0].copy())

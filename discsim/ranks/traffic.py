@@ -1,8 +1,8 @@
-"""What communication costs: MPI calls, their seconds, and how much of these a rank waited for others, by effect.
+"""Cost of communication by effect: MPI calls, their seconds, and the waiting for other ranks in these.
 
-All ranks make the same calls in the same order. Who comes to a call last waits for nobody, so that the least time of
-any rank in a call is taken for that of the exchange itself, and what another rank spent there beyond it for waiting. No
-barrier is needed: times are compared once in FOLD calls.
+All ranks make the same calls in the same order. The last rank to enter a call does not wait, so the least time of any
+rank in the call is the time of the exchange itself. Any time beyond it on another rank is waiting. No barrier is
+needed: times are compared once in FOLD calls.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FOLD = 1024
 
 
 class Sum(NamedTuple):
-    """Of some calls of a rank: how many, CPU seconds and seconds in them, of which it waited; what it sent."""
+    """Sums over calls of a rank: number of calls, CPU seconds, seconds, seconds of waiting, bytes and messages sent."""
 
     calls: float = 0.0
     cpu_seconds: float = 0.0
@@ -33,17 +33,17 @@ class Sum(NamedTuple):
 
 
 class Traffic:
-    """Sums by what a rank is `doing`: the name of an effect, or "" between effects."""
+    """Sums by the present activity, `doing`: the name of an effect, or "" between effects."""
 
     def __init__(self, mpi: MPI.Comm) -> None:
         self._mpi = mpi
         self.doing = ""
         self._sums: dict[str, list[float]] = {}
-        self._times: list[tuple[str, float]] = []  # of calls that have not been compared yet
+        self._times: list[tuple[str, float]] = []  # of calls not yet compared
 
     @contextmanager
     def call(self, size: int, messages: int) -> Iterator[None]:
-        """A call of all ranks, in which this one sends `size` bytes in `messages`."""
+        """Measure a collective call, in which this rank sends `size` bytes in `messages`."""
         wall, cpu = time.perf_counter(), time.process_time()
         yield
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
@@ -59,11 +59,11 @@ class Traffic:
 
     @property
     def sums(self) -> dict[str, Sum]:
-        """Until now, by name."""
+        """Sums so far, by name."""
         return {name: Sum(*row) for name, row in self._sums.items()}
 
     def fold(self) -> None:
-        """Compare the times of the last calls; all ranks together."""
+        """Compare the times of the last calls between ranks. Collective."""
         own = np.array([seconds for _, seconds in self._times])
         least = np.empty_like(own)
         self._mpi.Allreduce(own, least, MPI.MIN)
@@ -72,7 +72,7 @@ class Traffic:
         self._times = []
 
     def mean(self, sums: dict[str, Sum]) -> dict[str, Sum]:
-        """Sums of a rank, the mean of all ranks; all together."""
+        """Return sums of this rank as means over all ranks. Collective."""
         own = np.array([*sums.values()]).reshape(-1, len(Sum._fields))
         out = np.empty_like(own)
         self._mpi.Allreduce(own, out, MPI.SUM)

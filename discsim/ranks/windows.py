@@ -1,6 +1,7 @@
-"""The nodes of the grid that ranks have: those that their particles touch, in each row from one column up to another.
+"""Windows of the grid on ranks: the nodes that their particles touch, from one column up to another in each row.
 
-In a periodic box a window that meets an edge has all nodes along that axis, and each row is whole.
+In a periodic box a window that touches an edge has all nodes along that axis, and every row has the whole window's
+columns.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ Array = np.ndarray
 
 
 class Windows(NamedTuple):
-    """Of each rank the nodes from `low` up to `high` (ranks, 2), and how many more on either side, `ring` (ranks, 2), a
-    gradient in them asks for; off: how many particles are off the grid.
+    """Windows of all ranks: nodes from `low` up to `high` (ranks, 2), and a ring for the gradient.
 
-    least, most (ranks, bands + 2): the first nodes along y about its particles, in bands of rows and beyond these.
+    ring (ranks, 2): its width on each side. least, most (ranks, bands + 2): range of the first nodes along y of a
+    rank's particles, in each band of rows; the first and the last band are empty. off: number of particles off the
+    grid.
     """
 
     low: Array
@@ -37,7 +39,7 @@ class Windows(NamedTuple):
 
     @classmethod
     def agreed(cls, extents: Iterable[Extent], grid: Grid, comm: Comm) -> Windows:
-        """About particles of some species of each rank."""
+        """Return windows about the particles of some species of each rank. Collective."""
         mine = reduce(joined, extents)
         some = slice(mine.low // BAND, mine.high // BAND + 1)
         told = np.concatenate([[mine.low, mine.high, mine.off], mine.least[some], mine.most[some]])
@@ -51,8 +53,10 @@ class Windows(NamedTuple):
 
     @classmethod
     def about(cls, ends: Array, bands: Array, off: int, grid: Grid) -> Windows:
-        """About the particles of each rank: their least and largest first nodes along x, `ends` (2, ranks), and along
-        y, `bands` (2, ranks, bands).
+        """Return windows about the particles of each rank.
+
+        ends (2, ranks): least and largest first nodes of particles along x. bands (2, ranks, bands): the same along
+        y, by bands of rows.
         """
         count = np.array(grid.shape)
         low, high = np.stack([ends, [bands[0].min(axis=1), bands[1].max(axis=1)]], axis=-1)
@@ -68,15 +72,16 @@ class Windows(NamedTuple):
         return nx, ny
 
     def columns(self, ranks: slice, rows: Array, ring: bool = False) -> tuple[Array, Array]:
-        """Where nodes of `ranks` begin and end (ranks, rows) in `rows` of the grid, of which some may be beyond its
-        edges; with their ring or without.
+        """Return where the nodes of `ranks` begin and end (ranks, rows) in `rows` of the grid.
+
+        ring: with their ring. Some rows may be beyond the edges of the grid.
         """
         low, high, beyond = self.low[ranks, :, None], self.high[ranks, :, None], BORDER * ring
         if ring:
             low, high = low - self.ring[ranks, :, None], high + self.ring[ranks, :, None]
         begin, end = low[:, 1], high[:, 1]
         if not self.periodic:
-            # A row has nodes of particles whose first ones are in it and in the row before.
+            # A row has nodes of particles whose first node is in it or in the row before.
             bands = (rows - 1 - beyond) // BAND + 1, (rows + beyond) // BAND + 1
             least, most = ([each[ranks][:, band] for band in bands] for each in (self.least, self.most))
             begin, end = np.minimum(*least) - beyond, np.maximum(*most) + 2 + beyond
@@ -85,13 +90,13 @@ class Windows(NamedTuple):
 
 
 def joined(one: Extent, other: Extent) -> Extent:
-    """Of two species."""
+    """Return the extent of two species together."""
     least, most = np.minimum(one.least, other.least), np.maximum(one.most, other.most)
     return Extent(least, most, min(one.low, other.low), max(one.high, other.high), one.off + other.off)
 
 
 def no_nodes(grid: Grid, ranks: int) -> tuple[Array, Array]:
-    """What `Windows.about` takes, of ranks without particles."""
+    """Return the arguments of `Windows.about` for ranks without particles."""
     nx, ny = grid.shape
     ends, bands = np.full((2, ranks), -1), np.full((2, ranks, (nx - 1) // BAND + 1), -1)
     ends[0], bands[0] = nx, ny
@@ -99,8 +104,9 @@ def no_nodes(grid: Grid, ranks: int) -> tuple[Array, Array]:
 
 
 class Rows(NamedTuple):
-    """Pieces of the rows `row` (n,) of an array, from columns `begin` up to `end` (n,), which lie one after another
-    where they are sent, from `start` (n + 1,) on.
+    """Spans of the rows `row` (n,) of an array, from columns `begin` up to `end` (n,).
+
+    A message has them one after another, from `start` (n + 1,) on.
     """
 
     row: Array
@@ -113,11 +119,11 @@ class Rows(NamedTuple):
         return cls(row, begin, end, np.append(0, np.cumsum(end - begin)))
 
     def take(self, field: Array) -> Array:
-        """Their entries (m,) of a field (x, y)."""
+        """Return the entries (m,) of the spans in a field (x, y)."""
         out = np.empty(int(self.start[-1]))
         share(take_spans, len(self.row), field, *self, out, least=64)  # rows
         return out
 
     def put(self, found: Array, field: Array, add: bool = False) -> None:
-        """Let them be `found` (m,) in a field (x, y), or `add` these: rows may come several times."""
+        """Set the spans of a field (x, y) to `found` (m,), or `add` these: rows may occur several times."""
         put_spans(found, *self, add, field)

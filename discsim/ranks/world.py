@@ -1,4 +1,4 @@
-"""What `numerics/world.py` asks, answered by all ranks of a run."""
+"""Collective operations of `numerics/world.py` on all ranks of a run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Ranks:
         self.forgets: list[Callable[[], None]] = [self.division.forget]
 
     def least(self, values: Any) -> Any:
-        # What is no number would be lost on the way: no limit, as what asks for the least takes it.
+        # MPI.MIN may lose NaN. It becomes -inf, which no caller takes for a limit.
         known = np.where(np.isnan(values), -np.inf, values) if np.ndim(values) > 0 else values
         return self.comm.reduced(known, MPI.MIN)
 
@@ -48,7 +48,10 @@ class Ranks:
         return alike(self.comm, do)
 
     def divide(self, state: State, alike: bool = True) -> None:
-        """Bring particles to their owners: each rank has all of them, or a run of rows in the order of ranks."""
+        """Send particles to their owners.
+
+        alike: each rank starts with all of them; otherwise with a range of rows, in the order of ranks.
+        """
         self.division.cut(state.species, whole=alike)
         (self.division.keep_own if alike else self.division.deal)(state)
         self._weigh(state)
@@ -69,7 +72,7 @@ class Ranks:
         bounds = self.division.known_bounds(pos)
         if bounds is None or len(bounds) == 0 or np.isnan(bounds[:, 0]).any():
             return find(pos)
-        columns = np.ascontiguousarray(bounds.T)  # numpy takes ten times as long with four numbers a row
+        columns = np.ascontiguousarray(bounds.T)  # 10 times as fast in numpy as four numbers a row
         return columns[0::2].min(axis=1), columns[1::2].max(axis=1)
 
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
@@ -106,7 +109,10 @@ class Ranks:
 
 
 def _largest(values: Array, number: int, loose: Array) -> Array:
-    """Which of `values` (n,), which rise but for the rows `loose`, are the `number` largest, in any order."""
+    """Return the rows of the `number` largest of `values` (n,), in any order.
+
+    The values rise, except in the rows `loose`.
+    """
     if number == 0:
         return loose[:0]
     count = len(values)
