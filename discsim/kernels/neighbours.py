@@ -80,9 +80,7 @@ def size_classes(first, last, h, extent, edges, out):
 
 @compiled
 def cell_keys(first, last, pos, classes, grids, per_side, low, out):
-    """Write the cell of each particle to `out` (n,). `per_side` (grids, 2) is the number of cells per length along x
-    and y.
-    """
+    """Write the cell of each particle to `out` (n,); per_side (grids, 2): cells per length along x and y."""
     for i in range(np.uint64(first), np.uint64(last)):
         g = classes[i]
         x, y = (pos[i, 0] - low[0]) * per_side[g, 0] - grids[g, FROM_X], 0.0

@@ -95,7 +95,7 @@ class Slopes(NamedTuple):
     """Slopes at nodes, per side of a cell.
 
     `pooled` (n, 4): of velocities, pooled within species. `source` (n, species, 4): of each species' sources, and
-    `known` (n, species): whether that slope exists.
+    `known` (n, species): whether the slope of the sources exists.
     """
 
     pooled: np.ndarray
@@ -120,8 +120,8 @@ class Sharp(NamedTuple):
     """Changes at nodes after sharpening, as particles take them.
 
     `value` (n, species, LANES): values that a node scatters to each species, positions from the node. `slope` (n, 4):
-    of velocities. `heat` (n,) and `turn` (n, 2, LANES), the rotation and the motion on which it does no work
-    (`nodes_heat`), have no entries if the heat is not used.
+    of velocities. `heat` (n,): energy lost. `turn` (n, 2, LANES): the rotation, and the motion on which it does no
+    work (`nodes_heat`). The last two have no entries if the heat is not used.
     """
 
     value: np.ndarray

@@ -80,9 +80,7 @@ def take_plane(first, count, n, kind, dense, begin, column):
 
 @inner
 def fetch_next(first, count, kind):
-    """Prefetch the particles that `take` copies next, assuming as many as in this block: they are scattered in
-    memory.
-    """
+    """Prefetch the particles that `take` copies next, as many as in this block: they are scattered in memory."""
     start, end, dim = np.uint64(first), np.uint64(min(first + count, len(kind.order))), np.uint64(kind.vel.shape[1])
     for k in range(start, end):
         i = dim * kind.order[k]
@@ -108,7 +106,7 @@ def take_line(first, count, n, kind, dense, begin, column):
 def fetch_columns(n, sources, begin, column):
     """Prefetch the memory behind the columns of a block, as much as they take: the columns of the next block.
 
-    Columns exceed the caches, and a write to memory that is not cached waits as long as a read.
+    Columns exceed the caches, and a write that misses the cache waits as long as a read.
     """
     length = (FIELDS if sources else BX) * n
     for at in range(np.uint64(begin + length), np.uint64(begin + 2 * length), LINE):
@@ -206,8 +204,8 @@ def is_ragged(home, flat, about, sums):
 def leave_out(home, n, about, sums, begin, column, room):
     """Set the weights on nodes without gas to 0, and normalise the others.
 
-    The norm of a particle's weights is one over the sum of those on nodes with gas, 0 where there is no such node,
-    and 0 for padding.
+    The norm of a particle's weights is one over their sum on nodes with gas. It is 0 for padding, and where no node
+    has gas.
     """
     for at in range(n):
         whole = 0.0

@@ -98,9 +98,7 @@ def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, sha
 
 @inner
 def coefficients(step, flat):
-    """Return the coefficients of 1, x and x^2 in a particle's weight on the node `step` cells from that of its own
-    cell.
-    """
+    """Return the coefficients of 1, x and x^2 in a particle's weight on the node `step` cells from its own."""
     if flat:
         return 1.0, 0.0, 0.0
     return (0.75, 0.0, -1.0) if step == 0 else (0.125, 0.5 * step, 0.5)

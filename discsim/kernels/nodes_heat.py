@@ -17,9 +17,7 @@ U, V, TURN = range(3)
 
 @inner
 def heat_of(n, nodes, value, dt):
-    """Return the energy that eq. (3) removes at a node, to first order in the changes. `loss` has the second-order
-    part.
-    """
+    """Return the energy that eq. (3) removes at a node, to first order in the changes; `loss` has the rest."""
     heat = 0.0
     for s in range(nodes.sums.shape[1]):
         for c in range(2):
@@ -43,8 +41,9 @@ def work_of_turn(n, spin, nodes, dt, turn):
 
 @inner
 def turns_about(home, about, turn, table):
-    """Write the vectors of `work_of_turn` about a cell as polynomials (2, 9, LANES), positions from the cell's
-    centre.
+    """Write the vectors of `work_of_turn` about a cell as polynomials (2, 9, LANES).
+
+    Positions are from the cell's centre.
     """
     for k in range(9):
         n, i, j = about[home, k], k // 3 - 1.0, k % 3 - 1.0

@@ -1,6 +1,4 @@
-"""Relaxation at a node: the changes of eq. (3) of `kernels/nodes.py` by the slips of velocities and sources, eqs. (2,
-2b).
-"""
+"""Relaxation at a node: the changes of eq. (3) of `kernels/nodes.py` by the slips of eqs. (2) and (2b)."""
 
 from typing import NamedTuple
 
@@ -18,8 +16,9 @@ from discsim.kernels.relax import relax_apart, relax_means, response
 
 @inner
 def source_slope(n, s, about, slopes, c):
-    """Return the slope along x and y of component c of a species' sources at a node, or its mean over the nodes about
-    it.
+    """Return the slope along x and y of component c of a species' sources at a node.
+
+    A node without a slope of its own has the mean over the nodes about it.
     """
     if slopes.known[n, s]:
         return slopes.source[n, s, XX + c], slopes.source[n, s, YX + c]
@@ -35,9 +34,7 @@ def source_slope(n, s, about, slopes, c):
 
 @inner
 def velocities(n, nodes, slopes, sourced, y, b):
-    """Write the velocities of all species at a node as at the gas's centroid, and their sources as at the node, (n,
-    2) each.
-    """
+    """Write the velocities of all species (n, 2) at the gas's centroid, and their sources (n, 2) at the node."""
     sums = nodes.sums
     for s in range(sums.shape[1]):
         m = sums[n, s, ONE]
@@ -97,8 +94,9 @@ def relax_two(n, mass, time, y, b, law, change):
 
 
 class Scratch(NamedTuple):
-    """Scratch arrays of all species at one node: masses, stopping times, velocities, sources, zeros, changes by slip
-    and by source, workspace.
+    """Scratch arrays of all species at one node.
+
+    These are masses, stopping times, velocities, sources, zeros, changes by slip and by source, and a workspace.
     """
 
     mass: np.ndarray

@@ -88,8 +88,7 @@ def rate_of(count, n, begin, column, table):
 
 @inner
 def curvature(home, about, sums, slope, bend):
-    """Write half the second derivatives of the velocity along xx and yy, and the whole one along xy, to `bend` (2,
-    3).
+    """Write the second derivatives of the velocity to `bend` (2, 3): half of xx, xy, and half of yy.
 
     They are in sides of the cell, from the slopes at neighbouring nodes.
     """
@@ -142,8 +141,10 @@ def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
 
 @inner
 def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
-    """Return what `own_line` returns, from sums of m times x, y, u, v; xx, xy, yy, 1; xu, xv, yu, yv, from x0, y0,
-    u0, v0.
+    """Return the linear fit of `own_line` from sums of its particles.
+
+    The sums are of m times x, y, u, v; of m times xx, xy, yy, 1; and of m times xu, xv, yu, yv. All are relative to
+    x0, y0, u0, v0.
     """
     m, sx, sy = lane(inertia, 3), lane(first, 0), lane(first, 1)
     xx, xy, yy = lane(inertia, 0), lane(inertia, 1), lane(inertia, 2)
@@ -165,8 +166,9 @@ def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
 
 @inner
 def add_changes(n, begin, column, table, turns, normed, bend, new):
-    """Write to `new`, from column 0 on, particle velocities with the change by the nodes, less their quadratic part
-    (2), and this change (2).
+    """Write particle velocities with the changes by the nodes, and these changes, to `new`.
+
+    From column 0 on `new` has the velocity less its quadratic part (2), then the change (2).
     """
     for p in range(0, n, LANES):
         at = begin + p
@@ -215,9 +217,7 @@ def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
 
 @inner
 def fetch_motion(first, count, kind):
-    """Prefetch the particles that `kick` changes: those of a block are scattered in memory, which no processor
-    predicts.
-    """
+    """Prefetch the particles that `kick` changes: they are scattered in memory, which no processor predicts."""
     start, dim = np.uint64(first), np.uint64(kind.vel.shape[1])
     for at in range(np.uint64(count)):
         i = dim * kind.order[start + at]
@@ -325,8 +325,9 @@ def times_in(block, part, kind, cells, nodes, value, begin, column, table, time)
 
 @compiled
 def stopping_times(block_from, block_to, kind, cells, nodes, value, begin, column, time):
-    """Write the stopping time of each dust particle: one over the rate interpolated from the nodes, inf where that is
-    0.
+    """Write the stopping time of each dust particle, one over the rate interpolated from the nodes.
+
+    It is inf where the rate is 0.
     """
     held, table = (
         np.empty(FIELDS * most_in(block_from, block_to, kind)) if by_grain(kind, cells) else column,

@@ -10,10 +10,10 @@ from discsim.kernels.nodes_heat import heat_of, work_of_turn
 
 @inner
 def sharpen_slip(n, s, nodes, change, two_way, value):
-    """Add to `value` what the clouds smoothed away from the changes by the slip of gas and species s.
+    """Add to `value` the part of the changes by the slip of gas and species s that the clouds smoothed away.
 
-    The correction is for the two clouds' variance of 1/4 side^2 each. It is a flux through the faces between nodes,
-    in proportion to the lesser reduced mass of the two: a uniform change is unaffected, and momentum is exact.
+    Each of the two clouds has a variance of 1/4 side^2. The correction is a flux through the faces between nodes, in
+    proportion to the lesser reduced mass of the two. A uniform change is unaffected, and momentum is exact.
     """
     slip, mass = change.slip, change.mass
     for k in range(1, 9, 2):  # across faces
@@ -30,7 +30,7 @@ def sharpen_slip(n, s, nodes, change, two_way, value):
 
 @inner
 def sharpen_drive(n, s, nodes, change, two_way, value):
-    """Add to `value` what the clouds smoothed away from the changes by sources.
+    """Add to `value` the part of the changes by sources that the clouds smoothed away.
 
     The correction is by second differences along each axis: changes linear in space are unaffected.
     """
@@ -54,8 +54,8 @@ def sharpen_drive(n, s, nodes, change, two_way, value):
 def sharpen_slope(n, nodes, pooled, out):
     """Write the slope of the velocities at a node, corrected for pooling a curved field over nine cells.
 
-    Of a sine wave the fit removes k^2 m_4 / (6 m_2) along the slope, the mean k^2 m_2 / 2 across it, with m_2 = 7/12
-    and m_4 = 61/80 the moments of the cells' weights 1/4, 1/2, 1/4.
+    For a sine wave the fit loses k^2 m_4 / (6 m_2) along the slope, and the mean loses k^2 m_2 / 2 across it. Here
+    m_2 = 7/12 and m_4 = 61/80 are the moments of the cells' weights 1/4, 1/2, 1/4.
     """
     sums = nodes.sums
     for a in range(4):

@@ -2,10 +2,10 @@
 
     dV_s/dt of `kernels/drag.py`, eq. (1), with t_j = t_j(|V_j - V_g|)
 
-The solution takes sub-steps. A sub-step is computed as 1, 2 and 4 exact linear solutions with the stopping times at
-the slip half-way through each (exponential midpoint), and extrapolated in their length (Richardson) to fourth order.
-TOLERANCE sets its length, whatever the rates. Momentum is exact. With the exponential scheme the result is the exact
-linear solution where no slip that can arise changes the drag.
+The solution takes sub-steps. Each is computed three times, in 1, 2 and 4 parts. A part is an exact linear solution
+with the stopping times at the slip half-way through it (exponential midpoint). Richardson extrapolation in the length
+of the parts gives fourth order. TOLERANCE sets the length of a sub-step, whatever the rates. Momentum is exact. With
+the exponential scheme the result is the exact linear solution where no slip that can arise changes the drag.
 """
 
 import math
@@ -76,8 +76,9 @@ def advance(them, work, y, at, dt, out):
 
 @compiled
 def next_step(error):
-    """Return the next sub-step over this one, whose `error` is in units of the tolerance and grows with its fourth
-    power.
+    """Return the next sub-step over this one.
+
+    `error` is in units of the tolerance, and grows with the fourth power of the sub-step.
     """
     return min(4.0, max(0.1, 0.9 * (error + 1e-30) ** -0.25))
 

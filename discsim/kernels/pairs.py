@@ -71,8 +71,9 @@ def hump_norm(kernel: int, dim: int) -> float:
 
 @functools.cache
 def weight_driver(kernel: int, dim: int, hump: bool):
-    """Compile the loop that computes the weights W(r, h_a) of pairs; with `hump` for the double hump q^2 W (Laibe &
-    Price 2012, sec. 2.6).
+    """Compile the loop that computes the weights W(r, h_a) of pairs.
+
+    With `hump` they are those of the double hump q^2 W (Laibe & Price 2012, sec. 2.6).
     """
     sigma = NORM[dim - 1][kernel] * (hump_norm(kernel, dim) if hump else 1.0)
     support = SUPPORT[kernel]
@@ -191,7 +192,7 @@ def limited(a, b):
 def push_by_relaxing(
     first, last, pairs, offset, gas, gas_own, gas_slope, dust, own, slope, two_way, dt, exponential, pull, impulse
 ):
-    """Write the impulse of each pair on its dust particle over dt, by relaxing the pair's slip alone
+    """Write the impulse of each pair on its dust particle over dt; the pair's slip relaxes by itself
     (`drag/lab14.py`).
 
     Writes `pull`, the c of eq. (1) there: the impulse that a slip of one along the line of sight loses. `slope` and
@@ -299,10 +300,10 @@ def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
 
 @compiled
 def warm(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
-    """Add to `heat` the heat per mass that pairs leave in a gas particle: -impulse . slip, at velocities halfway
-    through the kick.
+    """Add the heat per mass that pairs leave in a gas particle to `heat`.
 
-    This is the whole loss of kinetic energy apart from the work of the accelerations.
+    It is -impulse . slip, at velocities halfway through the kick: the whole loss of kinetic energy apart from the
+    work of the accelerations.
     """
     for a in range(first, last):
         for m in range(begin[a], begin[a + 1]):

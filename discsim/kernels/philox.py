@@ -1,7 +1,7 @@
 """Random numbers by counter: Philox4x32-10 (Salmon, Moraes, Dror & Shaw 2011), and normal ones (Box & Muller 1958).
 
-The numbers depend on a key and a counter alone. A particle's numbers are therefore those of its id and the step, in
-any order and on any number of threads, and a restart needs no state of a generator.
+The numbers depend on a key and a counter alone. The counter of a particle is its id and the step, so its numbers are
+the same in any order and on any number of threads. A restart needs no state of a generator.
 """
 
 import math

@@ -1,5 +1,5 @@
-"""Copies between rows, tiles and columns of the half-transformed field, and products with the kernel (Poisson
-solver).
+"""Copies of the Poisson solver between rows, tiles and columns of the half-transformed field, and products with the
+kernel.
 
 A tile (nx, TILE) holds TILE columns and is contiguous: copies from rows to tiles and from tiles to columns have no
 long strides. Buffers are wider than their content, so that their rows do not map to the same cache lines.
@@ -70,7 +70,7 @@ def store_columns(columns, tile):
 
 @compiled
 def multiply_columns(columns, quadrant, first, length):
-    """Multiply columns by the kernel's transform: `quadrant` (ky, kx) has half of the kx because it is even.
+    """Multiply columns by the kernel's transform. The kernel is even, so `quadrant` (ky, kx) has half of the kx.
 
     `columns` (TILE, >= 2 length) are real and imaginary parts in turn.
     """
@@ -93,11 +93,10 @@ def _multiply(column, factor, length, unpaired):
 
 @compiled
 def load_halves(tile, nx, wave, columns):
-    """Copy the first nx rows of a tile to columns[0] of `columns` (2, TILE, >= n), and times `wave` (n,) to
-    columns[1].
+    """Copy the first nx rows of a tile to `columns` (2, TILE, >= n): as they are, and times `wave` (n,).
 
-    Rows from nx up to n are 0. With wave[i] = exp(-j pi i / n) the transforms, of length n, are the even and the odd
-    modes of the transform of length 2n, of which the second half is padding (decimation in frequency; Cooley & Tukey
+    Rows from nx up to n are 0. With wave[i] = exp(-j pi i / n) the transforms of the two, of length n, are the even
+    and the odd modes of a transform of length 2n. Its second half is padding (decimation in frequency; Cooley & Tukey
     1965).
     """
     for i in range(nx):
@@ -108,11 +107,11 @@ def load_halves(tile, nx, wave, columns):
 
 @compiled
 def store_halves(columns, nx, border, wave, tile):
-    """Write rows of the inverse transform of length 2n to a tile, from those of even and odd modes, `columns` (2,
-    TILE, >= n).
+    """Write rows of the inverse transform of length 2n to a tile.
 
-    Row i < n is even + conj(wave[i]) odd, and row n + i is even - conj(wave[i]) odd. The tile gets the first nx rows,
-    the `border` rows after them and then the last `border` of all, which lie before the first.
+    `columns` (2, TILE, >= n) has the inverse transforms of even and of odd modes. Row i < n is even + conj(wave[i])
+    odd, and row n + i is even - conj(wave[i]) odd. The tile gets the first nx rows, the `border` rows after them and
+    then the last `border` of all, which lie before the first.
     """
     count = len(wave)
     for i in range(min(nx + border, count)):

@@ -148,7 +148,7 @@ def through_faces(state, gamma):
 
 @compiled
 def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
-    """Limit the dust that leaves a cell to what it has, with the cell's own velocity, for dust in voids.
+    """Limit the dust that leaves a cell to its content, with the cell's own velocity, for dust in voids.
 
     Where the parabolas remove more than MOST of the density at the start, `density` and `momentum` (n,), the cell's
     fluxes are those of a uniform cell. Fluxes (2, n + 1) are changed in place; ratio = dt / dx.

@@ -10,7 +10,7 @@ import numpy as np
 from discsim.jit.decorators import compiled
 
 MASS, NUMBER, FIRST, SECOND = range(4)  # rows of ring sums: mass, number, ln(r P / c_s^2) and its square
-# Gas that is compressed faster than ONSET / 2 c_s/h is in a shock, fully from (ONSET + 1) / 2 c_s/h on. Its density
+# Gas compressed faster than ONSET / 2 c_s/h is in a shock, fully from (ONSET + 1) / 2 c_s/h on. Its density
 # relaxes to the summed one at the rate FAST c_s/h, and behind the shock this rate decays over LASTING h/c_s.
 ONSET, FAST, LASTING = 0.3, 10.0, 5.0
 FARTHEST = 3.0  # largest factor between followed and summed density; its ln has a scatter of 0.24 in sheared gas
@@ -20,12 +20,11 @@ FARTHEST = 3.0  # largest factor between followed and summed density; its ln has
 def follow(
     first, last, time, memory, omega, slopes, density, pressure, sound, inv_size, followed, divergence, shock, at
 ):  # fmt: skip
-    """Advance the densities `followed` (n,) from the times `at` (n,) to `time` by eq. (1), and scale `pressure` (n,)
-    to them.
+    """Advance the densities `followed` (n,) by eq. (1), and scale `pressure` (n,) to them.
 
-    A density of 0 starts as the summed one. The velocity gradient of a particle with few neighbours is noise. A
-    density lowered by this noise gives a stronger push, and the push a larger divergence. The factor FARTHEST stops
-    this runaway.
+    The densities are of the times `at` (n,) before, and of `time` afterwards. A density of 0 starts as the summed
+    one. The velocity gradient of a particle with few neighbours is noise. A density lowered by this noise gives a
+    stronger push, and the push a larger divergence. The factor FARTHEST stops this runaway.
 
     memory: tau Omega. omega, inv_size (n,): orbital frequencies and 1 / h. slopes (n, 3): of the velocity.
     """
@@ -63,8 +62,7 @@ def ring_sums(first, last, count, at, mass, pressing, radius, units):
 
 @compiled
 def push(first, last, pos, at, stretch, density, coefficients, pressure, acc):
-    """Subtract the ring's pressure B from `pressure` (n,) and add its push -grad B / rho to `acc` (n, 2), eqs. (2,
-    3).
+    """Subtract the ring's pressure B from `pressure` (n,) and add its push to `acc` (n, 2), eqs. (2, 3).
 
     coefficients (4, count): of the cubics between rings, highest power first. stretch (n,): d(at)/dr over r.
     """

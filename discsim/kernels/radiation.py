@@ -7,8 +7,9 @@ from discsim.jit.decorators import compiled
 
 @compiled
 def push(begin, end, pos, species, strength, softening, acc):
-    """Add the radiation pressure to the accelerations (n, 2) of grains; strength (populations,): beta G M of each
-    population.
+    """Add the radiation pressure to the accelerations (n, 2) of grains.
+
+    strength (populations,): beta G M of each population.
     """
     for i in range(begin, end):
         x, y = pos[i, 0], pos[i, 1]

@@ -12,7 +12,10 @@ from discsim.kernels.coupled import relax_coupled
 
 @compiled
 def response(rate, dt, exponential):
-    """Return (f, g) of y' = y + b dt + f y + g b, the change by dy/dt = b - rate y beyond the free y + b dt."""
+    """Return (f, g) of y' = y + b dt + f y + g b, the solution of dy/dt = b - rate y over dt.
+
+    The solution is exact (`exponential`) or by backward Euler.
+    """
     x = rate * dt
     if not exponential:
         low = 1.0 / (1.0 + x)

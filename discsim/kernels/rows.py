@@ -93,10 +93,10 @@ def _zeros(context, builder, signature, arguments):
 
 
 def compile_as(function, build, returned, *given):
-    """Compile calls of `function` with arguments of the types `given` (types.Array: any array) to the code that
-    `build` emits.
+    """Compile calls of `function` with arguments of the types `given` to the code that `build` emits.
 
-    A function inlined by numba would cost every kernel seconds: numba infers the types of each call again.
+    types.Array stands for any array. A function inlined by numba would cost every kernel seconds: numba infers the
+    types of each call again.
     """
 
     @type_callable(function)

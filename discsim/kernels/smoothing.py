@@ -26,8 +26,9 @@ CUBIC_FACTORS = 0.25, -0.75, 1.5
 
 @njit(inline="always")
 def cubic(q):
-    """Return (2 - q)^k - 4 (1 - q)^k for k = 3, 2, 1, each power 0 below 0: w(q), dw/dq and d2w/dq2 over
-    CUBIC_FACTORS.
+    """Return w(q), dw/dq and d2w/dq2 over CUBIC_FACTORS.
+
+    These are (2 - q)^k - 4 (1 - q)^k for k = 3, 2, 1, with powers of negative numbers set to 0.
     """
     a, b = max(0.0, 2.0 - q), max(0.0, 1.0 - q)
     a2, b2 = a * a, 4.0 * b * b

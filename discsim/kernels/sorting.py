@@ -1,5 +1,6 @@
-"""Counting sort in parts: part p of `parts` has the keys from n p / parts on. Run by
-`discsim.numerics.threads.share`.
+"""Counting sort in parts, as a loop of `discsim.numerics.threads.share`.
+
+Part p of `parts` has the keys from n p / parts on.
 """
 
 import numpy as np
@@ -16,7 +17,10 @@ FEW = 8  # members, up to which insertion sort needs no larger gaps
 
 @compiled
 def count_keys(part_from, part_to, key, parts, place):
-    """Count the keys (n,) of each part in `place` (1 + keys parts,), by key and within it by part, after a 0."""
+    """Count the keys (n,) of each part in `place` (1 + keys parts,).
+
+    It has a 0, then the counts by key and within it by part.
+    """
     # Adjacent particles mostly have the same key, and an increment waits for the one before to be written. The loop
     # therefore takes keys from four quarters in turn. Unsigned indices need no test for negative values.
     stride = np.uint64(parts)
@@ -34,8 +38,10 @@ def count_keys(part_from, part_to, key, parts, place):
 
 @compiled
 def put_in_order(part_from, part_to, key, parts, place, order):
-    """Write the indices of the particles to `order` from the positions in `place` on; these then end at those of the
-    next key.
+    """Write the indices of the particles to `order`, sorted by key.
+
+    `place` has the next free position in `order` for each key and part, and is advanced. It ends at the start of the
+    next key or part.
     """
     stride = np.uint64(parts)
     for part in range(part_from, part_to):
@@ -47,9 +53,7 @@ def put_in_order(part_from, part_to, key, parts, place, order):
 
 @compiled
 def find_behind(first, last, ids, order, out):
-    """Write to `out` (n,) for each entry of an order, except the first of all, whether its `ids` is below the one
-    before.
-    """
+    """Write to `out` (n,) whether the `ids` of each entry of an order, but the first, is below the one before."""
     if first == last:
         return
     before = ids[order[max(first - 1, 0)]]
@@ -79,8 +83,7 @@ def sort_members(first, last, some, start, ids, order):
 
 @inner
 def _take_out(members, ids, rising, rising_ids, late, late_ids):
-    """Split members into `rising`, in the order of ids, and the others, `late`; return the number of the rising ones.
-    """
+    """Split members into `rising`, in the order of ids, and the others, `late`; return the number of rising ones."""
     held = 0
     for k in range(len(members)):
         member, mine = members[k], ids[members[k]]

@@ -9,9 +9,9 @@
     G_i     = A_i T_i^-1,   A_i = sum_j m_j W(r_ij, h_i) v_ij x r_ij,   T_i = sum_j m_j W(r_ij, h_i) r_ij x r_ij  (7)
 
 With `pairs` "all" the first w of (5) is that of all pairs (Lodato & Price 2010). On approaching pairs alone this term
-is partly a pressure in the shear of a disc, with twice the noise at the same shear viscosity. With reconstruction
-both terms of (5) take (6): the jump between velocities extrapolated to the middle of a pair, e = r_ij / r_ij. Heat is
-that of the pair's full velocity.
+is partly a pressure in the shear of a disc, with twice the noise at the same shear viscosity. With reconstruction (6)
+applies to both terms of (5): w becomes the jump between velocities extrapolated to the middle of a pair, e = r_ij /
+r_ij. Heat is that of the pair's full velocity.
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
 kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). (6): Frontiere,
@@ -76,8 +76,10 @@ ALPHA, BETA = 1.0 / 16.0, 1.0 / 8.0
 
 
 class Strengths(NamedTuple):
-    """Coefficients: beta of artificial viscosity, alpha of conductivity; of the time-step limit, for c_s / h and for
-    -div v.
+    """Coefficients of dissipation and of its time-step limit.
+
+    beta of artificial viscosity; alpha of conductivity; `signal` and `closing` multiply c_s / h and -div v in the
+    limit.
     """
 
     beta: float
@@ -154,8 +156,9 @@ def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame,
 
 @njit(inline="always")
 def fetch_columns(begin, slots, columns):
-    """Prefetch what `pack_columns` reads of the next cell's candidates, if there is a next cell; `begin` starts with
-    that.
+    """Prefetch the data of the next cell's candidates for `pack_columns`.
+
+    `begin` starts at the next cell, if there is one.
     """
     if len(begin) > 1:
         for k in range(np.uint64(begin[0]), np.uint64(begin[1])):
@@ -300,8 +303,7 @@ def add(found, sums):
 
 @njit(inline="always")
 def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate):
-    """Add a cell's sums to `acc` and `rate`, and return the largest rates for the time-step limit, in units of the
-    pack.
+    """Add a cell's sums to `acc` and `rate`; return the largest rates for the time-step limit, in units of the pack.
 
     These are the rate at which h is crossed, the fourth power of that of free fall through h, |a|^2 / h^2, and the
     rate of conduction.

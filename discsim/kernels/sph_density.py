@@ -1,7 +1,8 @@
 """SPH density with its smoothing length, and derivatives of the velocity: eqs. (1, 2, 7) of `sph.py`.
 
-h changes so little from step to step that one sum over the neighbours is nearly always enough. Its first two
-derivatives in h give the root of (1) to third order in the change, and rho and Omega follow by their series.
+h changes so little from step to step that one sum over the neighbours is nearly always enough. The first two
+derivatives of the sum in h give the root of (1) to third order in the change, and rho and Omega follow by their
+series.
 """
 
 import functools
@@ -59,10 +60,10 @@ class Given(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Results of the density pass (n,): h, rho and Omega of eqs. (1, 2); |div v| and |curl v| for a switch, else
-    empty.
+    """Results of the density pass (n,): h, and rho and Omega of eqs. (1, 2).
 
-    slopes (n, 3): xx, xy and yy of the symmetric part of eq. (7), for reconstruction, else empty.
+    div, curl (n,): |div v| and |curl v| for a switch, else empty. slopes (n, 3): xx, xy and yy of the symmetric part
+    of eq. (7), for reconstruction, else empty.
     """
 
     h: np.ndarray
@@ -74,8 +75,9 @@ class Found(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch memory of sums over candidates: their pack, rows of a cell's particles by tiles, and sums of forces
-    (members, 5).
+    """Scratch memory of sums over candidates.
+
+    pack: that of the candidates. members: rows of a cell's particles, by tiles. sums (members, 5): of forces.
     """
 
     pack: np.ndarray
@@ -94,9 +96,7 @@ class Wanted(NamedTuple):
 
 @njit(inline="always")
 def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, members, at):
-    """Add the contributions of n packed candidates to the sums of the member at `at`, as `in_units_of_density` takes
-    them.
-    """
+    """Add the contributions of n packed candidates to the sums of the member at `at`."""
     real = pack.dtype.type
     x, y, vx, vy, inv_h = real(x), real(y), real(vx), real(vy), real(inv_h)
     total, first, second, div, curl, more_div, more_curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -175,11 +175,11 @@ def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, m
 
 @in_double
 def improve(dim, m, h, wanted, low, high, rho, slope, curve):
-    """Return (found, step, h, rho, Omega, low, high) after a third-order step to the root of eq. (1), between its
-    bounds.
+    """Take a third-order step to the root of eq. (1); return (found, step, h, rho, Omega, low, high).
 
-    `step` is relative to h. Where it is short enough, rho and Omega follow by their series. All possible results are
-    computed and then selected, so that the calling loop is vectorised.
+    The root is between the bounds `low` and `high`. `step` is relative to h. Where it is short enough, rho and Omega
+    follow by their series. All possible results are computed and then selected, so that the calling loop is
+    vectorised.
     """
     inv_h, eta, h_least, h_most = 1.0 / h, wanted.eta, wanted.least, wanted.most
     # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
@@ -207,8 +207,8 @@ def improve(dim, m, h, wanted, low, high, rho, slope, curve):
 def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
     """Advance the search for h of n members by one iteration, from their sums in the rows `some`.
 
-    |div v| and |curl v| replace their sums. Returns the number of members that continue, and of those that need an h
-    beyond the reach of their list.
+    |div v| and |curl v| replace their sums. Returns the number of members that continue, and of members that need an
+    h beyond the reach of their list.
     """
     left, beyond = 0.0, 0.0
     for k in range(np.uint64(n)):
@@ -246,10 +246,10 @@ def seat(p):
 
 @njit(inline="always")
 def begin_cell(wanted, own, count, cells, again, mass, h, gradh, members):
-    """Start the search for h of a cell's members within its limits; with `again` only of those that outgrew their
-    list.
+    """Start the search for h of a cell's members within its limits.
 
-    The results of other members are unaffected by a second search.
+    With `again` it is only for members that outgrew their list. The results of others are unaffected by a second
+    search.
     """
     for p in range(whole(count)):
         at, k = seat(p), own + min(p, count - 1)

@@ -1,13 +1,12 @@
-"""Packs: the data of a cell's candidates for SPH sums, packed once for all particles of the cell, relative to its
-centre.
+"""Packs: the data of a cell's candidates for SPH sums, packed once for all particles of the cell.
 
 A pack holds the data of up to CHUNK candidates, and the results that one loop over them passes to the next. Several
 short loops over the same candidates are faster than one with a long chain of dependent instructions. The rows of a
 pack are parts of one array at a distance known at compile time, so that loops that write are vectorised too.
 
 A pack may be of single precision, with the sums over its chunk: twice as many candidates fit in a register. Positions
-and velocities are relative to the cell, and all else is in units of the gas (`Scale`), so that no number is too large
-or too small. Sums over chunks, and all further steps, are of double precision.
+and velocities are relative to the cell, and all else is in units of the gas (`Scale`): no number is too large or too
+small. Sums over chunks, and all further steps, are of double precision.
 """
 
 from typing import NamedTuple
@@ -46,8 +45,9 @@ def all_of(n):
 
 @njit(inline="always")
 def inverse_root(single, x):
-    """Return 1 / sqrt(x) to rounding: in double precision from the processor's single-precision estimate and one
-    correction.
+    """Return 1 / sqrt(x) to rounding.
+
+    In double precision it is the processor's single-precision estimate with one correction.
     """
     if single:
         return np.float32(1.0) / np.sqrt(x)

@@ -52,8 +52,9 @@ def add(begin, end, vectors, x, y):
 
 @compiled
 def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0):
-    """Apply `attract` by a mass `pull`, and return the limbs (2, LIMBS) of the pull back, sum m d / (d^2 +
-    s^2)^(3/2).
+    """Apply `attract` by a mass `pull`, and return the limbs (2, LIMBS) of the pull back.
+
+    The pull back is sum m d / (d^2 + s^2)^(3/2).
     """
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     flat, out = pos.reshape(-1), acc.reshape(-1)
@@ -113,8 +114,9 @@ def squared(i, flat, x0, y0):
 
 @kept(**INNER, fastmath={"nnan", "nsz"})
 def least_squared(first, last, flat, x0, y0):
-    """Return the least squared distance of positions `first` to `last`; four minima at once avoid a chain of
-    dependencies.
+    """Return the least squared distance of positions `first` to `last`.
+
+    Four minima at once avoid a chain of dependencies.
     """
     one = two = three = four = np.inf
     whole = first + (last - first) // FOUR * FOUR
@@ -136,8 +138,9 @@ def nearest(begin, end, pos, x0, y0):
 
 @kept(**KERNEL, fastmath={"nnan", "nsz"})
 def divide(begin, end, pos, squared_radius, x0, y0):
-    """Return the least squared distance from (x0, y0) of positions (n, 2) outside a squared radius, and the indices
-    of those inside.
+    """Divide positions (n, 2) by a squared radius about (x0, y0).
+
+    Returns the least squared distance of those outside, and the indices of those inside.
     """
     least, inside, count = np.inf, np.empty(ROOM, np.int64), np.uint64(0)
     flat = pos.reshape(-1)

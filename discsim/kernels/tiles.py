@@ -1,6 +1,6 @@
 """Tiles of space that ranks own: particles in given tiles, ghosts for grid nodes, and the order of sums.
 
-Ghosts for a node are the particles that give mass to it on another rank.
+A ghost for a node is a particle of another rank that deposits mass on the node.
 """
 
 import numpy as np
@@ -90,11 +90,10 @@ def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
 
 @compiled
 def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
-    """Return the indices of positions (n, d) within `margin` of `marked` tiles (tiles,), or outside the `ends` (2,
-    d).
+    """Return the indices of positions (n, d) near `marked` tiles (tiles,) or outside the `ends` (2, d).
 
-    Other positions of the same batches, from `first` to `last`, are included. Wide batches, as after the arrival of
-    particles, are tested row by row.
+    Near is within `margin`. Other positions of the same batches, from `first` to `last`, are included. Wide batches,
+    as after the arrival of particles, are tested row by row.
     """
     out, count, dim = np.empty(SOME, np.int64), np.uint64(0), pos.shape[1]
     wide = FEW / tiles[1]
@@ -130,9 +129,9 @@ def _tiles_of_some(pos, begin, n, tiles, out):
 def pieces_of(place, held, loose, others):
     """Return rows in the order of their `place` (n,), the index in the global order, as pieces of consecutive rows.
 
-    Pieces go from `first` up to `last` (pieces,). A third result is whether this is the order. The places of the
-    first `held` rows rise, except for the `loose` rows, which are in rising order. `others`: these and all further
-    rows, by place.
+    Pieces go from `first` up to `last` (pieces,). The third result is whether the pieces have this order. `place`
+    rises along the first `held` rows, except at the rows `loose`, which are sorted by row. `others` are the loose
+    rows and all rows from `held` on, sorted by `place`.
     """
     most = 2 * len(others) + len(loose) + 1
     first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
@@ -227,8 +226,9 @@ def leave_own(first, last, x, y, owner, rank, begin, end, out):
 
 @compiled
 def take_spans(first, last, field, row, begin, end, start, out):
-    """Copy spans of a field to `out` (m,), from `start` (n + 1,) on: columns `begin` up to `end` (n,) of the rows
-    `row` (n,).
+    """Copy spans of a field to `out` (m,), from `start` (n + 1,) on.
+
+    A span has the columns from `begin` up to `end` (n,) of one of the rows `row` (n,).
     """
     for k in range(first, last):
         place, some = out[start[k] : start[k + 1]], field[row[k], begin[k] : end[k]]

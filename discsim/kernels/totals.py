@@ -41,7 +41,7 @@ def _add_whole(m, e, sign, limbs):
 
 @inner
 def carry(limbs):
-    """Carry what is beyond 32 bits of each limb to the next one, which makes room for SOME more numbers."""
+    """Carry the bits beyond 32 of each limb to the next limb, to make room for SOME more numbers."""
     for k in range(NOT_FINITE - 1):
         limbs[k + 1] += limbs[k] >> 32
         limbs[k] &= LOW

@@ -11,8 +11,9 @@ ONE, TWO = np.uint64(1), np.uint64(2)
 
 @compiled
 def limit_lengths(begin, end, pos, h, least, table, nodes, out):
-    """Write min(h, max(limit(r), least h)) at positions (n, 2); `table` has the limit at r = 0, 1 / nodes, 2 / nodes,
-    ...
+    """Write min(h, max(limit(r), least h)) at positions (n, 2).
+
+    `table` has the limit at r = 0, 1 / nodes, 2 / nodes, ...
     """
     flat, last = pos.reshape(-1), float(len(table) - 2)
     for i in range(np.uint64(begin), np.uint64(end)):
