@@ -32,6 +32,7 @@ import numpy as np
 from gap import EDGE, HILLS
 
 from discsim import SceneError, load_scene
+from discsim.initial import balance
 from discsim.physics import companions, profile, viscosity
 from discsim.physics.centre import kepler_omega
 from discsim.shipped import ShippedError, scene_file
@@ -76,8 +77,9 @@ class Grid:
         self.start = disc.surface_density(self.r)[:, None]
         pull = disc.pressure_acceleration(self.r)
         self.circle = np.sqrt(star.mass / self.r - pull * self.r)[:, None]
-        flow = disc.inflow or (lambda r: viscosity.radial_flow(scene, r, disc.surface_density))
-        self.inflow = flow(self.side)[:, None]
+        # At the very edges of a table, where Sigma ends, the flow has no limit: that of the next side is taken.
+        within = np.clip(self.side, self.side[1], self.side[-2])
+        self.inflow = balance.viscous_flow(scene, disc, within)[:, None]
         left = self._gap(deep)
         slope = self.sound2 * np.gradient(np.log(left), np.log(self.r), axis=0)
         turning = np.sqrt(np.maximum(self.circle**2 + slope, 0.0))
