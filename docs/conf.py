@@ -12,6 +12,7 @@ author = copyright = "the discsim developers"
 version = release = discsim.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "pages"]
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "off" if "quick" in tags else "force"  # noqa: F821 - of Sphinx
 nb_execution_timeout = 300
