@@ -1,43 +1,44 @@
-"""Dust in a gas that turns on given circles: exact circles and drifts at any step.
+"""Kick and drift of dust in a prescribed gas disc: circular orbits and the steady drift are exact at any step.
 
-About a star of Keplerian frequency Omega_K(r), in gas of angular momentum L_g(r) = r^2 Omega_g, a grain with radial
-velocity v and angular momentum L (per mass) obeys
+The gas of a prescribed disc moves on given circles. About a star of Keplerian frequency Omega_K(r), in gas of angular
+momentum L_g(r) = r^2 Omega_g, a grain with radial velocity v and angular momentum L (per mass) obeys
 
     dr/dt = v,                    dphi/dt = L / r^2                                                       (1)
     dv/dt = L^2 / r^3 - Omega_K^2 r + a_r - v / t,     dL/dt = r a_phi - (L - L_g) / t                    (2)
 
-with stopping time t and the acceleration a of all else. The drift of a step solves (1) with v and L constant, exactly
-for an r linear in time; the kick solves (2) at fixed r. So circular orbits keep radius and frequency at any step, and
-without drag L is exact: a leapfrog in x and y has velocities off by (Omega dt)^2 / 8, as large as the headwind.
+with the stopping time t and the acceleration a by all other forces. The drift of a step solves (1) with constant v and
+L, exactly for an r linear in time. The kick solves (2) at fixed r. Circular orbits therefore keep radius and frequency
+at any step, and L is exact without drag. A leapfrog in x and y has velocities off by (Omega dt)^2 / 8, as large as the
+headwind.
 
-Grains settle into the drift where (2) balances (Nakagawa, Sekiya & Hayashi 1986), with F = (Omega_K^2 - Omega_g^2) r,
-B = (1/r) dL_g/dr and kappa^2 = (Omega_K + Omega_g) B, such that grains that feel no drag are on circular orbits:
+Grains settle into the drift at which (2) balances (Nakagawa, Sekiya & Hayashi 1986). With
+F = (Omega_K^2 - Omega_g^2) r, B = (1/r) dL_g/dr and kappa^2 = (Omega_K + Omega_g) B this drift is
 
     v* = -E / (1/t + kappa^2 t),        L* = L_g + r w*,    w* = E B / (1/t^2 + kappa^2),   E = F - v_g/t   (3)
 
-where the gas flows inwards or outwards at v_g, which it does by its viscosity, and then v - v_g takes the place of v
-in the drag of (2).
+This kappa^2 puts grains without drag on circular orbits. v_g is the radial velocity of the gas, due to its viscosity;
+v - v_g then replaces v in the drag of (2). For grains under radiation pressure, Omega_K in (2), F and kappa is that of
+a star of mass (1 - beta) M.
 
-Of a grain that starlight pushes, Omega_K is that of a star of mass (1 - beta) M in (2), F and kappa.
-
-The kick relaxes what differs from it. Half a step before or after the time of its place a grain on that path has
+The kick relaxes the deviation from the drift. Half a step before or after the time of its position, a grain on the
+path of (3) has
 
     v* + s q,   L* - s r w*/t,          q = L*^2 / r^3 - Omega_K^2 r - v*/t,   s = -dt/2 or dt/2          (4)
 
-so delta = v - v* - s q and m = L - L* + s r w*/t do, exactly and for any dt/t,
+so delta = v - v* - s q and m = L - L* + s r w*/t obey, exactly and for any dt/t,
 
     d delta/dt = -delta/t + a_r + (2 L* m + m^2) / r^3,     dm/dt = -m/t + r a_phi                        (5)
 
-As (4) has the whole force on the path, (5) is (2) to second order in the step wherever the grain is, and the drift (3)
-itself has no error of the step. Kicks compose exactly.
+Since (4) contains the whole force on the path, (5) equals (2) to second order in the step at any position, and the
+drift (3) itself has no error of the time step. Kicks compose exactly.
 
-Where t depends on the slip W = (v* + delta, w* + m/r), (5) at a constant time t0 has the further acceleration
+If t depends on the slip W = (v* + delta, w* + m/r), (5) at a constant time t0 gains the acceleration
 
     W* (1/t* - 1/t0) + N,      N = (1/t0 - 1/t(|W|)) W                                                    (6)
 
-with t0 the time at the start, where N is zero. A parabola through N at the start, the middle and the end of a step is
-integrated exactly, with those at the middle and the end by iteration (collocation), in one step if TOLERANCE lets it,
-else in several. A slip too small to change the drag leaves (5) as it is.
+with t0 the stopping time at the start, where N is zero. The kick integrates exactly a parabola through N at the start,
+the middle and the end of a step; N at the middle and the end come from iteration (collocation). It takes one step if
+TOLERANCE allows, else several. A slip too small to change the drag leaves (5) unchanged.
 """
 
 import math
@@ -49,39 +50,39 @@ from discsim.jit.decorators import compiled, subroutine
 from discsim.kernels.laws import hastened, quickening, steepness, stopping_time, unhastened
 from discsim.kernels.nonlinear import MOST, TOLERANCE, next_step
 
-SERIES = 1e-2  # dt/t, below which differences of exponentials are taken from their series
-ROUNDS = 5  # of an iteration, most
-STRAIGHT = 0.5  # of its radius that is left of a grain's after a drift; those that fall faster move on a straight line
+SERIES = 1e-2  # dt/t below which differences of exponentials are computed from their series
+ROUNDS = 5  # largest number of iterations
+STRAIGHT = 0.5  # smallest ratio of the radii after and before a drift; a grain below it moves on a straight line
 
 
 class Disc(NamedTuple):
-    """What grains meet: the law of the drag, the star, and the gas as power laws of the radius."""
+    """Prescribed disc: the law of the drag, the star, and the gas as power laws of the radius or as a table."""
 
     law: int
     grains: np.ndarray  # (populations, 5), as in `formulas/laws.py`
     nonlinear: bool
-    ratios: np.ndarray  # (populations,): dust over gas
-    pull: np.ndarray  # (populations,): what light leaves of the star's pull
+    ratios: np.ndarray  # (populations,): dust-to-gas ratio
+    pull: np.ndarray  # (populations,): 1 - beta, the star's pull less radiation pressure, over the pull
     star: float
     softening: float
     gas: np.ndarray  # (Sigma, p, c_s^2, q, f): Sigma ~ r^-p, c_s^2 ~ r^-q, given at r = 1; -(1/Sigma) dP/dr = f c_s^2/r
-    table: np.ndarray  # (nodes, 5), instead if it has nodes: ln Sigma, ln c_s^2, g = f c_s^2, dg / d ln r and v_g
-    first: float  # ln r of the first of them
-    nodes: float  # their number per unit of ln r
+    table: np.ndarray  # (nodes, 5), replaces `gas` if not empty: ln Sigma, ln c_s^2, g = f c_s^2, dg / d ln r and v_g
+    first: float  # ln r of the first node
+    nodes: float  # number of nodes per unit of ln r
 
 
 class Path(NamedTuple):
-    """A place in the disc and the steady drift through it, eqs. (3) and (4)."""
+    """Steady drift at a position in the disc, eqs. (3) and (4)."""
 
     r: float
     density: float
     sound: float
-    kepler: float  # Omega_K, without light
+    kepler: float  # Omega_K without radiation pressure
     orbit: float  # L_g / r
-    mach2: float  # how the slip shortens the stopping time: as of `formulas.laws.quickening`
+    mach2: float  # coefficients of the drag factor at a finite slip, from `formulas.laws.quickening`
     reynolds2: float
     slow: float  # stopping time at vanishing slip
-    time: float  # and on the path
+    time: float  # stopping time at the slip of the path
     radial: float  # v*
     azimuthal: float  # w*
     slip: float  # v* - v_g
@@ -90,7 +91,7 @@ class Path(NamedTuple):
 
 @subroutine
 def drift_speeds(time, excess, shear, kappa2, flow):
-    """(v*, w*) of eq. (3)."""
+    """Return (v*, w*) of eq. (3)."""
     rate = 1.0 / time
     carried = excess - flow * rate
     return -carried / (rate + kappa2 * time), carried * shear / (rate * rate + kappa2)
@@ -98,7 +99,7 @@ def drift_speeds(time, excess, shear, kappa2, flow):
 
 @subroutine
 def gas_at(r2, disc):
-    """(Sigma, c_s^2, P', -r dP'/dr, v_g) of the gas, with P' = -(1/Sigma) dP/dr / r."""
+    """Return (Sigma, c_s^2, P', -r dP'/dr, v_g) of the gas at squared radius r2, with P' = -(1/Sigma) dP/dr / r."""
     if len(disc.table) == 0:
         sound2 = disc.gas[2] * r2 ** (-0.5 * disc.gas[3])
         pressure = disc.gas[4] * sound2 / r2
@@ -115,11 +116,12 @@ def gas_at(r2, disc):
 
 @subroutine
 def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
-    """The stopping time at the speed of the drift that it gives itself: Z = (t H / slow)^2 = 1 by Newton's steps, with
-    H the hastening.
+    """Return the stopping time at the slip of the drift (3) that this stopping time produces.
 
-    With u = t^2 the slip of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. A step takes u^p as the power that Z
-    is of it here, and for it one step of Halley's for the root, exact to third order.
+    It is the root of Z = (t H / slow)^2 = 1, with H the drag factor at the slip (`hastened`). With u = t^2 the slip
+    of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. Each iteration approximates Z by u^p with the local exponent
+    p. Far from the root it solves u^p for Z = 1; within a factor of 2 it takes a step of Halley's method, of third
+    order.
     """
     slow2, speed2 = slow * slow, excess * excess
     u = slow2
@@ -136,14 +138,14 @@ def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
             u *= ((power - 1.0) * z + power + 1.0) / ((power + 1.0) * z + power - 1.0)
         else:
             u *= z ** (-1.0 / power)
-        if abs(z - 1.0) < 1e-6:  # and now less again than its square
+        if abs(z - 1.0) < 1e-6:  # third order: the error is now below the square of this
             break
     return math.sqrt(u)
 
 
 @compiled
 def path_at(x, y, k, disc):
-    """The Path of a grain of population k through a place."""
+    """Return the Path of a grain of population k at (x, y)."""
     r2 = x * x + y * y
     r = math.sqrt(r2)
     density, sound2, pressure, turning, flow = gas_at(r2, disc)
@@ -151,7 +153,7 @@ def path_at(x, y, k, disc):
     kepler2 = disc.star / (d2 * math.sqrt(d2))
     omega2 = max(0.0, kepler2 - pressure)
     omega, sound, kepler = math.sqrt(omega2), math.sqrt(sound2), math.sqrt(kepler2)
-    # 2 Omega_g B = 4 Omega_g^2 + r d(Omega_g^2)/dr, of the star's part and of the pressure's.
+    # 2 Omega_g B = 4 Omega_g^2 + r d(Omega_g^2)/dr, with the contributions of the star and of the pressure.
     turns = max(0.0, 4.0 * omega2 - 3.0 * r2 / d2 * kepler2 + turning)
     shear = 0.5 * turns / omega if omega > 0.0 else 0.0
     pull = disc.pull[k]
@@ -171,7 +173,7 @@ def path_at(x, y, k, disc):
 
 @subroutine
 def responses(x):
-    """exp(-x), and the means over s in [0, x] of exp(-s), and of exp(s - x) times (1 - exp(-s))/x,
+    """Return exp(-x) and four means over s in [0, x]: of exp(-s), and of exp(s - x) times (1 - exp(-s))/x,
     2 exp(-s) (1 - exp(-s))/x and (1 - exp(-s))^2 / x^2.
     """
     if x < SERIES:
@@ -186,7 +188,7 @@ def responses(x):
 
 @subroutine
 def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
-    """(delta, m) of eq. (5) after dt; L* is `spin`, and `answer` responses(dt / time)."""
+    """Return (delta, m) of eq. (5) after dt; `spin` is L*, `answer` is responses(dt / time)."""
     e, first, second, mixed, square = answer
     given = r * a_phi * dt
     turned = 2.0 * spin * (m * e + given * second) + m * m * e * first + given * (m * mixed + given * square)
@@ -196,7 +198,7 @@ def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
 
 @subroutine
 def hastening_at(path, delta, m):
-    """The slip squared, and by how much it hastens the drag."""
+    """Return the squared slip, and the drag factor H at this slip."""
     v, w = path.slip + delta, path.azimuthal + m / path.r
     slip2 = v * v + w * w
     return slip2, hastened(path.mach2, path.reynolds2, slip2)
@@ -204,7 +206,7 @@ def hastening_at(path, delta, m):
 
 @subroutine
 def rest_of_drag(path, rate, v, w):
-    """N of eq. (6), radial and azimuthal, of a slip beyond the path's; 1/t0 is `rate`."""
+    """Return N of eq. (6), radial and azimuthal, at the slip of the path plus (v, w); `rate` is 1/t0."""
     v += path.slip
     w += path.azimuthal
     less = rate - hastened(path.mach2, path.reynolds2, v * v + w * w) / path.slow
@@ -213,11 +215,11 @@ def rest_of_drag(path, rate, v, w):
 
 @subroutine
 def powers(x, answer):
-    """Means over s in [0, 1] of exp(x (s - 1)) times s, s^2 / 2, (1 - s) s and (1 - s) s^2 / 2.
+    """Return the means over s in [0, 1] of exp(x (s - 1)) times s, s^2 / 2, (1 - s) s and (1 - s) s^2 / 2.
 
     `answer` is responses(x).
     """
-    if x < SERIES:  # to x^2: what they multiply is small
+    if x < SERIES:  # to x^2, as the factors of these means are small
         return (
             0.5 - x * (1.0 / 6.0 - x / 24.0),
             1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0),
@@ -233,21 +235,21 @@ def powers(x, answer):
 
 @subroutine
 def at_middle(f, s):
-    """Weights of N1 and N2 at the middle, of the parabola through 0, N1 and N2 at the start, the middle and the end;
-    f and s are the powers over that half.
+    """Return the weights of N1 and N2 in the velocity at the middle of the step, for the parabola through 0, N1 and N2
+    at its start, middle and end; f and s are the `powers` over the first half.
     """
     return f - s, 0.5 * s - 0.25 * f
 
 
 @subroutine
 def at_end(f, s):
-    """And at the end; f and s are those over the step."""
+    """Return the weights of N1 and N2 in the velocity at the end; f and s are the `powers` over the whole step."""
     return 4.0 * f - 8.0 * s, 4.0 * s - f
 
 
 @subroutine
 def gained(n1, n2, weights, turned, turn, dt):
-    """Velocities that N1 and N2 make in dt, radial and azimuthal; by `turn` the azimuthal one makes radial velocity."""
+    """Return the radial and azimuthal velocity from N1 and N2 in dt; `turn` couples the azimuthal to the radial one."""
     radial = n1[0] * weights[0] + n2[0] * weights[1]
     spun = n1[1] * turned[0] + n2[1] * turned[1]
     return dt * (radial + turn * spun), dt * (n1[1] * weights[0] + n2[1] * weights[1])
@@ -260,14 +262,14 @@ def larger(a, b):
 
 @subroutine
 def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
-    """(delta, m) of eqs. (5) and (6) after one step dt, and an estimate of its error over the largest slip."""
+    """Return (delta, m) of eqs. (5) and (6) after one step dt, and its estimated error over the largest slip."""
     r = path.r
     slip2, fast = hastening_at(path, delta, m)
     rate = fast / path.slow
     time, x, more = 1.0 / rate, dt * rate, 1.0 / path.time - rate
     a_r, a_phi = a_r + path.slip * more, a_phi + path.azimuthal * more
     half, whole = responses(0.5 * x), responses(x)
-    # Without N.
+    # The solution without N.
     d1, m1 = relax(delta, m, time, half, a_r, a_phi, spin, r, 0.5 * dt)
     d2, m2 = relax(delta, m, time, whole, a_r, a_phi, spin, r, dt)
     first, second, turned, turned2 = powers(0.5 * x, half)
@@ -284,14 +286,14 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
         v1, w1 = gained(n1, n2, b1, c1, 0.5 * turn, dt)
         v2, w2 = gained(n1, n2, b2, c2, turn, dt)
         change = larger(v2 - v, w2 - w)
-        # What is left to change, if it goes on falling as it did.
+        # The sum of all further changes if each is smaller than the last by the same factor.
         left = change * (change / (before - change) if change < 0.5 * before else 1.0)
         if left < 1e-2 * TOLERANCE * math.sqrt(slip2):
             break
     d2 += v2
     m2 += r * w2
     largest = math.sqrt(max(slip2, hastening_at(path, d2, m2)[0]))
-    # What the parabola lacks: as much less than itself as that is less than a straight line.
+    # The error of the parabola: its second difference, times the ratio of that to N.
     bend, size = larger(n2[0] - 2.0 * n1[0], n2[1] - 2.0 * n1[1]), larger(larger(*n1), larger(*n2))
     curve = bend / size if size > 0.0 else 0.0
     error = left + dt * whole[1] * bend * curve * min(1.0, curve + x)
@@ -300,7 +302,7 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
 
 @compiled
 def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
-    """As `relax` where the stopping time depends on the slip."""
+    """Return (delta, m) after dt as `relax` does, for a stopping time that depends on the slip."""
     done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1
@@ -317,7 +319,7 @@ def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
 
 @subroutine
 def is_linear(path, delta, m, a_r, a_phi, spin, dt):
-    """Whether no slip that a grain can have during dt hastens its drag."""
+    """Return whether no slip that a grain can reach during dt changes its stopping time."""
     r, lasting = path.r, min(dt, path.slow)
     turned = abs(m) / r + lasting * abs(a_phi)
     reach = abs(path.slip) + abs(path.azimuthal) + abs(delta) + turned
@@ -327,7 +329,7 @@ def is_linear(path, delta, m, a_r, a_phi, spin, dt):
 
 @compiled
 def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
-    """Kick dust over dt from `lag` before the time of its places; writes the stopping times (n,) at its start."""
+    """Kick dust over dt, from velocities `lag` behind the positions; write the stopping times (n,) at the start."""
     for i in range(first, last):
         x, y, k = pos[i, 0], pos[i, 1], species[i]
         path = path_at(x, y, k, disc)
@@ -335,7 +337,7 @@ def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
         x /= r
         y /= r
         kepler2 = path.kepler * path.kepler * disc.pull[k]
-        a_r = acc[i, 0] * x + acc[i, 1] * y + kepler2 * r  # without the star's and its light's, which the path has
+        a_r = acc[i, 0] * x + acc[i, 1] * y + kepler2 * r  # without star and radiation, which the path has
         a_phi = acc[i, 1] * x - acc[i, 0] * y
         spin, torque = r * (path.orbit + path.azimuthal), -r * path.azimuthal / path.time
         delta = vel[i, 0] * x + vel[i, 1] * y - path.radial + lag * path.push
@@ -354,7 +356,7 @@ def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
 
 @compiled
 def path_velocities(first, last, pos, species, disc, out):
-    """Radial and azimuthal velocity (n, 2) of the steady drift at each place, the latter beyond Kepler's."""
+    """Write the velocity (n, 2) of the steady drift at each position: radial, and azimuthal relative to Kepler's."""
     for i in range(first, last):
         path = path_at(pos[i, 0], pos[i, 1], species[i], disc)
         out[i, 0], out[i, 1] = path.radial, path.orbit - path.kepler * path.r + path.azimuthal
@@ -362,7 +364,7 @@ def path_velocities(first, last, pos, species, disc, out):
 
 @compiled
 def drift_dust(first, last, pos, vel, dt):
-    """Eq. (1): move dust over dt with its radial velocity and angular momentum, and turn the velocity with it."""
+    """Move dust over dt by eq. (1), and rotate its velocity with the position."""
     for i in range(first, last):
         x, y, vx, vy = pos[i, 0], pos[i, 1], vel[i, 0], vel[i, 1]
         r = math.sqrt(x * x + y * y)

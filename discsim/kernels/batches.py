@@ -1,21 +1,23 @@
-"""Between what coordinates the places of each BATCH of rows lie. Rows of arrays are sorted by place, so that those of a
-batch are near each other, and most batches need not be looked at row by row. For `discsim.numerics.threads.share`.
+"""Bounding boxes of batches of rows. For `discsim.numerics.threads.share`.
+
+Rows of arrays are sorted by position, so the particles of a batch are near each other. A test of its bounding box
+spares most batches a test of each row.
 """
 
 import numpy as np
 
 from discsim.jit.decorators import compiled
 
-BATCH = 128  # rows
+BATCH = 128  # rows in a batch
 ONE, WHOLE = np.uint64(1), np.uint64(BATCH)
 
 
 @compiled
 def bounds_of(first, last, some, pos, out):
-    """Write to `out` (batches, 4) the least and the largest x, and then y, of `some` batches of places (n, d), 0 where
-    there is no y; NaN where any is not finite.
+    """Write to `out` (batches, 4) the least and largest x and the least and largest y of `some` batches of positions
+    (n, d). y is 0 in one dimension; a batch with a position that is not finite gets NaN.
     """
-    # One number a bound: rows of partial ones, which are written all the time, took three times as long (2026-11).
+    # One scalar per bound: arrays of partial bounds, written in each iteration, took three times as long (2026-11).
     flat, dim = pos.reshape(-1), np.uint64(pos.shape[1])
     for number in range(first, last):
         batch = np.uint64(some[number])
@@ -32,5 +34,5 @@ def bounds_of(first, last, some, pos, out):
         row[0], row[1], row[2], row[3] = x0, x1, y0, y1
         if dim == ONE:
             row[2], row[3] = 0.0, 0.0
-        if not abs(total_x + total_y) < np.inf:  # unless an entry is not finite, or the sums overflow
+        if not abs(total_x + total_y) < np.inf:  # an entry is not finite, or a sum overflows
             row[:] = np.nan

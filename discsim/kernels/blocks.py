@@ -1,16 +1,17 @@
-"""Drag cells as blocks of a lattice: small where particles are many, merged in 2 x 2 where they are too few.
+"""Drag cells as blocks of a lattice: small where there are many particles, merged 2 x 2 where there are too few.
 
-Leaves of a regular lattice are merged upwards as in a quadtree (in pairs in one dimension). A block waits for
-more
+The leaves of a regular lattice are merged upwards as in a quadtree (in pairs in one dimension), up to top-level blocks
+of 2^LEVELS by 2^LEVELS leaves. The status of a block says why it should be merged further:
 
-    while its side is below the wanted one (a number of mean smoothing lengths of its gas, or a length), SMALL;
-    while it holds fewer particles than asked for, but both species, FEW, up to `soft` times the wanted side;
-    while it lacks gas, LACKING, up to `hard` times the wanted side;
-    while it lacks dust, if it is to have both: LACKING too, or, if dust next to it will do, LONELY until its parent
-    has some.
+    SMALL    its side is below the wanted side (a number of mean smoothing lengths of its gas, or a length)
+    FEW      it holds both species but fewer particles than required; up to `soft` times the wanted side
+    LACKING  it has no gas, or no dust although dust is required INSIDE it; up to `hard` times the wanted side
+    LONELY   it has no dust, and dust is required NEAR it; up to `hard` times the wanted side, or until its parent
+             has dust
+    DONE     no reason
 
-If any of its children waits, all particles of a parent make one block; where the parent would be larger than
-its limit, the children stay as they are, and dust without gas stays uncoupled (and is reported).
+If any child is not DONE, all particles of its parent make one block. If the parent would exceed its limit, the children
+stay as they are; dust without gas is then uncoupled (and reported).
 """
 
 from typing import Any, NamedTuple
@@ -21,18 +22,20 @@ from discsim.jit.decorators import compiled, inner, lean
 from discsim.kernels.zcurve import at_place
 
 ONE, TWO, FOUR = np.uint64(1), np.uint64(2), np.uint64(4)
-NOUGHT: Any = np.int64(0)  # a literal 0 given to a function would make a version of it
+NOUGHT: Any = np.int64(0)  # a literal 0 as an argument would compile one more specialisation
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 MOST = 1 << LEVELS
 DONE, LONELY, SMALL, FEW, LACKING = range(5)
-TIE = 1e-6  # of a side: sums of h are right to some 1e-9 of the largest, and sides are often equal to what is wanted
-IGNORE, NEAR, INSIDE = range(3)  # where a block wants dust
+TIE = 1e-6  # of a side: sums of h are right to some 1e-9 of the largest, and a side often equals the wanted side
+IGNORE, NEAR, INSIDE = range(3)  # where dust is required: nowhere, in the parent of a block, or in the block
 
 
 @compiled
 def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin, shape, periodic, out):
-    """Write the leaf of each particle in the part of the `whole` lattice of a `shape` that begins at the leaf `begin`;
-    the number of its leaves where it is not from `low` to `high` of an open lattice. These and `shift` (2,) in leaves.
+    """Write the leaf of each particle (n,): its index in a part of the `whole` lattice, of `shape` leaves from the leaf
+    `begin` on. A particle outside [low, high) of an open lattice gets the number of leaves of the part.
+
+    `inverse` is one over the side of a leaf; `low`, `high` and `shift` (2,) are in leaves.
     """
     ox, oy, dx, dy = origin[0], origin[1], shift[0], shift[1]
     low_x, low_y, high_x, high_y = low[0], low[1], high[0], high[1]
@@ -44,7 +47,7 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
         np.int32(begin_y),
     )
     if pos.shape[1] == 2 and not periodic:
-        flat = pos.reshape(-1)  # steps of two and unsigned numbers: vectorised
+        flat = pos.reshape(-1)  # a flat array and unsigned indices, so that the loop is vectorised
         for i in range(np.uint64(first), np.uint64(last)):
             sx, sy = (flat[TWO * i] - ox) * inverse + dx, (flat[TWO * i + ONE] - oy) * inverse + dy
             inside = (sx >= low_x) & (sx < high_x) & (sy >= low_y) & (sy < high_y)
@@ -65,8 +68,8 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
 
 @compiled
 def add_in_units(key, values, per_unit, out):
-    """Add to `out` (keys,) the values (n,) of those of each key (n,), rounded to whole units."""
-    quarter = np.uint64(len(key)) // FOUR  # as in `count_keys`: an addition waits for the one before to the same place
+    """Add to `out` (keys,) the values (n,) of each key (n,), times `per_unit` and rounded to whole numbers."""
+    quarter = np.uint64(len(key)) // FOUR  # as in `count_keys`: successive additions to one element would wait
     for i in range(quarter):
         for k in range(FOUR):
             at = i + k * quarter
@@ -77,9 +80,9 @@ def add_in_units(key, values, per_unit, out):
 
 @compiled
 def block_keys(first, last, key, number, species, populations):
-    """Turn the leaf of each particle into its block and population as one number, those of a block together.
+    """Replace the leaf of each particle in `key` (n,) by block * populations + population.
 
-    `number` is each leaf's block; `species` is read where there are several populations.
+    `number` is the block of each leaf; `species` (n,) is read only if there are several populations.
     """
     for i in range(np.uint64(first), np.uint64(last)):
         block = number[key[i]]
@@ -88,8 +91,9 @@ def block_keys(first, last, key, number, species, populations):
 
 @lean
 def squares_of(first, last, leaf, level, origin, begin, leaf_side, corner, side):
-    """Write the lower corner (blocks, 2) and the side (blocks,) of each block, from its first `leaf` (blocks, 2) in the
-    part of a lattice that begins at the leaf `begin`.
+    """Write the lower corner (blocks, 2) and the side (blocks,) of each block.
+
+    `leaf` (blocks, 2): first leaf of each block, in the part of the lattice that begins at the leaf `begin`.
     """
     for block in range(first, last):
         for axis in range(2):
@@ -99,7 +103,7 @@ def squares_of(first, last, leaf, level, origin, begin, leaf_side, corner, side)
 
 @compiled
 def members_of(order, start, chosen):
-    """Numbers of the particles in the blocks `chosen` (blocks,)."""
+    """Return the indices of the particles in the blocks `chosen` (blocks,)."""
     count = 0
     for block in range(len(chosen)):
         if chosen[block]:
@@ -116,8 +120,10 @@ def members_of(order, start, chosen):
 
 @compiled
 def members_alone(order, start, rates, enlarged, count):
-    """Numbers of the particles in the first `count` blocks, the process's own, that are `enlarged` (blocks,), or whose
-    mean rate (blocks, populations) is 0; and of those outside all blocks.
+    """Return the indices of uncoupled particles: those outside all blocks, and those in blocks that are `enlarged`
+    (blocks,) or whose mean rate in `rates` (blocks, populations) is 0.
+
+    Only the first `count` blocks, the local ones of this process, are searched.
     """
     blocks, populations = rates.shape
     chosen = np.ones((blocks + 2) * populations, np.bool_)
@@ -130,7 +136,7 @@ def members_alone(order, start, rates, enlarged, count):
 
 @compiled
 def times_of_members(times, order, start):
-    """The stopping time of each particle (n,) from those of its block and population."""
+    """Return the stopping time of each particle (n,) from `times` (blocks, populations)."""
     out = np.empty(len(order))
     for block in range(times.shape[0]):
         for s in range(times.shape[1]):
@@ -140,8 +146,10 @@ def times_of_members(times, order, start):
 
 
 class Wanted(NamedTuple):
-    """What blocks are made for: the side of a `leaf`, and the `size` wanted in mean h of a block's gas or, unless 0, as
-    a `length`; particles of each species at least; `soft` and `hard` limits in wanted sides; where dust is wanted.
+    """Requirements for blocks.
+
+    leaf: side of a leaf. size: wanted side in mean h of the gas of a block. length: wanted side, in place of `size`
+    unless 0. gas, dust: least number of particles. soft, hard: limits in wanted sides. dust_in: IGNORE, NEAR or INSIDE.
     """
 
     leaf: float
@@ -155,8 +163,10 @@ class Wanted(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """The blocks of all levels, those of a level, `width` by `height`, from its `begin` on: whether one is `final`,
-    unless it lies in a larger one, and whether want of particles `enlarged` it. Both come as False.
+    """Blocks of all levels; a level has `width` by `height` blocks, from index `begin` on.
+
+    final: whether a block is used, unless it lies in a larger final one. enlarged: whether lack of particles enlarged
+    it. Both are False on input.
     """
 
     begin: np.ndarray
@@ -167,8 +177,10 @@ class Tree(NamedTuple):
 
 
 class Held(NamedTuple):
-    """Of the blocks of one level within a largest one, in place of the level below: particles, the sum of the gas's h,
-    what they wait for, and how many blocks they are made of.
+    """Blocks of one level within a top-level block, overwritten by the next level.
+
+    gas, dust: number of particles. h_sum: sum of the gas's h. status: as in the module docstring. blocks: number of
+    final blocks inside.
     """
 
     gas: np.ndarray
@@ -185,7 +197,7 @@ def _wanted_side(gas, h_sum, wanted):
 
 @inner
 def _status(gas, dust, h_sum, side, wanted):
-    """What a block still waits for."""
+    """Return the status of a block: why it should be merged further, or DONE."""
     if gas + dust == 0:
         return DONE
     if gas == 0:
@@ -199,7 +211,7 @@ def _status(gas, dust, h_sum, side, wanted):
 
 @inner
 def _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
-    """Leaves as blocks; whether there is anybody."""
+    """Fill `held` with the leaves of the top-level block at leaf (tx, ty); return whether any holds a particle."""
     anybody = False
     for ix in range(tx, min(tx + MOST, tree.width[0])):
         for iy in range(ty, min(ty + MOST, tree.height[0])):
@@ -216,7 +228,7 @@ def _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
 
 @inner
 def _take_children(level, bx, by, tx, ty, wanted, tree, held):
-    """Make one block of four, two or one, if any of them waits and it would not be too large."""
+    """Merge four, two or one children into one block if any is not DONE and the block would not be too large."""
     height = tree.height[level - 1]
     along_x = 2 if 2 * bx + 1 < tree.width[level - 1] else 1
     along_y = 2 if 2 * by + 1 < height else 1
@@ -242,7 +254,7 @@ def _take_children(level, bx, by, tx, ty, wanted, tree, held):
                     tree.final[below + cx * height + cy] |= held.status[2 * x + cx, 2 * y + cy] != DONE
         worst_now = DONE
         if waits and not too_large:
-            # Leaves that lack a species may be finer than what is wanted.
+            # Leaves without one species may be finer than the wanted side; merging these is no enlargement.
             wide = gas > 0 and 0.5 * side > _wanted_side(gas, h_sum, wanted) * (1.0 - TIE)
             tree.enlarged[b] |= wide and worst != SMALL
             worst_now, blocks = _status(gas, dust, h_sum, side, wanted), 1
@@ -254,7 +266,7 @@ def _take_children(level, bx, by, tx, ty, wanted, tree, held):
 
 @inner
 def _merge_one(top, gas, dust, h_sum, wanted, tree, held):
-    """Blocks within a largest one, and how many they are."""
+    """Make the blocks within the top-level block of index `top`; return their number."""
     tx, ty = top // tree.height[LEVELS] << LEVELS, top % tree.height[LEVELS] << LEVELS
     if not _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
         return 0
@@ -267,9 +279,9 @@ def _merge_one(top, gas, dust, h_sum, wanted, tree, held):
 
 @compiled
 def merge(first, last, gas, dust, h_sum, wanted, tree, count):
-    """Blocks within the largest possible ones, and how many there are in each of these: count (largest,).
+    """Make the blocks within each top-level block, and write their number to `count` (top-level blocks,).
 
-    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h.
+    `gas`, `dust`, `h_sum` (leaves,): number of particles in each leaf, and the sum of the gas's h.
     """
     numbers = np.empty((3, MOST, MOST), np.int64)
     held = Held(numbers[0], numbers[1], np.empty((MOST, MOST)), np.empty((MOST, MOST), np.int8), numbers[2])
@@ -279,8 +291,10 @@ def merge(first, last, gas, dust, h_sum, wanted, tree, count):
 
 @inner
 def _block_at(z, tx, ty, tree):
-    """First leaf and level of the largest block that starts at place z of the Z-curve in the largest possible one that
-    starts at leaf (tx, ty), and whether there is one; else as far as there is none for certain.
+    """Find the largest final block that starts at position z of the Z-curve, in the top-level block at leaf (tx, ty).
+
+    Returns (ix, iy, level, found): its first leaf, its level and whether there is one. If not, no final block starts
+    within the square of that level.
     """
     x, y = at_place(z)
     ix, iy, level = tx + x, ty + y, LEVELS
@@ -296,8 +310,8 @@ def _block_at(z, tx, ty, tree):
 
 @lean
 def number_blocks(first, last, start, tree, number, corner, level_of, flag):
-    """Number the blocks of each largest possible one, from `start` on, along a Z-curve: those in one place follow each
-    other at whatever level. Writes the number of each leaf, and first leaf, level and `enlarged` of each block.
+    """Number the blocks of each top-level block, from `start` on, along a Z-curve: nearby blocks of any level have
+    nearby numbers. Writes the number of each leaf, and first leaf, level and `enlarged` of each block.
     """
     for top in range(first, last):
         tx, ty = top // tree.height[LEVELS] << LEVELS, top % tree.height[LEVELS] << LEVELS

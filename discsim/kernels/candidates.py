@@ -1,7 +1,7 @@
-"""Lists of candidates: of each cell the particles that its own may meet, by their places in the order of the cells.
+"""Neighbour lists by cell: the candidates that the particles of a cell may interact with, as indices in cell order.
 
-Sums of a particle look at those of them alone that may be within its reach along x, its `window`: lists come in slabs
-across x. The longer cells are along x, and so the narrower along y, the fewer that leaves of a cell's candidates.
+A sum for one particle takes only the candidates that may be within its reach along x, its `window`; for this, lists are
+sorted into slabs across x. The longer cells are along x, the smaller is the fraction of candidates in a window.
 """
 
 import math
@@ -13,19 +13,19 @@ from numba import njit
 from discsim.jit.decorators import inner, making
 from discsim.kernels.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X, SIDE_Y, whole
 
-BLOCK = 256  # particles of a run that are looked at together
-USUAL = 128  # candidates of a cell
-SLABS = 32  # of a cell and what is within its reach
-ALIGNED = 4  # a window begins with a whole vector of so many
+BLOCK = 256  # particles of a run that are tested together
+USUAL = 128  # candidates of a cell in the first allocation
+SLABS = 32  # slabs across a cell and its reach on both sides
+ALIGNED = 4  # a window begins at a multiple of this
 ONE, TWO, THREE, ONE_MORE = np.uint64(1), np.uint64(2), np.uint64(3), np.int32(1)
 
 
 class Candidates(NamedTuple):
-    """Candidates of some cells, by their places in the order of the cells: those of the n-th from begin[n] on.
+    """Candidates of some cells, as indices in cell order: those of the n-th cell from begin[n] to begin[n + 1].
 
-    Where it is `crossing` an edge of a periodic box, they are `turned` (2, candidates) times the box away.
-    Those for windows come slab by slab along x (`slab_of`): those of the k-th slab of the n-th cell from begin[n] +
-    slabs[n, k] on. No support of them is longer than widest[n].
+    crossing (cells,): whether a list has periodic images, which are `turned` (2, candidates) box lengths away.
+    slabs, widest: only of lists for windows, which are sorted by slab (`slab_of`). Slab k of the n-th cell starts at
+    begin[n] + slabs[n, k]; widest[n] is the largest support radius of the candidates.
     """
 
     begin: np.ndarray
@@ -37,14 +37,14 @@ class Candidates(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Of particles that are looked at together: the square of what is missing to keep them, and their slabs."""
+    """Scratch for particles tested together: squared distance from the cell less the squared reach, and slab."""
 
     keep: np.ndarray
     slab: np.ndarray
 
 
 class Some(NamedTuple):
-    """Candidates of a cell as they are found, the slab of each, and its run."""
+    """Candidates of one cell in the order in which they are found, with the slab and the run of each."""
 
     slots: np.ndarray
     slabs: np.ndarray
@@ -53,11 +53,11 @@ class Some(NamedTuple):
 
 @inner
 def find_runs(box, reach, mutual, cells, runs, turns):
-    """Runs of particles in the order of the cells that may be within `reach` of a box (centre, half widths).
+    """Find runs of consecutive particles in cell order that may be within `reach` of a box (centre, half widths).
 
-    With `mutual` also those whose own support may meet it. On periodic axes the images meant are `turns` (runs, 2)
-    times the box away. Returns how many there are, and how many particles they hold; of more than `runs` has room for,
-    what was written is of no use.
+    With `mutual` also those whose own support may overlap the box. On periodic axes the images are `turns` (runs, 2)
+    box lengths away. Returns the number of runs, and of particles in them. If there are more runs than `runs` has room
+    for, the written ones are invalid.
     """
     grids, start, low, width = cells.grids, cells.start, cells.low, cells.width
     count, held = 0, 0
@@ -93,24 +93,25 @@ def find_runs(box, reach, mutual, cells, runs, turns):
 
 @inner
 def per_slab(half_x, reach):
-    """Slabs in a length, of a cell of half width `half_x`: they span what is within `reach` of it."""
+    """Return the slabs per unit length of a cell of half width `half_x`; all SLABS span the cell and its `reach`."""
     width = half_x + reach
     return 0.5 * SLABS / width if width > 0.0 else 0.0
 
 
 @inner
 def slab_of(dx, per_length):
-    """The slab at a distance dx from the middle of a cell along x; the first and the last have all beyond."""
+    """Return the slab at dx from the middle of a cell along x; the first and the last slab hold all that is beyond."""
     at = dx * per_length + 0.5 * SLABS
-    at = at if at > 0.0 else 0.0  # also what is no number
+    at = at if at > 0.0 else 0.0  # also for NaN
     return np.int32(at if at < SLABS - 1.0 else SLABS - 1.0)
 
 
 @inner
 def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, some):
-    """Particles of `count` runs that are within `reach` of the box or, with `mutual`, meet it; how many.
+    """Find the particles of `count` runs within `reach` of the box, with `mutual` also those whose support overlaps it.
 
-    Writes them to `slots`, the slab of each and, where they are `crossing`, its run. `block` is overwritten.
+    Writes these to `slots`, and to `some` the slab of each and, if `crossing`, its run; returns their number. `block`
+    is overwritten.
     """
     x, y, radius = cells.x, cells.y, cells.radius
     ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
@@ -118,11 +119,11 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, 
     for run in range(count):
         sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
         before = found
-        # Two loops over blocks: the first is vectorised, and in the second a branch would be guessed wrong half of the
-        # time. Signed numbers may be indices from the end, and would keep loops from being vectorised.
+        # Two loops over a block: the first is vectorised, and the second has no branch, which would be mispredicted
+        # half of the time. Indices are unsigned: numba wraps negative ones, which prevents vectorisation.
         for first in range(runs[run, 0], runs[run, 1], BLOCK):
             begin, many = np.uint64(first), np.uint64(min(runs[run, 1] - first, BLOCK))
-            for k in range(np.uint64(whole(many))):  # beyond the end is whatever comes next
+            for k in range(np.uint64(whole(many))):  # beyond the end: ignored below
                 i = begin + k
                 from_x = x[i] + sx
                 dx, dy = max(abs(from_x) - half_x, 0.0), max(abs(y[i] + sy) - half_y, 0.0)
@@ -142,7 +143,7 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, 
 
 @inner
 def crosses(turns, count):
-    """Whether any of `count` runs is of an image."""
+    """Return whether any of `count` runs is a periodic image."""
     found = False
     for run in range(count):
         found |= turns[run, 0] != 0 or turns[run, 1] != 0
@@ -151,7 +152,9 @@ def crosses(turns, count):
 
 @inner
 def longest(found, slots, radius):
-    """The longest support of the first `found` of `slots`, four at a time: one after another they would wait."""
+    """Return the largest support radius of the first `found` of `slots`, as four independent maxima: a single one
+    would wait for each comparison.
+    """
     for beyond in range(found, found + 3):
         slots[beyond] = slots[0]
     a = b = c = d = 0.0
@@ -164,8 +167,10 @@ def longest(found, slots, radius):
 
 @inner
 def count_slabs(found, slab, begin):
-    """Where each slab of `found` candidates begins, one place late: begin (SLABS + 2,). Who puts each where that of
-    its slab says, and moves it on, leaves there where the next one begins.
+    """Write the start of slab k of `found` candidates to begin[k + 1], of begin (SLABS + 2,).
+
+    `list_some` advances begin[k + 1] with each candidate that it places in slab k, so that in the end begin[k] is the
+    start of slab k.
     """
     for k in range(SLABS + 2):
         begin[k] = 0
@@ -179,22 +184,22 @@ def count_slabs(found, slab, begin):
 
 @inner
 def turn(turns, run, turned, to):
-    """Write by how much the box is turned for a candidate of a run."""
+    """Write the periodic shift of a candidate of a run, in box lengths."""
     turned[0, to], turned[1, to] = turns[run, 0], turns[run, 1]
 
 
 @inner
 def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, work):
-    """List candidates of the cells from `at` on, as far as there is room for them.
+    """List candidates of the cells from `at` on, as far as the arrays have room.
 
-    Returns the cell that there is no room for, or `last`, and how much it needs: runs and candidates.
+    Returns the first cell without room, or `last`, and the room that it needs: runs, particles in runs, candidates.
     """
     runs, turns, block, some = work
     for c in range(at, last):
         cell, begin = filled[c], listed.begin[c - first]
         box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
         reach = extent * bounds[cell, 4]
-        # Runs first, their particles after: what decides how long a loop is then never has to be waited for.
+        # All runs are found before their particles are read, so that no loop waits for its length.
         count, held = find_runs(box, reach, mutual, cells, runs, turns)
         if count > len(runs) or held + 3 > len(some.slots) or begin + held > len(listed.slots):
             return c, count, held, begin + held
@@ -222,10 +227,10 @@ def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, 
 
 @making
 def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells):
-    """Candidates of the cells `filled` of some particles with `bounds` among those of `cells`.
+    """Return the candidates, among the particles of `cells`, of other cells `filled` with `bounds` (cells, 5).
 
-    They reach as far as `extent` times their supports; with `mutual` there are also those whose own support meets a
-    cell. `in_slabs`: for sums that look at windows of them.
+    The reach of a cell is `extent` times its largest support radius; with `mutual`, particles whose own support
+    overlaps the cell are candidates too. `in_slabs` sorts the lists for sums over windows.
     """
     begin, crossing = np.zeros(last - first + 1, np.int64), np.zeros(last - first, np.bool_)
     windowed = last - first if in_slabs else 0
@@ -250,7 +255,7 @@ def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells
             )
         if room > len(listed.slots):
             slots, turned = np.empty(2 * room, np.uint32), np.empty((2, 2 * images * room), np.int32)
-            # Element by element: slices bring numba's formatted errors with them, seconds of compilation.
+            # Element by element: an assignment of slices compiles numba's formatted errors too, for seconds.
             for k in range(len(listed.slots)):
                 slots[k] = listed.slots[k]
             for k in range(listed.turned.shape[1]):
@@ -261,7 +266,7 @@ def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells
 
 @njit(nogil=True, inline="always")
 def most_of(begin):
-    """The largest number of candidates of a cell, in whole vectors."""
+    """Return the largest number of candidates of a cell, rounded up to whole vectors."""
     most = 0
     for c in range(len(begin) - 1):
         most = max(most, begin[c + 1] - begin[c])
@@ -270,8 +275,8 @@ def most_of(begin):
 
 @njit(nogil=True, inline="always")
 def window(n, dx, reach, per_length, begin, end, listed):
-    """Candidates from `begin` to `end` of the n-th cell that may be within `reach` of dx from its middle along x: from
-    which on, counted from `begin`, and how many when filled up to whole vectors.
+    """Find the candidates of the n-th cell, from `begin` to `end`, that may be within `reach` of dx from its middle
+    along x. Returns the first, counted from `begin`, and their number, rounded up to whole vectors.
     """
     slabs, start = listed.slabs, listed.begin[n]
     first = start + slabs[n, slab_of(dx - reach, per_length)] - begin
@@ -283,7 +288,7 @@ def window(n, dx, reach, per_length, begin, end, listed):
 
 @njit(nogil=True, inline="always")
 def place(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
-    """Write where the candidates from `begin` to `end` of the c-th cell are, from (ox, oy) and times `per_length`."""
+    """Write the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy) and times `per_length`."""
     x, y, slots, turned = cells.x, cells.y, listed.slots, listed.turned
     first, count = np.uint64(begin), np.uint64(end - begin)
     if listed.crossing[c]:

@@ -1,15 +1,17 @@
-"""Cooling of gas over a kick at a constant heating rate: towards an energy in a time, or by its own light.
+"""Cooling of gas over a kick at a constant heating rate: relaxation to a given energy, or radiative cooling.
 
     towards         du/dt = rate - (u - u_eq) / t_cool                                                          (1)
     radiative       du/dt = rate - 2 sigma (T^4 - T_irr^4) / (tau_eff Sigma),  tau = kappa Sigma / 2            (2)
                     tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau)      (Hubeny 1990)
 
-(1) is solved exactly. (2) is one equation a particle, which an exponential Rosenbrock method of third order follows
-(exprb32 of Hochbruck, Ostermann & Schweitzer 2009), with steps of its own that hold the error of each to TOLERANCE of
-u: L-stable, so that a kick of any length ends where heating and cooling balance. Both compose from kick to kick.
+(1) is solved exactly. (2) is one equation per particle, integrated by an exponential Rosenbrock method of third order
+(exprb32 of Hochbruck, Ostermann & Schweitzer 2009). Adaptive sub-steps keep the error of each within TOLERANCE of u.
+The method is L-stable: a kick of any length ends where heating and cooling balance. Both solutions compose from kick
+to kick.
 
-No u falls below 0: gas that expands loses heat at the rate that it had at the start of the kick only down to LEAST of
-its energy, and below that in proportion to u.
+u stays at or above 0 where gas expands (rate < 0). In (2) the loss by expansion is constant down to LEAST of the energy
+at the start of the kick, and proportional to u below. The result of (1) is at least LEAST times the solution with a
+loss proportional to u.
 """
 
 import math
@@ -21,13 +23,13 @@ from discsim.jit.decorators import compiled, inner
 
 LEAST = 0.1
 TOLERANCE = 1e-6
-MOST = 100_000  # steps within a kick; a few where it is resolved, a hundred from a thousand times the balance
+MOST = 100_000  # sub-steps of a kick: a few if cooling is resolved, 100 from 1000 times the equilibrium energy
 POWERS = np.array(BELL_LIN)
 
 
 @inner
 def relaxed(u, settled, rate, t_cool, dt):
-    """u of (1) after dt."""
+    """Return u of (1) after dt; `settled` is u_eq."""
     x = dt / t_cool
     gone = -math.expm1(-x)
     after = u * math.exp(-x) + (settled + rate * t_cool) * gone
@@ -35,15 +37,16 @@ def relaxed(u, settled, rate, t_cool, dt):
         return after
     if u <= 0.0:
         return max(after, 0.0)
-    quick = 1.0 / t_cool - rate / u  # heat that is lost in proportion to u
+    quick = 1.0 / t_cool - rate / u  # rate of a loss in proportion to u
     lost = -math.expm1(-quick * dt)
     return max(after, LEAST * (u * (1.0 - lost) + settled / (t_cool * quick) * lost))
 
 
 @compiled
 def towards(begin, end, pos, u, rate, dt, at_orbit, t_cool, passive, star, softening, out):
-    """(1) for energies (n,): t_cool is in units of 1/Omega about the central mass where `at_orbit`; u_eq = passive[0]
-    r^-passive[1].
+    """Write u of (1) after dt for energies (n,). `t_cool` is in units of 1/Omega about the central mass if `at_orbit`.
+
+    u_eq = passive[0] r^-passive[1], with r^2 at least passive[2].
     """
     flat = passive[1] == 0.0
     for i in range(begin, end):
@@ -76,13 +79,13 @@ def greater(a, b):
 
 @inner
 def of_number(number, rho, temperature):
-    """One opacity of the table and its slopes in ln rho and ln T."""
+    """Return one opacity of the table and its slopes in ln rho and ln T."""
     return power(number, rho, temperature), POWERS[number, 1], POWERS[number, 2]
 
 
 @inner
 def bell_lin(rho, temperature):
-    """Opacity in cm2/g at a density in g/cm3 and a temperature in K, with its slopes in ln rho and ln T."""
+    """Return the opacity in cm2/g at a density in g/cm3 and a temperature in K, and its slopes in ln rho and ln T."""
     rho = max(rho, THINNEST)
     if temperature < METALS:
         return lesser(of_number(0, rho, temperature), of_number(1, rho, temperature))
@@ -94,17 +97,17 @@ def bell_lin(rho, temperature):
 
 @compiled
 def opacities(begin, end, rho, temperature, out):
-    """Bell & Lin's opacity (n,) in cm2/g."""
+    """Write Bell & Lin's opacity (n,) in cm2/g."""
     for i in range(begin, end):
         out[i] = bell_lin(rho[i], temperature[i])[0]
 
 
 @inner
 def radiated(u, settled, column, omega, kappa, unit):
-    """What (2) radiates and its derivative by u; `unit` as in `radiative`."""
+    """Return the net radiative loss of (2) and its derivative by u; `unit` as in `radiative`."""
     slope = 0.0
     if kappa <= 0.0:
-        # rho = Sigma Omega / (sqrt(2 pi) c) with the isothermal speed, that of the scale height.
+        # rho = Sigma Omega / (sqrt(2 pi) c) with the isothermal sound speed, which sets the scale height.
         rho = unit[1] * column * omega / math.sqrt(2.0 * math.pi * unit[2] * u)
         kappa, by_density, by_temperature = bell_lin(rho, unit[3] * u)
         kappa *= unit[4]
@@ -120,7 +123,7 @@ def radiated(u, settled, column, omega, kappa, unit):
 
 @inner
 def flow(u, rate, lowest, settled, column, omega, kappa, unit):
-    """du/dt of (2) and its derivative, heat that is lost falling with u below `lowest`."""
+    """Return du/dt of (2) and its derivative by u; below `lowest` the loss by expansion is proportional to u."""
     lost, steep = radiated(u, settled, column, omega, kappa, unit)
     if rate < 0.0 and u < lowest:
         return rate * u / lowest - lost, rate / lowest - steep
@@ -129,7 +132,7 @@ def flow(u, rate, lowest, settled, column, omega, kappa, unit):
 
 @inner
 def gains(z):
-    """phi_1 and phi_3 of z: (e^z - 1)/z and (e^z - 1 - z - z^2/2)/z^3."""
+    """Return phi_1 and phi_3 of z: (e^z - 1)/z and (e^z - 1 - z - z^2/2)/z^3."""
     if abs(z) < 0.05:
         third = 1.0 / 6.0 + z * (1.0 / 24.0 + z * (1.0 / 120.0 + z * (1.0 / 720.0 + z / 5040.0)))
         return 1.0 + z * (0.5 + z * third), third
@@ -139,7 +142,7 @@ def gains(z):
 
 @inner
 def shone(u, rate, dt, settled, column, omega, kappa, unit):
-    """u of (2) after dt."""
+    """Return u of (2) after dt."""
     if u <= 0.0:
         return max(0.0, rate * dt)
     lowest, left, step = LEAST * u, dt, dt
@@ -167,8 +170,9 @@ def shone(u, rate, dt, settled, column, omega, kappa, unit):
 
 @compiled
 def radiative(begin, end, pos, u, density, rate, dt, kappa, passive, star, softening, unit, out):
-    """(2) for energies (n,) at surface densities (n,); kappa: a constant opacity, 0 for Bell & Lin's.
+    """Write u of (2) after dt for energies (n,) at surface densities (n,).
 
+    kappa: a constant opacity, or 0 for Bell & Lin's. passive: as in `towards`, for the energy at T_irr.
     unit: (2 sigma (T/u)^4, density in g/cm3, (c/u)^2, T/u in K, cm2/g) in code units.
     """
     for i in range(begin, end):

@@ -1,22 +1,23 @@
-"""Gas and several populations that it drags, exactly: the exponential of their coupling as a sum over poles.
+"""Exact relaxation of gas and several dust populations: the exponential of their coupling as a sum over poles.
 
-With z_j = dt / t_j and e_j = M_j / M_g, eq. (1) of `kernels/drag.py` takes slips Y from the gas at the rate A Y / dt,
+With z_j = dt / t_j and e_j = M_j / M_g, eq. (1) of `kernels/drag.py` damps the slips Y from the gas at the rate
+A Y / dt,
 
     (A Y)_j = z_j Y_j + sum_i e_i z_i Y_i,
 
-so that slips and sources B change them by f(A) Y + g(A) B dt beyond free motion, with f(z) = exp(-z) - 1 and
-g(z) = -f(z) / z - 1. For any z >= 0 both are, to 2e-14 and 1e-13 of themselves,
+so slips and sources B change the slips by f(A) Y + g(A) B dt beyond free motion, with f(z) = exp(-z) - 1 and
+g(z) = -f(z) / z - 1. For any z >= 0 both are, to relative errors of 2e-14 and 1e-13,
 
     sum_k Re w_k z / (z - p_k),                                                                           (1)
 
-p_k the poles of the best approximation to exp(-z) by rational functions of degree 16, one of each conjugate pair (Pusa
-2012, Nucl. Sci. Eng. 171, 155), and weights w_k fitted to f and to g. Backward Euler, -z / (1 + z) for both, has one
-pole. Of a matrix each term takes one pass over the populations, which meet through the gas alone: population j
+with p_k the poles of the best rational approximation of degree 16 to exp(-z), one of each conjugate pair (Pusa 2012,
+Nucl. Sci. Eng. 171, 155), and with weights w_k fitted to f and to g. Backward Euler, -z / (1 + z) for both, has one
+pole. For the matrix A each term takes one pass over the populations, as they couple only through the gas. Population j
 changes by
 
     Re w_k z_j r_j (Y_j - q),    r_j = 1 / (z_j - p_k),    q = sum_i e_i z_i r_i Y_i / (1 + sum_i e_i z_i r_i),   (2)
 
-and the gas by what keeps momentum.
+and the change of the gas conserves momentum.
 """
 
 import numpy as np
@@ -45,23 +46,25 @@ FOR_SOURCES = (
 
 
 def table_of(poles, for_slips, for_sources):
-    """Rows of poles and their weights of slips (2) and of sources (2), the real parts and then the imaginary ones."""
+    """Return a table (poles, 10): real and imaginary part of a pole; the real parts of its weights, twice that of slips
+    and twice that of sources; the imaginary parts of these four.
+    """
     weights = np.repeat(np.stack([for_slips, for_sources], axis=1).astype(complex), 2, axis=1)
     poles = np.array(poles, complex)[:, None]
     return np.ascontiguousarray(np.hstack([poles.real, poles.imag, weights.real, weights.imag]))
 
 
-WEIGHT = 2  # where weights begin
+WEIGHT = 2  # column at which the weights begin
 EXPONENTIAL, EULER = table_of(POLES, FOR_SLIPS, FOR_SOURCES), table_of([-1.0], [-1.0], [-1.0])
-MOST = 1e140  # z, whose square is to be a number
-# Of a population: z, e z, 1 / (z - p) (2); slips (2) and sources (2); the sums over poles of w / (z - p) and of what
-# eq. (2) takes off for q, for slips (2) and sources (2).
+MOST = 1e140  # largest z: its square must not overflow
+# Columns of the scratch, one row per population: z, e z, 1 / (z - p) (2 columns); slips (2) and sources (2); the sums
+# over poles of w / (z - p), and of the term with q in eq. (2), each for slips (2) and for sources (2).
 Z, STRENGTH, INVERSE, SLIP, OWN, COMMON, ROOM = 0, 1, 2, LANES, 2 * LANES, 3 * LANES, 4 * LANES
 
 
 @inner
 def take_present(mass, time, y, b, dt, room):
-    """Populations that have mass, one after another, into `room`; returns how many."""
+    """Write the populations that have mass to successive rows of `room`; return their number."""
     count = 0
     for s in range(1, len(mass)):
         if mass[s] > 0.0:
@@ -78,7 +81,7 @@ def take_present(mass, time, y, b, dt, room):
 
 @inner
 def add_pole(k, table, count, room):
-    """The term of (1) of one pole, by eq. (2)."""
+    """Add the term of pole k in (1), by eq. (2)."""
     place, turn = table[k, 0], table[k, 1]
     own, other, re, im = 1.0, 0.0, empty_row(), empty_row()
     for j in range(count):
@@ -105,8 +108,10 @@ def add_pole(k, table, count, room):
 
 @lean
 def relax_coupled(mass, time, y, b, dt, exponential, room, slip, drive):
-    """Add the increments of gas (entry 0) and the populations that have mass, beyond free motion, by their slips and by
-    sources, to `slip` and `drive` (n, d), which may be one array. `room` (n, ROOM) is overwritten.
+    """Add the velocity changes beyond free motion, of the gas (entry 0) and of the populations that have mass.
+
+    Changes by slips go to `slip` and changes by sources to `drive`, (n, d) each, which may be one array. `room`
+    (n, ROOM) is overwritten.
     """
     table = EXPONENTIAL if exponential else EULER
     count, at = take_present(mass, time, y, b, dt, room), 0

@@ -1,11 +1,12 @@
-"""Velocities that relax to a local equilibrium: dv/dt = -(v - v*(r)) R(r), over dt v - v* falls by exp(-R dt).
+"""Relaxation of velocities to a local equilibrium: dv/dt = -(v - v*(r)) R(r), so v - v* falls by exp(-R dt) over dt.
 
-R is a sum over zones, each rate x^2 with x from 0 at its near end to 1 at its far end and beyond (de Val-Borro et al.
-2006, sec. 3.2). v* is radial and azimuthal, tabulated over v_K of the star. Where velocities are ahead of the places by
-s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a leapfrog, at which v* is taken.
+R is a sum over zones. Each contributes rate x^2, with x rising from 0 at its near end to 1 at its far end and beyond
+(de Val-Borro et al. 2006, sec. 3.2). v* has a radial and an azimuthal part, tabulated in units of v_K of the star. If
+velocities are ahead of the positions by s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a
+leapfrog; v* is rotated by this angle.
 
-If the drift contains the star's pull, or a share of it, the velocities are ahead by the kick of all other forces alone.
-On a circle of speed v these give (share v_K^2 - v^2) / r outwards, and s times that is added to the radial part of v*.
+If the drift contains the star's pull, or a share of it, velocities are ahead only by the kick of all other forces. On a
+circle of speed v these forces give (share v_K^2 - v^2) / r outwards; s times this is added to the radial part of v*.
 """
 
 import math
@@ -18,23 +19,24 @@ from discsim.kernels.totals import LIMBS, SOME, add, carry
 
 
 class Zones(NamedTuple):
-    """Where velocities relax, and to what."""
+    """Zones in which velocities relax, and the equilibrium velocities."""
 
-    ends: np.ndarray  # (zones, 3): near end, far end, rate at the far end
+    ends: np.ndarray  # (zones, 3): radius of the near end, radius of the far end, rate at the far end
     first: float  # ln r of the first node of the table
-    nodes: float  # number of them per unit of ln r
+    nodes: float  # number of nodes per unit of ln r
     table: np.ndarray  # (kinds, nodes, 2): radial and azimuthal velocity over v_K
     star: float
     softening: float
-    in_drift: np.ndarray  # (kinds,): share of the star's pull that the drift has
+    in_drift: np.ndarray  # (kinds,): share of the star's pull that the drift contains
 
 
 @compiled
 def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
-    """Relax the particles `first` to `last`, of kind `kind` or of kind + species, over dt; returns the limbs (3, LIMBS)
-    of the momentum x, y and the angular momentum that they lose.
+    """Relax the particles `first` to `last` over dt; return the momentum x and y and the angular momentum that they
+    lose, as limbs (3, LIMBS) of exact sums (`kernels/totals.py`).
 
-    centre: (x, y, v_x, v_y) about which the zones lie.
+    kind: row of `zones.table`, to which `species` (n,) is added unless it is empty. centre: (x, y, v_x, v_y) of the
+    centre of the zones. ahead: time by which velocities are ahead of the positions.
     """
     most = zones.table.shape[1] - 1
     limbs, terms = np.zeros((3, LIMBS), np.int64), np.empty(3)
@@ -66,7 +68,7 @@ def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
             else:
                 sine = min(1.0, max(-1.0, azimuthal / r * ahead))
                 cosine = math.sqrt(1.0 - sine * sine)
-                # A drift has reached another radius by then, where circles are slower by half of that.
+                # The radial drift changes r during `ahead`; the circular speed falls by half the relative change of r.
                 around = azimuthal - 0.5 * sine * radial
                 v, w = radial * cosine - around * sine, around * cosine + radial * sine
             gone = -math.expm1(-rate * dt)

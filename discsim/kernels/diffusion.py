@@ -1,14 +1,15 @@
-"""A random walk of grains whose equilibrium is a uniform Sigma_d / Sigma_g.
+"""Random walk of grains whose equilibrium is a uniform Sigma_d / Sigma_g.
 
     S(x) = sum_a m_a W(|x - x_a|, h_a),   c^2(x) = sum_a m_a W c_a^2 / S                                  (1)
     dx   = (grad D + D grad ln S) dt + sqrt(2 D dt) xi,   D = D_g / (1 + St^2)                            (2)
 
-so that d Sigma_d/dt = div [D S grad(Sigma_d / S)] in Ito's sense, with the gas S as it is, noise and all. Gradients of
-S and c^2 are those of the sums (1), or of a given disc; St = t Omega changes with them as the law of the drag has it.
+so that d Sigma_d/dt = div [D S grad(Sigma_d / S)] in Ito's sense, with the actual gas S, particle noise included.
+Gradients of S and c^2 are those of the sums (1), or of a given disc. The gradient of St = t Omega follows from them by
+the law of the drag.
 
-About a star a grain keeps its velocity relative to the circle through its place, radial and azimuthal: else every
-displacement would throw it onto an eccentric orbit. What its angular momentum gains by that the gas loses about the
-middle of the way, so that gas and dust diffuse through each other (`effects/dust_diffusion.py`).
+About a star a grain keeps its radial and azimuthal velocity relative to the circular orbit at its position: otherwise
+each displacement would put it onto an eccentric orbit. The gas about the middle of the displacement loses the angular
+momentum that the grain gains, so that gas and dust diffuse through each other (`effects/dust_diffusion.py`).
 """
 
 import functools
@@ -40,23 +41,23 @@ from discsim.kernels.philox import counter_of, normal_pair
 from discsim.kernels.smoothing import NORM
 from discsim.kernels.sph_packs import CHUNK, STRIDE, clear, relative
 
-# Columns of the gas about grains: S, the length over which a step must stay short, c^2; then d of grad ln S, and d of
+# Columns of the gas about grains: S, the length that limits a displacement, c^2; then d columns of grad ln S and d of
 # grad ln c^2.
 DENSITY, LENGTH, SPEED2, SLOPES = range(4)
-# Rows of packs: of gas particles h, mass and c^2; of grains what they were given over S.
+# Rows of packs: of gas particles h, mass and c^2; of grains the angular momentum that they gained over S.
 LONG, MASS, C2 = range(BROUGHT, BROUGHT + 3)
 PER_DENSITY = BROUGHT
-OVER = 1e-3  # of ln r, over which slopes of a given disc are taken; more than a node of its table
-OF_HEIGHT = 1.0 / 3.0  # of H, that length in a given disc: about an h of SPH
-NUDGE = 1e-4  # of the logarithms that a stopping time depends on, for its slopes
+OVER = 1e-3  # step in ln r for the slopes of a given disc; larger than the spacing of its table
+OF_HEIGHT = 1.0 / 3.0  # LENGTH over H in a given disc: about an h of SPH
+NUDGE = 1e-4  # relative step of the arguments of a stopping time, for its slopes
 
 
 class Turbulence(NamedTuple):
-    """What stirs the grains, and what they are."""
+    """Turbulence that stirs the grains, and the law of their drag."""
 
-    table: np.ndarray  # (nodes, 2) of alpha and d alpha / d ln r; without nodes D_g is `constant`
-    first: float  # ln r of the first of them
-    nodes: float  # their number per unit of ln r
+    table: np.ndarray  # (nodes, 2) of alpha and d alpha / d ln r; if empty, D_g is `constant`
+    first: float  # ln r of the first node
+    nodes: float  # number of nodes per unit of ln r
     constant: float
     inert: bool  # whether D = D_g / (1 + St^2), else D_g
     star: float
@@ -67,12 +68,12 @@ class Turbulence(NamedTuple):
 
 
 class Circles(NamedTuple):
-    """Circles that velocities are relative to; star = 0: none. Velocities are `lag` behind the places."""
+    """Circular orbits that velocities are relative to; none if star = 0. Velocities are `lag` behind the positions."""
 
     star: float
     softening: float
     lag: float
-    centre: np.ndarray  # (4,): its place and velocity
+    centre: np.ndarray  # (4,): position and velocity of the centre
 
 
 @njit(inline="always")
@@ -86,7 +87,7 @@ def pack_gas(begin, end, slots, order, h, mass, speed2, pack):
 
 @njit(inline="always")
 def add_gas(x, y, n, pack, sums):
-    """Add what n gas particles have of S, S times h and c^2, grad S and grad (S c^2) at (x, y) to `sums` (7,)."""
+    """Add the terms of n gas particles in S, S h, S c^2, grad S and grad (S c^2) at (x, y) to `sums` (7,)."""
     s = length = speed = sx = sy = vx = vy = 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
@@ -110,7 +111,7 @@ def add_gas(x, y, n, pack, sums):
 
 @njit(inline="always")
 def write_gas(dim, j, sums, field):
-    """Columns of `field` for a grain, of what `add_gas` has found."""
+    """Write the columns of `field` for grain j from the sums of `add_gas`."""
     s, length, speed = sums[0], sums[1], sums[2]
     field[j, DENSITY] = s
     if s > 0.0:
@@ -123,7 +124,7 @@ def write_gas(dim, j, sums, field):
 
 @functools.cache
 def gas_driver(kernel: int, dim: int):
-    """Compile the sums (1) at grains: columns `field` (n, 3 + 2 d) of the gas there, S = 0 where there is none."""
+    """Compile the sums (1) at grains: columns `field` (n, 3 + 2 d) of the gas there, with S = 0 outside the gas."""
 
     @compiled_sums
     def gas_about(first, last, lists, grains, cells, pos, h, mass, speed2, field):
@@ -152,7 +153,10 @@ def gas_driver(kernel: int, dim: int):
 
 @functools.cache
 def recoil_driver(kernel: int):
-    """Compile what the gas loses to grains, `given` (n,) each where its density is S (n,), by weights (1)."""
+    """Compile the recoil of the gas: it loses the angular momentum `given` (n,) to grains, by the weights of (1).
+
+    `density` (n,) is S at the grains; `centre` as in `Circles`; the velocities `gvel` (n, 2) of the gas change.
+    """
     sigma = NORM[1][kernel]
 
     @compiled_sums
@@ -175,7 +179,7 @@ def recoil_driver(kernel: int):
                     pack_own_weights(kernel, x, y, 1.0 / h[i], n, pack)
                     sums[p, 0] += weighed(n, PER_DENSITY, pack)
             for p in range(members):
-                # Tangential: angular momentum is what has to balance. The gas's own mass has cancelled.
+                # The recoil is tangential, as angular momentum has to balance. The mass of the particle has cancelled.
                 i = order[own + p]
                 x, y = gpos[i, 0] - centre[0], gpos[i, 1] - centre[1]
                 per = sigma * sums[p, 0] / (h[i] * h[i] * max(x * x + y * y, 1e-300))
@@ -187,7 +191,7 @@ def recoil_driver(kernel: int):
 
 @njit(inline="always")
 def pack_given(begin, end, slots, order, density, given, pack):
-    """Pack what grains were given over the density about them, 0 of those in no gas and of those that fill up."""
+    """Pack the angular momentum given to grains over the gas density there; 0 outside the gas and for padding."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     for k in range(count):
         j = order[slots[first + k]]
@@ -198,7 +202,7 @@ def pack_given(begin, end, slots, order, density, given, pack):
 
 @compiled
 def given_about(first, last, pos, disc, field):
-    """The same columns of a given disc about the origin."""
+    """Write the columns `field` (n, 7) of the gas at positions (n, 2) in a given disc about the origin."""
     for i in range(first, last):
         r2 = pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1]
         density, sound2 = gas_at(r2, disc)[:2]
@@ -214,7 +218,7 @@ def given_about(first, last, pos, disc, field):
 
 @inner
 def slopes_of_time(law, grain, density, sound, star, own):
-    """Slopes of ln t over those of the gas's density, sound speed and Omega, about a stopping time `own`."""
+    """Return the slopes of ln t over ln of the gas density, sound speed and Omega, at a stopping time t = `own`."""
     up = 1.0 + NUDGE
     per = 1.0 / math.log(up)
     by_density = math.log(stopping_time(law, grain, 1.0, density * up, sound, star) / own)
@@ -227,8 +231,9 @@ def slopes_of_time(law, grain, density, sound, star, own):
 def strengths(first, last, pos, centre, species, field, times, norm, fresh, stirring, strength, drift):
     """Write D (n,) and grad D + D grad ln S (n, d) of each grain, 0 where there is no gas or no drag.
 
-    `times` (n,) are its stopping times, of which `norm` holds the ratio to the law's here where they are `fresh`; else
-    they are found from that. Returns the largest D over the squared length of a column of `field`.
+    If `fresh`, `times` (n,) are the stopping times, and their ratios to the law's values at `field` go to `norm` (n,).
+    Otherwise stopping times are the law's values times `norm`. Returns the largest D over the squared LENGTH of
+    `field`.
     """
     dim, most, steepest = pos.shape[1], len(stirring.table) - 1, 0.0
     for i in range(first, last):
@@ -240,7 +245,7 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
             continue
         x, y = pos[i, 0] - centre[0], (pos[i, 1] - centre[1] if dim == 2 else 0.0)
         r2 = x * x + y * y
-        # d ln Omega over x and over y, per x and per y; d ln alpha likewise.
+        # `turned` x is d ln Omega / dx and `turned` y is d ln Omega / dy; likewise `rise`, for alpha.
         omega, turned, rise = stirring.frequency, 0.0, 0.0
         if stirring.star > 0.0:
             if r2 + stirring.softening == 0.0:
@@ -255,7 +260,7 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
             alpha = (1.0 - part) * stirring.table[node, 0] + part * stirring.table[node + 1, 0]
             rise = (1.0 - part) * stirring.table[node, 1] + part * stirring.table[node + 1, 1]
             if r2 > 0.0:
-                rise *= speed2 / omega / r2  # of D_g itself: alpha may be none
+                rise *= speed2 / omega / r2  # the slope of D_g itself, as alpha may be 0
             strong = alpha * speed2 / omega
         less, by_density, by_speed, by_omega = 1.0, 0.0, 0.0, 0.0
         if stirring.inert:
@@ -271,7 +276,7 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
                 by_density, by_speed, by_omega = slopes_of_time(stirring.law, grain, density, sound, star, own)
                 by_density, by_speed, by_omega = steep * by_density, 0.5 * steep * by_speed, steep * (1.0 + by_omega)
         strong *= less
-        # With a constant D_g neither c^2 nor Omega count but in St.
+        # A constant D_g depends on c^2 and Omega only through St.
         if most >= 0:
             by_speed += 1.0
             by_omega -= 1.0
@@ -286,9 +291,9 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
 
 @compiled
 def walk(first, last, pos, vel, ids, strength, drift, field, key, step, dt, circles, gained):
-    """Eq. (2) over dt; `gained` (n,) are the angular momenta (per mass) that it gives, or has no entries.
+    """Move grains by eq. (2) over dt; write the angular momenta per mass that they gain to `gained` (n,), unless empty.
 
-    The part without noise is held to half the length of a column of `field`: at the very edge of the gas it is endless.
+    The displacement without noise is limited to half the LENGTH of `field`: it diverges at the very edge of the gas.
     """
     dim = pos.shape[1]
     for i in range(first, last):
@@ -314,7 +319,7 @@ def walk(first, last, pos, vel, ids, strength, drift, field, key, step, dt, circ
 
 @inner
 def shift(i, pos, vel, u, v, circles, gained):
-    """The velocity that a grain has after a displacement (u, v): as it was relative to circles."""
+    """Change the velocity of grain i for a displacement (u, v): the velocity relative to the circular orbit stays."""
     cx, cy = circles.centre[0], circles.centre[1]
     x, y = pos[i, 0] - cx, pos[i, 1] - cy
     vx, vy = vel[i, 0] - circles.centre[2], vel[i, 1] - circles.centre[3]
@@ -337,7 +342,9 @@ def shift(i, pos, vel, u, v, circles, gained):
 
 @inner
 def behind(r, sense, circles):
-    """Radial and azimuthal velocity on a circle, which `lag` before its place has still to turn by asin(Omega lag)."""
+    """Return the radial and azimuthal velocity on a circular orbit `lag` behind its position, turned back by
+    asin(Omega lag).
+    """
     omega = kepler(r * r, circles.star, circles.softening)
     sine = min(1.0, omega * circles.lag)
     return omega * r * sine, sense * omega * r * math.sqrt(1.0 - sine * sine)

@@ -1,18 +1,19 @@
-"""Implicit drag in cells: exact relaxation of gas and dust in a block, with the accelerations inside.
+"""Implicit drag in cells: exact relaxation of the gas and dust in a block, accelerations included.
 
-In a block the species s have masses M_s, centroids X_s, mean velocities V_s and sources A_s, and (linear
-scheme) slopes G_s, H_s of velocity and source about their own centroids. With e_j = M_j / M_g
+In a block the species s have masses M_s, centroids X_s, mean velocities V_s and sources A_s and, in the linear scheme,
+slopes G_s, H_s of velocity and source about their own centroids. Sources are accelerations of one species alone. With
+e_j = M_j / M_g
 
     dV_g/dt = A_g + sum_j e_j (V_j - V_g) / t_j,    dV_j/dt = A_j + (V_g - V_j) / t_j                 (1)
 
-is solved exactly over dt for V_s compared at one common point, V_s - G (X_s - X), G the slope pooled within
-species; the slopes' difference relaxes the same way, weighed with the moments of inertia, so that sum_s I_s G_s
-stays; what is left of a particle's velocity is damped towards its own species' line:
+is solved exactly over dt for velocities at one common point, V_s - G (X_s - X), with G the slope pooled within species.
+Differences of slopes relax in the same way, weighted by the moments of inertia I_s, so that sum_s I_s G_s stays. The
+residual velocity r_i of a particle about the line of its own species, with residual source b_i, is damped:
 
     r_i' = r_i exp(-dt/t) + b_i t (1 - exp(-dt/t)),   1/t = 1/t_j for dust, sum_j e_j / t_j for gas    (2)
 
 (1), (2) with G = 0 are Stoyanovskaya et al. 2018, sec. 3.3 (individual accelerations); the exact exponential
-replaces their implicit Euler, which stays selectable. Sources act on one species.
+replaces their implicit Euler, which stays selectable.
 """
 
 import math
@@ -56,16 +57,18 @@ from discsim.kernels.relax import relax_means, response
 
 
 class Corners(NamedTuple):
-    """The lower corner of each block (n, 2), and the period of space along both axes, inf where it is open."""
+    """Lower corner of each block (n, 2), and the period of space along both axes, inf where it is open."""
 
     corner: np.ndarray
     period: np.ndarray
 
 
 class Room(NamedTuple):
-    """What is known of a block: its packed particles, gas first; numbers of each species and of all; where each species
-    begins; masses and stopping times, velocities, sources and changes, moments of inertia; room for
-    `relax_coupled`.
+    """Scratch for one block.
+
+    p: packed particles, gas first. o: quantities of each species and, in the last row, of all. bound: first packed
+    particle of each species. mass, time, y, b, change: masses, stopping times, velocities, sources and changes of the
+    species. weight: moments of inertia. coupled: scratch of `relax_coupled`.
     """
 
     p: np.ndarray
@@ -82,7 +85,7 @@ class Room(NamedTuple):
 
 @inner
 def pack(kind, first, last, at, block, blocks, p):
-    """Copy a block's members into columns from `at` on; 0 along an axis that there is not."""
+    """Copy the particles of a block into the columns of `p` from `at` on; y is 0 in one dimension."""
     x0, y0 = blocks.corner[block, 0], blocks.corner[block, 1]
     line = kind.pos.shape[1] == 1
     for k in range(first, last):
@@ -101,7 +104,7 @@ def pack(kind, first, last, at, block, blocks, p):
 
 @fast
 def leave_orbits(p, count, x0, y0, star, softening, sense):
-    """Velocities relative to Kepler's, taken in the sense in which gas and dust turn."""
+    """Make packed velocities relative to Kepler's, which rotate in the sense `sense` of gas and dust."""
     for k in range(np.uint64(count)):
         x, y = p[X, k] + x0, p[Y, k] + y0
         omega = sense * kepler(x * x + y * y, star, softening)
@@ -111,8 +114,9 @@ def leave_orbits(p, count, x0, y0, star, softening, sense):
 
 @subroutine
 def relax_slopes(one, rate, dim, dt, exponential, o):
-    """Change the slopes of gas and population `one` such that I_0 G_0 + I_1 G_1 stays: angular momentum within the
-    block is kept. The difference relaxes at the means' rate.
+    """Compute the changes of the slopes of gas and population `one`, whose difference relaxes at the rate of the means.
+
+    I_0 G_0 + I_1 G_1 stays, which conserves angular momentum within the block.
     """
     f, g = response(rate, dt, exponential)
     xx, xy = o[0, INERTIA] + o[one, INERTIA], o[0, INERTIA + 1] + o[one, INERTIA + 1]
@@ -131,7 +135,7 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
 
 @lean
 def exchange_slopes(dim, two_way, dt, exponential, several, room):
-    """Changes of the slopes, weighed with the moments of inertia; y, b and change of `room` are overwritten."""
+    """Compute the changes of the slopes, weighted by moments of inertia; y, b and change of `room` are overwritten."""
     o, mass, time, weight, y, b, change = room.o, room.mass, room.time, room.weight, room.y, room.b, room.change
     n, count, only = len(mass), 0, 0
     for s in range(1, n):
@@ -153,7 +157,7 @@ def exchange_slopes(dim, two_way, dt, exponential, several, room):
     for s in range(n):
         weight[s] = o[s, INERTIA] + o[s, INERTIA + 2]
         widest = max(widest, weight[s] / mass[s] if mass[s] > 0.0 else 0.0)
-    for s in range(n):  # what lies on one point has no slope of its own, and takes no part
+    for s in range(n):  # particles at one point have no slope and take no part
         if weight[s] <= 1e-6 * widest * mass[s]:
             weight[s] = 0.0
     if weight[0] == 0.0:
@@ -170,9 +174,11 @@ def exchange_slopes(dim, two_way, dt, exponential, several, room):
 
 @fast
 def make_changes(p, first, last, o, s, sources, f, g):
-    """What the drag changes, the line of the species and what is left of each particle, eq. (2), in place of places."""
+    """Overwrite packed positions with the velocity changes by drag: of the line of the species and, by eq. (2), of the
+    residual of each particle.
+    """
     x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
-    # What is linear in the place: the change of the line, less what the line itself has no part in.
+    # Slopes of the total change: the line's own, less its part in the terms that damp whole velocities below.
     xx = o[s, SLOPE_CHANGE] - f * o[s, SLOPE] - g * o[s, SLOPE_SOURCE]
     xy = o[s, SLOPE_CHANGE + 1] - f * o[s, SLOPE + 1] - g * o[s, SLOPE_SOURCE + 1]
     yx = o[s, SLOPE_CHANGE + 2] - f * o[s, SLOPE + 2] - g * o[s, SLOPE_SOURCE + 2]
@@ -191,8 +197,8 @@ def make_changes(p, first, last, o, s, sources, f, g):
 
 @fast
 def loss(p, first, last, o, s, sources, dt):
-    """What is lost of the energy of motion beside the work of the sources, both at the velocities half-way, relative to
-    the gas's means.
+    """Return the kinetic energy lost by drag: the work of the velocity changes at mid-step velocities relative to the
+    mean of the gas, sign reversed.
     """
     ax, ay = (-o[s, BX], -o[s, BY]) if sources else (0.0, 0.0)
     ux = 0.5 * dt * (o[s, BX] - o[0, BX] + ax) - o[0, VX]
@@ -207,8 +213,8 @@ def loss(p, first, last, o, s, sources, dt):
 
 @inner
 def loss_of_frame(kind, first, last, at, p, dt):
-    """The same of what packed velocities leave out, Kepler's and half a kick of what gas and dust share: from one orbit
-    to another the same momentum is not the same energy.
+    """Return the kinetic energy lost by drag through the velocities that packs leave out: Kepler's, and half the kick
+    of the accelerations that gas and dust share. A transfer of momentum between orbits changes the energy.
     """
     lost, sources = 0.0, len(kind.own) > 0
     for k in range(first, last):
@@ -221,7 +227,7 @@ def loss_of_frame(kind, first, last, at, p, dt):
 
 @inner
 def kick(kind, first, last, at, p, dt):
-    """Free kick, and the changes."""
+    """Kick particles by their accelerations, and add the velocity changes by drag."""
     for k in range(first, last):
         i, j = kind.order[k], np.uint64(k - first + at)
         kind.vel[i, 0] += dt * kind.acc[i, 0] + p[X, j]
@@ -262,7 +268,7 @@ def mean_by_mass(values, mass, order, first, last):
 
 @inner
 def take(block, gas, dust, blocks, law, linear, frame, room):
-    """Pack a block, and find the numbers of each species; returns the gas's density and sound speed, and Omega."""
+    """Pack a block and compute the quantities of each species; return gas density, sound speed and Omega."""
     n, p, o, bound = len(room.mass), room.p, room.o, room.bound
     g0, g1 = gas.start[block], gas.start[block + 1]
     d0, d1 = dust.start[block * (n - 1)], dust.start[(block + 1) * (n - 1)]
@@ -293,18 +299,18 @@ def take(block, gas, dust, blocks, law, linear, frame, room):
             own = mean_of(dust.density, dust.order, d0 + first - ng, d0 + last - ng) if len(dust.density) > 0 else 0.0
             ratio = own / rho if own > 0.0 else room.mass[s] / room.mass[0]
             room.time[s] = stopping_time(law.code, law.grains[s - 1], ratio, rho, sound, omega)
-            if law.code != CONSTANT and own > 0.0:  # grains have sizes of their own
+            if law.code != CONSTANT and own > 0.0:  # grains have individual sizes
                 room.time[s] *= mean_by_mass(dust.density, dust.mass, dust.order, d0 + first - ng, d0 + last - ng)
     return rho, sound, omega
 
 
 @inner
 def relax(law, linear, nonlinear, several, rho, sound, omega, dim, room):
-    """Changes of the means, and of the slopes, of all species."""
+    """Compute the changes of the means and of the slopes of all species."""
     n, o, y, b = len(room.mass), room.o, room.y, room.b
     if linear:
         fit_slopes(room.bound, dim, law.two_way, o)
-    for s in range(n):  # what each species' velocity would be at the gas's centroid
+    for s in range(n):  # velocity of each species at the centroid of the gas
         x, z = o[s, X] - o[0, X], o[s, Y] - o[0, Y]
         for c in range(dim):
             y[s, c] = o[s, VX + c] - o[n, SLOPE + c] * x - o[n, SLOPE + 2 + c] * z
@@ -329,7 +335,7 @@ def relax(law, linear, nonlinear, several, rho, sound, omega, dim, room):
 
 @inner
 def give(block, gas, dust, law, room, heat):
-    """Change the velocities of a block's particles, and heat its gas."""
+    """Change the velocities of the particles of a block, and heat its gas."""
     n, p, o, bound, heated = len(room.mass), room.p, room.o, room.bound, len(heat) > 0
     g0, g1 = gas.start[block], gas.start[block + 1]
     d0, d1 = dust.start[block * (n - 1)], dust.start[(block + 1) * (n - 1)]
@@ -374,7 +380,7 @@ def relax_block(block, gas, dust, blocks, law, linear, nonlinear, several, frame
 
 @inner
 def most_in(block_from, block_to, gas, dust):
-    """The largest number of particles in a block."""
+    """Return the largest number of particles in a block."""
     most, number = 0, dust.number
     for block in range(block_from, block_to):
         of_gas = gas.start[block + 1] - gas.start[block]
@@ -384,10 +390,10 @@ def most_in(block_from, block_to, gas, dust):
 
 @compiled
 def relax_blocks(block_from, block_to, gas, dust, blocks, law, linear, nonlinear, several, frame, times, heat):
-    """The kick of all blocks: accelerations and drag together, velocities in place; that of dust alone if one-way.
+    """Kick the particles of the blocks by accelerations and drag together, in place; only the dust if one-way.
 
-    Writes the stopping times of the populations in each block, inf where it has no gas, and, if `heat` has entries, the
-    heat per mass of each gas particle.
+    Writes the stopping times (blocks, populations), inf for a block without gas or without dust, and the heat per mass
+    of each gas particle to `heat` (n,), unless this is empty.
     """
     n, dim = dust.number + 1, gas.pos.shape[1]
     room = Room(

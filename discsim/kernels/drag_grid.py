@@ -1,6 +1,6 @@
 """Drag in the cells of a fixed grid, in place; equations in `drag/emsi_ppm.py` and `drag/sios_ppm.py`.
 
-Rows of `cells` (5, n) as in `kernels/ppm.py`. A cell without dust is left alone.
+Rows of `cells` (5, n) as in `kernels/ppm.py`. Cells without dust do not change.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from discsim.kernels.relax import relax_pair
 
 @compiled
 def stopping_times(law, grain, density, dust_density, sound):
-    """Of the dust in each cell (n,)."""
+    """Return the stopping time of the dust in each cell (n,)."""
     out = np.empty(len(density))
     for i in range(len(density)):
         out[i] = stopping_time(law, grain, dust_density[i] / density[i], density[i], sound[i], 0.0)
@@ -22,7 +22,10 @@ def stopping_times(law, grain, density, dust_density, sound):
 
 @compiled
 def relax_together(law, grain, sound, start, middle, after, dt, exponential, adiabatic, heating):
-    """Gas and dust of `after`, moved from `start` over dt without drag, with the drag of the densities in `middle`."""
+    """Add drag to gas and dust of `after`, which have moved from `start` over dt without drag.
+
+    The densities of the drag are those of `middle`; arrays (5, n).
+    """
     for i in range(after.shape[1]):
         if min(start[DUST_MASS, i], middle[DUST_MASS, i], after[DUST_MASS, i]) <= 0.0:
             continue
@@ -36,7 +39,8 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
         after[MOMENTUM, i] -= dust * gained
         after[DUST_MOMENTUM, i] += dust * gained
         if adiabatic:
-            # What the dust gained is the gas's work; of the rest friction made heat.
+            # The gas loses the energy that the dust gains. Frictional heat is then part of the energy of the gas, and
+            # is subtracted without heating.
             after[ENERGY, i] -= dust * gained * (free + 0.5 * gained)
             if not heating:
                 slip = 0.5 * (u - v + after[DUST_MOMENTUM, i] / dust - after[MOMENTUM, i] / gas)
@@ -45,7 +49,7 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
 
 @compiled
 def relax_apart(law, grain, sound, cells, dt, adiabatic, heating):
-    """Each species towards the other's old velocity."""
+    """Relax each species towards the old velocity of the other, by implicit Euler over dt."""
     for i in range(cells.shape[1]):
         gas, dust = cells[MASS, i], cells[DUST_MASS, i]
         if dust <= 0.0:

@@ -1,4 +1,4 @@
-"""Pressure and sound speed of gas whose temperature hangs on the radius by square roots."""
+"""Pressure and sound speed of gas with c_s ~ r^(-1/2) or r^(-1/4), by square roots alone."""
 
 import math
 
@@ -11,9 +11,9 @@ ONE, TWO = np.uint64(1), np.uint64(2)
 
 @compiled
 def by_roots(begin, end, pos, density, speed, r0, twice, pressure, sound):
-    """c_s = `speed` (r / r0)^(-1/2), or `twice` the root, (r / r0)^(-1/4), and P = c_s^2 rho, at positions (n, 2)."""
+    """Write c_s = `speed` (r / r0)^(-1/2) or, if `twice`, (r / r0)^(-1/4), and P = c_s^2 rho, at positions (n, 2)."""
     flat, least = pos.reshape(-1), 1e-12 * r0
-    for i in range(np.uint64(begin), np.uint64(end)):  # steps of two and unsigned numbers: vectorised
+    for i in range(np.uint64(begin), np.uint64(end)):  # a flat array and unsigned indices: vectorised
         r = math.sqrt(flat[TWO * i] * flat[TWO * i] + flat[TWO * i + ONE] * flat[TWO * i + ONE])
         root = math.sqrt((least if r < least else r) / r0)
         c = speed * (1.0 / (math.sqrt(root) if twice else root))

@@ -1,4 +1,4 @@
-"""Circles about the star, which velocities in drag cells are relative to: eq. (1) of `drag/frame.py`."""
+"""Circular orbits about the star, relative to which drag cells take velocities: eq. (1) of `drag/frame.py`."""
 
 import math
 from typing import NamedTuple
@@ -10,7 +10,10 @@ from discsim.kernels.rows import root
 
 
 class Frame(NamedTuple):
-    """`sense` has one entry where all turn alike, else one a ring, of which `per_ring` lie in a unit of ln r^2."""
+    """Sense of rotation about the star: `sense` has one entry if it is the same everywhere, else one per ring.
+
+    The first ring begins at ln r^2 = `low`, and `per_ring` rings lie in a unit of ln r^2.
+    """
 
     star: float
     softening: float
@@ -21,9 +24,9 @@ class Frame(NamedTuple):
 
 @compiled
 def multiples_of(ids, every):
-    """Rows of those of `ids` (n,) that are whole multiples of `every`, a power of two: few."""
+    """Return the rows of `ids` (n,) that hold whole multiples of `every`, a power of two."""
     mask, count = every - 1, 0
-    out = np.empty(len(ids), np.int64)  # of which little is touched
+    out = np.empty(len(ids), np.int64)  # few rows qualify, so most of its memory stays untouched
     for i in range(np.uint64(len(ids))):
         if (ids[i] & mask) == 0:
             out[count] = i
@@ -33,14 +36,14 @@ def multiples_of(ids, every):
 
 @compiled
 def kepler(r2, star, softening):
-    """Omega about a softened star at squared radius r2, or a row of them."""
+    """Return Omega about a softened star at squared radius r2, a number or a row of `kernels/rows.py`."""
     d2 = r2 + softening * softening
     return root(star / (d2 * root(d2)))
 
 
 @subroutine
 def sense_at(r2, frame):
-    """sigma at squared radius r2, between the middles of rings."""
+    """Return sigma at squared radius r2, interpolated between ring centres."""
     sense = frame.sense
     if len(sense) == 1:
         return sense[0]

@@ -1,10 +1,10 @@
-"""Gradient of a field on a uniform grid, of fourth order."""
+"""Fourth-order gradient of a field on a uniform grid."""
 
 import numpy as np
 
 from discsim.jit.decorators import compiled, subroutine
 
-# Weights of f at five nodes for 12 cell f' at the first, ..., the last of them: fourth order (Fornberg 1988).
+# Weights of f at five nodes for 12 cell f' at the first, ..., the last of these: fourth order (Fornberg 1988).
 _STENCILS = np.array(
     [
         [-25.0, 48.0, -36.0, 16.0, -3.0],
@@ -18,7 +18,7 @@ _STENCILS = np.array(
 
 @subroutine
 def _place(i, count, periodic):
-    # Where the five nodes about node i begin, and which of them i is.
+    # The first of the five nodes about node i, and the position of i among the five.
     first = i - 2
     if not periodic:
         first = max(0, min(first, count - 5))
@@ -27,10 +27,10 @@ def _place(i, count, periodic):
 
 @compiled
 def gradient(begin, end, potential, cell, periodic, first_of, end_of, out):
-    """Gradient (nx, ny, 2) of `potential` (nx, ny): five nodes, centred but at open edges; in each row of columns from
-    `first_of` up to `end_of` (nx,), and at edges.
+    """Write the gradient (nx, ny, 2) of `potential` (nx, ny) by stencils of five nodes, centred except at open edges.
 
-    And there too where the potential has two nodes more than `out` on either side of an axis.
+    If the potential has two more nodes than `out` on either side of an axis, stencils are centred at edges too. Each
+    row is computed from column `first_of` up to `end_of` (nx,), and at the edges.
     """
     nx, ny = potential.shape
     border_x, border = (nx - out.shape[0]) // 2, (ny - out.shape[1]) // 2
@@ -44,7 +44,7 @@ def gradient(begin, end, potential, cell, periodic, first_of, end_of, out):
         r0, r1, r2 = potential[first % nx, low:], potential[(first + 1) % nx, low:], potential[(first + 2) % nx, low:]
         r3, r4 = potential[(first + 3) % nx, low:], potential[(first + 4) % nx, low:]
         line, row = potential[i + border_x, low:], out[i, 2 - border + low :]
-        for j in range(high - low):  # both components in one loop, of which no index is negative: it is vectorised
+        for j in range(high - low):  # both components in one loop without negative indices: vectorised
             row[j, 0] = w0 * r0[j + 2] + w1 * r1[j + 2] + w2 * r2[j + 2] + w3 * r3[j + 2] + w4 * r4[j + 2]
             row[j, 1] = a * (line[j + 3] - line[j + 1]) - b * (line[j + 4] - line[j])
         r0, r1, r2 = potential[first % nx], potential[(first + 1) % nx], potential[(first + 2) % nx]

@@ -1,11 +1,11 @@
-"""Particles on a uniform grid: places to sort by, cloud-in-cell weights (Hockney & Eastwood 1988, ch. 5).
+"""Particles on a uniform grid: sort keys, cloud-in-cell deposit and gather (Hockney & Eastwood 1988, ch. 5).
 
-Every sum has an order that does not depend on the number of threads. `origin` is the grid's lower corner,
-`inverse` one over the cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
+The order of every sum is independent of the number of threads. `origin` is the lower corner of the grid, `inverse` one
+over the side of a cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
 `discsim.numerics.threads.share`.
 
-A field may be part of a grid: `part` is (nx, ny, x, y), the nodes of the whole grid and the field's first one. It has
-all nodes about the particles; an axis of which it has them all goes round where space is periodic.
+A field may cover part of a grid: `part` is (nx, ny, x, y), the shape of the whole grid and the first node of the field.
+The field has all nodes about the particles. An axis of the field with all nodes of the grid wraps in periodic space.
 """
 
 import numpy as np
@@ -16,16 +16,16 @@ from discsim.kernels.rows import LINE, fetch, lane, load
 from discsim.kernels.zcurve import place_of
 
 ONE, TWO = np.uint64(1), np.uint64(2)
-STRIPS = 64  # strips of rows that a deposit is cut into; fixed, whatever the number of threads
-BATCH = 128  # particles whose places are found before any of them is used, by vectorised code
-CHUNK = 4096  # particles of which `pull` notes what it found
-BAND = 32  # rows of nodes of which the particles' extent along y is found
-TILE = 6  # a tile of the order of particles in memory is 2^TILE cells wide
+STRIPS = 64  # strips of rows in a deposit; fixed, whatever the number of threads
+BATCH = 128  # particles whose nodes are computed together, by vectorised code
+CHUNK = 4096  # particles per entry of the results of `pull`
+BAND = 32  # rows of nodes per entry of the range of particles along y, in `extents`
+TILE = 6  # particles are sorted by tiles that are 2^TILE cells wide
 
 
 @compiled
 def cell_of(x, origin, inverse, count, periodic):
-    """Index of the cell that holds x; outside an open axis, or where x is not finite, -1."""
+    """Return the index of the cell that holds x; -1 outside an open axis, or if x is not finite."""
     s = (x - origin) * inverse
     if periodic and not 0.0 <= s < count:
         s -= count * np.floor(s / count)
@@ -36,8 +36,10 @@ def cell_of(x, origin, inverse, count, periodic):
 
 @compiled
 def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
-    """Place (n,) of the cell that holds each particle along rows of tiles, within a tile along a Z-curve: what is near
-    in space is near in memory. One beyond the last off the grid.
+    """Write the sort key (n,) of the cell that holds each particle: by rows of tiles, and along a Z-curve in a tile.
+
+    Particles sorted by these keys are near in memory if they are near in space. Off the grid the key is one more than
+    the last one.
     """
     plane = pos.shape[1] == 2
     bits = TILE if plane else 0
@@ -62,7 +64,7 @@ def _wrapped(s, count):
 
 @subroutine
 def stencil(x, origin, inverse, count, periodic):
-    """The two nodes about x and the weight of the second; (-1, -1, 0) where they are not on the grid."""
+    """Return the two nodes about x and the weight of the second; (-1, -1, 0) if any of the two is off the grid."""
     s = (x - origin) * inverse - 0.5
     if periodic:
         s = _wrapped(s, count)
@@ -74,7 +76,7 @@ def stencil(x, origin, inverse, count, periodic):
 
 @subroutine
 def _stencil_y(pos, p, origin, inverse, count, periodic):
-    # A run of one dimension has one row of nodes along y, and no weight beyond it.
+    # In one dimension there is one row of nodes along y, with the whole weight.
     if pos.shape[1] == 1:
         return 0, 0, 0.0
     return stencil(pos[p, 1], origin[1], inverse, count, periodic)
@@ -82,9 +84,9 @@ def _stencil_y(pos, p, origin, inverse, count, periodic):
 
 @compiled
 def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
-    """Strip of 2^shift rows that holds each particle's first node (n,); STRIPS for particles off the grid."""
+    """Write the strip (n,) of 2^shift rows that holds the first node of each particle; STRIPS off the grid."""
     if pos.shape[1] == 2 and not periodic:
-        flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # steps of two and unsigned numbers: vectorised
+        flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # a flat array and unsigned indices: vectorised
         for p in range(np.uint64(begin), np.uint64(end)):
             x, y = (flat[TWO * p] - ox) * inverse - 0.5, (flat[TWO * p + ONE] - oy) * inverse - 0.5
             inside = (x >= 0.0) & (x < shape[0] - 1) & (y >= 0.0) & (y < shape[1] - 1)
@@ -93,15 +95,15 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     for p in range(begin, end):
         low = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
         inside = low >= 0 and _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0] >= 0
-        key[p] = low >> shift if inside else STRIPS  # a shift: dividing took longer than all the rest
+        key[p] = low >> shift if inside else STRIPS  # a shift: a division took longer than all the rest
 
 
 @compiled
 def runs_of(key, first, last):
-    """Where runs of particles in one strip begin and end, and the strip of each (runs,): of the rows from `first` up
-    to `last` (pieces,), one piece after the other, of which none is empty.
+    """Return ((begin, end), strip) of the runs of consecutive particles in one strip, (runs,) each.
 
-    Particles are near in memory where they are near in space: a few runs instead of an order of all of them.
+    Runs are those of the rows from `first` up to `last` (pieces,), piece by piece; no piece is empty. Particles near in
+    space are near in memory, so that sorting a few runs replaces sorting all particles.
     """
     count = len(first)
     for piece in range(len(first)):
@@ -123,11 +125,11 @@ def runs_of(key, first, last):
 
 @inner
 def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inverse, scale, grid, corner):
-    # What particles from the pth on give to the nodes about each, and the place of the first of these in the rows of a
-    # strip that begins with the node `corner`: behind those that the batch has.
+    # Write the contributions of `number` particles, from the pth on, to their four nodes, and the index of the first
+    # node in the rows of a strip that begins at node `corner`, after the `filled` entries of the batch.
     (nx, ny, periodic, length), ox, oy = grid, origin[0], origin[1]
     where = np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
-    if dim == TWO and not periodic:  # such a loop is vectorised
+    if dim == TWO and not periodic:  # this loop is vectorised
         for j in range(np.uint64(number)):
             x, y = (flat[TWO * (p + j)] - ox) * inverse - 0.5, (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
             _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
@@ -168,18 +170,18 @@ def _add_shares(number, place, shares, length, flat):
 def deposit_strips(
     begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
 ):
-    """Add `scale` times `value` (n,) to the nodes of `out`, a `part`, cloud in cell; order and start sort by strip the
-    `runs` of particles, their begins and ends (runs,) each.
+    """Add `scale` times `value` (n,) to the nodes of `out`, a `part`, by cloud in cell.
 
-    A strip sums its own rows and, apart, the one after them: `beyond` (strips, columns), 0 at first, for `join_strips`.
+    `order` and `start` sort the `runs` of particles, (begin, end) of (runs,) each, by strip. A strip adds to its own
+    rows, and separately to the row after these: `beyond` (strips, columns), 0 on input, for `join_strips`.
     """
     nx, ny, first_x, first_y = part
     (held, wide), (run_begin, run_end) = out.shape, runs
     rows, length = 1 << shift, np.uint64(wide + 1)
-    sums = np.empty((rows + 1, wide + 1))  # one column more, which is the first where space is periodic
+    sums = np.empty((rows + 1, wide + 1))  # the extra column is the first one in periodic space
     flat, grid = sums.reshape(-1), (nx, ny, periodic, length)
-    # Arrays of their own: rows of one array would be taken for strided ones. And `pos` is flattened here, not for each
-    # batch, as that takes as long as some particles do (2026-11).
+    # Separate arrays, as rows of one array would be compiled as strided. `pos` is flattened once and not per batch, as
+    # this takes as long as the work on several particles (2026-11).
     at, dim = pos.reshape(-1), np.uint64(pos.shape[1])
     place, shares = np.empty(BATCH, np.int32), (np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH))
     for s in range(begin, end):
@@ -211,7 +213,7 @@ def deposit_strips(
 
 @compiled
 def join_strips(shift, part, beyond, out):
-    """Add each strip's last row to the next strip, in a fixed order."""
+    """Add the row after each strip, `beyond` (strips, columns), to the next strip, in a fixed order."""
     nx = part[0]
     for s in range(len(beyond)):
         row = min((s + 1) << shift, nx) % nx - part[2]
@@ -228,7 +230,9 @@ def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
 
 @compiled
 def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
-    """Field (a `part`, c <= 2) at the particles into out (n, c) with the deposit's weights; 0 off the grid."""
+    """Gather the field (a `part`, c <= 2) at the particles into out (n, c) with the weights of the deposit; 0 off the
+    grid.
+    """
     nx, ny, first_x, first_y = part
     for p in range(begin, end):
         ix, jx, wx = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
@@ -262,7 +266,7 @@ def _both_between(flat, low, along_x, wx, wy):
 
 @inner
 def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
-    # Places of particles from the pth on in cells from the first node. Loops as simple as these are vectorised.
+    # Write the positions of `number` particles from the pth on, in cells from the first node. Simple loops: vectorised.
     ox, oy = origin[0], origin[1]
     if dim == TWO:
         for j in range(number):
@@ -278,8 +282,9 @@ def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
 
 @compiled
 def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc, largest, missing):
-    """acc -= field (a `part`, 2) at the particles, by chunks of CHUNK: the largest square of what is taken off, and how
-    many particles are off the grid, (chunks,) each.
+    """Subtract the field (a `part`, 2) at the particles from `acc` (n, d), in chunks of CHUNK particles.
+
+    Writes the largest squared length that is subtracted, and the number of particles off the grid, (chunks,) each.
     """
     nx, ny, first_x, first_y = part
     wide, plane = field.shape[1], pos.shape[1] == 2
@@ -297,7 +302,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 x, y = xs[j] if inside else -1.0, ys[j] if inside else 0.0
                 ixs[j], iys[j] = np.int32(x), np.int32(y)
                 xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
-            # The next batch: as arrays are gone through a bit at a time, processors do not foresee it.
+            # Prefetch the next batch: hardware prefetchers miss it, as the arrays are read in short bursts.
             for ahead in range(dim * (p + np.uint64(BATCH)), dim * (p + np.uint64(2 * BATCH)), LINE):
                 fetch(pos, ahead)
                 fetch(pulls, ahead)
@@ -306,7 +311,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 if ix < 0:
                     lost += 1
                     continue
-                low = np.uint64(2 * ((ix - first_x) * wide + iy - first_y))  # unsigned: no index from the end
+                low = np.uint64(2 * ((ix - first_x) * wide + iy - first_y))  # unsigned: no wrapped index
                 along_x = np.uint64(2 * wide if ix + 1 < nx else -2 * wide * ix)
                 along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
                 q = dim * (p + j)
@@ -324,7 +329,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
 
 @compiled
 def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
-    """True (n,) for particles whose nodes are not all on the grid."""
+    """Write True (n,) for particles whose nodes are not all on the grid."""
     for p in range(begin, end):
         x = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
         y = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
@@ -333,9 +338,10 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
 
 @compiled
 def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
-    """The least and the largest first node along y about the particles whose first node along x is in each BAND of rows
-    (bands,), those along x of all, and how many particles are off the grid, of the batches from `begin` to `end`, which
-    have `bounds` (batches, 4). Without any the least is the larger.
+    """Return the ranges of first nodes about the particles of the batches `begin` to `end`, with `bounds` (batches, 4).
+
+    Returns the least and the largest along y in each BAND of rows (bands,), the least and the largest along x, and the
+    number of particles off the grid. In an empty range the least exceeds the largest.
     """
     count = (shape[0] - 1) // BAND + 1
     least, most, low, high, off = np.full(count, shape[1]), np.full(count, -1), shape[0], -1, 0
@@ -344,10 +350,10 @@ def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
         if x0 >= 0:
             low, high = min(low, x0), max(high, x1)
             band, last = x0 // BAND, x1 // BAND
-            if band == last:  # most are so
+            if band == last:  # as for most batches
                 least[band], most[band] = min(least[band], y0), max(most[band], y1)
                 continue
-            known = True  # and of others most add nothing
+            known = True  # most other batches lie within the ranges so far
             for each in range(band, last + 1):
                 known &= least[each] <= y0 and y1 <= most[each]
             if known:
@@ -370,7 +376,7 @@ def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
 
 @inner
 def _nodes_between(bounds, dim, origin, inverse, shape):
-    """Least and largest first nodes along x and y within bounds of the plane; -1 where these are at an edge."""
+    """Return the least and largest first nodes along x and y within bounds; all -1 at an edge, or in one dimension."""
     x0, x1 = (bounds[0] - origin[0]) * inverse - 0.5, (bounds[1] - origin[0]) * inverse - 0.5
     y0, y1 = (bounds[2] - origin[1]) * inverse - 0.5, (bounds[3] - origin[1]) * inverse - 0.5
     if dim == 1 or not (x0 >= 0.0 and x1 < shape[0] - 1 and y0 >= 0.0 and y1 < shape[1] - 1):
@@ -380,7 +386,7 @@ def _nodes_between(bounds, dim, origin, inverse, shape):
 
 @compiled
 def largest_norm(vectors):
-    """The largest length of the vectors (n, c); 0 without any."""
+    """Return the largest length of the vectors (n, c); 0 if there are none."""
     largest = 0.0
     for p in range(len(vectors)):
         square = 0.0
