@@ -62,7 +62,7 @@ class Disc(NamedTuple):
     grains: np.ndarray  # (populations, 5), as in `formulas/laws.py`
     nonlinear: bool
     ratios: np.ndarray  # (populations,): dust-to-gas ratio
-    pull: np.ndarray  # (populations,): 1 - beta, the star's pull less radiation pressure, over the pull
+    pull: np.ndarray  # (populations,): 1 - beta, the fraction of the star's pull left by radiation pressure
     star: float
     softening: float
     gas: np.ndarray  # (Sigma, p, c_s^2, q, f): Sigma ~ r^-p, c_s^2 ~ r^-q, given at r = 1; -(1/Sigma) dP/dr = f c_s^2/r
@@ -116,12 +116,12 @@ def gas_at(r2, disc):
 
 @subroutine
 def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
-    """Return the stopping time at the slip of the drift (3) that this stopping time produces.
+    """Return the stopping time t that is consistent with the slip w of the drift (3), which depends on t.
 
-    It is the root of Z = (t H / slow)^2 = 1, with H the drag factor at the slip (`hastened`). With u = t^2 the slip
-    of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. Each iteration approximates Z by u^p with the local exponent
-    p. Far from the root it solves u^p for Z = 1; within a factor of 2 it takes a step of Halley's method, of third
-    order.
+    This is the root of Z = (t H / slow)^2 = 1, with H the drag factor at the slip (`hastened`). With u = t^2 the slip
+    of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. Each iteration approximates Z by a power law u^p with the
+    local exponent p. Far from the root it solves the power law; where Z is within a factor of 2 of 1 it takes a step
+    of Halley's method, of third order.
     """
     slow2, speed2 = slow * slow, excess * excess
     u = slow2

@@ -197,8 +197,8 @@ def make_changes(p, first, last, o, s, sources, f, g):
 
 @fast
 def loss(p, first, last, o, s, sources, dt):
-    """Return the kinetic energy lost by drag: the work of the velocity changes at mid-step velocities relative to the
-    mean of the gas, sign reversed.
+    """Return the kinetic energy lost by drag: minus the sum of m dv . v, with dv the velocity changes by drag and v the
+    mid-step velocities relative to the mean of the gas.
     """
     ax, ay = (-o[s, BX], -o[s, BY]) if sources else (0.0, 0.0)
     ux = 0.5 * dt * (o[s, BX] - o[0, BX] + ax) - o[0, VX]

@@ -1,14 +1,16 @@
-"""Growth of grains (`formulas/growth.py`) at the places of dust particles, and the dust that changes hands with gas.
+"""Growth of grains (`formulas/growth.py`) at dust particles, and the exchange of small dust with gas particles.
 
     Sigma_g, Sigma_small at j = sum_i (mass of gas, of small dust)_i W_ij                                       (1)
     Sigma_grown at j = sum_i V_i W_ij G_i / sum_i V_i W_ij,   G_i = sum_j m_j W_ij,   V_i = m_i / rho_i         (2)
     m_j -> m_j (1 - f_j) (Sigma_small + Sigma_grown) / Sigma_grown,   f_j = Sigma_small / Sigma_d at its size   (3)
 
-with W_ij = W(|x_i - x_j|, h_i) throughout. What a dust particle gains it takes from gas particles by their shares of
-Sigma_small, what it loses it gives by shares of Sigma_g, each of them times 1 + b_j . (x_i - x_j) such that their
-centre is at j (4): mass that comes from all about has the mean velocity there (5), and mass, momentum and angular
-momentum are exact. b_j is less where a share would be negative, as at an edge, and of a gas particle of which more is
-asked than it has everyone gets less: mass and momentum are exact there too.
+with W_ij = W(|x_i - x_j|, h_i) throughout, gas particles i and dust particles j. A dust particle that gains mass takes
+it from gas particles by their shares of Sigma_small. One that loses mass gives it by shares of Sigma_g. Shares are
+multiplied by 1 + b_j . (x_i - x_j), with b_j such that their centre is at j (4). The mass from all gas particles has
+the mean velocity of the small dust at j (5), and mass, momentum and angular momentum are exact.
+
+b_j is shorter where a share would be negative, as at an edge. If a gas particle has less small dust than all its
+neighbours demand, each gets proportionally less. Mass and momentum are exact in both cases.
 """
 
 import math
@@ -23,19 +25,19 @@ from discsim.jit.decorators import compiled, inner
 from discsim.kernels.frame import kepler
 from discsim.kernels.laws import stopping_time
 
-register_jitable(error_model="numpy")(growth.layer)  # which another calls
+register_jitable(error_model="numpy")(growth.layer)  # midplane_density calls it
 small_share, midplane_density, relative_speed, fragmentation_size = (
     inner(formula)
     for formula in (growth.small_share, growth.midplane_density, growth.relative_speed, growth.fragmentation_size)
 )
-# Columns of what is about a dust particle: surface densities, c^2, dP/dr over Sigma_g, the velocity (5); then what
-# makes shares of W_ij and a mass, as (4) has it: 1 over their sum and b, of small dust and of gas.
+# Columns of the surroundings of a dust particle: surface densities, c^2, dP/dr over Sigma_g, the velocity (5); then
+# the factors of the shares (4), 1 over their sum and b (2), of small dust (TAKE) and of gas (GIVE).
 GAS, SMALL, GROWN, SPEED2, PULL, VEL, TAKE, GIVE = 0, 1, 2, 3, 4, 5, 7, 10
 COLUMNS = 13
-EXACT = 1e-10  # relative error of a size in a sub-step
-FIRST = 0.3  # of a grain's growth time, the first sub-step that is tried
-SUBSTEPS = 100_000  # that are tried: far beyond twelve decades of sizes
-# Dormand & Prince's stages, the last at the end of the step, and the error of fourth order.
+EXACT = 1e-10  # relative error of the size in a sub-step
+FIRST = 0.3  # first sub-step in growth times of the grain
+SUBSTEPS = 100_000  # largest number of sub-steps tried: far more than twelve decades of sizes take
+# Stages of Dormand & Prince, the last at the end of the step, and weights of the error of fourth order.
 STAGES = np.zeros((7, 7))
 STAGES[1, :1] = 1 / 5
 STAGES[2, :2] = 3 / 40, 9 / 40
@@ -47,33 +49,35 @@ ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 /
 
 
 class Grains(NamedTuple):
-    """What grows: numbers of a scene in code units."""
+    """Model of the grains of a scene, in code units."""
 
     small: float  # a_*
     smallest: float  # a_min
     material: float  # rho_s
     fragmentation: float  # v_frag
-    typical: float  # the size that `law` is of
-    code: int  # form of the drag's law
+    typical: float  # size for which `law` holds
+    code: int  # form of the drag law
     law: np.ndarray  # (5,), as in `formulas/laws.py`
-    least: float  # mass that a dust particle keeps
+    least: float  # least mass of a dust particle
 
 
 class Place(NamedTuple):
-    """What is about a grain: numbers, surface densities and eta v_K among them."""
+    """Surroundings of a grain."""
 
-    gas: float
+    gas: float  # surface densities of gas, small and grown dust
     small: float
     grown: float
     sound: float
     omega: float
     alpha: float
-    headwind: float
+    headwind: float  # eta v_K
 
 
 @inner
 def rate(size, start, grains, at):
-    """d ln a / dt of a grain of a `size`, where one of size `start` had the small dust of `at` about it."""
+    """Return d ln a / dt of a grain of a `size`. The small dust of `at` is that for the size `start`; growth from
+    `start` to `size` turns part of it into grown dust.
+    """
     more = size / grains.typical
     grain = (grains.law[VALUE] * more, 0.0, grains.law[SIZE] * more, grains.law[COLUMN], grains.law[THERMAL])
     stokes = at.omega * stopping_time(grains.code, grain, 1.0, at.gas, at.sound, at.omega)
@@ -87,9 +91,9 @@ def rate(size, start, grains, at):
 
 @inner
 def grown_size(start, most, dt, grains, at, k):
-    """The size after dt of a grain that begins with `start`, `most` at most: Dormand & Prince's (1980) 5(4) in ln a.
+    """Return the size after dt of a grain of size `start`, at most `most`, by Dormand & Prince's (1980) 5(4) in ln a.
 
-    k (7,): room for the rates of the stages.
+    k (7,): scratch for the rates of the stages.
     """
     if start >= most:
         return most
@@ -116,16 +120,16 @@ def grown_size(start, most, dt, grains, at, k):
                 return most
             if passed >= dt:
                 break
-        # A stage far ahead may overflow: the step is then cut as for an error that is too large.
+        # A stage far ahead may overflow: the step is then reduced as for too large an error.
         step *= min(5.0, max(0.1, 0.9 * (EXACT / max(wrong, 1e-300)) ** 0.2)) if wrong < math.inf else 0.1
-    return max(start, math.exp(log))  # which rounding may put below it
+    return max(start, math.exp(log))  # rounding may put exp(log) below `start`
 
 
 @compiled
 def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, mass, size, wanted):
-    """Write the `size` (n,) of each grain after dt, and what mass (n,) it is to gain by (3), `wanted` (n,).
+    """Write the `size` (n,) of each grain after dt, and the mass that it has to gain by (3), `wanted` (n,).
 
-    Returns the fastest rate d ln a / dt after both, as grains have it that are not at the size at which they break.
+    Returns the fastest rate d ln a / dt after both, without the limit by fragmentation.
     """
     k, fastest = np.zeros(7), 0.0
     for j in range(first, last):
@@ -146,6 +150,6 @@ def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, ma
             wanted[j] = max(mass[j] * (left * (dust / at.grown)), grains.least) - mass[j]
         after = Place(at.gas, (1.0 - left) * dust, left * dust, sound, omega, alpha[j], headwind)
         found = rate(size[j], size[j], grains, after)
-        if found > fastest:  # not where numbers are too extreme for one
+        if found > fastest:  # False for NaN, from too extreme numbers
             fastest = found
     return fastest

@@ -1,4 +1,4 @@
-"""Dust that changes hands with gas as grains grow: (3) and (4) of `kernels/growth.py`."""
+"""Exchange of small dust between grains and gas particles as grains grow: (3) and (4) of `kernels/growth.py`."""
 
 import functools
 
@@ -22,15 +22,16 @@ from discsim.kernels.neighbours import whole
 from discsim.kernels.smoothing import NORM
 from discsim.kernels.sph_packs import CHUNK, STRIDE, clear, relative
 
-# Rows of packs: of grains what they take and give, factors of its shares and its velocity; of gas what it offers.
+# Rows of packs: of grains the factors of the mass taken and given, b (2) of the shares and the velocity of this mass;
+# of gas particles the small dust that they offer.
 TAKEN, GIVEN, BEND_X, BEND_Y, VX, VY = range(BROUGHT, BROUGHT + 6)
 OFFERED = BROUGHT
 
 
 @njit(inline="always")
 def pack_shares(begin, end, slots, order, field, wanted, vel, pack):
-    """Pack what grains take or give, by (4): factors of W and a mass, and velocities of what goes; 0 of those that fill
-    up.
+    """Pack the shares (4) of grains that take or give mass: factors of W and the mass of a gas particle, b, and the
+    velocity of the exchanged mass. The factors are 0 for padding.
     """
     first, count = np.uint64(begin), np.uint64(end - begin)
     for k in range(count):
@@ -48,7 +49,9 @@ def pack_shares(begin, end, slots, order, field, wanted, vel, pack):
 
 @njit(inline="always")
 def add_shares(x, y, n, pack, sums):
-    """Add what n grains take of a gas particle at (x, y), with its momentum, and what they give, to `sums` (6,)."""
+    """Add to `sums` (6,) the mass and momentum that n grains take from a gas particle at (x, y), per mass of its small
+    dust, and the mass and momentum that they give to it, per mass of its gas; all without the norm of W.
+    """
     asked = ax = ay = mass = px = py = 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
@@ -71,8 +74,9 @@ def add_shares(x, y, n, pack, sums):
 
 @functools.cache
 def hand_driver(kernel: int):
-    """Compile what gas particles give and get: of the small dust of each the `share` (n,) that is taken, that over what
-    is asked, `spread` (n,), and the mass that comes and the momentum that comes less what goes, `got` (n, 3).
+    """Compile the exchange for gas particles. The kernel writes the fraction of the small dust that is taken,
+    `share` (n,); this over the fraction demanded, `spread` (n,); and `got` (n, 3), the mass received and the momentum
+    received less that given.
     """
     sigma = NORM[1][kernel]
 
@@ -111,7 +115,7 @@ def hand_driver(kernel: int):
 
 @njit(inline="always")
 def pack_offers(begin, end, slots, order, small, spread, pack):
-    """Pack the small dust that gas particles have to give."""
+    """Pack the small dust that gas particles offer, its mass times `spread`."""
     first = np.uint64(begin)
     for k in range(np.uint64(end - begin)):
         i = order[slots[first + k]]
@@ -120,7 +124,7 @@ def pack_offers(begin, end, slots, order, small, spread, pack):
 
 @njit(inline="always")
 def offered(x, y, bx, by, n, pack):
-    """The sum over n packed gas particles of what they offer to a grain at (x, y), as (4) has it."""
+    """Return the sum over n packed gas particles of the small dust that they offer to a grain at (x, y), by (4)."""
     total = 0.0
     for k in range(n):
         dx, dy = pack[X * STRIDE + k] - x, pack[Y * STRIDE + k] - y
@@ -130,7 +134,7 @@ def offered(x, y, bx, by, n, pack):
 
 @functools.cache
 def take_driver(kernel: int):
-    """Compile what dust particles take and give: their mass (n,), and their velocities (n, 2)."""
+    """Compile the exchange for dust particles, which changes their mass (n,) and velocities (n, 2)."""
 
     @compiled_sums
     def take(first, last, lists, grains, cells, carriers, spread, field, wanted, pos, mass, vel):

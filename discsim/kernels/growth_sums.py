@@ -1,4 +1,4 @@
-"""Sums of growth: what is about dust particles, (1), (2), (4) and (5) of `kernels/growth.py`."""
+"""Sums of growth over the gas about dust particles: (1), (2), (4) and (5) of `kernels/growth.py`."""
 
 import functools
 import math
@@ -27,17 +27,17 @@ from discsim.kernels.meeting import (
 from discsim.kernels.smoothing import NORM
 from discsim.kernels.sph_packs import CHUNK, STRIDE, clear, relative
 
-POSITIVE = 0.999  # of the length of b at which the least share would be nothing
-# Rows of packs: of grains their mass; of gas particles what is summed about a grain.
+POSITIVE = 0.999  # of the length of b at which the smallest share would be 0
+# Rows of packs: of grains their mass; of gas particles the quantities that are summed about a grain.
 HELD = BROUGHT
 OF_GAS, OF_SMALL, VX, VY, VOLUME, PRESSURE, OF_GROWN = range(BROUGHT, BROUGHT + 7)
-# Sums about a grain: moments of small dust and of gas (1, x, y, xx, xy, yy), the flow of small dust (along each axis of
-# 1, x and y), over volumes (5), and the largest distance of a weight.
+# Sums about a grain: moments (1, x, y, xx, xy, yy) of small dust and of gas, moments (1, x, y) of the momentum of small
+# dust along each axis, sums over volumes (5), and the largest distance at which W > 0.
 MOMENTS_OF_SMALL, MOMENTS_OF_GAS, FLOW, MEANS, FAR = 0, 6, 12, 18, 23
 
 
 class Carriers(NamedTuple):
-    """Gas particles: pos, vel (n, 2), smoothing lengths, and masses of gas alone and of small dust (n,)."""
+    """Gas particles: pos, vel (n, 2), smoothing lengths, and masses of the gas alone and of its small dust (n,)."""
 
     pos: np.ndarray
     vel: np.ndarray
@@ -48,7 +48,7 @@ class Carriers(NamedTuple):
 
 @functools.cache
 def deposit_driver(kernel: int):
-    """Compile G_i of (2), `out` (n,) at gas particles."""
+    """Compile the sum G_i of (2), which writes `out` (n,) at gas particles."""
     sigma = NORM[1][kernel]
 
     @compiled_sums
@@ -79,8 +79,9 @@ def deposit_driver(kernel: int):
 
 @inner
 def centred(sums, kind, far):
-    """1 / sum w (1 + b . d) and b such that sum w (1 + b . d) d = 0, b no longer than all shares are positive with, of
-    weights that are no further than `far`; zeros where there are none.
+    """Return 1 / sum w (1 + b . d), and b such that sum w (1 + b . d) d = 0; zeros without any weight w.
+
+    b is shortened if a share at a distance d up to `far` would be negative.
     """
     m, mx, my = sums[kind], sums[kind + 1], sums[kind + 2]
     xx, xy, yy = sums[kind + 3], sums[kind + 4], sums[kind + 5]
@@ -88,7 +89,7 @@ def centred(sums, kind, far):
         return 0.0, 0.0, 0.0
     bx = by = 0.0
     det = xx * yy - xy * xy
-    if det > 1e-9 * (xx + yy) ** 2:  # else they are on a line
+    if det > 1e-9 * (xx + yy) ** 2:  # else particles are on a line
         bx, by = (xy * my - yy * mx) / det, (xy * mx - xx * my) / det
         longest = math.sqrt(bx * bx + by * by) * far
         if longest > POSITIVE:
@@ -99,7 +100,7 @@ def centred(sums, kind, far):
 
 @njit(inline="always")
 def pack_carriers(begin, end, slots, order, gas, small, vel, volume, pressure, grown, pack):
-    """Pack what `gather` takes of gas particles; of those that fill up the norm is 0, and the rest as it was."""
+    """Pack the quantities of gas particles that `gather` sums; padding keeps old values, as its norm of W is 0."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     for k in range(count):
         i = order[slots[first + k]]
@@ -111,7 +112,7 @@ def pack_carriers(begin, end, slots, order, gas, small, vel, volume, pressure, g
 
 @njit(inline="always")
 def add_moments(row, first_of, x, y, n, pack, sums):
-    """Add the sums of 1, x, y, xx, xy, yy of n candidates, from (x, y), with their weights times a row of the pack."""
+    """Add the moments 1, x, y, xx, xy, yy of n candidates about (x, y), weighted by W times a row of the pack."""
     one = sx = sy = xx = xy = yy = 0.0
     for k in range(n):
         dx, dy = pack[X * STRIDE + k] - x, pack[Y * STRIDE + k] - y
@@ -133,7 +134,7 @@ def add_moments(row, first_of, x, y, n, pack, sums):
 
 @njit(inline="always")
 def add_flow(x, y, n, pack, sums):
-    """Add the same of small dust times its velocities, along each axis of 1, x and y."""
+    """Add the moments 1, x, y about (x, y) of the momentum of small dust, along each axis."""
     u = ux = uy = v = vx = vy = 0.0
     for k in range(n):
         dx, dy = pack[X * STRIDE + k] - x, pack[Y * STRIDE + k] - y
@@ -155,7 +156,9 @@ def add_flow(x, y, n, pack, sums):
 
 @njit(inline="always")
 def add_means(x, y, along_x, along_y, n, pack, sums):
-    """Add sums over volumes: of 1, of grown dust and pressure, and the slopes of pressure and of 1 along a way."""
+    """Add sums weighted by volume and W: of 1, grown dust and pressure, and the slopes of pressure and of 1 along
+    (along_x, along_y).
+    """
     whole = deposit = push = slope = tilt = 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
@@ -175,7 +178,7 @@ def add_means(x, y, along_x, along_y, n, pack, sums):
 
 @inner
 def write_about(j, r, sums, field):
-    """Columns of `field` of a dust particle at the distance r from the centre, of its sums."""
+    """Write the columns of `field` for dust particle j, at the distance r from the centre, from its sums."""
     for column in range(COLUMNS):
         field[j, column] = 0.0
     s, whole, push, far = sums[MOMENTS_OF_GAS], sums[MEANS], sums[MEANS + 2], sums[FAR]
@@ -195,7 +198,9 @@ def write_about(j, r, sums, field):
 
 @functools.cache
 def gather_driver(kernel: int):
-    """Compile (1), (2), (4), (5) at dust particles: `field` (n, COLUMNS); dP/dr is that of interpolated pressures."""
+    """Compile (1), (2), (4), (5) at dust particles, which write `field` (n, COLUMNS); dP/dr is the slope of the
+    interpolated pressure.
+    """
 
     @compiled_sums
     def gather(first, last, lists, grains, cells, pos, centre, carriers, volume, pressure, grown, field):

@@ -1,4 +1,4 @@
-"""What a rank of several needs of others: cells of neighbours and blocks of drag that sums over its own look at."""
+"""Halo of an MPI rank: the neighbour cells and drag blocks of other ranks that sums over its own particles need."""
 
 import math
 
@@ -14,23 +14,24 @@ from discsim.kernels.zcurve import place_of
 
 THEIRS, OWN, EITHER = range(3)
 ONE, BATCH = np.uint64(1), np.uint64(batches.BATCH)
-FAR = 64  # a batch that spans more largest blocks than this is kept without a look at them
-EDGE = 1e-6  # of a cell, beyond which rounding puts nobody
+FAR = 64  # a batch that spans more top-level blocks than this is kept without a test of each
+EDGE = 1e-6  # of a cell: largest rounding error of a position
 
 
 @compiled
 def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
-    """The cells (cells,) of the grids `others`, whose lower corner is `away` (2,) from that of `grids`, that may hold
-    anybody within reach of the cells `filled` of these; `flat` in one dimension.
+    """Return which cells (cells,) of the grids `others` may hold particles within reach of the cells `filled` of
+    `grids`; `flat` in one dimension.
 
-    reach_of: whose reach counts: THEIRS, of the others; OWN, of those in `filled`; EITHER. Supports are at most `room`
-    times the largest in the grid of each.
+    away (2,): the lower corner of `others` relative to that of `grids`. reach_of: whose support radius is the reach,
+    that of particles in `others` (THEIRS), in `filled` (OWN) or the larger one (EITHER). Support radii are at most
+    `room` times the largest one of their grid.
     """
     last = others[-1]
     out = np.zeros(int(last[FIRST] + last[NX] * last[NX + 1]), np.bool_)
     for level in range(len(others)):
         other, nx, ny = others[level], int(others[level, NX]), int(others[level, NX + 1])
-        corners = np.zeros((nx + 1, ny + 1), np.int32)  # of the boxes that are marked, which are summed up
+        corners = np.zeros((nx + 1, ny + 1), np.int32)  # of marked boxes, which prefix sums fill
         mine, k = 0, 0
         while k < len(filled):
             cell = filled[k]
@@ -38,7 +39,7 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
                 mine += 1
             place, rows = cell - int(grids[mine, FIRST]), int(grids[mine, NX + 1])
             ix, iy = place // rows + int(grids[mine, FROM_X]), place % rows + int(grids[mine, FROM_X + 1])
-            count, left = 1, rows - place % rows  # cells in a row are marked as one
+            count, left = 1, rows - place % rows  # consecutive cells of a row are marked together
             while count < left and k + count < len(filled) and filled[k + count] == cell + count:
                 count += 1
             k += count
@@ -69,7 +70,7 @@ def _sum_up(corners, begin, out):
 
 @subroutine
 def _mark(x0, x1, y0, y1, grid, periodic, corners):
-    # Cells x0 to x1 and y0 to y1 of the whole of a grid, those that its part has: in each turn of a periodic box.
+    # Mark the cells x0 to x1 and y0 to y1 of a whole grid that its part has, in each periodic image of the box.
     nx, ny, all_x, all_y = int(grid[NX]), int(grid[NX + 1]), int(grid[ALL_X]), int(grid[ALL_X + 1])
     from_x, from_y, turns = int(grid[FROM_X]), int(grid[FROM_X + 1]), 1 if periodic else 0
     if periodic:
@@ -87,15 +88,15 @@ def _mark(x0, x1, y0, y1, grid, periodic, corners):
 
 @compiled
 def _span(i, side, away, per, reach):
-    # Cells of side `per` along an axis, the first of them `away`, within reach of the i-th of a `side`.
+    # First and last cell of side `per`, counted from `away` along an axis, within reach of the i-th cell of `side`.
     low, high = (i - EDGE) * side - away - reach, (i + 1 + EDGE) * side - away + reach
     return math.floor(low / per), math.floor(high / per)
 
 
 @compiled
 def mark_blocks(own, home, about, near, rings, out):
-    """Mark in `out` (blocks,) those that the nodes about the blocks `own` hang on, `rings` of nodes beyond these.
-    `home`, `about` and `near` as `kernels/levels.py` has them.
+    """Mark in `out` (blocks,) the blocks that the nodes about the blocks `own` depend on, and `rings` more rings of
+    nodes. `home`, `about` and `near` (there `blocks`) are results of `list_nodes` in `kernels/levels.py`.
     """
     marked = np.zeros(len(about), np.bool_)
     for block in own:
@@ -116,8 +117,8 @@ def mark_blocks(own, home, about, near, rings, out):
 
 @compiled
 def number_runs(first, last, out):
-    """Write to `out` (cells + 1,), all 0, how many cells before each are in the runs that go from `first` up to `last`
-    (runs,).
+    """Write to `out` (cells + 1,), 0 on input, how many cells before each are in the runs of cells from `first` up to
+    `last` (runs,).
     """
     for run in range(len(first)):
         for cell in range(first[run], last[run]):
@@ -130,17 +131,17 @@ def number_runs(first, last, out):
 
 @compiled
 def in_runs(first, last, some, key, of, number):
-    """The particles of `some` batches, from the `first` up to the `last` of these, whose cells are in the runs that
-    `number` has counted, and their numbers: (m,) each.
+    """Return the particles whose cells are in the runs counted by `number` (`number_runs`), and the numbers of these
+    cells, (m,) each. Only the batches some[first:last] are searched.
 
-    Their cells are those `of` their keys (n,), or these where that is None.
+    The cell of a particle is its key (n,), or of[key] unless `of` is None.
     """
     out, numbers, count = np.empty(SOME, np.int64), np.empty(SOME, np.uint32), np.uint64(0)
     for k in range(first, last):
         begin = np.uint64(some[k]) * BATCH
         out, numbers = with_room(out, count), with_room(numbers, count)
         for i in range(begin, min(begin + BATCH, np.uint64(len(key)))):
-            cell = np.uint64(key[i] if of is None else of[key[i]])  # looked at once, by what compiles
+            cell = np.uint64(key[i] if of is None else of[key[i]])  # `of` is tested once, when this is compiled
             out[count], numbers[count] = i, number[cell]
             count += np.uint64(number[cell + ONE] > number[cell])
     return out[: np.int64(count)], numbers[: np.int64(count)]
@@ -148,7 +149,7 @@ def in_runs(first, last, some, key, of, number):
 
 @compiled
 def mark_held(first, last, held, number, out):
-    """Mark in `out` (blocks,) those that have the numbers (leaves,) of leaves that are `held` (leaves,)."""
+    """Mark in `out` (blocks,) the blocks of the leaves that are `held` (leaves,); number (leaves,): block of a leaf."""
     for leaf in range(np.uint64(first), np.uint64(last)):
         if held[leaf]:
             out[np.uint64(number[leaf])] = True
@@ -156,11 +157,11 @@ def mark_held(first, last, held, number, out):
 
 @compiled
 def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
-    """The batches, from `first` to `last`, any of whose places may be in the largest blocks that are `marked` (x, y),
-    by their `bounds` (batches, 4).
+    """Return the batches, from `first` to `last`, that may have a particle in a top-level block that is `marked`
+    (x, y), by their `bounds` (batches, 4).
 
-    Leaves, from `origin` (2,) on, are of a `side`; lattice: the first ones of this part along x and y, and how many
-    there are in the period along each, 0 in an open one; `rows`: leaves along the side of a largest block.
+    Leaves of side `side` start at `origin` (2,). lattice: the first leaf of this part along x and y, then the number of
+    leaves in a period along each, 0 in open space. rows: leaves along the side of a top-level block.
     """
     out, count = np.empty(last - first, np.int64), 0
     for batch in range(first, last):
@@ -180,8 +181,8 @@ def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
 
 @inner
 def _leaves_between(low, high, origin, side, first, period):
-    # Leaves of a part between two places along an axis, with one more on each side, as those are rounded; all where
-    # they are in two turns of a period, or no numbers.
+    # Range of the leaves of a part between two positions along an axis, one wider on each side for rounding. It is
+    # infinite if the positions are in different periods, or NaN.
     if not low <= high:
         return -np.inf, np.inf
     low, high = np.floor((low - origin) / side) - 1.0, np.floor((high - origin) / side) + 1.0
@@ -195,15 +196,15 @@ def _leaves_between(low, high, origin, side, first, period):
 
 @compiled
 def number_anew(first, last, number, anew):
-    """Put in place of each `number` (n,) its new one of `anew`, whose last one is that of -1."""
+    """Replace each `number` (n,) by its new one in `anew`, of which the last entry is for -1."""
     for i in range(first, last):
         number[i] = anew[number[i]]
 
 
 @compiled
 def sides_held(leaf, own, out):
-    """Mark in `out` (2, x, y) the largest blocks in which any of the `own` (blocks,) blocks is, and any of the others;
-    leaf (blocks, 2): the first of each.
+    """Mark in `out` (2, x, y) the top-level blocks that contain any block that is `own` (blocks,), and those that
+    contain any other block; leaf (blocks, 2): first leaf of each block.
     """
     for block in range(len(own)):
         out[0 if own[block] else 1, leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS] = True
@@ -211,7 +212,7 @@ def sides_held(leaf, own, out):
 
 @compiled
 def blocks_in(leaf, marked):
-    """The blocks in the largest ones that are `marked` (x, y)."""
+    """Return the blocks in top-level blocks that are `marked` (x, y); leaf (blocks, 2): first leaf of each block."""
     out, count = np.empty(len(leaf), np.int64), 0
     for block in range(len(leaf)):
         out[count] = block
@@ -221,10 +222,10 @@ def blocks_in(leaf, marked):
 
 @compiled
 def along_curve(leaf, level, first, rows, begin, end):
-    """Write what numbers blocks have, from `begin` up to `end` (blocks,), in a whole lattice with `rows` largest blocks
-    along y, of which a part begins at the leaf `first` (2,): by largest blocks, and in these along a Z-curve.
+    """Write the numbers of the leaves of each block, from `begin` up to `end` (blocks,), in the whole lattice: by
+    top-level blocks, of which there are `rows` along y, and within these along a Z-curve.
 
-    leaf (blocks, 2): the first of each in the part.
+    leaf (blocks, 2): first leaf of each block, in a part of the lattice that begins at the leaf `first` (2,).
     """
     x0, y0, mask = first[0], first[1], (1 << LEVELS) - 1
     for block in range(len(level)):
@@ -236,7 +237,9 @@ def along_curve(leaf, level, first, rows, begin, end):
 
 @compiled
 def all_there(some, cells, there):
-    """Of `some` cells, which reach no other one (cells,) than those that are `there`, and nothing beyond a part."""
+    """Return which of `some` cells reach only cells that are `there` (cells,), and nothing outside the part of a grid
+    that this rank has.
+    """
     grids, bounds, low = cells.grids, cells.bounds, cells.low
     out = np.ones(len(some), np.bool_)
     for k in range(len(some)):
@@ -246,8 +249,8 @@ def all_there(some, cells, there):
             x0, x1 = _over(x - low[0], wide + reach, grid[SIDE_X])
             y0, y1 = _over(y - low[1], high + reach, grid[SIDE_X + 1]) if cells.width[1] > 0.0 else (0, 0)
             if cells.periodic and (x0 < 0 or y0 < 0 or x1 >= grid[ALL_X] or y1 >= grid[ALL_Y]):
-                out[k] = False  # in another turn of the box: not looked for
-            # Beyond the whole of a grid there is nothing; places on its upper edge are in its last cells.
+                out[k] = False  # in a periodic image: taken as absent
+            # There is nothing beyond the whole grid; positions on its upper edge are in its last cells.
             x0, x1 = _inside(x0, grid[ALL_X]) - int(grid[FROM_X]), _inside(x1, grid[ALL_X]) - int(grid[FROM_X])
             y0, y1 = _inside(y0, grid[ALL_Y]) - int(grid[FROM_Y]), _inside(y1, grid[ALL_Y]) - int(grid[FROM_Y])
             if x0 < 0 or y0 < 0 or x1 >= grid[NX] or y1 >= grid[NY]:
@@ -271,8 +274,8 @@ def _inside(index, count):
 
 @compiled
 def mark_leaves(first, last, gas, dust, side, leaves, out):
-    """Mark the `leaves` (nx, ny) in which any gas or dust (nx, ny) is, and in `out` (x, y) the blocks of `side` by
-    `side` leaves that have any of these.
+    """Mark the `leaves` (nx, ny) with any particles of `gas` or `dust`, numbers (nx, ny), and in `out` (x, y) the
+    blocks of `side` by `side` leaves that contain any marked leaf.
     """
     nx, ny = gas.shape
     for x in range(first, last):
@@ -280,7 +283,7 @@ def mark_leaves(first, last, gas, dust, side, leaves, out):
             for y in range(out.shape[1]):
                 begin, end = y * side, min((y + 1) * side, ny)
                 some, here, there, held = leaves[ix, begin:end], gas[ix, begin:end], dust[ix, begin:end], 0
-                for k in range(np.uint64(end - begin)):  # a loop of vectors
+                for k in range(np.uint64(end - begin)):  # vectorised
                     some[k] = (here[k] | there[k]) > 0
                     held |= here[k] | there[k]
                 out[x, y] |= held > 0
@@ -288,19 +291,19 @@ def mark_leaves(first, last, gas, dust, side, leaves, out):
 
 @compiled
 def cut_blocks(blocks, leaves, k, out):
-    """Copy `blocks` (n, 2), by their places along x and y, of a table of leaves to `out` (n, tables, side, side)."""
+    """Copy `blocks` (n, 2), indices along x and y, of the kth table of leaves to `out` (n, tables, side, side)."""
     side = out.shape[2]
     for n in range(len(blocks)):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side
         for i in range(min(side, leaves.shape[0] - x)):
             here, there = leaves[x + i, y : y + side], out[n, k, i]
-            for j in range(np.uint64(len(here))):  # a loop of vectors
+            for j in range(np.uint64(len(here))):  # vectorised
                 there[j] = here[j]
 
 
 @compiled
 def add_blocks(blocks, given, k, leaves):
-    """Add what is `given` (n, tables, side, side) to `blocks` (n, 2) of the kth table of leaves."""
+    """Add table k of `given` (n, tables, side, side) to `blocks` (n, 2), indices along x and y, of that table."""
     side = given.shape[2]
     for n in range(len(blocks)):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side

@@ -1,11 +1,11 @@
-"""What gas and dust see of each other at their own places: interpolated velocity, and the rate of the drag towards it.
+"""Interpolation of the velocity of the other species to gas and dust particles, and the rate of drag towards it.
 
 With the pairs of `kernels/pairs.py`, V = m / rho and weights W(r_ja, h_a):
 
     dust j:   V(x_j) = sum_a V_a W v_a / sum_a V_a W,        1 / t_stop in the gas in the same way
     gas a:    U(x_a) = sum_j V_j W u_j / sum_j V_j W,        sum_j m_j W / (rho_a t_stop)
 
-Divided by the weights' sums, a uniform velocity is seen as it is.
+Division by the sums of weights makes the interpolation exact for a uniform velocity.
 """
 
 from discsim.jit.decorators import compiled
@@ -13,7 +13,7 @@ from discsim.jit.decorators import compiled
 
 @compiled
 def seen_by_dust(first, last, start, gas, part, gvel, other):
-    """Write the velocity of the gas (n, d) at each dust particle, from parts that sum to one."""
+    """Write the gas velocity (n, d) at each dust particle; the weights `part` (pairs,) of a dust particle sum to 1."""
     for j in range(first, last):
         for i in range(other.shape[1]):
             total = 0.0
@@ -24,7 +24,9 @@ def seen_by_dust(first, last, start, gas, part, gvel, other):
 
 @compiled
 def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dvel, rho, rate, pull):
-    """Add the rate of one population's drag (n,) and rate times its velocity (n, d) at each gas particle."""
+    """Add the drag rate (n,) of one population at each gas particle, and to `pull` (n, d) the rate times the
+    interpolated velocity of the population.
+    """
     for a in range(first, last):
         total, mine = 0.0, 0.0
         for m in range(begin[a], begin[a + 1]):
@@ -43,9 +45,9 @@ def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dve
 
 @compiled
 def follow(first, last, rate, other, now, acc, dt, implicit, vel, heat):
-    """Kick over dt with drag of `now` towards `other` (n, d) at `rate` (n,), explicitly or implicitly.
+    """Kick over dt, with drag from velocities `now` towards `other` (n, d) at `rate` (n,), explicitly or implicitly.
 
-    Adds to `heat` the drag's work, per mass.
+    Adds the work of the drag per mass to `heat` (n,), unless empty.
     """
     for k in range(first, last):
         x = rate[k] * dt

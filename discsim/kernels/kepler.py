@@ -1,11 +1,11 @@
-"""Kepler orbits about a star at the origin: the drift of gas and dust where no kick has the star's pull.
+"""Kepler orbits about a star at the origin: the drift of gas and dust whose kicks leave out the star's pull.
 
-Eqs. (1) to (3) of `exact/kepler.py`, with the root s of (1) by Newton's steps from a guess of third order,
+Eqs. (1) to (3) of `exact/kepler.py`, with the root s of (1) by Newton's method from a third-order guess,
 
     dt = r0 s + eta G2 + zeta G3,      dt/ds = r = r0 + eta G1 + zeta G2,      zeta = M - beta r0             (1)
 
-and G_n = s^n c_n(z), z = beta s^2, from their series. Where these do not reach the root, as near the pericentre of a
-long orbit, the step is made of shorter ones, which on an orbit compose exactly.
+and G_n = s^n c_n(z), z = beta s^2, from their series. Where the iteration does not converge, as near the pericentre of
+an eccentric orbit, the step is split into shorter ones, which compose exactly on an orbit.
 """
 
 import math
@@ -15,16 +15,16 @@ import numpy as np
 from discsim.jit.decorators import compiled, inner
 
 ONE, TWO = np.uint64(1), np.uint64(2)
-SOME = 512  # particles that are moved at once
-FEW, MORE = 2, 5  # rounds of Newton's for all particles, and for those that want them
-CLOSE = 1e-8  # last of Newton's steps, of s: the error is its square
-LARGEST = 1.0  # |z| of the series
-PARTS = 400  # of a step, most that are tried
+SOME = 512  # particles that are moved together
+FEW, MORE = 2, 5  # Newton iterations for all particles, and for those that have not converged
+CLOSE = 1e-8  # relative size of the last Newton step: the error is its square
+LARGEST = 1.0  # largest |z| for the series
+PARTS = 400  # largest number of sub-steps tried
 
 
 @inner
 def stumpff(z):
-    """c_2 and c_3 for |z| <= LARGEST, to rounding."""
+    """Return c_2 and c_3 for |z| <= LARGEST, to rounding."""
     c2, c3 = 1.0 / 6402373705728000.0, 1.0 / 121645100408832000.0  # 1 / 18!, 1 / 19!
     c2, c3 = 1.0 / 20922789888000.0 - z * c2, 1.0 / 355687428096000.0 - z * c3
     c2, c3 = 1.0 / 87178291200.0 - z * c2, 1.0 / 1307674368000.0 - z * c3
@@ -38,7 +38,7 @@ def stumpff(z):
 
 @inner
 def functions(beta, s):
-    """G_1, G_2 and G_3."""
+    """Return G_1, G_2 and G_3."""
     c2, c3 = stumpff(beta * s * s)
     g3 = s * s * s * c3
     return s - beta * g3, s * s * c2, g3
@@ -46,7 +46,7 @@ def functions(beta, s):
 
 @inner
 def after(x, y, vx, vy, mass, dt, rounds):
-    """Place and velocity after dt, and whether Newton's steps have reached the root in so many rounds."""
+    """Return position and velocity after dt, and whether Newton's method has converged within `rounds` iterations."""
     r0 = math.sqrt(x * x + y * y)
     inverse = 1.0 / r0
     eta, beta = x * vx + y * vy, 2.0 * mass * inverse - (vx * vx + vy * vy)
@@ -69,8 +69,8 @@ def after(x, y, vx, vy, mass, dt, rounds):
 
 @compiled
 def in_parts(x, y, vx, vy, mass, dt):
-    """Place and velocity after dt in shorter steps, without whole turns; what falls on to the star itself goes on in a
-    straight line.
+    """Return position and velocity after dt, in shorter steps and without whole orbits. A particle that falls into the
+    star itself continues in a straight line.
     """
     beta = 2.0 * mass / math.sqrt(x * x + y * y) - (vx * vx + vy * vy)
     if 0.0 < beta < np.inf:
@@ -93,11 +93,12 @@ def in_parts(x, y, vx, vy, mass, dt):
 
 @compiled
 def drift(first, last, pos, vel, masses, species, dt):
-    """Move particles, arrays (n, 2), over dt on their orbits about a mass at the origin: that of their population of
-    `masses`, or the first where there is no `species` (n,).
+    """Move particles, `pos` and `vel` (n, 2), over dt on Kepler orbits about a mass at the origin.
+
+    The mass is that of the population in `masses` (populations,), or the first one if `species` (n,) is empty.
     """
     new, found = np.empty((4, SOME)), np.empty(SOME, np.bool_)
-    places, velocities = pos.reshape(-1), vel.reshape(-1)  # steps of two and unsigned numbers: vectorised
+    places, velocities = pos.reshape(-1), vel.reshape(-1)  # flat arrays and unsigned indices: vectorised
     alike = len(species) == 0
     for block in range(first, last, SOME):
         number, start = np.uint64(min(SOME, last - block)), np.uint64(block)

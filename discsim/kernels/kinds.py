@@ -1,4 +1,4 @@
-"""What kernels of the drag are given: gas and dust sorted into blocks, and the law."""
+"""Arguments of the drag kernels: gas and dust sorted into blocks, and the law."""
 
 from typing import NamedTuple
 
@@ -6,10 +6,11 @@ import numpy as np
 
 
 class Species(NamedTuple):
-    """The particles of the gas, or of the dust of all its populations, as they are in the state; `own` sources and
-    `density` may have no entries; of dust whose grains have sizes of their own `density` is the stopping time over that
-    of the class. `order` and `start` have them by block and, within it, by population (`number` of
-    these, from the `first` species on, of which the gas is species 0).
+    """Particles of the gas, or of all populations of dust, as arrays of the state.
+
+    own (n, d): accelerations of this species alone, or empty. density (n,): may be empty; if grains have individual
+    sizes, it is the stopping time of each over that of its class. order, start: particles sorted by block and, within
+    a block, by population. number: populations. first: species of the first population; the gas is species 0.
     """
 
     pos: np.ndarray
@@ -26,7 +27,10 @@ class Species(NamedTuple):
 
 
 class Law(NamedTuple):
-    """The drag over a step: the law's `code` and `grains`, one way or both, the step and how it is integrated."""
+    """Drag over a step dt: `code` and `grains` of the law (`formulas/laws.py`), direction and integrator.
+
+    exponential: exact exponential, else implicit Euler.
+    """
 
     code: int
     grains: np.ndarray

@@ -1,4 +1,4 @@
-"""The laws of the stopping time (`formulas/laws.py`), compiled."""
+"""Compiled laws of the stopping time (`formulas/laws.py`)."""
 
 import numpy as np
 from numba.extending import register_jitable
@@ -6,7 +6,7 @@ from numba.extending import register_jitable
 from discsim.formulas import laws
 from discsim.jit.decorators import compiled, inner
 
-for formula in laws.volume_density, laws.quickening, laws.hastened:  # which the others call
+for formula in laws.volume_density, laws.quickening, laws.hastened:  # called by the other formulas
     register_jitable(nogil=True, error_model="numpy")(formula)
 stopping_time = compiled(laws.stopping_time)
 hastening = compiled(laws.hastening)
@@ -18,7 +18,7 @@ unhastened = inner(laws.unhastened)
 
 @compiled
 def stopping_times(law, grain, mass_ratio, density, sound, omega):
-    """`stopping_time` for arrays of density, sound speed and Omega (n,)."""
+    """Return stopping times (n,) for arrays of density, sound speed and Omega (n,)."""
     out = np.empty(len(density))
     for i in range(len(density)):
         out[i] = stopping_time(law, grain, mass_ratio, density[i], sound[i], omega[i])

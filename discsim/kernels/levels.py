@@ -1,7 +1,7 @@
-"""Nodes of drag cells: where the blocks of each level lie on its own lattice, and what lies about them.
+"""Nodes of drag cells: the lattice of blocks of each level, and the neighbours of each node.
 
 Blocks (`kernels/blocks.py`) of one level are cells of one regular lattice; a node is the centre of a cell. A lattice
-has a border of nodes all round, and joins itself where space is periodic and whole cells fill the period.
+has a border of nodes on all sides. It wraps where space is periodic and whole cells fill the period.
 """
 
 from typing import NamedTuple
@@ -12,8 +12,10 @@ from discsim.jit.decorators import compiled, inner, lean
 
 
 class Levels(NamedTuple):
-    """The lattice of each level, with a border of nodes all round: its cells along x and y, whether it joins itself
-    along each (levels, 2), and where its nodes begin among all.
+    """Lattice of each level, with a border of nodes on all sides.
+
+    width, height (levels,): cells along x and y. wrap (levels, 2): whether the lattice wraps along each axis.
+    first (levels + 1,): index of the first node of each level.
     """
 
     width: np.ndarray
@@ -23,17 +25,17 @@ class Levels(NamedTuple):
 
 
 def lattices(nx: int, ny: int, joined: np.ndarray, levels: int) -> Levels:
-    """The levels of a lattice of nx by ny leaves, which is `joined` to itself along each axis (2,) or not."""
+    """Return the levels of a lattice of nx by ny leaves; joined (2,): whether leaves wrap along each axis."""
     sides = 2 ** np.arange(levels)
     width, height = -(-nx // sides), -(-ny // sides)
-    # A level whose cells do not fill the period is open where it joins itself.
+    # A level whose cells do not fill the period does not wrap.
     wrap = np.column_stack([width * sides == nx, height * sides == ny]) & joined
     return Levels(width, height, wrap, np.append(0, np.cumsum((width + 2) * (height + 2))))
 
 
 @inner
 def step_along(index, by, count, wraps):
-    """Index (with the border's 1 added) of a neighbour along one axis."""
+    """Return the index of a neighbour along one axis; cell i has the index i + 1, after the border."""
     index += by
     if wraps:
         if index < 1:
@@ -45,8 +47,8 @@ def step_along(index, by, count, wraps):
 
 @inner
 def neighbours(ix, iy, level, levels, flat, out):
-    """Nodes (9,) about one at (ix, iy) of a level, itself in the middle, -1 beyond the border, and their places;
-    `flat` in one dimension.
+    """Write the nine nodes about (ix, iy) of a level, itself in the middle, to `out` (9, 3): index, or -1 beyond the
+    border, and position on the lattice; `flat` in one dimension.
     """
     width, rows, begin = levels.width[level], levels.height[level] + 2, levels.first[level]
     for i in range(3):
@@ -60,13 +62,17 @@ def neighbours(ix, iy, level, levels, flat, out):
 
 @inner
 def is_inner(ix, iy, level, levels, flat):
-    """Whether all nine nodes about one are next to it in memory: nearly always."""
+    """Return whether all nine nodes about a node are at fixed offsets in memory, as for nearly all nodes."""
     return 1 < ix < levels.width[level] and 1 < iy < levels.height[level] and not flat
 
 
 @inner
 def number_nodes(level, leaf, levels, flat, at, index, place, near):
-    """Number the nodes in reach of blocks in the order of these: `place` (n, 3), level and place on its lattice."""
+    """Number the nodes about blocks in the order of the blocks; return how many there are.
+
+    Writes the block of a node to `at`, its number to `index`, and its level and position on the lattice to `place`
+    (n, 3). `near` (9, 3) is overwritten.
+    """
     total = 0
     for block in range(len(level)):
         n = level[block]
@@ -113,8 +119,10 @@ def link_nodes(total, levels, flat, at, index, place, near, about, blocks):
 
 @compiled
 def list_nodes(level, leaf, levels, flat):
-    """The nodes in reach of blocks: of each block its own, and of each node its level and place on its lattice (n, 3),
-    the nodes about it (n, 9) and the blocks about it (n, 9), -1 where there is none. `leaf` (blocks, 2): the first.
+    """Return the node of each block (blocks,) and, for each node about a block, its level and position on the lattice
+    (n, 3), the nodes about it (n, 9) and the blocks about it (n, 9), -1 if there is none.
+
+    leaf (blocks, 2): first leaf of each block.
     """
     most, near = levels.first[-1], np.empty((9, 3), np.int64)
     at, index = np.full(most, -1, np.int32), np.full(most, -1, np.int32)
@@ -131,7 +139,10 @@ def list_nodes(level, leaf, levels, flat):
 
 @lean
 def node_centres(first, last, place, origin, leaf, begin, out):
-    """Places (n, 2) of nodes, from their level and place on its lattice (n, 3), which begins at the leaf `begin`."""
+    """Write the positions (n, 2) of nodes from their level and position on the lattice, `place` (n, 3).
+
+    The lattice begins at the leaf `begin` (2,); `leaf` is the side of a leaf.
+    """
     for n in range(first, last):
         side = leaf * 2.0 ** place[n, 0]
         ix, iy = place[n, 1] + (begin[0] >> place[n, 0]), place[n, 2] + (begin[1] >> place[n, 0])

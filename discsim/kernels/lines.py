@@ -1,21 +1,22 @@
-"""Means, second moments and lines of velocity of the particles of a block (`kernels/drag.py`)."""
+"""Means, second moments and linear fits of the velocities of the particles of a block (`kernels/drag.py`)."""
 
 import numpy as np
 
 from discsim.jit.decorators import INNER, inner, kept, subroutine
 
-# Sums within a block take any order, so that they are vectorised. Functions with such sums are forced into their
-# callers: else a process that compiles calls another copy than one that loads, and differs in the last bits.
+# Sums within a block take any order, so that they are vectorised. Functions with such sums are always inlined: a
+# process that compiles would otherwise call another copy than one that loads, and differ in the last bits.
 fast = kept(fastmath={"reassoc", "contract", "nsz"}, **INNER)
-# Blocks are many and small. Their arrays are made once for all of them, and are few: to make one, to take a part of it
-# or to hand it on costs as much as what is done with ten particles. Loops over particles count with unsigned numbers,
-# which are no indices from the end: otherwise nothing is vectorised.
+# Blocks are many and small. Scratch arrays are few and made once for all blocks: to make, slice or pass one costs as
+# much as the work on ten particles. Loops over particles have unsigned indices: numba wraps negative ones, which
+# prevents vectorisation.
 #
-# Rows of the packed particles of a block: place from its corner, velocity, source and mass.
+# Rows of the packed particles of a block: position from its corner, velocity, source and mass.
 X, Y, VX, VY, BX, BY, MASS, ROWS = range(8)
-# Of a species in a block, and in one row more of them all: its mass, centroid (2), mean velocity (2) and source (2),
-# all with the same names as above; second moments about these, of place (xx, xy, yy), of place with velocity and with
-# source (x, x; x, y; y, x; y, y); slopes of velocity and source; changes of the mean and of the slope.
+# Columns of the quantities of a species in a block, and of all species in the last row: mass, centroid (2), mean
+# velocity (2) and mean source (2), with the same names as above; second moments about these, of position (xx, xy, yy),
+# of position with velocity and with source (x, x; x, y; y, x; y, y); slopes of velocity and source; changes of the mean
+# and of the slope.
 PLACE, VELOCITY, SOURCE = X, VX, BX
 INERTIA, MOMENT, MOMENT_SOURCE, SLOPE, SLOPE_SOURCE, CHANGE, SLOPE_CHANGE, NUMBERS = 7, 10, 14, 18, 22, 26, 28, 32
 
@@ -27,7 +28,7 @@ def clip01(x):
 
 @fast
 def mean_square(p, first, last, x0, y0):
-    """Mean squared distance from the origin."""
+    """Return the mean squared distance from the origin; the corner of the block is at (x0, y0)."""
     total = 0.0
     for k in range(np.uint64(first), np.uint64(last)):
         x, y = p[X, k] + x0, p[Y, k] + y0
@@ -37,7 +38,7 @@ def mean_square(p, first, last, x0, y0):
 
 @fast
 def means(p, first, last, f, o, s):
-    """Mass, and means of the rows f and f + 1."""
+    """Compute the mass of species s, and its mass-weighted means of the rows f and f + 1."""
     mass, u, v = 0.0, 0.0, 0.0
     for k in range(np.uint64(first), np.uint64(last)):
         m = p[MASS, k]
@@ -81,8 +82,8 @@ def moments_of_source(p, first, last, o, s):
 
 @inner
 def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
-    """Whether particles with second moments xx, xy, yy span a line or a plane, and factor [xx xy; xy yy]^-1 times
-    [xu xv; yu yv], row by row; 0 where they lie too nearly on a point or a line.
+    """Return whether particles with second moments xx, xy, yy span the space of `dim` dimensions, and
+    factor [xx xy; xy yy]^-1 [xu xv; yu yv], row by row; zeros if they lie too nearly on a point or a line.
     """
     if dim == 1:
         return (True, factor * xu / xx, 0.0, 0.0, 0.0) if xx > 0.0 else (False, 0.0, 0.0, 0.0, 0.0)
@@ -98,7 +99,7 @@ def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
 
 @inner
 def solve_in(o, s, xx, xy, yy, f, out, dim, factor):
-    """The same of the four numbers from o[s, f] on, into those from o[s, out] on."""
+    """Apply `solve` to the four numbers from o[s, f] on, and write its result from o[s, out] on."""
     found, o[s, out], o[s, out + 1], o[s, out + 2], o[s, out + 3] = solve(
         xx, xy, yy, o[s, f], o[s, f + 1], o[s, f + 2], o[s, f + 3], dim, factor
     )
@@ -107,7 +108,7 @@ def solve_in(o, s, xx, xy, yy, f, out, dim, factor):
 
 @subroutine
 def fit_line(o, s, dim, fade):
-    """Slopes of velocity and source times `fade`; returns it, or 0 and leaves no slope where there is none."""
+    """Fit slopes of velocity and source, times `fade`, and return `fade`; without a fit slopes and result are 0."""
     xx, xy, yy = o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2]
     if fade > 0.0 and solve_in(o, s, xx, xy, yy, MOMENT, SLOPE, dim, fade):
         solve_in(o, s, xx, xy, yy, MOMENT_SOURCE, SLOPE_SOURCE, dim, fade)
@@ -119,9 +120,9 @@ def fit_line(o, s, dim, fade):
 
 @subroutine
 def fit_slopes(bound, dim, two_way, o):
-    """Slopes of velocity and source: pooled within species (of the gas alone for one-way drag), and each species' own.
+    """Fit slopes of velocity and source: for each species, and pooled within species (gas alone for one-way drag).
 
-    They fade in with the number of particles; a species with too few for its own takes the pooled one.
+    Slopes fade in with the number of particles; a species with too few particles takes the pooled slopes.
     """
     n = len(bound) - 1
     freedom = 0

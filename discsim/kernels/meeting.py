@@ -1,7 +1,7 @@
 """Packs for sums of gas particles over grains, and of grains over gas particles.
 
-As those of `sph_packs.py`, of double precision and in the units of the scene. A kernel is 0 beyond its support, so sums
-take all candidates: a loop that leaves some out is not vectorised.
+Like the packs of `sph_packs.py`, but of double precision and in code units. A kernel is 0 beyond its support, so sums
+take all candidates: a loop that skips some is not vectorised.
 """
 
 import math
@@ -15,14 +15,14 @@ from discsim.kernels.neighbours import whole
 from discsim.kernels.smoothing import NORM, shape
 from discsim.kernels.sph_packs import STRIDE
 
-# Rows of a pack: places, and of gas particles 1/h and the norm of W; distances, W, and (dW/dr) / r; then what a sum
-# brings.
+# Rows of a pack: positions, and of gas particles 1/h and the norm of W; distances, W, and (dW/dr) / r; then the rows
+# of each kind of sum, from BROUGHT on.
 X, Y, INV_H, NORM_W, R, W, STEEP, BROUGHT = range(8)
 
 
 @njit(inline="always")
 def most_members(first, last, filled, start):
-    """The largest number of particles in one of some cells."""
+    """Return the largest number of particles in one of the cells filled[first:last]."""
     most = 0
     for c in range(first, last):
         most = max(most, start[filled[c] + 1] - start[filled[c]])
@@ -31,14 +31,16 @@ def most_members(first, last, filled, start):
 
 @njit(inline="always")
 def pack_places(c, begin, end, lists, ox, oy, cells, pack):
-    """Pack where the candidates from `begin` to `end` of the c-th cell are; how many with the filling."""
+    """Pack the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy); return their number with
+    padding.
+    """
     place(c, begin, end, lists, ox, oy, 1.0, cells, pack[X * STRIDE :], pack[Y * STRIDE :])
     return whole(end - begin)
 
 
 @njit(inline="always")
 def pack_column(begin, end, slots, order, values, row, pack):
-    """Pack one of the `values` (n,) of each candidate; 0 of those that fill up."""
+    """Pack the `values` (n,) of candidates into a row; 0 for padding."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     for k in range(count):
         pack[row * STRIDE + k] = values[order[slots[first + k]]]
@@ -48,7 +50,7 @@ def pack_column(begin, end, slots, order, values, row, pack):
 
 @njit(inline="always")
 def pack_kernels(kernel, dim, begin, end, slots, order, h, pack):
-    """Pack 1/h and the norms of W of gas particles; 0 of those that fill up."""
+    """Pack 1/h and the norm of W of gas particles; the norm is 0 for padding."""
     first, count = np.uint64(begin), np.uint64(end - begin)
     for k in range(count):
         inverse = 1.0 / h[order[slots[first + k]]]
@@ -60,7 +62,7 @@ def pack_kernels(kernel, dim, begin, end, slots, order, h, pack):
 
 @njit(inline="always")
 def pack_weights(kernel, dim, x, y, n, pack):
-    """Pack the distances of n gas particles from (x, y), and there W and (dW/dr) / r of each."""
+    """Pack the distances of n gas particles from (x, y), and the W and (dW/dr) / r of each at (x, y)."""
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         pack[R * STRIDE + k] = math.sqrt(dx * dx + dy * dy)
@@ -73,7 +75,7 @@ def pack_weights(kernel, dim, x, y, n, pack):
 
 @njit(inline="always")
 def pack_own_weights(kernel, x, y, inverse, n, pack):
-    """Pack w(q), which is W without its norm, of a gas particle at (x, y) in two dimensions, at n grains."""
+    """Pack w(q), W without its norm, of a gas particle at (x, y) in two dimensions, at n grains; `inverse` is 1/h."""
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         pack[W * STRIDE + k] = shape(kernel, 2, math.sqrt(dx * dx + dy * dy) * inverse)[0]
@@ -81,16 +83,16 @@ def pack_own_weights(kernel, x, y, inverse, n, pack):
 
 @njit(inline="always")
 def weighed(n, row, pack):
-    """The sum of a row of n candidates with the weights packed."""
+    """Return the sum of a row over n candidates, weighted by the packed W."""
     total = 0.0
     for k in range(n):
         total += pack[W * STRIDE + k] * pack[row * STRIDE + k]
     return total
 
 
-@kept(**INNER, fastmath={"nnan", "nsz"})  # that there are numbers alone lets it be vectorised
+@kept(**INNER, fastmath={"nnan", "nsz"})  # vectorised, as NaN is excluded
 def farthest(n, pack):
-    """The largest distance of n packed gas particles that have a weight."""
+    """Return the largest distance of the n packed gas particles with W > 0."""
     far = 0.0
     for k in range(np.uint64(n)):
         far = max(far, pack[R * STRIDE + k] if pack[W * STRIDE + k] > 0.0 else 0.0)

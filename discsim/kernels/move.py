@@ -1,5 +1,6 @@
-"""Kick and drift: y += dt x, the wrap into a periodic box, copies and reordering; rates of change. For
-`discsim.numerics.threads.share`.
+"""Kick and drift (y += dt x), wrap into a periodic box, copies, reordering and rates of change of arrays.
+
+For `discsim.numerics.threads.share`.
 """
 
 import numpy as np
@@ -9,7 +10,7 @@ from discsim.jit.decorators import compiled
 
 @compiled
 def take_rows(begin, end, source, index, out):
-    """out[i] = source[index[i]] for arrays (n, d)."""
+    """Set out[i] = source[index[i]] for arrays (n, d)."""
     if out.shape[1] == 2:
         for i in range(np.uint64(begin), np.uint64(end)):
             out[i, 0], out[i, 1] = source[index[i], 0], source[index[i], 1]
@@ -21,7 +22,7 @@ def take_rows(begin, end, source, index, out):
 
 @compiled
 def assign(begin, end, out, source):
-    """out = source for arrays (n, ...)."""
+    """Set out = source for arrays (n, ...)."""
     to, of, width = out.reshape(-1), source.reshape(-1), max(1, out.size // max(1, len(out)))
     for i in range(np.uint64(begin * width), np.uint64(end * width)):
         to[i] = of[i]
@@ -29,7 +30,7 @@ def assign(begin, end, out, source):
 
 @compiled
 def blank(begin, end, out):
-    """out = 0 for an array (n, d)."""
+    """Set out = 0 for an array (n, d)."""
     to, width = out.reshape(-1), out.shape[1]
     for i in range(np.uint64(begin * width), np.uint64(end * width)):
         to[i] = 0.0
@@ -37,7 +38,7 @@ def blank(begin, end, out):
 
 @compiled
 def rate_of_change(begin, end, after, before, dt, out):
-    """out = (after - before) / dt for arrays (n, d)."""
+    """Set out = (after - before) / dt for arrays (n, d)."""
     to, new, old, dim = out.reshape(-1), after.reshape(-1), before.reshape(-1), out.shape[1]
     for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
         to[i] = (new[i] - old[i]) / dt
@@ -45,7 +46,7 @@ def rate_of_change(begin, end, after, before, dt, out):
 
 @compiled
 def add_scaled(begin, end, y, x, dt):
-    """y += dt x for arrays (n, d)."""
+    """Add dt x to y, arrays (n, d)."""
     out, source, dim = y.reshape(-1), x.reshape(-1), y.shape[1]  # one loop: vectorised
     for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
         out[i] += dt * source[i]
@@ -53,7 +54,7 @@ def add_scaled(begin, end, y, x, dt):
 
 @compiled
 def sum_scaled(begin, end, y, x, dt, out):
-    """out = y + dt x for arrays (n, d)."""
+    """Set out = y + dt x for arrays (n, d)."""
     to, first, second, dim = out.reshape(-1), y.reshape(-1), x.reshape(-1), y.shape[1]
     for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
         to[i] = first[i] + dt * second[i]
