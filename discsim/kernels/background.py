@@ -21,7 +21,7 @@ v - v_g then replaces v in the drag of (2). For grains under radiation pressure,
 a star of mass (1 - beta) M.
 
 The kick relaxes the deviation from the drift. Half a step before or after the time of its position, a grain on the
-path of (3) has
+path of (3) has the radial velocity and the angular momentum
 
     v* + s q,   L* - s r w*/t,          q = L*^2 / r^3 - Omega_K^2 r - v*/t,   s = -dt/2 or dt/2          (4)
 

@@ -69,7 +69,7 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
 @compiled
 def add_in_units(key, values, per_unit, out):
     """Add to `out` (keys,) the values (n,) of each key (n,), times `per_unit` and rounded to whole numbers."""
-    quarter = np.uint64(len(key)) // FOUR  # as in `count_keys`: successive additions to one element would wait
+    quarter = np.uint64(len(key)) // FOUR  # as in `count_keys`: successive additions to one element are slow
     for i in range(quarter):
         for k in range(FOUR):
             at = i + k * quarter

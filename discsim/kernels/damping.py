@@ -1,9 +1,9 @@
 """Relaxation of velocities to a local equilibrium: dv/dt = -(v - v*(r)) R(r), so v - v* falls by exp(-R dt) over dt.
 
-R is a sum over zones. Each contributes rate x^2, with x rising from 0 at its near end to 1 at its far end and beyond
-(de Val-Borro et al. 2006, sec. 3.2). v* has a radial and an azimuthal part, tabulated in units of v_K of the star. If
-velocities are ahead of the positions by s, a particle on a circle of frequency Omega has turned by asin(Omega s) in a
-leapfrog; v* is rotated by this angle.
+R is a sum over zones. Each contributes its full rate times x^2, with x rising from 0 at the near end of the zone to 1
+at its far end and beyond (de Val-Borro et al. 2006, sec. 3.2). v* has a radial and an azimuthal part, tabulated in
+units of v_K of the star. If velocities are ahead of the positions by s, a particle on a circle of frequency Omega has
+turned by asin(Omega s) in a leapfrog; v* is rotated by this angle.
 
 If the drift contains the star's pull, or a share of it, velocities are ahead only by the kick of all other forces. On a
 circle of speed v these forces give (share v_K^2 - v^2) / r outwards; s times this is added to the radial part of v*.

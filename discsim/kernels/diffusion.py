@@ -342,8 +342,8 @@ def shift(i, pos, vel, u, v, circles, gained):
 
 @inner
 def behind(r, sense, circles):
-    """Return the radial and azimuthal velocity on a circular orbit `lag` behind its position, turned back by
-    asin(Omega lag).
+    """Return the radial and azimuthal velocity on a circular orbit, at a time `lag` before that of the position: the
+    circular velocity turned back by asin(Omega lag).
     """
     omega = kepler(r * r, circles.star, circles.softening)
     sine = min(1.0, omega * circles.lag)

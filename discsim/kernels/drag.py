@@ -104,7 +104,7 @@ def pack(kind, first, last, at, block, blocks, p):
 
 @fast
 def leave_orbits(p, count, x0, y0, star, softening, sense):
-    """Make packed velocities relative to Kepler's, which rotate in the sense `sense` of gas and dust."""
+    """Subtract Kepler's velocity from packed velocities; `sense` is sigma in eq. (1) of `drag/frame.py`."""
     for k in range(np.uint64(count)):
         x, y = p[X, k] + x0, p[Y, k] + y0
         omega = sense * kepler(x * x + y * y, star, softening)
@@ -174,11 +174,11 @@ def exchange_slopes(dim, two_way, dt, exponential, several, room):
 
 @fast
 def make_changes(p, first, last, o, s, sources, f, g):
-    """Overwrite packed positions with the velocity changes by drag: of the line of the species and, by eq. (2), of the
-    residual of each particle.
+    """Overwrite packed positions with the velocity changes by drag: that of the line of the species, plus that of the
+    residual of each particle by eq. (2).
     """
     x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
-    # Slopes of the total change: the line's own, less its part in the terms that damp whole velocities below.
+    # The terms with f and g below act on whole velocities; their effect on the line is subtracted here.
     xx = o[s, SLOPE_CHANGE] - f * o[s, SLOPE] - g * o[s, SLOPE_SOURCE]
     xy = o[s, SLOPE_CHANGE + 1] - f * o[s, SLOPE + 1] - g * o[s, SLOPE_SOURCE + 1]
     yx = o[s, SLOPE_CHANGE + 2] - f * o[s, SLOPE + 2] - g * o[s, SLOPE_SOURCE + 2]

@@ -39,8 +39,8 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
         after[MOMENTUM, i] -= dust * gained
         after[DUST_MOMENTUM, i] += dust * gained
         if adiabatic:
-            # The gas loses the energy that the dust gains. Frictional heat is then part of the energy of the gas, and
-            # is subtracted without heating.
+            # The gas loses the energy that the dust gains. Its energy then includes frictional heat, which is
+            # subtracted unless `heating`.
             after[ENERGY, i] -= dust * gained * (free + 0.5 * gained)
             if not heating:
                 slip = 0.5 * (u - v + after[DUST_MOMENTUM, i] / dust - after[MOMENTUM, i] / gas)

@@ -7,7 +7,7 @@ from discsim.jit.decorators import LEAN, kept
 
 @kept(**LEAN, fastmath={"reassoc", "nsz"})  # sums in any order are vectorised; NaN must survive
 def are_finite(begin, end, values):
-    """Return whether the sum of rows (n, d) is finite: then all entries are. A sum that overflows is as bad as inf."""
+    """Return whether all entries of rows (n, d) are finite, by their sum; False also if the sum overflows."""
     total, flat, width = 0.0, values.reshape(-1), values.shape[1]
     for i in range(np.uint64(begin * width), np.uint64(end * width)):
         total += flat[i]

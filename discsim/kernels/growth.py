@@ -127,7 +127,7 @@ def grown_size(start, most, dt, grains, at, k):
 
 @compiled
 def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, mass, size, wanted):
-    """Write the `size` (n,) of each grain after dt, and the mass that it has to gain by (3), `wanted` (n,).
+    """Write the `size` (n,) of each grain after dt, and the mass `wanted` (n,) that it gains or loses by (3).
 
     Returns the fastest rate d ln a / dt after both, without the limit by fragmentation.
     """

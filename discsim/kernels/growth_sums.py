@@ -48,7 +48,7 @@ class Carriers(NamedTuple):
 
 @functools.cache
 def deposit_driver(kernel: int):
-    """Compile the sum G_i of (2), which writes `out` (n,) at gas particles."""
+    """Compile the sum G_i of (2) at gas particles, written to `out` (n,)."""
     sigma = NORM[1][kernel]
 
     @compiled_sums
@@ -198,7 +198,7 @@ def write_about(j, r, sums, field):
 
 @functools.cache
 def gather_driver(kernel: int):
-    """Compile (1), (2), (4), (5) at dust particles, which write `field` (n, COLUMNS); dP/dr is the slope of the
+    """Compile the sums (1), (2), (4), (5) at dust particles, written to `field` (n, COLUMNS); dP/dr is the slope of the
     interpolated pressure.
     """
 

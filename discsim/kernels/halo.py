@@ -274,8 +274,8 @@ def _inside(index, count):
 
 @compiled
 def mark_leaves(first, last, gas, dust, side, leaves, out):
-    """Mark the `leaves` (nx, ny) with any particles of `gas` or `dust`, numbers (nx, ny), and in `out` (x, y) the
-    blocks of `side` by `side` leaves that contain any marked leaf.
+    """Mark the `leaves` (nx, ny) that hold any particle, and in `out` (x, y) the blocks of `side` by `side` leaves with
+    any such leaf. `gas` and `dust` (nx, ny) are the numbers of particles in each leaf.
     """
     nx, ny = gas.shape
     for x in range(first, last):
