@@ -6,7 +6,7 @@ import numpy as np
 
 from discsim import Simulation
 from discsim.exact import dustyshock, dustywave
-from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
+from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, shape
 from discsim.study.errors import measure_of
 
 Array = np.ndarray

@@ -37,7 +37,7 @@ from rich.table import Table
 
 from discsim import Simulation
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.kernels.smoothing import KERNELS, SUPPORT
+from discsim.kernels.sph.smoothing import KERNELS, SUPPORT
 from discsim.study.scripts import some_of, write_csv
 
 ASPECT, INNER, OUTER, TAPER, WINDOW = 0.05, 0.5, 1.55, 0.2, 0.15

@@ -28,8 +28,8 @@ from schemes import SCHEMES, blast
 
 from discsim import Simulation
 from discsim.exact import dustybox, riemann, sedov, settling
-from discsim.kernels.laws import hastening
-from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
+from discsim.kernels.drag.laws import hastening
+from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, shape
 from discsim.study.scripts import some_of
 
 EULER = {"integrator": "euler"}

@@ -14,10 +14,10 @@ from rank_sent import Sent, of_transforms
 from scipy.sparse import csr_array
 
 from discsim import Simulation
-from discsim.kernels import levels
-from discsim.kernels.blocks import LEVELS
-from discsim.kernels.grid import BAND
-from discsim.kernels.halo import EITHER, mark_blocks, mark_cells
+from discsim.kernels.common.grid import BAND
+from discsim.kernels.drag.blocks import LEVELS
+from discsim.kernels.drag.tsc import levels
+from discsim.kernels.mpi.halo import EITHER, mark_blocks, mark_cells
 from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import keys_in
 from discsim.numerics.poisson import ROWS

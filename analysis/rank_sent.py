@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from discsim.kernels.poisson import TILE
+from discsim.kernels.gravity.poisson import TILE
 from discsim.numerics.grid import BORDER
 from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
 from discsim.ranks.shares import Share

@@ -89,7 +89,7 @@ def without_dust(tables: dict[str, Any]) -> dict[str, Any]:
 def measure(tables: dict[str, Any]) -> dict[str, Any]:
     """Figures of one scene."""
     from discsim import Simulation
-    from discsim.kernels.smoothing import KERNELS, SUPPORT
+    from discsim.kernels.sph.smoothing import KERNELS, SUPPORT
 
     before = resident()
     sim = Simulation(tables)

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from discsim import SceneError, Simulation, cli
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.kernels.smoothing import KERNELS, NORM, shape
+from discsim.kernels.sph.smoothing import KERNELS, NORM, shape
 from discsim.preview import memory
 from discsim.preview.check import report
 from discsim.run.simulation import PhysicsError

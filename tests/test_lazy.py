@@ -35,7 +35,7 @@ app(sys.argv[1:], standalone_mode=False)
 print(json.dumps(list(sys.modules)))
 """
 
-GRAVITY = {"pyfftw", "discsim.numerics.poisson", "discsim.kernels.poisson", "discsim.effects.self_gravity"}
+GRAVITY = {"pyfftw", "discsim.numerics.poisson", "discsim.kernels.gravity.poisson", "discsim.effects.self_gravity"}
 DUST = {"discsim.effects.dust"}
 DRAG = {
     "discsim.effects.drag",
@@ -43,46 +43,51 @@ DRAG = {
     "discsim.drag.cells",
     "discsim.drag.nodes",
     "discsim.drag.tsc",
-    "discsim.kernels.drag",
-    "discsim.kernels.laws",
-    "discsim.kernels.levels",
-    "discsim.kernels.nodes",
-    "discsim.kernels.nonlinear",
-    "discsim.kernels.relax",
-    "discsim.kernels.blocks",
+    "discsim.kernels.drag.cells",
+    "discsim.kernels.drag.laws",
+    "discsim.kernels.drag.tsc.levels",
+    "discsim.kernels.drag.tsc.nodes",
+    "discsim.kernels.drag.nonlinear",
+    "discsim.kernels.drag.relax",
+    "discsim.kernels.drag.blocks",
 }
-COOLING = {"discsim.effects.cooling", "discsim.kernels.cooling", "discsim.physics.cooling", "discsim.formulas.opacity"}
+COOLING = {
+    "discsim.effects.cooling",
+    "discsim.kernels.sph.cooling",
+    "discsim.physics.cooling",
+    "discsim.formulas.opacity",
+}
 STIRRED = {
     "discsim.effects.dust_diffusion",
     "discsim.physics.diffusion",
-    "discsim.kernels.diffusion",
-    "discsim.kernels.philox",
+    "discsim.kernels.dust.diffusion",
+    "discsim.kernels.common.philox",
 }
 GROWN = {
     "discsim.effects.growth",
     "discsim.physics.growth",
-    "discsim.kernels.growth",
-    "discsim.kernels.growth_sums",
-    "discsim.kernels.growth_exchange",
-    "discsim.kernels.meeting",
+    "discsim.kernels.dust.growth",
+    "discsim.kernels.dust.growth_sums",
+    "discsim.kernels.dust.growth_exchange",
+    "discsim.kernels.dust.packs",
 }
-LIGHT = {"discsim.effects.radiation_pressure", "discsim.kernels.radiation"}
-OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.pairs"}
-STAR = {"discsim.effects.star", "discsim.kernels.star"}
+LIGHT = {"discsim.effects.radiation_pressure", "discsim.kernels.dust.radiation"}
+OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.drag.pairs"}
+STAR = {"discsim.effects.star", "discsim.kernels.gravity.point_masses"}
 GAS = {
     "discsim.effects.gas",
     "discsim.numerics.sph",
-    "discsim.kernels.sph",
-    "discsim.kernels.sph_density",
-    "discsim.kernels.sph_packs",
+    "discsim.kernels.sph.forces",
+    "discsim.kernels.sph.density",
+    "discsim.kernels.sph.packs",
     "discsim.numerics.neighbours",
-    "discsim.kernels.neighbours",
-    "discsim.kernels.candidates",
+    "discsim.kernels.common.neighbours",
+    "discsim.kernels.common.candidates",
 }
 GRID = {
     "discsim.numerics.ppm",
-    "discsim.kernels.ppm",
-    "discsim.kernels.drag_grid",
+    "discsim.kernels.fluid1d.ppm",
+    "discsim.kernels.fluid1d.drag",
     "discsim.effects.cells_gas",
     "discsim.effects.cells_dust",
     "discsim.effects.cells_drag",
@@ -95,12 +100,12 @@ OF_PARTICLES = (
         "discsim.drag.cells",
         "discsim.drag.nodes",
         "discsim.drag.tsc",
-        "discsim.kernels.levels",
-        "discsim.kernels.nodes",
+        "discsim.kernels.drag.tsc.levels",
+        "discsim.kernels.drag.tsc.nodes",
     }
-    | {"discsim.numerics.grid", "discsim.kernels.grid"}
+    | {"discsim.numerics.grid", "discsim.kernels.common.grid"}
 )
-RANKS = {"mpi4py", "discsim.ranks", "discsim.kernels.halo", "discsim.kernels.tiles"}
+RANKS = {"mpi4py", "discsim.ranks", "discsim.kernels.mpi.halo", "discsim.kernels.mpi.tiles"}
 SLOW = {"numba", "scipy", "h5py", "matplotlib", "pyfftw"}
 
 TUBE = """\

@@ -117,7 +117,9 @@ def test_a_page_has_a_whole_package_and_its_commands(recipe):
 
 @pytest.fixture(scope="module")
 def following():
-    imports = "import astropy.units, discsim.cli, discsim.kernels.drag, discsim.kernels.sph, discsim.run.runner"
+    imports = (
+        "import astropy.units, discsim.cli, discsim.kernels.drag.cells, discsim.kernels.sph.forces, discsim.run.runner"
+    )
     with fresh.after(imports) as run:
         yield run
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from discsim.drag.cloud import densities_of_sparse_dust
 from discsim.drag.frame import clockwise, frame
-from discsim.kernels import blocks as kernels
-from discsim.kernels.blocks import IGNORE, INSIDE, LEVELS
-from discsim.kernels.drag import Corners, relax_blocks
-from discsim.kernels.frame import Frame
-from discsim.kernels.kinds import Law, Species
+from discsim.kernels.drag import blocks as kernels
+from discsim.kernels.drag.blocks import IGNORE, INSIDE, LEVELS
+from discsim.kernels.drag.cells import Corners, relax_blocks
+from discsim.kernels.drag.frame import Frame
+from discsim.kernels.drag.types import Law, Species
 from discsim.numerics import room, world
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
@@ -304,7 +304,7 @@ def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:
 
 
 def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
-    """Relax each block by itself (`kernels/drag.py`), with a velocity linear in it or its mean alone."""
+    """Relax each block by itself (`kernels/drag/cells.py`), with a velocity linear in it or its mean alone."""
     blocks, about_star = drag.places(state)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.squares()[0], np.zeros((2, 2))])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from discsim.kernels.frame import Frame, multiples_of
+from discsim.kernels.drag.frame import Frame, multiples_of
 from discsim.numerics import room, world
 
 if TYPE_CHECKING:

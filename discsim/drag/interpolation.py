@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.drag.pairs import Pairs, note_times
-from discsim.kernels import interpolation as kernels
+from discsim.kernels.drag import interpolation as kernels
 from discsim.numerics.threads import share
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ NONE = np.empty(0)
 def follow(
     drag: Drag, state: State, found: list[Pairs], dt: float, gas_vel: Array, heat: Array, implicit: bool
 ) -> None:
-    """Kick gas and dust over dt, each towards what it sees of the other (`kernels/interpolation.py`).
+    """Kick gas and dust over dt, each towards what it sees of the other (`kernels/drag/interpolation.py`).
 
     Implicitly: of velocities that have the accelerations already, but for those that gas and dust share.
     """

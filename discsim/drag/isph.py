@@ -3,7 +3,7 @@
 (v_a' - v_a*) / dt = (U*(x_a) - v_a') eps(x_a) / t_stop,   (u_j' - u_j*) / dt = (V*(x_j) - u_j') / t_stop
 
 with v* = v + a dt, u* likewise, and the velocities U* of the dust and V* of the gas that SPH interpolates to the
-other's places (`kernels/interpolation.py`). ISPH of Stoyanovskaya et al. 2018 (arXiv:1811.06522), with interpolants
+other's places (`kernels/drag/interpolation.py`). ISPH of Stoyanovskaya et al. 2018 (arXiv:1811.06522), with interpolants
 divided by the sum of their weights. First order and stable at any step, but a step far above t_stop swaps the
 velocities of gas and dust at eps = 1, and damps waves, by about (k h)^2 a step.
 """

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     Slopes = Callable[[Sph, Gas | Cloud, Array], Array]
 
-kernels, between = Lazy("discsim.kernels.pairs"), Lazy("discsim.drag.pairs")
+kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.pairs")
 
 FLAT = np.empty((0, 0, 0))
 IN_TURN = np.empty(0, np.uint32)  # the order of the pairs by dust particle

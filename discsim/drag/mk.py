@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
     from discsim.numerics.state import State
 
-kernels, between = Lazy("discsim.kernels.pairs"), Lazy("discsim.drag.pairs")
+kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.pairs")
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:

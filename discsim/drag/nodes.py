@@ -9,23 +9,21 @@ import numpy as np
 
 from discsim.drag.cells import Blocks, Layout, lattice, law_of, lay_blocks, sort_into_blocks, species_in
 from discsim.drag.frame import clockwise, frame
-from discsim.kernels import (
-    levels,
-    nodes_columns,
-    nodes_fit,
-    nodes_gather,
-    nodes_grains,
-    nodes_heat,
-    nodes_relax,
-    nodes_scatter,
-    nodes_sharpen,
-)
-from discsim.kernels.blocks import IGNORE, LEVELS, NEAR, members_alone
-from discsim.kernels.drag import free_kick
-from discsim.kernels.frame import Frame
-from discsim.kernels.kinds import Law, Species
-from discsim.kernels.nodes import BX, FIELDS, Cells, Change, Nodes, Sharp, Slopes
-from discsim.kernels.rows import LANES
+from discsim.kernels.common.rows import LANES
+from discsim.kernels.drag.blocks import IGNORE, LEVELS, NEAR, members_alone
+from discsim.kernels.drag.cells import free_kick
+from discsim.kernels.drag.frame import Frame
+from discsim.kernels.drag.tsc import columns as nodes_columns
+from discsim.kernels.drag.tsc import fit as nodes_fit
+from discsim.kernels.drag.tsc import gather as nodes_gather
+from discsim.kernels.drag.tsc import grains as nodes_grains
+from discsim.kernels.drag.tsc import heat as nodes_heat
+from discsim.kernels.drag.tsc import levels
+from discsim.kernels.drag.tsc import relax as nodes_relax
+from discsim.kernels.drag.tsc import scatter as nodes_scatter
+from discsim.kernels.drag.tsc import sharpen as nodes_sharpen
+from discsim.kernels.drag.tsc.nodes import BX, FIELDS, Cells, Change, Nodes, Sharp, Slopes
+from discsim.kernels.drag.types import Law, Species
 from discsim.numerics import world
 from discsim.numerics.room import aligned
 from discsim.numerics.threads import share, share_in_turn

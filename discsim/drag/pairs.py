@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.drag.cloud import Cloud, cloud_of, guess_h, settle_density
-from discsim.kernels import pairs as kernels
-from discsim.kernels.move import add_scaled
-from discsim.kernels.neighbours import CELL_OVER_REACH
+from discsim.kernels.common.move import add_scaled
+from discsim.kernels.common.neighbours import CELL_OVER_REACH
+from discsim.kernels.drag import pairs as kernels
 from discsim.numerics.neighbours import LEAST, candidates, sort_into_cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.sph import Sph
@@ -28,7 +28,7 @@ from discsim.physics.eos import thermal_speed
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
-    from discsim.kernels.neighbours import Cells
+    from discsim.kernels.common.neighbours import Cells
     from discsim.numerics.state import Dust, Gas, State
 
 Array = np.ndarray

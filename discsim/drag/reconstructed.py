@@ -2,7 +2,7 @@
 
 y = (u_j - v_a) . r^ - r L(r^.G_j.r^, r^.G_a.r^)      in place of lab14's slip along r^ = (x_j - x_a) / r
 
-with the slopes G of each species' own velocity (`kernels/slopes.py`) and L the monotonised central limiter of van Leer:
+with the slopes G of each species' own velocity (`kernels/drag/slopes.py`) and L the monotonised central limiter of van Leer:
 0 for slopes of opposite signs, otherwise the smallest of |a + b| / 2, 2 |a| and 2 |b| with their sign. Price & Laibe
 2020 (arXiv:2005.06562). As both slopes are limited to one, each point between the two gives the same. What lab14 damps,
 differences of velocity along r, stays. Momentum and angular momentum are exact, at any step. Sparse dust is held back
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from discsim.numerics.sph import Sph
     from discsim.numerics.state import Gas, State
 
-kernels, neighbours = Lazy("discsim.kernels.slopes"), Lazy("discsim.numerics.neighbours")
+kernels, neighbours = Lazy("discsim.kernels.drag.slopes"), Lazy("discsim.numerics.neighbours")
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from discsim.effects.cells_drag import Effect as Drag
     from discsim.numerics.ppm import Tube
 
-kernels, ppm = Lazy("discsim.kernels.drag_grid"), Lazy("discsim.numerics.ppm")
+kernels, ppm = Lazy("discsim.kernels.fluid1d.drag"), Lazy("discsim.numerics.ppm")
 
 
 def advance(drag: Drag, tube: Tube, cells: Array, dt: float) -> Array:

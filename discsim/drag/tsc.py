@@ -3,7 +3,7 @@
 The slip at a node, from velocities of nine cells and slopes within each species, relaxes exactly with the
 accelerations inside; its change is scattered with the weights that gathered it, so that momentum and, but for nodes
 with next to no gas, angular momentum are exact; what is left of a particle decays towards its own species' line
-(equations in `kernels/nodes.py`). About a star velocities are taken relative to circular orbits (`drag/frame.py`).
+(equations in `kernels/drag/tsc/nodes.py`). About a star velocities are taken relative to circular orbits (`drag/frame.py`).
 Cells are those of `drag/cells.py` at the power of two nearest to the wanted side, each side a lattice of its own, whose
 origin moves with every step.
 """

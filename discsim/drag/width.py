@@ -26,7 +26,7 @@ from discsim.physics.eos import eos_of
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.width")
+kernels = Lazy("discsim.kernels.drag.width")
 Array = np.ndarray
 LENGTHS, SPACINGS = (1.0, 2.0), (2.0, 2.7)  # in h and in d, by dimensions
 HEIGHTS = 0.7  # in H: cells are powers of two of each other, so that some are 1.4 times as wide

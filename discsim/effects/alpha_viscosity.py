@@ -10,7 +10,7 @@ nearest neighbours would have so much of the sum that on a lattice nu is off by 
 q^2 of (2) it is right to 2%, and a step may be twice as long. The harmonic mean of mu keeps the stress continuous where
 nu has a step (Cleary & Monaghan 1999, of heat). Gas that holds heat takes what the pairs lose, in equal shares.
 
-The sum is made with those of pressure (`kernels/sph.py`) and is part of the acceleration of [gas]; nu is that of
+The sum is made with those of pressure (`kernels/sph/forces.py`) and is part of the acceleration of [gas]; nu is that of
 `physics/viscosity.py`, by each particle's present sound speed. A [background] has its radial flow alone.
 Step limit: 1 / (25 W(0, h) nu), .088 h^2 / nu of the cubic kernel; from 1 / (20 W(0, h) nu) on velocities grow.
 """

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
-kepler, moves = Lazy("discsim.kernels.kepler"), Lazy("discsim.kernels.move")
+kepler, moves = Lazy("discsim.kernels.gravity.kepler"), Lazy("discsim.kernels.common.move")
 
 NO_SPECIES = np.empty(0, np.int64)  # of gas, which has no populations
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.drag_grid")
+kernels = Lazy("discsim.kernels.fluid1d.drag")
 ppm = Lazy("discsim.numerics.ppm")
 
 

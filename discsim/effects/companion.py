@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.scene.units import Units
 
-kernels = Lazy("discsim.kernels.star")
+kernels = Lazy("discsim.kernels.gravity.point_masses")
 
 CLOSE = 0.2  # of the inner radius of the disc: a companion within is a star together with the star
 PULL = 12.0  # CPU nanoseconds of a particle in a step, for each companion

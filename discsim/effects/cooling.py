@@ -6,7 +6,7 @@
                           tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau), tau = kappa Sigma / 2 (Hubeny 1990)
 
 u_eq and T_irr are those of a passive disc, u_eq = (H/r)^2 (G M / r) / (gamma - 1). Cooling is part of the kick of u,
-solved there with the heat of everything else (`kernels/cooling.py`): right at any step, so it limits none.
+solved there with the heat of everything else (`kernels/sph/cooling.py`): right at any step, so it limits none.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from discsim.scene.rules import Draft, Problem
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.cooling")
+kernels = Lazy("discsim.kernels.sph.cooling")
 
 KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key that each kind has
 TABLE = "bell-lin"

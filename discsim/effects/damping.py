@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.damping")
+kernels = Lazy("discsim.kernels.common.damping")
 DAMPED = 12.0  # CPU nanoseconds of a particle in a step
 NODES, BEYOND = 4096, 8.0  # of the table in ln r, which goes on to this factor beyond the zones
 NONE = np.zeros(0, np.int64)

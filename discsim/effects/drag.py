@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
-moves = Lazy("discsim.kernels.move")
+moves = Lazy("discsim.kernels.common.move")
 heat_of_drag = Lazy("discsim.drag.heat")
 LawName: Any = word_of(LAWS)
 SchemeName: Any = word_of(SCHEMES)

@@ -18,7 +18,7 @@ from discsim.scene.rules import Draft, Problem, kinds
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-moves = Lazy("discsim.kernels.move")
+moves = Lazy("discsim.kernels.common.move")
 
 MOVED = 2.0  # CPU nanoseconds of a particle in a step
 

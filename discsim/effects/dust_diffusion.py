@@ -6,11 +6,11 @@ Zsom et al. 2011): without drift it ends where Sigma_d / Sigma_g is the same eve
 2007). A given D is the grains' own diffusivity, whatever their St. In one dimension Sigma is the density, and Omega
 `external.vertical_frequency`.
 
-Each grain walks once a step, after its move. xi comes of the seed, its id and the step (`kernels/philox.py`). Where
+Each grain walks once a step, after its move. xi comes of the seed, its id and the step (`kernels/common/philox.py`). Where
 sqrt(2 D dt) is beyond half an h (in a given disc H/6) the walk is made in shorter steps; it limits no step of the run.
 
 Velocities stay what they are, and momentum with them; about a star they stay so relative to the circle of each place
-(`kernels/diffusion.py`), and what a grain's angular momentum gains by that the gas about the middle of its way loses
+(`kernels/dust/diffusion.py`), and what a grain's angular momentum gains by that the gas about the middle of its way loses
 where drag is two-way: then turbulence makes none, and gas moves against the dust that diffuses. One-way it is
 turbulence that gives it.
 """
@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.diffusion")
-philox = Lazy("discsim.kernels.philox")
-moves = Lazy("discsim.kernels.move")
+kernels = Lazy("discsim.kernels.dust.diffusion")
+philox = Lazy("discsim.kernels.common.philox")
+moves = Lazy("discsim.kernels.common.move")
 neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
@@ -216,7 +216,7 @@ class _Surroundings:
         self.gas = meeting.Surroundings(effect.sph, state.gas) if effect.sph is not None else None
 
     def about(self, pos: np.ndarray) -> np.ndarray:
-        """Columns (n, 3 + 2 d) of the gas at places (n, d), as `kernels/diffusion.py` has them."""
+        """Columns (n, 3 + 2 d) of the gas at places (n, d), as `kernels/dust/diffusion.py` has them."""
         effect, state, columns = self.effect, self.state, 3 + 2 * self.effect.dim
         if effect.sph is None:
             field = np.zeros((len(pos), columns))

@@ -1,6 +1,6 @@
 """SPH gas: dv/dt = -grad P / rho, with artificial viscosity and conductivity where named; transport.
 
-Summation density, adaptive h with grad-h terms and the conservative force are eqs. (1-5) of `kernels/sph.py`.
+Summation density, adaptive h with grad-h terms and the conservative force are eqs. (1-5) of `kernels/sph/forces.py`.
 Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where
 h is a third of quintic-h's.
 """
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
-eos_kernels = Lazy("discsim.kernels.eos")
-moves = Lazy("discsim.kernels.move")
+eos_kernels = Lazy("discsim.kernels.sph.eos")
+moves = Lazy("discsim.kernels.common.move")
 quiet = Lazy("discsim.effects.quiet")
 growth = Lazy("discsim.physics.growth")
 sums = Lazy("discsim.numerics.sph")

@@ -2,7 +2,7 @@
 
 Sigma and temperature are functions of the radius (`physics/given_disc.py`), and the gas turns in balance, Omega_g^2 r =
 GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick relaxes each particle exactly to its steady drift there
-(`kernels/background.py`), and limits no step. Dust moves with its radial velocity and angular momentum (eq. 1), so
+(`kernels/dust/background.py`), and limits no step. Dust moves with its radial velocity and angular momentum (eq. 1), so
 that circles stay circles.
 """
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.background")
+kernels = Lazy("discsim.kernels.dust.background")
 KICKED = 150.0  # CPU nanoseconds of a particle in a step
 EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat)
 

@@ -4,7 +4,7 @@ As in FEoSaD (Stoyanovskaya et al. 2017; Vorobyov et al. 2018, arXiv:1801.06898)
 gas, here as `small`, a mass that each gas particle carries; grown dust is the particles of [dust], each with a size a_r
 of its own. Sizes grow along the paths of the grains up to the size at which they break (`formulas/growth.py` has the
 equations), and with them small dust becomes grown dust such that n(a) is continuous at a_*, or the other way round
-where sizes fall (`kernels/growth.py` says who takes what from whom).
+where sizes fall (`kernels/dust/growth.py` says who takes what from whom).
 
 At the end of a step, once the grains that grow fastest have had the time to do so by SHARE: sizes by sub-steps with a
 relative error of 1e-10 each, so that growth limits no step. Between them sizes and masses stay what they were.
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.growth")
-sums = Lazy("discsim.kernels.growth_sums")
-exchange = Lazy("discsim.kernels.growth_exchange")
+kernels = Lazy("discsim.kernels.dust.growth")
+sums = Lazy("discsim.kernels.dust.growth_sums")
+exchange = Lazy("discsim.kernels.dust.growth_exchange")
 neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")

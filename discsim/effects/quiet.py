@@ -7,14 +7,14 @@
 Shear changes how particles lie. The conservative force of the pressure resists this, moves particles, and viscosity
 turns the motion into heat: an alpha of about .004 at h/H = .5, which no viscosity causes. The shear acts through the
 noise of the summed density, and through the part 2 P sum V grad W of the force, which disorder leaves even where P is
-uniform. Eq. (1) removes the first: the density follows the flow, with div v of eq. (7) of `kernels/sph.py`, becomes the
+uniform. Eq. (1) removes the first: the density follows the flow, with div v of eq. (7) of `kernels/sph/forces.py`, becomes the
 summed one in tau = time / Omega, and is within a factor of 3 of it. Eq. (3) removes the second: the mean pressure B of
 a ring acts on the ring as a whole. One of the two alone leaves the noise.
 
 Rings are .4 H wide. Sigma, the number n of particles and the scatter sigma of ln(r P / c_s^2) are sums to which each
 particle contributes in three rings (TSC), smoothed over neighbouring rings by 1/4, 1/2, 1/4 twice; B is a cubic spline
 between them. `guard` keeps B below the pressure of nearly all particles, as pairs with P < B are under tension and
-clump. s is 1 in shocks, which have no slopes (`kernels/quiet.py`), and falls behind them.
+clump. s is 1 in shocks, which have no slopes (`kernels/sph/quiet.py`), and falls behind them.
 
 Densities of eq. (1) settle some per cent below the mass of their ring, where summed densities of disordered particles
 lie up to 25% above it. Drag and snapshots take a density with the mass of its ring, where the ring is even:
@@ -40,9 +40,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from discsim.kernels import move as moves
-from discsim.kernels import quiet as kernels
-from discsim.kernels.quiet import FIRST, MASS, NUMBER, SECOND
+from discsim.kernels.common import move as moves
+from discsim.kernels.sph import quiet as kernels
+from discsim.kernels.sph.quiet import FIRST, MASS, NUMBER, SECOND
 from discsim.numerics import world
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import copied, share

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.radiation")
-stars = Lazy("discsim.kernels.star")
+kernels = Lazy("discsim.kernels.dust.radiation")
+stars = Lazy("discsim.kernels.gravity.point_masses")
 PUSH = 6.0  # CPU nanoseconds of a grain in a step
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.grid")
+kernels = Lazy("discsim.kernels.common.grid")
 meshes = Lazy("discsim.numerics.mesh")
 poisson = Lazy("discsim.numerics.poisson")
 totals = Lazy("discsim.numerics.totals")

@@ -4,7 +4,7 @@ What comes within the accretion radius is removed at the end of the step; its ma
 to the ledger, and with grows = true its mass, and where the star moves its momentum, to the star.
 
 About a star without softening that stays at the origin, and which nothing moves, gas and dust drift on their Kepler
-orbits, at any step exactly (`kernels/kepler.py`). Else its pull is in the kick: to the momentum of a star that moves
+orbits, at any step exactly (`kernels/gravity/kepler.py`). Else its pull is in the kick: to the momentum of a star that moves
 that adds what the particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest
 particle, and half of it in kicks.
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
-kernels, moves = Lazy("discsim.kernels.star"), Lazy("discsim.kernels.move")
+kernels, moves = Lazy("discsim.kernels.gravity.point_masses"), Lazy("discsim.kernels.common.move")
 
 PULL = 5.0  # CPU nanoseconds of a particle in a step, and again of one whose pull on the star counts
 

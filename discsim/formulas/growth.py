@@ -13,7 +13,7 @@ al. (2012) eq. 8 without its factor f_f; (3) Dubrulle et al. (1995); (4) turbule
 grain and one of half its Stokes number, as Birnstiel et al. (2012) have it; (5) Nakagawa et al. (1986) without the
 dust's push on the gas. Brownian motion is left out: a grain of 1 um at 100 K has .05 cm/s by it.
 
-`kernels/growth.py` compiles all this.
+`kernels/dust/growth.py` compiles all this.
 """
 
 import math

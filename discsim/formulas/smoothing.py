@@ -1,4 +1,4 @@
-"""Smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, by name; their polynomials are in `kernels/smoothing.py`."""
+"""Smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, by name; their polynomials are in `kernels/sph/smoothing.py`."""
 
 from __future__ import annotations
 

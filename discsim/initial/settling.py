@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 linalg = Lazy("scipy.linalg")  # slow to import, as are kernels
 special = Lazy("scipy.special")
-smoothing = Lazy("discsim.kernels.smoothing")
+smoothing = Lazy("discsim.kernels.sph.smoothing")
 Array = np.ndarray
 MARGIN = 2.0  # of the support radius: what moves must not see where the immobile gas ends
 ROUNDING = 1e-12  # of Omega^2 H: a force that cannot be balanced better

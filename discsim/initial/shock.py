@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
-smoothing = Lazy("discsim.kernels.smoothing")  # slow to import
+smoothing = Lazy("discsim.kernels.sph.smoothing")  # slow to import
 MARGIN = 2.0  # of the support radius: live particles must not see where the immobile ones end
 State = Annotated[
     tuple[

@@ -1,9 +1,9 @@
-"""Bounds of batches of rows: `kernels/batches.py`, shared among threads."""
+"""Bounds of batches of rows: `kernels/mpi/batches.py`, shared among threads."""
 
 import numpy as np
 
-from discsim.kernels import batches as kernels
-from discsim.kernels.batches import BATCH
+from discsim.kernels.mpi import batches as kernels
+from discsim.kernels.mpi.batches import BATCH
 from discsim.numerics.threads import share
 
 Array = np.ndarray

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from discsim.kernels import grid as kernels
-from discsim.kernels.gradient import gradient
+from discsim.kernels.common import grid as kernels
+from discsim.kernels.gravity.gradient import gradient
 from discsim.numerics.batches import LEAST
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.sorting import counting_sort

@@ -1,7 +1,7 @@
 """How large the cells of a run are: those of its grid, and those that drag acts in. Numpy only.
 
 The run and `discsim check` call the same functions, and those of a scheme's `Cells` (`drag/base.py`). Drag cells are
-blocks of 2^n by 2^n leaves, and leaves are whole cells of the grid in two dimensions (`kernels/blocks.py`).
+blocks of 2^n by 2^n leaves, and leaves are whole cells of the grid in two dimensions (`kernels/drag/blocks.py`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as kernels/blocks.py has it
+LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as kernels/drag/blocks.py has it
 SOFT = 2.0  # of the wanted side, up to which cells grow for want of particles
 LOADED = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.kernels.neighbours import REACH, Cells
+from discsim.kernels.common.neighbours import REACH, Cells
 from discsim.numerics import world
 from discsim.numerics.neighbours import (
     Grids,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from discsim.numerics.sph import Sph
     from discsim.numerics.state import Gas
 
-halo = Lazy("discsim.kernels.halo")
+halo = Lazy("discsim.kernels.mpi.halo")
 Array = np.ndarray
 NONE = np.empty(0)
 IN_A_CELL = 8.0  # grains that look for gas together

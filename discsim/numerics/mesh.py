@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from discsim.kernels import move as moves
+from discsim.kernels.common import move as moves
 from discsim.numerics import teams
 from discsim.numerics.grid import BORDER, ORIGIN, Grid, Node
 from discsim.numerics.poisson import Kernel, Poisson

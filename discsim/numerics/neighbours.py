@@ -1,4 +1,4 @@
-"""Cells of particles and lists of candidates: `kernels/neighbours.py` and `candidates.py`, shared among threads."""
+"""Cells of particles and lists of candidates: `kernels/common/neighbours.py` and `candidates.py`, shared among threads."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from discsim.kernels import neighbours as kernels
-from discsim.kernels.candidates import list_candidates
-from discsim.kernels.neighbours import (
+from discsim.kernels.common import neighbours as kernels
+from discsim.kernels.common.candidates import list_candidates
+from discsim.kernels.common.neighbours import (
     ALL_X,
     CELL_OVER_REACH,
     FIRST,

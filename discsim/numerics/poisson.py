@@ -29,7 +29,7 @@ import pyfftw
 from scipy.fft import dctn, next_fast_len
 from scipy.special import erfcx, gamma, k0e, k1e
 
-from discsim.kernels.poisson import (
+from discsim.kernels.gravity.poisson import (
     TILE,
     load_columns,
     load_halves,

@@ -1,4 +1,4 @@
-"""Gas and dust as two fluids on one fixed 1D grid, moved by the piecewise-parabolic method (`kernels/ppm.py`).
+"""Gas and dust as two fluids on one fixed 1D grid, moved by the piecewise-parabolic method (`kernels/fluid1d/ppm.py`).
 
     U_t + F(U)_x = S,   U = (rho_g, rho_g v, E, rho_d, rho_d u)
                         F = (rho_g v, rho_g v^2 + P, (E + P) v, rho_d u, rho_d u^2)
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.kernels import ppm
+from discsim.kernels.fluid1d import ppm
 from discsim.numerics import world
 from discsim.parts import EOS
 

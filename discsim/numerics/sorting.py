@@ -5,7 +5,7 @@ The order is unique, and so the same for any number of threads.
 
 import numpy as np
 
-from discsim.kernels import sorting as kernels
+from discsim.kernels.common import sorting as kernels
 from discsim.numerics import teams, threads
 from discsim.numerics.threads import share
 

@@ -1,4 +1,4 @@
-"""Smoothed particle hydrodynamics: neighbours, density and forces of the gas (equations in `kernels/sph.py`)."""
+"""Smoothed particle hydrodynamics: neighbours, density and forces of the gas (equations in `kernels/sph/forces.py`)."""
 
 from __future__ import annotations
 
@@ -9,19 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from discsim.kernels.candidates import list_candidates
-from discsim.kernels.neighbours import Cells, widen
-from discsim.kernels.smoothing import KERNELS, SQUEEZED, SUPPORT
-from discsim.kernels.sph import (
-    ALL_PAIRS,
-    APPROACHING,
-    NO_VISCOSITY,
-    RECONSTRUCTED,
-    Strengths,
-    force_columns,
-    force_driver,
-)
-from discsim.kernels.sph_density import (
+from discsim.kernels.common.candidates import list_candidates
+from discsim.kernels.common.neighbours import Cells, widen
+from discsim.kernels.sph.density import (
     DIV_CURL,
     NO_DERIVATIVES,
     SLOPES,
@@ -32,8 +22,18 @@ from discsim.kernels.sph_density import (
     Work,
     density_driver,
 )
-from discsim.kernels.sph_density import ROWS as MEMBER_ROWS
-from discsim.kernels.sph_packs import FLUIDITY, ROWS, STRIDE, SWITCH, SYY, Scale
+from discsim.kernels.sph.density import ROWS as MEMBER_ROWS
+from discsim.kernels.sph.forces import (
+    ALL_PAIRS,
+    APPROACHING,
+    NO_VISCOSITY,
+    RECONSTRUCTED,
+    Strengths,
+    force_columns,
+    force_driver,
+)
+from discsim.kernels.sph.packs import FLUIDITY, ROWS, STRIDE, SWITCH, SYY, Scale
+from discsim.kernels.sph.smoothing import KERNELS, SQUEEZED, SUPPORT
 from discsim.numerics import room, world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
 from discsim.numerics.threads import share

@@ -69,7 +69,7 @@ class Particles(Summarised):
 
     def take(self, index: Array) -> None:
         """Keep the particles `index` (whole numbers), in that order, in every array."""
-        from discsim.kernels.move import take_rows
+        from discsim.kernels.common.move import take_rows
         from discsim.numerics.threads import share
 
         for name, array in self.arrays().items():

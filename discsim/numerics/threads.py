@@ -16,7 +16,7 @@ import numpy as np
 from discsim.numerics import room, teams
 from discsim.parts import Lazy
 
-numba, moves = Lazy("numba"), Lazy("discsim.kernels.move")
+numba, moves = Lazy("numba"), Lazy("discsim.kernels.common.move")
 
 BLOCK = 8192  # entries of an array that numpy goes through at once
 LIGHT = 65536  # fewest particles of a piece, of some nanoseconds each: waking a thread for fewer gains nothing

@@ -12,7 +12,7 @@ from discsim.numerics import world
 from discsim.numerics.threads import share
 from discsim.parts import Lazy
 
-kernels = Lazy("discsim.kernels.totals")
+kernels = Lazy("discsim.kernels.common.totals")
 Array = np.ndarray
 UNIT = 1 << 1075  # limbs count in units of 1 / UNIT
 FEW = 256  # rows, of one process, whose sums Python makes as exactly before a kernel would begin
@@ -45,7 +45,7 @@ def mean(values: Array) -> float:
 
 
 def rounded(limbs: Array) -> Array:
-    """The sums (columns,) of limbs (columns, LIMBS), as kernels of `kernels/totals.py` fill them."""
+    """The sums (columns,) of limbs (columns, LIMBS), as kernels of `kernels/common/totals.py` fill them."""
     return np.array([_number(row) for row in world.together.sum(limbs).tolist()])
 
 

@@ -48,7 +48,7 @@ def support_radius(scene: Scene) -> float:
     """Radius of the kernel's support in units of h."""
     if scene.gas is None:
         return 1.0
-    from discsim.kernels.smoothing import KERNELS, SUPPORT
+    from discsim.kernels.sph.smoothing import KERNELS, SUPPORT
 
     return SUPPORT[KERNELS[scene.gas.kernel]]
 

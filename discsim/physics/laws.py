@@ -18,7 +18,7 @@ from discsim.scene.rules import Draft, Problem, Rule, kinds
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.laws")
+kernels = Lazy("discsim.kernels.drag.laws")
 Array = np.ndarray
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.tiles import in_marked, near_marked, tiles_of
+from discsim.kernels.mpi.tiles import in_marked, near_marked, tiles_of
 from discsim.numerics import room
 from discsim.numerics.batches import LEAST, bounds_anew, bounds_of
 from discsim.numerics.layout import grid_cells

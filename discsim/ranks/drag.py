@@ -18,9 +18,9 @@ from mpi4py import MPI
 
 from discsim.drag.cells import ABOUT_GRAINS, Merged, about_grains
 from discsim.drag.known import Known
-from discsim.kernels import levels
-from discsim.kernels.blocks import LEVELS, MOST
-from discsim.kernels.halo import (
+from discsim.kernels.drag.blocks import LEVELS, MOST
+from discsim.kernels.drag.tsc import levels
+from discsim.kernels.mpi.halo import (
     along_curve,
     batches_near,
     blocks_in,

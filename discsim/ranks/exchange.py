@@ -7,9 +7,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from discsim.kernels.batches import BATCH
-from discsim.kernels.halo import in_runs, number_runs
-from discsim.kernels.tiles import take_spans
+from discsim.kernels.mpi.batches import BATCH
+from discsim.kernels.mpi.halo import in_runs, number_runs
+from discsim.kernels.mpi.tiles import take_spans
 from discsim.numerics.batches import LEAST
 from discsim.numerics.room import longer
 from discsim.numerics.sorting import counting_sort

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.tiles import leave_own, others_about, pieces_of
+from discsim.kernels.mpi.tiles import leave_own, others_about, pieces_of
 from discsim.numerics.batches import bounds_anew
 from discsim.numerics.grid import Grid, Node
 from discsim.numerics.mesh import Mesh

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from discsim.drag.cells import Lattice
-from discsim.kernels.blocks import MOST
-from discsim.kernels.halo import add_blocks, cut_blocks, mark_leaves
+from discsim.kernels.drag.blocks import MOST
+from discsim.kernels.mpi.halo import add_blocks, cut_blocks, mark_leaves
 from discsim.numerics import world
 from discsim.numerics.neighbours import corners
 from discsim.numerics.state import Particles

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import dct
 
-from discsim.kernels.poisson import TILE
+from discsim.kernels.gravity.poisson import TILE
 from discsim.numerics import teams
 from discsim.numerics.poisson import (
     ROWS,

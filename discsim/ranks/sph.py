@@ -1,7 +1,7 @@
 """SPH sums on several ranks: those of `numerics/sph.py` over the cells that hold own particles.
 
 Neighbour cells are those of all the gas: the box, size classes and sides are the same on every rank, which has the
-part of the cells about its own. It fetches the ghosts in all cells within reach of its own (`kernels/halo.py`), as
+part of the cells about its own. It fetches the ghosts in all cells within reach of its own (`kernels/mpi/halo.py`), as
 whole cells, so that candidate lists are those of one rank. After each density pass the h of ghosts are fetched from
 their owners, and after the last one all data that forces read. Where an h outgrows the halo, the density is computed
 again with a wider halo, which the next steps keep.
@@ -13,8 +13,8 @@ from collections import deque
 
 import numpy as np
 
-from discsim.kernels.halo import EITHER, all_there, mark_cells
-from discsim.kernels.neighbours import FIRST, REACH
+from discsim.kernels.common.neighbours import FIRST, REACH
+from discsim.kernels.mpi.halo import EITHER, all_there, mark_cells
 from discsim.numerics import world
 from discsim.numerics.neighbours import cells_in, corners_of_cells, keys_in
 from discsim.numerics.sph import Around, Points, Sph

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.kernels.grid import BAND
-from discsim.kernels.tiles import put_spans, take_spans
+from discsim.kernels.common.grid import BAND
+from discsim.kernels.mpi.tiles import put_spans, take_spans
 from discsim.numerics.grid import BORDER, Extent, Grid
 from discsim.numerics.threads import share
 from discsim.ranks.comm import Comm

@@ -18,7 +18,7 @@ from discsim.parts import Lazy
 from discsim.printable import UserError
 from discsim.run.costs import Costs
 
-moves = Lazy("discsim.kernels.move")
+moves = Lazy("discsim.kernels.common.move")
 
 Effects = Mapping[str, Effect]
 

@@ -19,7 +19,7 @@ from discsim.parts import Lazy
 from discsim.physics.orbits import in_drift
 from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
 
-finite = Lazy("discsim.kernels.finite")
+finite = Lazy("discsim.kernels.common.finite")
 
 INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
 

@@ -234,7 +234,9 @@ def test_slip_follows_the_headwind():
     found = module.measure(sim, (1.0, 3.0), lambda share: None)
     row = module.summary(found, {"series": {"gas": [0.0]}}, 1.0, 0.1)
     assert row["of_headwind"] == pytest.approx(1.0, abs=0.15)
-    assert abs(row["spin"]) < 3e-6  # gas that is alone at the edges; 3e-5 without the rotation in kernels/nodes.py
+    assert (
+        abs(row["spin"]) < 3e-6
+    )  # gas that is alone at the edges; 3e-5 without the rotation in kernels/drag/tsc/nodes.py
 
 
 def test_alpha_of_a_shear_wave():

@@ -8,7 +8,7 @@ from dusty import ISOTHERMAL, scene
 
 from discsim import Simulation
 from discsim.exact import dustybox
-from discsim.kernels.blocks import add_in_units, members_alone, members_of, squares_of
+from discsim.kernels.drag.blocks import add_in_units, members_alone, members_of, squares_of
 
 # Cells that lack a species
 

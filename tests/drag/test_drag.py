@@ -14,10 +14,10 @@ from discsim import Simulation
 from discsim.drag.cells import merge
 from discsim.drag.heat import pay_losses, share_losses
 from discsim.exact import dustybox
-from discsim.kernels.blocks import IGNORE, INSIDE, NEAR
-from discsim.kernels.coupled import ROOM, relax_coupled
-from discsim.kernels.nodes_sharpen import sharpen_slope
-from discsim.kernels.relax import relax_pair, response
+from discsim.kernels.drag.blocks import IGNORE, INSIDE, NEAR
+from discsim.kernels.drag.coupled import ROOM, relax_coupled
+from discsim.kernels.drag.relax import relax_pair, response
+from discsim.kernels.drag.tsc.sharpen import sharpen_slope
 from discsim.numerics import teams
 
 DT = 0.7

@@ -7,7 +7,7 @@ import pytest
 
 from discsim import Simulation
 from discsim.drag import frame
-from discsim.kernels.frame import Frame, sense_at
+from discsim.kernels.drag.frame import Frame, sense_at
 
 SOUND = 0.08
 

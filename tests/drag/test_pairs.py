@@ -12,8 +12,8 @@ from discsim import Simulation
 from discsim.drag.cloud import guess_h
 from discsim.drag.pairs import pair_up
 from discsim.exact import dustybox, dustywave
-from discsim.kernels.pairs import hump_norm, limited, shares
-from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, shape
+from discsim.kernels.drag.pairs import hump_norm, limited, shares
+from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, shape
 
 SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}

@@ -190,7 +190,7 @@ def test_threads_do_not_change_a_bit():
 
 PIECES = """
 import numpy as np
-from discsim.kernels.pairs import weight_driver
+from discsim.kernels.drag.pairs import weight_driver
 rng = np.random.default_rng(1)
 offset, h, gas = rng.uniform(-1, 1, (20001, 2)), rng.uniform(0.5, 1, 500), rng.integers(0, 500, 20001).astype(np.uint32)
 for kernel in (0, 1):

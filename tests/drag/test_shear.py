@@ -76,7 +76,7 @@ def test_drag_keeps_angular_momentum(prescribed):
 def test_a_kick_keeps_angular_momentum(particles, limit):
     """Random places and velocities of order one: only where next to no gas is about a node is any of it lost.
 
-    Without the rotation of `kernels/nodes.py`, eq. (4), 4000 particles lose 2e-5 and 400 lose 5e-4.
+    Without the rotation of `kernels/drag/tsc/nodes.py`, eq. (4), 4000 particles lose 2e-5 and 400 lose 5e-4.
     """
     rng = np.random.default_rng(1)
     given = {

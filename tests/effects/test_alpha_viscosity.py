@@ -395,7 +395,7 @@ def test_a_scene_without_it_has_none_of_it():
 
 def test_means_of_the_kernels():
     """<q> and <q^2> of W in two dimensions, by the formula of each kernel; a midpoint sum of 1e4."""
-    from discsim.kernels.smoothing import KERNELS, shape
+    from discsim.kernels.sph.smoothing import KERNELS, shape
 
     for name, kernel in SMOOTHING.items():
         q = (np.arange(10_000) + 0.5) / 10_000 * kernel.support

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from discsim import Simulation
-from discsim.kernels import background as kernels
+from discsim.kernels.dust import background as kernels
 from discsim.physics.given_disc import GivenDisc
 from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived

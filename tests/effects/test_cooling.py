@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from discsim import Simulation
 from discsim.exact import cooling as exact
-from discsim.kernels import cooling as kernels
+from discsim.kernels.sph import cooling as kernels
 from discsim.physics import cooling as physics
 from discsim.scene import SceneError, load_scene
 from discsim.study.errors import drifts, totals

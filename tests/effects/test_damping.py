@@ -132,7 +132,7 @@ def test_a_flow_is_followed_to_where_velocities_are_ahead(falls):
 
     Velocities are those a time of .05 / Omega later, at another angle and at a radius of another v_K.
     """
-    from discsim.kernels import damping as kernels
+    from discsim.kernels.common import damping as kernels
 
     mass, r = 1.7, 2.0
     table = np.tile([falls, 1.0], (1, 2, 1))

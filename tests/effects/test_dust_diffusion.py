@@ -72,7 +72,7 @@ def test_drift_of_stirred_dust_has_every_gradient(law, index):
     In Stokes' regime St ~ 1 / c, whose gradient is half that of c^2; about a softened star, in gas with a bump, with
     one alpha or one that is a power of the radius.
     """
-    from discsim.kernels import diffusion as kernels
+    from discsim.kernels.dust import diffusion as kernels
 
     tables = given(1.0, 0.02, 1.0, star={"mass": 1.3, "softening": 0.3})
     tables["background"]["eos"] |= {"temperature_index": 0.8}

@@ -34,7 +34,7 @@ def masses(sim):
 @pytest.mark.parametrize(("alpha", "slope"), [(1e-3, 2.0), (1e-5, 2.0), (0.1, 0.0)])
 def test_one_zone_grows_as_its_ode(steps, alpha, slope):
     """Over six decades of sizes, in steps however long; small dust becomes grown dust on the way."""
-    from discsim.kernels import growth as kernels
+    from discsim.kernels.dust import growth as kernels
 
     sigma, ratio, sound, until = 1e-3, 0.1, 0.05, 60.0
     law = np.array([MATERIAL * SMALL, 0.0, 0.0, 0.0, 0.0])
@@ -54,7 +54,7 @@ def test_one_zone_grows_as_its_ode(steps, alpha, slope):
 
 def test_large_grains_grow_by_the_speeds_of_stokes_drag():
     """Sizes from .1 to 30 times 9 lambda / 4, above which Stokes drag has longer stopping times than Epstein drag."""
-    from discsim.kernels import growth as kernels
+    from discsim.kernels.dust import growth as kernels
 
     sigma, ratio, sound, alpha, omega, start, column = 1e-3, 0.1, 0.05, 1e-2, 0.7, 1e-6, 2.5e-8
     volume = sigma * omega / (ROOT * sound)

@@ -7,7 +7,7 @@ from scenes import problems
 
 from discsim import SceneError, Simulation
 from discsim.effects.quiet import Disc
-from discsim.kernels.quiet import follow
+from discsim.kernels.sph.quiet import follow
 from discsim.run.forces import acceleration_of
 from discsim.scene import load_scene
 

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from discsim.exact import cooling as exact
-from discsim.kernels import cooling as kernels
+from discsim.kernels.sph import cooling as kernels
 from discsim.physics.cooling import depth
 
 HERE = np.array([[1.0, 0.0]])

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from clouds import cloud
 
-from discsim.kernels.poisson import TILE
+from discsim.kernels.gravity.poisson import TILE
 from discsim.numerics.grid import Grid
 from discsim.numerics.mesh import Mesh
 from discsim.numerics.poisson import Plummer, Poisson, ThinDisc

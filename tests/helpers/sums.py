@@ -3,7 +3,7 @@
 import numpy as np
 
 from discsim import Simulation
-from discsim.kernels.smoothing import KERNELS, SUPPORT, shape
+from discsim.kernels.sph.smoothing import KERNELS, SUPPORT, shape
 
 
 def w(kernel, dim, q):

@@ -63,7 +63,7 @@ def test_an_import_and_a_run_change_nothing_of_numba_and_python():
 
 def test_a_function_of_a_user_finds_its_own_cache(tmp_path):
     (tmp_path / "of_a_user.py").write_text(MODULE)
-    with_kernels = "import discsim.kernels.grid\n" + USE
+    with_kernels = "import discsim.kernels.common.grid\n" + USE
     environment = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": ""}
     assert output_of(with_kernels, **environment) == "4.5 0\n"
     assert output_of(with_kernels, **environment) == "4.5 1\n"

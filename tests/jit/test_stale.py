@@ -15,7 +15,7 @@ from discsim.jit import cache
 # A kernel of a file of its own, which compiles in a moment.
 CALLER = """
 from discsim.jit.decorators import compiled
-from discsim.kernels.laws import stopping_time
+from discsim.kernels.drag.laws import stopping_time
 
 @compiled
 def slowing(grain):

@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from discsim.kernels.coupled import ROOM, relax_coupled
-from discsim.kernels.relax import response
+from discsim.kernels.drag.coupled import ROOM, relax_coupled
+from discsim.kernels.drag.relax import response
 
 
 def exact(mass, time, y, b, dt):
-    """Velocities (n, d) after dt, by the matrix exponential of eq. (1) of `kernels/drag.py` in slips from the gas."""
+    """Velocities (n, d) after dt, by the matrix exponential of eq. (1) of `drag/cells.py`, in slips from the gas."""
     n = len(mass)
     a = np.zeros((2 * n, 2 * n))
     for j in range(1, n):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discsim.formulas.laws import STOPPING_TIME
-from discsim.kernels.drag_grid import relax_together
+from discsim.kernels.fluid1d.drag import relax_together
 
 
 def test_a_cell_relaxes_by_the_dust_to_gas_ratio_in_the_middle_of_the_step():

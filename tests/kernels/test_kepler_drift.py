@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discsim.exact import kepler as exact
-from discsim.kernels import kepler
+from discsim.kernels.gravity import kepler
 
 MU = 1.3
 MASSES, ALIKE = np.array([MU]), np.empty(0, np.int64)

@@ -5,9 +5,9 @@ import pytest
 from growing import disc
 
 from discsim import Simulation
-from discsim.kernels import diffusion, growth
-from discsim.kernels.smoothing import CUBIC, NORM, shape
-from discsim.kernels.sph_packs import CHUNK
+from discsim.kernels.dust import diffusion, growth
+from discsim.kernels.sph.packs import CHUNK
+from discsim.kernels.sph.smoothing import CUBIC, NORM, shape
 from discsim.numerics import meeting
 
 ROUNDING = {"rtol": 1e-12, "atol": 1e-13}  # of sums of thousands of terms in another order, in units of the largest

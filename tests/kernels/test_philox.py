@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from discsim.kernels import philox
+from discsim.kernels.common import philox
 
 # Of the generator's authors (Random123, kat_vectors): counter, key, words.
 KNOWN = [

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from discsim.kernels import rows
-from discsim.kernels.nodes import BX, BY, FIELDS, MASS, RHO
-from discsim.kernels.nodes_columns import NORMS, ROOM, filled, find_slots, leave_out, weigh
-from discsim.kernels.nodes_gather import give, own_moments
-from discsim.kernels.nodes_weights import cloud, to_polynomial, value_at
-from discsim.kernels.rows import LANES, empty_row, lane, load, root, store, sums_of
+from discsim.kernels.common import rows
+from discsim.kernels.common.rows import LANES, empty_row, lane, load, root, store, sums_of
+from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, find_slots, leave_out, weigh
+from discsim.kernels.drag.tsc.gather import give, own_moments
+from discsim.kernels.drag.tsc.nodes import BX, BY, FIELDS, MASS, RHO
+from discsim.kernels.drag.tsc.weights import cloud, to_polynomial, value_at
 
 
 @njit
@@ -84,7 +84,7 @@ def polynomial(values, x, y, flat):
 
 @pytest.mark.parametrize("flat", [False, True])
 def test_polynomials_bring_what_the_weights_do(flat):
-    """Eq. (5) of `kernels/nodes_weights.py`, of all lanes, up to the edges of a cell."""
+    """Eq. (5) of `kernels/drag/tsc/weights.py`, of all lanes, up to the edges of a cell."""
     rng = np.random.default_rng(3)
     values = rng.normal(size=(9, LANES))
     for x, y in [*rng.uniform(-0.5, 0.5, (20, 2)), (-0.5, 0.5), (0.5, -0.5)]:

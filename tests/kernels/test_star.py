@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from discsim.kernels import star
-from discsim.kernels.totals import SOME
+from discsim.kernels.common.totals import SOME
+from discsim.kernels.gravity import point_masses as star
 from discsim.numerics.totals import rounded
 
 NUMBER = 9 * SOME + 7  # more than a kernel has room for at first

@@ -5,7 +5,7 @@ import pytest
 from runs import WAVE, scene_of
 
 from discsim import Simulation
-from discsim.kernels.batches import BATCH
+from discsim.kernels.mpi.batches import BATCH
 from discsim.numerics import world
 from discsim.numerics.batches import bounds_anew, bounds_of
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from discsim import load_scene
-from discsim.kernels.grid import BAND, cell_of, largest_norm
+from discsim.kernels.common.grid import BAND, cell_of, largest_norm
 from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import Grid
 from discsim.numerics.layout import leaves

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from discsim.kernels.candidates import per_slab, window
-from discsim.kernels.halo import EITHER, OWN, THEIRS, mark_cells
-from discsim.kernels.neighbours import FIRST, LANES, NX, REACH, SIDE_X, extremes
+from discsim.kernels.common.candidates import per_slab, window
+from discsim.kernels.common.neighbours import FIRST, LANES, NX, REACH, SIDE_X, extremes
+from discsim.kernels.mpi.halo import EITHER, OWN, THEIRS, mark_cells
 from discsim.numerics.neighbours import candidates, cells_in, corners_of_cells, grids_of, keys_in, sort_into_cells
 
 

@@ -11,7 +11,7 @@ from drags import ON_GRID
 
 from discsim import Simulation, load_scene, read_snapshot
 from discsim.exact import dustybox, dustyshock, dustywave, riemann
-from discsim.kernels.ppm import flattening, keep_positive
+from discsim.kernels.fluid1d.ppm import flattening, keep_positive
 from discsim.run.runner import run_scene
 from discsim.run.simulation import PhysicsError
 from discsim.scene import SceneError

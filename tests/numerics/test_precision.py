@@ -6,8 +6,8 @@ from runs import on_threads, state_bits
 from sums import uneven
 
 from discsim import Simulation
-from discsim.kernels.neighbours import LANES, whole
-from discsim.kernels.sph_packs import CHUNK, SINGLES, all_of
+from discsim.kernels.common.neighbours import LANES, whole
+from discsim.kernels.sph.packs import CHUNK, SINGLES, all_of
 
 ALL = {
     "eos": {"kind": "adiabatic", "gamma": 1.4},

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from sums import lattice, simulation, uneven, w
 
-from discsim.kernels.smoothing import KERNELS, NORM, SUPPORT, bend, shape
+from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, bend, shape
 
 KERNEL_NAMES = tuple(KERNELS)
 

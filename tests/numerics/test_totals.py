@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from discsim.kernels.totals import add_columns
+from discsim.kernels.common.totals import add_columns
 from discsim.numerics import teams, world
 from discsim.numerics.totals import FEW, rounded, total, totals
 

@@ -15,11 +15,11 @@ from discsim import Simulation
 from discsim.exact import dustybox
 from discsim.formulas import laws as formulas
 from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, STOPPING_TIME
-from discsim.kernels.background import Disc, path_at
-from discsim.kernels.background import relax_by_speed as relax_in_disc
-from discsim.kernels.coupled import ROOM
-from discsim.kernels.laws import hastening, stopping_time
-from discsim.kernels.nonlinear import relax_by_speed
+from discsim.kernels.drag.coupled import ROOM
+from discsim.kernels.drag.laws import hastening, stopping_time
+from discsim.kernels.drag.nonlinear import relax_by_speed
+from discsim.kernels.dust.background import Disc, path_at
+from discsim.kernels.dust.background import relax_by_speed as relax_in_disc
 from discsim.parts import LAWS
 from discsim.physics.laws import stopping_times
 from discsim.preview.derived import derived, local

@@ -5,7 +5,7 @@ import pytest
 
 from discsim import Simulation
 from discsim.drag import cells, nodes
-from discsim.kernels import blocks
+from discsim.kernels.drag import blocks
 from discsim.numerics.layout import LEVELS
 from discsim.preview.check import report
 from discsim.preview.derived import derived

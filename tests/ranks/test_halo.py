@@ -11,10 +11,11 @@ if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install -e '.[mpi]'", allow_module_level=True)
 
 from discsim.drag.cells import Lattice, merge
-from discsim.kernels import levels
-from discsim.kernels.batches import BATCH
-from discsim.kernels.blocks import LEVELS, NEAR
-from discsim.kernels.halo import (
+from discsim.kernels.common.neighbours import FIRST, widen
+from discsim.kernels.drag.blocks import LEVELS, NEAR
+from discsim.kernels.drag.tsc import levels
+from discsim.kernels.mpi.batches import BATCH
+from discsim.kernels.mpi.halo import (
     EITHER,
     add_blocks,
     all_there,
@@ -27,8 +28,7 @@ from discsim.kernels.halo import (
     mark_leaves,
     number_runs,
 )
-from discsim.kernels.neighbours import FIRST, widen
-from discsim.kernels.tiles import leave_own, others_about
+from discsim.kernels.mpi.tiles import leave_own, others_about
 from discsim.numerics import room
 from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import BORDER, Grid

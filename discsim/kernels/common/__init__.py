@@ -1,0 +1,1 @@
+"""Loops that several parts share: arrays, sorting, the grid, neighbour lists, exact sums, random numbers."""

@@ -1,0 +1,396 @@
+"""Particles on a uniform grid: sort keys, cloud-in-cell deposit and gather (Hockney & Eastwood 1988, ch. 5).
+
+The order of every sum is independent of the number of threads. `origin` is the lower corner of the grid, `inverse` one
+over the side of a cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
+`discsim.numerics.threads.share`.
+
+A field may cover part of a grid: `part` is (nx, ny, x, y), the shape of the whole grid and the first node of the field.
+The field has all nodes about the particles. An axis of the field with all nodes of the grid wraps in periodic space.
+"""
+
+import numpy as np
+
+from discsim.jit.decorators import INNER, compiled, inner, kept, subroutine
+from discsim.kernels.common.rows import LINE, fetch, lane, load
+from discsim.kernels.common.zcurve import place_of
+from discsim.kernels.mpi.batches import BATCH as ROWS
+
+ONE, TWO = np.uint64(1), np.uint64(2)
+STRIPS = 64  # strips of rows in a deposit; fixed, whatever the number of threads
+BATCH = 128  # particles whose nodes are computed together, by vectorised code
+CHUNK = 4096  # particles per entry of the results of `pull`
+BAND = 32  # rows of nodes per entry of the range of particles along y, in `extents`
+TILE = 6  # particles are sorted by tiles that are 2^TILE cells wide
+
+
+@compiled
+def cell_of(x, origin, inverse, count, periodic):
+    """Return the index of the cell that holds x; -1 outside an open axis, or if x is not finite."""
+    s = (x - origin) * inverse
+    if periodic and not 0.0 <= s < count:
+        s -= count * np.floor(s / count)
+        if s == count:  # a tiny negative s rounds up to the far edge
+            s = 0.0
+    return int(s) if 0.0 <= s < count else -1
+
+
+@compiled
+def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
+    """Write the sort key (n,) of the cell that holds each particle: by rows of tiles, and along a Z-curve in a tile.
+
+    Particles sorted by these keys are near in memory if they are near in space. Off the grid the key is one more than
+    the last one.
+    """
+    plane = pos.shape[1] == 2
+    bits = TILE if plane else 0
+    along_x, along_y = (shape[0] - 1 >> bits) + 1, (shape[1] - 1 >> bits) + 1
+    for i in range(begin, end):
+        ix = cell_of(pos[i, 0], origin[0], inverse, shape[0], periodic)
+        iy = cell_of(pos[i, 1], origin[1], inverse, shape[1], periodic) if plane else 0
+        place = (ix >> bits) * along_y + (iy >> bits) << 2 * bits
+        if plane:
+            place |= place_of(ix & (1 << TILE) - 1, iy & (1 << TILE) - 1)
+        out[i] = place if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
+
+
+@subroutine
+def _wrapped(s, count):
+    if not 0.0 <= s < count:
+        s -= count * np.floor(s / count)
+        if s == count:
+            s = 0.0
+    return s
+
+
+@subroutine
+def stencil(x, origin, inverse, count, periodic):
+    """Return the two nodes about x and the weight of the second; (-1, -1, 0) if any of the two is off the grid."""
+    s = (x - origin) * inverse - 0.5
+    if periodic:
+        s = _wrapped(s, count)
+    if not 0.0 <= s < (count if periodic else count - 1):
+        return -1, -1, 0.0
+    low = int(s)
+    return low, low + 1 if low + 1 < count else 0, s - low
+
+
+@subroutine
+def _stencil_y(pos, p, origin, inverse, count, periodic):
+    # In one dimension there is one row of nodes along y, with the whole weight.
+    if pos.shape[1] == 1:
+        return 0, 0, 0.0
+    return stencil(pos[p, 1], origin[1], inverse, count, periodic)
+
+
+@compiled
+def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
+    """Write the strip (n,) of 2^shift rows that holds the first node of each particle; STRIPS off the grid."""
+    if pos.shape[1] == 2 and not periodic:
+        flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # a flat array and unsigned indices: vectorised
+        for p in range(np.uint64(begin), np.uint64(end)):
+            x, y = (flat[TWO * p] - ox) * inverse - 0.5, (flat[TWO * p + ONE] - oy) * inverse - 0.5
+            inside = (x >= 0.0) & (x < shape[0] - 1) & (y >= 0.0) & (y < shape[1] - 1)
+            key[p] = np.uint8(np.int32(x) >> np.int32(shift)) if inside else np.uint8(STRIPS)
+        return
+    for p in range(begin, end):
+        low = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
+        inside = low >= 0 and _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0] >= 0
+        key[p] = low >> shift if inside else STRIPS  # a shift: a division took longer than all the rest
+
+
+@compiled
+def runs_of(key, first, last):
+    """Return ((begin, end), strip) of the runs of consecutive particles in one strip, (runs,) each.
+
+    Runs are those of the rows from `first` up to `last` (pieces,), piece by piece; no piece is empty. Particles near in
+    space are near in memory, so that sorting a few runs replaces sorting all particles.
+    """
+    count = len(first)
+    for piece in range(len(first)):
+        for p in range(np.uint64(first[piece]) + ONE, np.uint64(last[piece])):
+            count += key[p] != key[p - ONE]
+    begin, end, strip = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.uint32)
+    run = 0
+    for piece in range(len(first)):
+        begin[run], strip[run] = first[piece], key[first[piece]]
+        for p in range(np.uint64(first[piece]) + ONE, np.uint64(last[piece])):
+            if key[p] != key[p - ONE]:
+                end[run] = p
+                run += 1
+                begin[run], strip[run] = p, key[p]
+        end[run] = last[piece]
+        run += 1
+    return (begin, end), strip
+
+
+@inner
+def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inverse, scale, grid, corner):
+    # Write the contributions of `number` particles, from the pth on, to their four nodes, and the index of the first
+    # node in the rows of a strip that begins at node `corner`, after the `filled` entries of the batch.
+    (nx, ny, periodic, length), ox, oy = grid, origin[0], origin[1]
+    where = np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
+    if dim == TWO and not periodic:  # this loop is vectorised
+        for j in range(np.uint64(number)):
+            x, y = (flat[TWO * (p + j)] - ox) * inverse - 0.5, (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
+            _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
+        return
+    for j in range(np.uint64(number)):
+        x, y = (flat[dim * (p + j)] - ox) * inverse - 0.5, 0.0
+        if dim == TWO:
+            y = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
+        if periodic:
+            x, y = _wrapped(x, nx), _wrapped(y, ny)
+        _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
+
+
+@inner
+def _share(j, x, y, v, where, place, shares):
+    (s00, s01, s10, s11), (first, first_y, width) = shares, where
+    ix, iy = np.int32(x), np.int32(y)
+    place[j] = (ix - first) * width + (iy - first_y)
+    v1 = v * (x - ix)
+    v0 = v - v1
+    s01[j], s11[j] = v0 * (y - iy), v1 * (y - iy)
+    s00[j], s10[j] = v0 - s01[j], v1 - s11[j]
+
+
+@inner
+def _add_shares(number, place, shares, length, flat):
+    s00, s01, s10, s11 = shares
+    for j in range(np.uint64(number)):
+        low = np.uint64(place[j])
+        high = low + length
+        flat[low] += s00[j]
+        flat[low + ONE] += s01[j]
+        flat[high] += s10[j]
+        flat[high + ONE] += s11[j]
+
+
+@compiled
+def deposit_strips(
+    begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
+):
+    """Add `scale` times `value` (n,) to the nodes of `out`, a `part`, by cloud in cell.
+
+    `order` and `start` sort the `runs` of particles, (begin, end) of (runs,) each, by strip. A strip adds to its own
+    rows, and separately to the row after these: `beyond` (strips, columns), 0 on input, for `join_strips`.
+    """
+    nx, ny, first_x, first_y = part
+    (held, wide), (run_begin, run_end) = out.shape, runs
+    rows, length = 1 << shift, np.uint64(wide + 1)
+    sums = np.empty((rows + 1, wide + 1))  # the extra column is the first one in periodic space
+    flat, grid = sums.reshape(-1), (nx, ny, periodic, length)
+    # Separate arrays, as rows of one array would be compiled as strided. `pos` is flattened once and not per batch, as
+    # this takes as long as the work on several particles (2026-11).
+    at, dim = pos.reshape(-1), np.uint64(pos.shape[1])
+    place, shares = np.empty(BATCH, np.int32), (np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH))
+    for s in range(begin, end):
+        if start[s] == start[s + 1]:
+            continue
+        first, filled = s * rows, 0
+        flat[:] = 0.0
+        for k in range(start[s], start[s + 1]):
+            p, last = run_begin[order[k]], run_end[order[k]]
+            while p < last:
+                number = min(last - p, BATCH - filled)
+                behind = np.uint64(p), number, np.uint64(filled)
+                _share_out(at, dim, value, *behind, place, shares, origin, inverse, scale, grid, (first, first_y))
+                p, filled = p + number, filled + number
+                if filled == BATCH:
+                    _add_shares(filled, place, shares, length, flat)
+                    filled = 0
+        _add_shares(filled, place, shares, length, flat)
+        own = max(0, min(rows, nx - first))
+        for r in range(own + 1):
+            sums[r, 0] += sums[r, wide]
+        for r in range(max(0, first_x - first), min(own, first_x + held - first)):
+            row = out[first + r - first_x]
+            for j in range(wide):
+                row[j] += sums[r, j]
+        for j in range(wide):
+            beyond[s, j] = sums[own, j]
+
+
+@compiled
+def join_strips(shift, part, beyond, out):
+    """Add the row after each strip, `beyond` (strips, columns), to the next strip, in a fixed order."""
+    nx = part[0]
+    for s in range(len(beyond)):
+        row = min((s + 1) << shift, nx) % nx - part[2]
+        if s << shift < nx and 0 <= row < len(out):
+            for j in range(out.shape[1]):
+                out[row, j] += beyond[s, j]
+
+
+@subroutine
+def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
+    low = w00 * field[ix, iy, c] + w01 * field[ix, jy, c]
+    return low + w10 * field[jx, iy, c] + w11 * field[jx, jy, c]
+
+
+@compiled
+def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
+    """Gather the field (a `part`, c <= 2) at the particles into out (n, c) with the weights of the deposit; 0 off the
+    grid.
+    """
+    nx, ny, first_x, first_y = part
+    for p in range(begin, end):
+        ix, jx, wx = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
+        iy, jy, wy = _stencil_y(pos, p, origin, inverse, ny, periodic)
+        w00, w01, w10, w11 = (1.0 - wx) * (1.0 - wy), (1.0 - wx) * wy, wx * (1.0 - wy), wx * wy
+        for c in range(out.shape[1]):
+            out[p, c] = 0.0
+        if ix >= 0 and iy >= 0:
+            ix, jx, iy, jy = ix - first_x, jx - first_x, iy - first_y, jy - first_y
+            out[p, 0] = _weighted(field, 0, ix, jx, iy, jy, w00, w01, w10, w11)
+            if out.shape[1] == 2:
+                out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
+
+
+@kept(**INNER, fastmath={"contract"})
+def _between(flat, low, along_x, along_y, wx, wy):
+    high = low + along_x
+    first = flat[low] + wx * (flat[high] - flat[low])
+    second = flat[low + along_y] + wx * (flat[high + along_y] - flat[low + along_y])
+    return first + wy * (second - first)
+
+
+@kept(**INNER, fastmath={"contract"})
+def _both_between(flat, low, along_x, wx, wy):
+    # Both components at once, where the next node along y is the next one in memory.
+    left = load(flat, low)
+    both = left + wx * (load(flat, low + along_x) - left)
+    x, y = lane(both, 0), lane(both, 1)
+    return x + wy * (lane(both, 2) - x), y + wy * (lane(both, 3) - y)
+
+
+@inner
+def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
+    # Write the positions of `number` particles from the pth on, in cells from the first node. Simple loops: vectorised.
+    ox, oy = origin[0], origin[1]
+    if dim == TWO:
+        for j in range(number):
+            xs[j] = (flat[TWO * (p + j)] - ox) * inverse - 0.5
+            ys[j] = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
+    else:
+        for j in range(number):
+            xs[j], ys[j] = (flat[p + j] - ox) * inverse - 0.5, 0.0
+    if periodic:
+        for j in range(number):
+            xs[j], ys[j] = _wrapped(xs[j], nx), _wrapped(ys[j], ny)
+
+
+@compiled
+def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc, largest, missing):
+    """Subtract the field (a `part`, 2) at the particles from `acc` (n, d), in chunks of CHUNK particles.
+
+    Writes the largest squared length that is subtracted, and the number of particles off the grid, (chunks,) each.
+    """
+    nx, ny, first_x, first_y = part
+    wide, plane = field.shape[1], pos.shape[1] == 2
+    end_x, end_y = (float(nx), float(ny)) if periodic else (nx - 1.0, ny - 1.0 if plane else 1.0)
+    flat, pulls, places, dim = field.reshape(-1), acc.reshape(-1), pos.reshape(-1), np.uint64(pos.shape[1])
+    ixs, iys, xs, ys = np.empty(BATCH, np.int32), np.empty(BATCH, np.int32), np.empty(BATCH), np.empty(BATCH)
+    for chunk in range(chunk_from, chunk_to):
+        most, lost = 0.0, 0
+        end = np.uint64(min((chunk + 1) * CHUNK, len(pos)))
+        for p in range(np.uint64(chunk * CHUNK), end, np.uint64(BATCH)):
+            number = min(np.uint64(BATCH), end - p)
+            _find(places, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys)
+            for j in range(number):
+                inside = (xs[j] >= 0.0) & (xs[j] < end_x) & (ys[j] >= 0.0) & (ys[j] < end_y)
+                x, y = xs[j] if inside else -1.0, ys[j] if inside else 0.0
+                ixs[j], iys[j] = np.int32(x), np.int32(y)
+                xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
+            # Prefetch the next batch: hardware prefetchers miss it, as the arrays are read in short bursts.
+            for ahead in range(dim * (p + np.uint64(BATCH)), dim * (p + np.uint64(2 * BATCH)), LINE):
+                fetch(pos, ahead)
+                fetch(pulls, ahead)
+            for j in range(number):
+                ix, iy = int(ixs[j]), int(iys[j])
+                if ix < 0:
+                    lost += 1
+                    continue
+                low = np.uint64(2 * ((ix - first_x) * wide + iy - first_y))  # unsigned: no wrapped index
+                along_x = np.uint64(2 * wide if ix + 1 < nx else -2 * wide * ix)
+                along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
+                q = dim * (p + j)
+                if iy + 1 < ny:
+                    x, y = _both_between(flat, low, along_x, xs[j], ys[j])
+                else:
+                    x = _between(flat, low, along_x, along_y, xs[j], ys[j])
+                    y = _between(flat, low + ONE, along_x, along_y, xs[j], ys[j]) if plane else 0.0
+                pulls[q] -= x
+                if plane:
+                    pulls[q + ONE] -= y
+                most = max(most, x * x + y * y)
+        largest[chunk], missing[chunk] = most, lost
+
+
+@compiled
+def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
+    """Write True (n,) for particles whose nodes are not all on the grid."""
+    for p in range(begin, end):
+        x = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
+        y = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
+        outside[p] = x < 0 or y < 0
+
+
+@compiled
+def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
+    """Return the ranges of first nodes about the particles of the batches `begin` to `end`, with `bounds` (batches, 4).
+
+    Returns the least and the largest along y in each BAND of rows (bands,), the least and the largest along x, and the
+    number of particles off the grid. In an empty range the least exceeds the largest.
+    """
+    count = (shape[0] - 1) // BAND + 1
+    least, most, low, high, off = np.full(count, shape[1]), np.full(count, -1), shape[0], -1, 0
+    for batch in range(begin, end):
+        x0, x1, y0, y1 = _nodes_between(bounds[batch], pos.shape[1], origin, inverse, shape)
+        if x0 >= 0:
+            low, high = min(low, x0), max(high, x1)
+            band, last = x0 // BAND, x1 // BAND
+            if band == last:  # as for most batches
+                least[band], most[band] = min(least[band], y0), max(most[band], y1)
+                continue
+            known = True  # most other batches lie within the ranges so far
+            for each in range(band, last + 1):
+                known &= least[each] <= y0 and y1 <= most[each]
+            if known:
+                continue
+        for p in range(batch * ROWS, min((batch + 1) * ROWS, len(pos))):
+            if x0 >= 0:
+                ix = int((pos[p, 0] - origin[0]) * inverse - 0.5)
+                iy = int((pos[p, 1] - origin[1]) * inverse - 0.5)
+            else:
+                ix = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
+                iy = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
+            if ix >= 0 and iy >= 0:
+                band = ix // BAND
+                least[band], most[band] = min(least[band], iy), max(most[band], iy)
+                low, high = min(low, ix), max(high, ix)
+            else:
+                off += 1
+    return least, most, low, high, off
+
+
+@inner
+def _nodes_between(bounds, dim, origin, inverse, shape):
+    """Return the least and largest first nodes along x and y within bounds; all -1 at an edge, or in one dimension."""
+    x0, x1 = (bounds[0] - origin[0]) * inverse - 0.5, (bounds[1] - origin[0]) * inverse - 0.5
+    y0, y1 = (bounds[2] - origin[1]) * inverse - 0.5, (bounds[3] - origin[1]) * inverse - 0.5
+    if dim == 1 or not (x0 >= 0.0 and x1 < shape[0] - 1 and y0 >= 0.0 and y1 < shape[1] - 1):
+        return -1, -1, -1, -1
+    return int(x0), int(x1), int(y0), int(y1)
+
+
+@compiled
+def largest_norm(vectors):
+    """Return the largest length of the vectors (n, c); 0 if there are none."""
+    largest = 0.0
+    for p in range(len(vectors)):
+        square = 0.0
+        for c in range(vectors.shape[1]):
+            square += vectors[p, c] ** 2
+        largest = max(largest, square)
+    return np.sqrt(largest)

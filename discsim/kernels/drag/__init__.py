@@ -1,0 +1,1 @@
+"""Implicit drag: cells, pairs, laws of the stopping time, exact relaxation."""

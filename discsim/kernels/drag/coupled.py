@@ -1,0 +1,134 @@
+"""Exact relaxation of gas and several dust populations: the exponential of their coupling as a sum over poles.
+
+With z_j = dt / t_j and e_j = M_j / M_g, eq. (1) of `kernels/drag/cells.py` damps the slips Y from the gas at the rate
+A Y / dt,
+
+    (A Y)_j = z_j Y_j + sum_i e_i z_i Y_i,
+
+so slips and sources B change the slips by f(A) Y + g(A) B dt beyond free motion, with f(z) = exp(-z) - 1 and
+g(z) = -f(z) / z - 1. For any z >= 0 both are, to relative errors of 2e-14 and 1e-13,
+
+    sum_k Re w_k z / (z - p_k),                                                                           (1)
+
+with p_k the poles of the best rational approximation of degree 16 to exp(-z), one of each conjugate pair (Pusa 2012,
+Nucl. Sci. Eng. 171, 155), and with weights w_k fitted to f and to g. Backward Euler, -z / (1 + z) for both, has one
+pole. For the matrix A each term takes one pass over the populations, as they couple only through the gas. Population j
+changes by
+
+    Re w_k z_j r_j (Y_j - q),    r_j = 1 / (z_j - p_k),    q = sum_i e_i z_i r_i Y_i / (1 + sum_i e_i z_i r_i),   (2)
+
+and the change of the gas conserves momentum.
+"""
+
+import numpy as np
+
+from discsim.jit.decorators import inner, lean
+from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
+
+POLES = (
+    -6.416177699099435 + 1.1941223933701386j, -5.948152268951177 + 3.587457362018322j,
+    -4.993174737717997 + 5.996881713603942j, -3.509103608414918 + 8.436198985884374j,
+    -1.419375897185666 + 10.925363484496723j, 1.4139284624888862 + 13.497725698892745j,
+    5.264971343442647 + 16.22022147316793j, 10.843917078696988 + 19.27744616718165j,
+)  # fmt: skip
+FOR_SLIPS = (
+    -32.025829097947444 + 64.0484218734613j, 43.118362775157735 - 8.273013811801054j,
+    -12.456738445970243 - 10.478464687915897j, 0.10362905940556635 + 3.527124677277039j,
+    0.2837998441223101 - 0.30767123752793857j, -0.023704215622398377 + 0.0035954346369145j,
+    0.00048196709043706515 + 0.000182524018949936j, -1.8862359601737991e-06 - 1.1138407606892213e-06j,
+)  # fmt: skip
+FOR_SOURCES = (
+    -6.619944191309062 + 8.750288566480508j, 5.930599889030935 + 2.1860173137827026j,
+    0.010501292978218512 - 2.0859464572464437j, -0.35206905003700983 + 0.15873009925088474j,
+    0.03101237958537903 + 0.02194721049717225j, -8.150147997405428e-05 - 0.0017647205215907177j,
+    -1.8904302005538264e-05 + 2.3579844470878637e-05j, 8.553351889939035e-08 - 4.957653975928147e-08j,
+)  # fmt: skip
+
+
+def table_of(poles, for_slips, for_sources):
+    """Return a table (poles, 10): real and imaginary part of a pole; the real parts of its weights, twice that of slips
+    and twice that of sources; the imaginary parts of these four.
+    """
+    weights = np.repeat(np.stack([for_slips, for_sources], axis=1).astype(complex), 2, axis=1)
+    poles = np.array(poles, complex)[:, None]
+    return np.ascontiguousarray(np.hstack([poles.real, poles.imag, weights.real, weights.imag]))
+
+
+WEIGHT = 2  # column at which the weights begin
+EXPONENTIAL, EULER = table_of(POLES, FOR_SLIPS, FOR_SOURCES), table_of([-1.0], [-1.0], [-1.0])
+MOST = 1e140  # largest z: its square must not overflow
+# Columns of the scratch, one row per population: z, e z, 1 / (z - p) (2 columns); slips (2) and sources (2); the sums
+# over poles of w / (z - p), and of the term with q in eq. (2), each for slips (2) and for sources (2).
+Z, STRENGTH, INVERSE, SLIP, OWN, COMMON, ROOM = 0, 1, 2, LANES, 2 * LANES, 3 * LANES, 4 * LANES
+
+
+@inner
+def take_present(mass, time, y, b, dt, room):
+    """Write the populations that have mass to successive rows of `room`; return their number."""
+    count = 0
+    for s in range(1, len(mass)):
+        if mass[s] > 0.0:
+            room[count, Z] = min(dt / time[s], MOST)
+            room[count, STRENGTH] = mass[s] / mass[0] * room[count, Z]
+            for f in range(SLIP, ROOM):
+                room[count, f] = 0.0
+            for c in range(y.shape[1]):
+                room[count, SLIP + c] = y[s, c] - y[0, c]
+                room[count, SLIP + 2 + c] = dt * (b[s, c] - b[0, c])
+            count += 1
+    return count
+
+
+@inner
+def add_pole(k, table, count, room):
+    """Add the term of pole k in (1), by eq. (2)."""
+    place, turn = table[k, 0], table[k, 1]
+    own, other, re, im = 1.0, 0.0, empty_row(), empty_row()
+    for j in range(count):
+        d = room[j, Z] - place
+        inverse = 1.0 / (d * d + turn * turn)
+        real, imaginary = d * inverse, turn * inverse
+        room[j, INVERSE], room[j, INVERSE + 1] = real, imaginary
+        real, imaginary = room[j, STRENGTH] * real, room[j, STRENGTH] * imaginary
+        own += real
+        other += imaginary
+        slip = load(room, j * ROOM + SLIP)
+        re += real * slip
+        im += imaginary * slip
+    norm = 1.0 / (own * own + other * other)
+    own, other = own * norm, other * norm
+    re, im = own * re + other * im, own * im - other * re
+    w_re, w_im = load(table, k * (WEIGHT + 2 * LANES) + WEIGHT), load(table, k * (WEIGHT + 2 * LANES) + WEIGHT + LANES)
+    q_re, q_im = w_re * re - w_im * im, w_re * im + w_im * re
+    for j in range(count):
+        real, imaginary, at = room[j, INVERSE], room[j, INVERSE + 1], j * ROOM
+        store(room, at + OWN, load(room, at + OWN) + (real * w_re - imaginary * w_im))
+        store(room, at + COMMON, load(room, at + COMMON) + (real * q_re - imaginary * q_im))
+
+
+@lean
+def relax_coupled(mass, time, y, b, dt, exponential, room, slip, drive):
+    """Add the velocity changes beyond free motion, of the gas (entry 0) and of the populations that have mass.
+
+    Changes by slips go to `slip` and changes by sources to `drive`, (n, d) each, which may be one array. `room`
+    (n, ROOM) is overwritten.
+    """
+    table = EXPONENTIAL if exponential else EULER
+    count, at = take_present(mass, time, y, b, dt, room), 0
+    for k in range(len(table)):
+        add_pole(k, table, count, room)
+    for s in range(1, len(mass)):
+        if mass[s] > 0.0:
+            e, begin = mass[s] / mass[0], at * ROOM
+            change = load(room, begin + OWN) * load(room, begin + SLIP) - load(room, begin + COMMON)
+            change = room[at, Z] * change
+            at += 1
+            slip[s, 0] += lane(change, 0)
+            slip[0, 0] -= e * lane(change, 0)
+            drive[s, 0] += lane(change, 2)
+            drive[0, 0] -= e * lane(change, 2)
+            if y.shape[1] == 2:
+                slip[s, 1] += lane(change, 1)
+                slip[0, 1] -= e * lane(change, 1)
+                drive[s, 1] += lane(change, 3)
+                drive[0, 1] -= e * lane(change, 3)

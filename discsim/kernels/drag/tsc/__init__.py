@@ -1,0 +1,1 @@
+"""Drag between nodes of a lattice (scheme `tsc`)."""

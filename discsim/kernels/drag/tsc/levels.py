@@ -1,0 +1,149 @@
+"""Nodes of drag cells: the lattice of blocks of each level, and the neighbours of each node.
+
+Blocks (`kernels/drag/blocks.py`) of one level are cells of one regular lattice; a node is the centre of a cell. A
+lattice has a border of nodes on all sides. It wraps where space is periodic and whole cells fill the period.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from discsim.jit.decorators import compiled, inner, lean
+
+
+class Levels(NamedTuple):
+    """Lattice of each level, with a border of nodes on all sides.
+
+    width, height (levels,): cells along x and y. wrap (levels, 2): whether the lattice wraps along each axis.
+    first (levels + 1,): index of the first node of each level.
+    """
+
+    width: np.ndarray
+    height: np.ndarray
+    wrap: np.ndarray
+    first: np.ndarray
+
+
+def lattices(nx: int, ny: int, joined: np.ndarray, levels: int) -> Levels:
+    """Return the levels of a lattice of nx by ny leaves; joined (2,): whether leaves wrap along each axis."""
+    sides = 2 ** np.arange(levels)
+    width, height = -(-nx // sides), -(-ny // sides)
+    # A level whose cells do not fill the period does not wrap.
+    wrap = np.column_stack([width * sides == nx, height * sides == ny]) & joined
+    return Levels(width, height, wrap, np.append(0, np.cumsum((width + 2) * (height + 2))))
+
+
+@inner
+def step_along(index, by, count, wraps):
+    """Return the index of a neighbour along one axis; cell i has the index i + 1, after the border."""
+    index += by
+    if wraps:
+        if index < 1:
+            index += count
+        elif index > count:
+            index -= count
+    return index
+
+
+@inner
+def neighbours(ix, iy, level, levels, flat, out):
+    """Write the nine nodes about (ix, iy) of a level, itself in the middle, to `out` (9, 3): index, or -1 beyond the
+    border, and position on the lattice; `flat` in one dimension.
+    """
+    width, rows, begin = levels.width[level], levels.height[level] + 2, levels.first[level]
+    for i in range(3):
+        jx = step_along(ix, i - 1, width, levels.wrap[level, 0])
+        for j in range(3):
+            jy = step_along(iy, j - 1, rows - 2, levels.wrap[level, 1])
+            inside = 0 <= jx < width + 2 and 0 <= jy < rows and not (flat and j != 1)
+            out[3 * i + j, 0] = begin + jx * rows + jy if inside else -1
+            out[3 * i + j, 1], out[3 * i + j, 2] = jx, jy
+
+
+@inner
+def is_inner(ix, iy, level, levels, flat):
+    """Return whether all nine nodes about a node are at fixed offsets in memory, as for nearly all nodes."""
+    return 1 < ix < levels.width[level] and 1 < iy < levels.height[level] and not flat
+
+
+@inner
+def number_nodes(level, leaf, levels, flat, at, index, place, near):
+    """Number the nodes about blocks in the order of the blocks; return how many there are.
+
+    Writes the block of a node to `at`, its number to `index`, and its level and position on the lattice to `place`
+    (n, 3). `near` (9, 3) is overwritten.
+    """
+    total = 0
+    for block in range(len(level)):
+        n = level[block]
+        ix, iy, rows = (leaf[block, 0] >> n) + 1, (leaf[block, 1] >> n) + 1, levels.height[n] + 2
+        middle = levels.first[n] + ix * rows + iy
+        at[middle] = block
+        if is_inner(ix, iy, n, levels, flat):
+            for i in range(-1, 2):
+                for j in range(-1, 2):
+                    node = np.uint64(middle + i * rows + j)
+                    if index[node] < 0:
+                        index[node] = total
+                        place[total, 0], place[total, 1], place[total, 2] = n, ix + i, iy + j
+                        total += 1
+            continue
+        neighbours(ix, iy, n, levels, flat, near)
+        for k in range(9):
+            node = near[k, 0]
+            if node >= 0 and index[node] < 0:
+                index[node] = total
+                place[total, 0], place[total, 1], place[total, 2] = n, near[k, 1], near[k, 2]
+                total += 1
+    return total
+
+
+@inner
+def link_nodes(total, levels, flat, at, index, place, near, about, blocks):
+    for n in range(total):
+        level, ix, iy = place[n, 0], place[n, 1], place[n, 2]
+        if is_inner(ix, iy, level, levels, flat):
+            rows = levels.height[level] + 2
+            below = levels.first[level] + (ix - 1) * rows + iy - 1
+            for i in range(3):
+                for j in range(3):
+                    node = np.uint64(below + i * rows + j)
+                    about[n, 3 * i + j], blocks[n, 3 * i + j] = index[node], at[node]
+            continue
+        neighbours(ix, iy, level, levels, flat, near)
+        for k in range(9):
+            node = near[k, 0]
+            about[n, k] = index[node] if node >= 0 else -1
+            blocks[n, k] = at[node] if node >= 0 else -1
+
+
+@compiled
+def list_nodes(level, leaf, levels, flat):
+    """Return the node of each block (blocks,) and, for each node about a block, its level and position on the lattice
+    (n, 3), the nodes about it (n, 9) and the blocks about it (n, 9), -1 if there is none.
+
+    leaf (blocks, 2): first leaf of each block.
+    """
+    most, near = levels.first[-1], np.empty((9, 3), np.int64)
+    at, index = np.full(most, -1, np.int32), np.full(most, -1, np.int32)
+    place = np.empty((min(most, 9 * len(level)), 3), np.int32)
+    total = number_nodes(level, leaf, levels, flat, at, index, place, near)
+    about, blocks = np.empty((total, 9), np.int32), np.empty((total, 9), np.int32)
+    link_nodes(total, levels, flat, at, index, place, near, about, blocks)
+    home = np.empty(len(level), np.int32)
+    for n in range(total):
+        if blocks[n, 4] >= 0:
+            home[blocks[n, 4]] = n
+    return home, place[:total], about, blocks
+
+
+@lean
+def node_centres(first, last, place, origin, leaf, begin, out):
+    """Write the positions (n, 2) of nodes from their level and position on the lattice, `place` (n, 3).
+
+    The lattice begins at the leaf `begin` (2,); `leaf` is the side of a leaf.
+    """
+    for n in range(first, last):
+        side = leaf * 2.0 ** place[n, 0]
+        ix, iy = place[n, 1] + (begin[0] >> place[n, 0]), place[n, 2] + (begin[1] >> place[n, 0])
+        out[n, 0], out[n, 1] = origin[0] + (ix - 0.5) * side, origin[1] + (iy - 0.5) * side

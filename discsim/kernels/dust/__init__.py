@@ -1,0 +1,1 @@
+"""Dust beyond drag: growth, diffusion, radiation pressure, dust in a prescribed gas."""

@@ -1,0 +1,1 @@
+"""Gas and dust as fluids on a fixed 1D grid."""

@@ -1,0 +1,1 @@
+"""Point masses, Kepler orbits, and the Poisson solver on a grid."""

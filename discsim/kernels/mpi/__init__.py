@@ -1,0 +1,1 @@
+"""Decomposition of space over MPI ranks: tiles, halos."""

@@ -1,0 +1,313 @@
+"""Halo of an MPI rank: the neighbour cells and drag blocks of other ranks that sums over its own particles need."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from discsim.jit.decorators import compiled, inner, subroutine
+from discsim.kernels.common.filling import SOME, with_room
+from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
+from discsim.kernels.common.zcurve import place_of
+from discsim.kernels.drag.blocks import LEVELS
+from discsim.kernels.mpi import batches
+
+THEIRS, OWN, EITHER = range(3)
+ONE, BATCH = np.uint64(1), np.uint64(batches.BATCH)
+FAR = 64  # a batch that spans more top-level blocks than this is kept without a test of each
+EDGE = 1e-6  # of a cell: largest rounding error of a position
+
+
+@compiled
+def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
+    """Return which cells (cells,) of the grids `others` may hold particles within reach of the cells `filled` of
+    `grids`; `flat` in one dimension.
+
+    away (2,): the lower corner of `others` relative to that of `grids`. reach_of: whose support radius is the reach,
+    that of particles in `others` (THEIRS), in `filled` (OWN) or the larger one (EITHER). Support radii are at most
+    `room` times the largest one of their grid.
+    """
+    last = others[-1]
+    out = np.zeros(int(last[FIRST] + last[NX] * last[NX + 1]), np.bool_)
+    for level in range(len(others)):
+        other, nx, ny = others[level], int(others[level, NX]), int(others[level, NX + 1])
+        corners = np.zeros((nx + 1, ny + 1), np.int32)  # of marked boxes, which prefix sums fill
+        mine, k = 0, 0
+        while k < len(filled):
+            cell = filled[k]
+            while mine + 1 < len(grids) and grids[mine + 1, FIRST] <= cell:
+                mine += 1
+            place, rows = cell - int(grids[mine, FIRST]), int(grids[mine, NX + 1])
+            ix, iy = place // rows + int(grids[mine, FROM_X]), place % rows + int(grids[mine, FROM_X + 1])
+            count, left = 1, rows - place % rows  # consecutive cells of a row are marked together
+            while count < left and k + count < len(filled) and filled[k + count] == cell + count:
+                count += 1
+            k += count
+            reach = 0.0
+            if reach_of != THEIRS:
+                reach = room * grids[mine, REACH]
+            if reach_of != OWN:
+                reach = max(reach, room * other[REACH])
+            x0, x1 = _span(ix, grids[mine, SIDE_X], away[0], other[SIDE_X], reach)
+            y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)
+            if count > 1:
+                y1 = _span(iy + count - 1, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)[1]
+            _mark(x0, x1, y0, y1, other, periodic, corners)
+        _sum_up(corners, int(other[FIRST]), out)
+    return out
+
+
+@subroutine
+def _sum_up(corners, begin, out):
+    nx, ny = corners.shape[0] - 1, corners.shape[1] - 1
+    for i in range(nx):
+        along = 0
+        for j in range(ny):
+            along += corners[i, j]
+            corners[i, j] = along + (corners[i - 1, j] if i > 0 else 0)
+            out[begin + i * ny + j] = corners[i, j] > 0
+
+
+@subroutine
+def _mark(x0, x1, y0, y1, grid, periodic, corners):
+    # Mark the cells x0 to x1 and y0 to y1 of a whole grid that its part has, in each periodic image of the box.
+    nx, ny, all_x, all_y = int(grid[NX]), int(grid[NX + 1]), int(grid[ALL_X]), int(grid[ALL_X + 1])
+    from_x, from_y, turns = int(grid[FROM_X]), int(grid[FROM_X + 1]), 1 if periodic else 0
+    if periodic:
+        x1, y1 = min(x1, x0 + all_x - 1), min(y1, y0 + all_y - 1)
+    for tx in range(turns * (x0 // all_x), turns * (x1 // all_x) + 1):
+        for ty in range(turns * (y0 // all_y), turns * (y1 // all_y) + 1):
+            left, right = max(x0 - tx * all_x - from_x, 0), min(x1 - tx * all_x - from_x, nx - 1) + 1
+            low, high = max(y0 - ty * all_y - from_y, 0), min(y1 - ty * all_y - from_y, ny - 1) + 1
+            if left < right and low < high:
+                corners[left, low] += 1
+                corners[right, low] -= 1
+                corners[left, high] -= 1
+                corners[right, high] += 1
+
+
+@compiled
+def _span(i, side, away, per, reach):
+    # First and last cell of side `per`, counted from `away` along an axis, within reach of the i-th cell of `side`.
+    low, high = (i - EDGE) * side - away - reach, (i + 1 + EDGE) * side - away + reach
+    return math.floor(low / per), math.floor(high / per)
+
+
+@compiled
+def mark_blocks(own, home, about, near, rings, out):
+    """Mark in `out` (blocks,) the blocks that the nodes about the blocks `own` depend on, and `rings` more rings of
+    nodes. `home`, `about` and `near` (there `blocks`) are results of `list_nodes` in `kernels/drag/tsc/levels.py`.
+    """
+    marked = np.zeros(len(about), np.bool_)
+    for block in own:
+        marked[home[block]] = True
+    for _ in range(rings + 1):
+        before = marked.copy()
+        for node in range(len(about)):
+            if before[node]:
+                for k in range(9):
+                    if about[node, k] >= 0:
+                        marked[about[node, k]] = True
+    for node in range(len(about)):
+        if marked[node]:
+            for k in range(9):
+                if near[node, k] >= 0:
+                    out[near[node, k]] = True
+
+
+@compiled
+def number_runs(first, last, out):
+    """Write to `out` (cells + 1,), 0 on input, how many cells before each are in the runs of cells from `first` up to
+    `last` (runs,).
+    """
+    for run in range(len(first)):
+        for cell in range(first[run], last[run]):
+            out[cell] = 1
+    count = 0
+    for cell in range(len(out)):
+        here, out[cell] = out[cell], count
+        count += here
+
+
+@compiled
+def in_runs(first, last, some, key, of, number):
+    """Return the particles whose cells are in the runs counted by `number` (`number_runs`), and the numbers of these
+    cells, (m,) each. Only the batches some[first:last] are searched.
+
+    The cell of a particle is its key (n,), or of[key] unless `of` is None.
+    """
+    out, numbers, count = np.empty(SOME, np.int64), np.empty(SOME, np.uint32), np.uint64(0)
+    for k in range(first, last):
+        begin = np.uint64(some[k]) * BATCH
+        out, numbers = with_room(out, count), with_room(numbers, count)
+        for i in range(begin, min(begin + BATCH, np.uint64(len(key)))):
+            cell = np.uint64(key[i] if of is None else of[key[i]])  # `of` is tested once, when this is compiled
+            out[count], numbers[count] = i, number[cell]
+            count += np.uint64(number[cell + ONE] > number[cell])
+    return out[: np.int64(count)], numbers[: np.int64(count)]
+
+
+@compiled
+def mark_held(first, last, held, number, out):
+    """Mark in `out` (blocks,) the blocks of the leaves that are `held` (leaves,); number (leaves,): block of a leaf."""
+    for leaf in range(np.uint64(first), np.uint64(last)):
+        if held[leaf]:
+            out[np.uint64(number[leaf])] = True
+
+
+@compiled
+def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
+    """Return the batches, from `first` to `last`, that may have a particle in a top-level block that is `marked`
+    (x, y), by their `bounds` (batches, 4).
+
+    Leaves of side `side` start at `origin` (2,). lattice: the first leaf of this part along x and y, then the number of
+    leaves in a period along each, 0 in open space. rows: leaves along the side of a top-level block.
+    """
+    out, count = np.empty(last - first, np.int64), 0
+    for batch in range(first, last):
+        out[count] = batch
+        x0, x1 = _leaves_between(bounds[batch, 0], bounds[batch, 1], origin[0], side, lattice[0], lattice[2])
+        y0, y1 = _leaves_between(bounds[batch, 2], bounds[batch, 3], origin[1], side, lattice[1], lattice[3])
+        if not (x1 - x0) * (y1 - y0) < FAR * rows * rows:
+            count += 1
+            continue
+        near = False
+        for x in range(int(max(x0, 0.0)) // rows, int(min(x1 // rows + 1.0, marked.shape[0]))):
+            for y in range(int(max(y0, 0.0)) // rows, int(min(y1 // rows + 1.0, marked.shape[1]))):
+                near |= marked[x, y]
+        count += near
+    return out[:count]
+
+
+@inner
+def _leaves_between(low, high, origin, side, first, period):
+    # Range of the leaves of a part between two positions along an axis, one wider on each side for rounding. It is
+    # infinite if the positions are in different periods, or NaN.
+    if not low <= high:
+        return -np.inf, np.inf
+    low, high = np.floor((low - origin) / side) - 1.0, np.floor((high - origin) / side) + 1.0
+    if period > 0.0:
+        turn = np.floor(low / period)
+        if np.floor(high / period) != turn:
+            return -np.inf, np.inf
+        low, high = low - turn * period, high - turn * period
+    return low - first, high - first
+
+
+@compiled
+def number_anew(first, last, number, anew):
+    """Replace each `number` (n,) by its new one in `anew`, of which the last entry is for -1."""
+    for i in range(first, last):
+        number[i] = anew[number[i]]
+
+
+@compiled
+def sides_held(leaf, own, out):
+    """Mark in `out` (2, x, y) the top-level blocks that contain any block that is `own` (blocks,), and those that
+    contain any other block; leaf (blocks, 2): first leaf of each block.
+    """
+    for block in range(len(own)):
+        out[0 if own[block] else 1, leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS] = True
+
+
+@compiled
+def blocks_in(leaf, marked):
+    """Return the blocks in top-level blocks that are `marked` (x, y); leaf (blocks, 2): first leaf of each block."""
+    out, count = np.empty(len(leaf), np.int64), 0
+    for block in range(len(leaf)):
+        out[count] = block
+        count += marked[leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS]
+    return out[:count]
+
+
+@compiled
+def along_curve(leaf, level, first, rows, begin, end):
+    """Write the numbers of the leaves of each block, from `begin` up to `end` (blocks,), in the whole lattice: by
+    top-level blocks, of which there are `rows` along y, and within these along a Z-curve.
+
+    leaf (blocks, 2): first leaf of each block, in a part of the lattice that begins at the leaf `first` (2,).
+    """
+    x0, y0, mask = first[0], first[1], (1 << LEVELS) - 1
+    for block in range(len(level)):
+        x, y = np.int64(leaf[block, 0]) + x0, np.int64(leaf[block, 1]) + y0
+        number = (x >> LEVELS) * rows + (y >> LEVELS)
+        begin[block] = (number << 2 * LEVELS) + place_of(x & mask, y & mask)
+        end[block] = begin[block] + (np.int64(1) << 2 * np.int64(level[block]))
+
+
+@compiled
+def all_there(some, cells, there):
+    """Return which of `some` cells reach only cells that are `there` (cells,), and nothing outside the part of a grid
+    that this rank has.
+    """
+    grids, bounds, low = cells.grids, cells.bounds, cells.low
+    out = np.ones(len(some), np.bool_)
+    for k in range(len(some)):
+        x, y, wide, high, reach = bounds[some[k]]
+        for level in range(len(grids)):
+            grid = grids[level]
+            x0, x1 = _over(x - low[0], wide + reach, grid[SIDE_X])
+            y0, y1 = _over(y - low[1], high + reach, grid[SIDE_X + 1]) if cells.width[1] > 0.0 else (0, 0)
+            if cells.periodic and (x0 < 0 or y0 < 0 or x1 >= grid[ALL_X] or y1 >= grid[ALL_Y]):
+                out[k] = False  # in a periodic image: taken as absent
+            # There is nothing beyond the whole grid; positions on its upper edge are in its last cells.
+            x0, x1 = _inside(x0, grid[ALL_X]) - int(grid[FROM_X]), _inside(x1, grid[ALL_X]) - int(grid[FROM_X])
+            y0, y1 = _inside(y0, grid[ALL_Y]) - int(grid[FROM_Y]), _inside(y1, grid[ALL_Y]) - int(grid[FROM_Y])
+            if x0 < 0 or y0 < 0 or x1 >= grid[NX] or y1 >= grid[NY]:
+                out[k] = False
+                break
+            for ix in range(x0, x1 + 1):
+                for iy in range(y0, y1 + 1):
+                    out[k] &= there[int(grid[FIRST]) + ix * int(grid[NY]) + iy]
+    return out
+
+
+@njit(inline="always")
+def _over(middle, half, side):
+    return math.floor((middle - half) / side - EDGE), math.floor((middle + half) / side + EDGE)
+
+
+@njit(inline="always")
+def _inside(index, count):
+    return min(max(index, 0), int(count) - 1)
+
+
+@compiled
+def mark_leaves(first, last, gas, dust, side, leaves, out):
+    """Mark the `leaves` (nx, ny) that hold any particle, and in `out` (x, y) the blocks of `side` by `side` leaves with
+    any such leaf. `gas` and `dust` (nx, ny) are the numbers of particles in each leaf.
+    """
+    nx, ny = gas.shape
+    for x in range(first, last):
+        for ix in range(x * side, min((x + 1) * side, nx)):
+            for y in range(out.shape[1]):
+                begin, end = y * side, min((y + 1) * side, ny)
+                some, here, there, held = leaves[ix, begin:end], gas[ix, begin:end], dust[ix, begin:end], 0
+                for k in range(np.uint64(end - begin)):  # vectorised
+                    some[k] = (here[k] | there[k]) > 0
+                    held |= here[k] | there[k]
+                out[x, y] |= held > 0
+
+
+@compiled
+def cut_blocks(blocks, leaves, k, out):
+    """Copy `blocks` (n, 2), indices along x and y, of the kth table of leaves to `out` (n, tables, side, side)."""
+    side = out.shape[2]
+    for n in range(len(blocks)):
+        x, y = blocks[n, 0] * side, blocks[n, 1] * side
+        for i in range(min(side, leaves.shape[0] - x)):
+            here, there = leaves[x + i, y : y + side], out[n, k, i]
+            for j in range(np.uint64(len(here))):  # vectorised
+                there[j] = here[j]
+
+
+@compiled
+def add_blocks(blocks, given, k, leaves):
+    """Add table k of `given` (n, tables, side, side) to `blocks` (n, 2), indices along x and y, of that table."""
+    side = given.shape[2]
+    for n in range(len(blocks)):
+        x, y = blocks[n, 0] * side, blocks[n, 1] * side
+        for i in range(min(side, leaves.shape[0] - x)):
+            here, come = leaves[x + i, y : y + side], given[n, k, i]
+            for j in range(np.uint64(len(here))):
+                here[j] += come[j]

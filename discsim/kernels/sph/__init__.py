@@ -1,0 +1,1 @@
+"""Sums of smoothed particle hydrodynamics, and what else changes gas."""
