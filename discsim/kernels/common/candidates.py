@@ -11,13 +11,14 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import inner, making
+from discsim.jit.index import index
 from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X, SIDE_Y, whole
 
 BLOCK = 256  # particles of a run that are tested together
 USUAL = 128  # candidates of a cell in the first allocation
 SLABS = 32  # slabs across a cell and its reach on both sides
 ALIGNED = 4  # a window begins at a multiple of this
-ONE, TWO, THREE, ONE_MORE = np.uint64(1), np.uint64(2), np.uint64(3), np.int32(1)
+ONE, TWO, THREE, ONE_MORE = index(1), index(2), index(3), np.int32(1)
 
 
 class Candidates(NamedTuple):
@@ -122,18 +123,18 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, 
         # Two loops over a block: the first is vectorised, and the second has no branch, which would be mispredicted
         # half of the time. Indices are unsigned: numba wraps negative ones, which prevents vectorisation.
         for first in range(runs[run, 0], runs[run, 1], BLOCK):
-            begin, many = np.uint64(first), np.uint64(min(runs[run, 1] - first, BLOCK))
-            for k in range(np.uint64(whole(many))):  # beyond the end: ignored below
+            begin, many = index(first), index(min(runs[run, 1] - first, BLOCK))
+            for k in range(index(whole(many))):  # beyond the end: ignored below
                 i = begin + k
                 from_x = x[i] + sx
                 dx, dy = max(abs(from_x) - half_x, 0.0), max(abs(y[i] + sy) - half_y, 0.0)
                 far = max(reach, radius[i]) if mutual else reach
                 block.keep[k] = dx * dx + dy * dy - far * far
                 block.slab[k] = slab_of(from_x, per_length)
-            at = np.uint64(found)
+            at = index(found)
             for k in range(many):
                 slots[at], some.slabs[at] = begin + k, block.slab[k]
-                at += np.uint64(block.keep[k] <= 0.0)
+                at += index(block.keep[k] <= 0.0)
             found = np.int64(at)
         if crossing:
             for k in range(before, found):
@@ -158,7 +159,7 @@ def longest(found, slots, radius):
     for beyond in range(found, found + 3):
         slots[beyond] = slots[0]
     a = b = c = d = 0.0
-    for quarter in range(np.uint64((found + 3) >> 2)):
+    for quarter in range(index((found + 3) >> 2)):
         k = quarter << TWO
         a, b = max(a, radius[slots[k]]), max(b, radius[slots[k + ONE]])
         c, d = max(c, radius[slots[k + TWO]]), max(d, radius[slots[k + THREE]])
@@ -174,8 +175,8 @@ def count_slabs(found, slab, begin):
     """
     for k in range(SLABS + 2):
         begin[k] = 0
-    for k in range(np.uint64(found)):
-        begin[np.uint64(slab[k]) + TWO] += ONE_MORE
+    for k in range(index(found)):
+        begin[index(slab[k]) + TWO] += ONE_MORE
     total = np.int32(0)
     for k in range(2, SLABS + 2):
         total += begin[k]
@@ -212,16 +213,16 @@ def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, 
             listed.widest[c - first] = longest(found, slots, cells.radius)
             slabs = listed.slabs[c - first]
             count_slabs(found, some.slabs, slabs)
-            for k in range(np.uint64(found)):
-                slab, to = np.uint64(some.slabs[k]) + ONE, np.uint64(begin)
-                to += np.uint64(slabs[slab])
+            for k in range(index(found)):
+                slab, to = index(some.slabs[k]) + ONE, index(begin)
+                to += index(slabs[slab])
                 slabs[slab] += ONE_MORE
                 listed.slots[to] = slots[k]
                 if crossing:
                     turn(turns, some.runs[k], listed.turned, to)
         elif crossing:
             for k in range(found):
-                turn(turns, some.runs[k], listed.turned, np.uint64(begin + k))
+                turn(turns, some.runs[k], listed.turned, index(begin + k))
     return last, 0, 0, 0
 
 
@@ -290,7 +291,7 @@ def window(n, dx, reach, per_length, begin, end, listed):
 def place(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
     """Write the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy) and times `per_length`."""
     x, y, slots, turned = cells.x, cells.y, listed.slots, listed.turned
-    first, count = np.uint64(begin), np.uint64(end - begin)
+    first, count = index(begin), index(end - begin)
     if listed.crossing[c]:
         for k in range(count):
             slot = slots[first + k]

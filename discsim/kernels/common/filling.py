@@ -3,14 +3,15 @@
 import numpy as np
 
 from discsim.jit.decorators import subroutine
+from discsim.jit.index import index
 
-SOME = np.uint64(4096)  # particles examined between two checks of the room in an array
+SOME = index(4096)  # particles examined between two checks of the room in an array
 
 
 @subroutine
 def with_room(rows, count):
     """Return `rows`, or a longer copy, with room for SOME entries after the first `count` (np.uint64)."""
-    if count + SOME <= np.uint64(len(rows)):
+    if count + SOME <= index(len(rows)):
         return rows
     out = np.empty(2 * len(rows), rows.dtype)
     for k in range(count):

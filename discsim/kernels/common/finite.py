@@ -3,12 +3,13 @@
 import numpy as np
 
 from discsim.jit.decorators import LEAN, kept
+from discsim.jit.index import index
 
 
 @kept(**LEAN, fastmath={"reassoc", "nsz"})  # sums in any order are vectorised; NaN must survive
 def are_finite(begin, end, values):
     """Return whether all entries of rows (n, d) are finite, by their sum; False also if the sum overflows."""
     total, flat, width = 0.0, values.reshape(-1), values.shape[1]
-    for i in range(np.uint64(begin * width), np.uint64(end * width)):
+    for i in range(index(begin * width), index(end * width)):
         total += flat[i]
     return abs(total) < np.inf

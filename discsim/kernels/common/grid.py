@@ -11,11 +11,12 @@ The field has all nodes about the particles. An axis of the field with all nodes
 import numpy as np
 
 from discsim.jit.decorators import INNER, compiled, inner, kept, subroutine
+from discsim.jit.index import index
 from discsim.kernels.common.rows import LINE, fetch, lane, load
 from discsim.kernels.common.zcurve import place_of
 from discsim.kernels.mpi.batches import BATCH as ROWS
 
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE, TWO = index(1), index(2)
 STRIPS = 64  # strips of rows in a deposit; fixed, whatever the number of threads
 BATCH = 128  # particles whose nodes are computed together, by vectorised code
 CHUNK = 4096  # particles per entry of the results of `pull`
@@ -87,7 +88,7 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     """Write the strip (n,) of 2^shift rows that holds the first node of each particle; STRIPS off the grid."""
     if pos.shape[1] == 2 and not periodic:
         flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # a flat array and unsigned indices: vectorised
-        for p in range(np.uint64(begin), np.uint64(end)):
+        for p in range(index(begin), index(end)):
             x, y = (flat[TWO * p] - ox) * inverse - 0.5, (flat[TWO * p + ONE] - oy) * inverse - 0.5
             inside = (x >= 0.0) & (x < shape[0] - 1) & (y >= 0.0) & (y < shape[1] - 1)
             key[p] = np.uint8(np.int32(x) >> np.int32(shift)) if inside else np.uint8(STRIPS)
@@ -107,13 +108,13 @@ def runs_of(key, first, last):
     """
     count = len(first)
     for piece in range(len(first)):
-        for p in range(np.uint64(first[piece]) + ONE, np.uint64(last[piece])):
+        for p in range(index(first[piece]) + ONE, index(last[piece])):
             count += key[p] != key[p - ONE]
     begin, end, strip = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.uint32)
     run = 0
     for piece in range(len(first)):
         begin[run], strip[run] = first[piece], key[first[piece]]
-        for p in range(np.uint64(first[piece]) + ONE, np.uint64(last[piece])):
+        for p in range(index(first[piece]) + ONE, index(last[piece])):
             if key[p] != key[p - ONE]:
                 end[run] = p
                 run += 1
@@ -130,11 +131,11 @@ def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inver
     (nx, ny, periodic, length), ox, oy = grid, origin[0], origin[1]
     where = np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
     if dim == TWO and not periodic:  # this loop is vectorised
-        for j in range(np.uint64(number)):
+        for j in range(index(number)):
             x, y = (flat[TWO * (p + j)] - ox) * inverse - 0.5, (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
             _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
         return
-    for j in range(np.uint64(number)):
+    for j in range(index(number)):
         x, y = (flat[dim * (p + j)] - ox) * inverse - 0.5, 0.0
         if dim == TWO:
             y = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
@@ -157,8 +158,8 @@ def _share(j, x, y, v, where, place, shares):
 @inner
 def _add_shares(number, place, shares, length, flat):
     s00, s01, s10, s11 = shares
-    for j in range(np.uint64(number)):
-        low = np.uint64(place[j])
+    for j in range(index(number)):
+        low = index(place[j])
         high = low + length
         flat[low] += s00[j]
         flat[low + ONE] += s01[j]
@@ -177,12 +178,12 @@ def deposit_strips(
     """
     nx, ny, first_x, first_y = part
     (held, wide), (run_begin, run_end) = out.shape, runs
-    rows, length = 1 << shift, np.uint64(wide + 1)
+    rows, length = 1 << shift, index(wide + 1)
     sums = np.empty((rows + 1, wide + 1))  # the extra column is the first one in periodic space
     flat, grid = sums.reshape(-1), (nx, ny, periodic, length)
     # Separate arrays, as rows of one array would be compiled as strided. `pos` is flattened once and not per batch, as
     # this takes as long as the work on several particles (2026-11).
-    at, dim = pos.reshape(-1), np.uint64(pos.shape[1])
+    at, dim = pos.reshape(-1), index(pos.shape[1])
     place, shares = np.empty(BATCH, np.int32), (np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH))
     for s in range(begin, end):
         if start[s] == start[s + 1]:
@@ -193,7 +194,7 @@ def deposit_strips(
             p, last = run_begin[order[k]], run_end[order[k]]
             while p < last:
                 number = min(last - p, BATCH - filled)
-                behind = np.uint64(p), number, np.uint64(filled)
+                behind = index(p), number, index(filled)
                 _share_out(at, dim, value, *behind, place, shares, origin, inverse, scale, grid, (first, first_y))
                 p, filled = p + number, filled + number
                 if filled == BATCH:
@@ -289,13 +290,13 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
     nx, ny, first_x, first_y = part
     wide, plane = field.shape[1], pos.shape[1] == 2
     end_x, end_y = (float(nx), float(ny)) if periodic else (nx - 1.0, ny - 1.0 if plane else 1.0)
-    flat, pulls, places, dim = field.reshape(-1), acc.reshape(-1), pos.reshape(-1), np.uint64(pos.shape[1])
+    flat, pulls, places, dim = field.reshape(-1), acc.reshape(-1), pos.reshape(-1), index(pos.shape[1])
     ixs, iys, xs, ys = np.empty(BATCH, np.int32), np.empty(BATCH, np.int32), np.empty(BATCH), np.empty(BATCH)
     for chunk in range(chunk_from, chunk_to):
         most, lost = 0.0, 0
-        end = np.uint64(min((chunk + 1) * CHUNK, len(pos)))
-        for p in range(np.uint64(chunk * CHUNK), end, np.uint64(BATCH)):
-            number = min(np.uint64(BATCH), end - p)
+        end = index(min((chunk + 1) * CHUNK, len(pos)))
+        for p in range(index(chunk * CHUNK), end, index(BATCH)):
+            number = min(index(BATCH), end - p)
             _find(places, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys)
             for j in range(number):
                 inside = (xs[j] >= 0.0) & (xs[j] < end_x) & (ys[j] >= 0.0) & (ys[j] < end_y)
@@ -303,7 +304,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 ixs[j], iys[j] = np.int32(x), np.int32(y)
                 xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
             # Prefetch the next batch: hardware prefetchers miss it, as the arrays are read in short bursts.
-            for ahead in range(dim * (p + np.uint64(BATCH)), dim * (p + np.uint64(2 * BATCH)), LINE):
+            for ahead in range(dim * (p + index(BATCH)), dim * (p + index(2 * BATCH)), LINE):
                 fetch(pos, ahead)
                 fetch(pulls, ahead)
             for j in range(number):
@@ -311,9 +312,9 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 if ix < 0:
                     lost += 1
                     continue
-                low = np.uint64(2 * ((ix - first_x) * wide + iy - first_y))  # unsigned: no wrapped index
-                along_x = np.uint64(2 * wide if ix + 1 < nx else -2 * wide * ix)
-                along_y = np.uint64(2 if iy + 1 < ny else -2 * iy)
+                low = index(2 * ((ix - first_x) * wide + iy - first_y))  # unsigned: no wrapped index
+                along_x = index(2 * wide if ix + 1 < nx else -2 * wide * ix)
+                along_y = index(2 if iy + 1 < ny else -2 * iy)
                 q = dim * (p + j)
                 if iy + 1 < ny:
                     x, y = _both_between(flat, low, along_x, xs[j], ys[j])

@@ -3,28 +3,27 @@
 For `discsim.numerics.threads.share`.
 """
 
-import numpy as np
-
 from discsim.jit.decorators import compiled
+from discsim.jit.index import index
 
 
 @compiled
-def take_rows(begin, end, source, index, out):
-    """Set out[i] = source[index[i]] for arrays (n, d)."""
+def take_rows(begin, end, source, rows, out):
+    """Set out[i] = source[rows[i]] for arrays (n, d)."""
     if out.shape[1] == 2:
-        for i in range(np.uint64(begin), np.uint64(end)):
-            out[i, 0], out[i, 1] = source[index[i], 0], source[index[i], 1]
+        for i in range(index(begin), index(end)):
+            out[i, 0], out[i, 1] = source[rows[i], 0], source[rows[i], 1]
         return
     for i in range(begin, end):
         for k in range(out.shape[1]):
-            out[i, k] = source[index[i], k]
+            out[i, k] = source[rows[i], k]
 
 
 @compiled
 def assign(begin, end, out, source):
     """Set out = source for arrays (n, ...)."""
     to, of, width = out.reshape(-1), source.reshape(-1), max(1, out.size // max(1, len(out)))
-    for i in range(np.uint64(begin * width), np.uint64(end * width)):
+    for i in range(index(begin * width), index(end * width)):
         to[i] = of[i]
 
 
@@ -32,7 +31,7 @@ def assign(begin, end, out, source):
 def blank(begin, end, out):
     """Set out = 0 for an array (n, d)."""
     to, width = out.reshape(-1), out.shape[1]
-    for i in range(np.uint64(begin * width), np.uint64(end * width)):
+    for i in range(index(begin * width), index(end * width)):
         to[i] = 0.0
 
 
@@ -40,7 +39,7 @@ def blank(begin, end, out):
 def rate_of_change(begin, end, after, before, dt, out):
     """Set out = (after - before) / dt for arrays (n, d)."""
     to, new, old, dim = out.reshape(-1), after.reshape(-1), before.reshape(-1), out.shape[1]
-    for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
+    for i in range(index(begin * dim), index(end * dim)):
         to[i] = (new[i] - old[i]) / dt
 
 
@@ -48,7 +47,7 @@ def rate_of_change(begin, end, after, before, dt, out):
 def add_scaled(begin, end, y, x, dt):
     """Add dt x to y, arrays (n, d)."""
     out, source, dim = y.reshape(-1), x.reshape(-1), y.shape[1]  # one loop: vectorised
-    for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
+    for i in range(index(begin * dim), index(end * dim)):
         out[i] += dt * source[i]
 
 
@@ -56,7 +55,7 @@ def add_scaled(begin, end, y, x, dt):
 def sum_scaled(begin, end, y, x, dt, out):
     """Set out = y + dt x for arrays (n, d)."""
     to, first, second, dim = out.reshape(-1), y.reshape(-1), x.reshape(-1), y.shape[1]
-    for i in range(np.uint64(begin * dim), np.uint64(end * dim)):
+    for i in range(index(begin * dim), index(end * dim)):
         to[i] = first[i] + dt * second[i]
 
 

@@ -12,13 +12,14 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import compiled
+from discsim.jit.index import index
 
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R in the grid. A
 # table may hold only the part of a grid near some of the particles: FROM_X and FROM_Y are the first column and row of
 # the part in the whole grid, ALL_X and ALL_Y the numbers of columns and rows of the whole grid.
 FIRST, NX, NY, SIDE_X, SIDE_Y, REACH, FROM_X, FROM_Y, ALL_X, ALL_Y = range(10)
 MAX_CLASSES = 24
-WIDE = np.uint64(32)  # accumulators: four independent vectors overlap their latencies
+WIDE = index(32)  # accumulators: four independent vectors overlap their latencies
 LANES = 8  # candidates are padded with massless ones to whole vectors: loop remainders are slow
 
 # Side of a cell over the largest support radius: smaller cells waste fewer pairs, larger ones share packing more.
@@ -47,9 +48,9 @@ def extremes(first, last, values):
     """Return the least and largest values (2, columns) of one or two columns of `values` (n, columns), ignoring NaN."""
     columns, some = values.shape[1], values[first:last].reshape(-1)
     out, least, most = np.empty((2, columns)), np.full(WIDE, np.inf), np.full(WIDE, -np.inf)  # of every WIDE-th entry
-    count = np.uint64(len(some))
+    count = index(len(some))
     whole = count // WIDE * WIDE
-    for begin in range(np.uint64(0), count, WIDE):
+    for begin in range(index(0), count, WIDE):
         for k in range(WIDE if begin < whole else count - whole):
             value = some[begin + k]
             least[k], most[k] = value if value < least[k] else least[k], value if value > most[k] else most[k]
@@ -68,7 +69,7 @@ def size_classes(first, last, h, extent, edges, out):
     each class, and its largest radius.
     """
     found = np.zeros((2, MAX_CLASSES))
-    for i in range(np.uint64(first), np.uint64(last)):
+    for i in range(index(first), index(last)):
         radius, k = extent * h[i], 0
         while radius > edges[k] and k < MAX_CLASSES - 1:
             k += 1
@@ -81,7 +82,7 @@ def size_classes(first, last, h, extent, edges, out):
 @compiled
 def cell_keys(first, last, pos, classes, grids, per_side, low, out):
     """Write the cell of each particle to `out` (n,); per_side (grids, 2): cells per length along x and y."""
-    for i in range(np.uint64(first), np.uint64(last)):
+    for i in range(index(first), index(last)):
         g = classes[i]
         x, y = (pos[i, 0] - low[0]) * per_side[g, 0] - grids[g, FROM_X], 0.0
         if pos.shape[1] == 2:
@@ -97,7 +98,7 @@ def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
     dim = pos.shape[1]
     for c in range(first, last):
         x0, x1, y0, y1, reach = np.inf, -np.inf, np.inf, -np.inf, 0.0
-        for k in range(np.uint64(start[c]), np.uint64(start[c + 1])):
+        for k in range(index(start[c]), index(start[c + 1])):
             i = order[k]
             x[k], y[k], radius[k] = pos[i, 0], pos[i, 1] if dim == 2 else 0.0, extent * h[i]
             x0, x1 = min(x0, x[k]), max(x1, x[k])

@@ -6,8 +6,9 @@ Part p of `parts` has the keys from n p / parts on.
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner
+from discsim.jit.index import index
 
-ONE, TWO, THREE = np.uint32(1), np.uint64(2), np.uint64(3)
+ONE, TWO, THREE = np.uint32(1), index(2), index(3)
 GAPS = (
     16764929, 9427969, 4188161, 2354689, 1045505, 587521, 260609, 146305, 64769, 36289, 16001, 8929, 3905, 2161, 929,
     505, 209, 109, 41, 19, 5, 1,
@@ -23,16 +24,16 @@ def count_keys(part_from, part_to, key, parts, place):
     """
     # Adjacent particles mostly have the same key, and an increment waits for the one before to be written. The loop
     # therefore takes keys from four quarters in turn. Unsigned indices need no test for negative values.
-    stride = np.uint64(parts)
+    stride = index(parts)
     for part in range(part_from, part_to):
         first, end = len(key) * part // parts, len(key) * (part + 1) // parts
-        quarter, at = np.uint64((end - first) // 4), np.uint64(part + 1)
-        for i in range(np.uint64(first), np.uint64(first) + quarter):
+        quarter, at = index((end - first) // 4), index(part + 1)
+        for i in range(index(first), index(first) + quarter):
             place[key[i] * stride + at] += ONE
             place[key[i + quarter] * stride + at] += ONE
             place[key[i + TWO * quarter] * stride + at] += ONE
             place[key[i + THREE * quarter] * stride + at] += ONE
-        for i in range(np.uint64(end - (end - first) % 4), np.uint64(end)):
+        for i in range(index(end - (end - first) % 4), index(end)):
             place[key[i] * stride + at] += ONE
 
 
@@ -43,10 +44,10 @@ def put_in_order(part_from, part_to, key, parts, place, order):
     `place` has the next free position in `order` for each key and part, and is advanced. It ends at the start of the
     next key or part.
     """
-    stride = np.uint64(parts)
+    stride = index(parts)
     for part in range(part_from, part_to):
-        for i in range(np.uint64(len(key) * part // parts), np.uint64(len(key) * (part + 1) // parts)):
-            k = key[i] * stride + np.uint64(part)
+        for i in range(index(len(key) * part // parts), index(len(key) * (part + 1) // parts)):
+            k = key[i] * stride + index(part)
             order[place[k]] = i
             place[k] += ONE
 
@@ -57,7 +58,7 @@ def find_behind(first, last, ids, order, out):
     if first == last:
         return
     before = ids[order[max(first - 1, 0)]]
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         here = ids[order[k]]
         out[k] = here < before
         before = here

@@ -19,9 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.index import index
 from discsim.kernels.common.zcurve import at_place
 
-ONE, TWO, FOUR = np.uint64(1), np.uint64(2), np.uint64(4)
+ONE, TWO, FOUR = index(1), index(2), index(4)
 NOUGHT: Any = np.int64(0)  # a literal 0 as an argument would compile one more specialisation
 LEVELS = 5  # a block is at most 2^LEVELS leaves wide
 MOST = 1 << LEVELS
@@ -48,7 +49,7 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
     )
     if pos.shape[1] == 2 and not periodic:
         flat = pos.reshape(-1)  # a flat array and unsigned indices, so that the loop is vectorised
-        for i in range(np.uint64(first), np.uint64(last)):
+        for i in range(index(first), index(last)):
             sx, sy = (flat[TWO * i] - ox) * inverse + dx, (flat[TWO * i + ONE] - oy) * inverse + dy
             inside = (sx >= low_x) & (sx < high_x) & (sy >= low_y) & (sy < high_y)
             out[i] = np.uint32((np.int32(sx) - from_x) * rows + np.int32(sy) - from_y) if inside else outside
@@ -69,13 +70,13 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
 @compiled
 def add_in_units(key, values, per_unit, out):
     """Add to `out` (keys,) the values (n,) of each key (n,), times `per_unit` and rounded to whole numbers."""
-    quarter = np.uint64(len(key)) // FOUR  # as in `count_keys`: successive additions to one element are slow
+    quarter = index(len(key)) // FOUR  # as in `count_keys`: successive additions to one element are slow
     for i in range(quarter):
         for k in range(FOUR):
             at = i + k * quarter
-            out[np.uint64(key[at])] += np.rint(values[at] * per_unit)
-    for i in range(FOUR * quarter, np.uint64(len(key))):
-        out[np.uint64(key[i])] += np.rint(values[i] * per_unit)
+            out[index(key[at])] += np.rint(values[at] * per_unit)
+    for i in range(FOUR * quarter, index(len(key))):
+        out[index(key[i])] += np.rint(values[i] * per_unit)
 
 
 @compiled
@@ -84,7 +85,7 @@ def block_keys(first, last, key, number, species, populations):
 
     `number` is the block of each leaf; `species` (n,) is read only if there are several populations.
     """
-    for i in range(np.uint64(first), np.uint64(last)):
+    for i in range(index(first), index(last)):
         block = number[key[i]]
         key[i] = block * populations + species[i] if populations > 1 else block
 

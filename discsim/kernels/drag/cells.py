@@ -23,6 +23,7 @@ import numpy as np
 
 from discsim.formulas.laws import CONSTANT
 from discsim.jit.decorators import compiled, inner, lean, subroutine
+from discsim.jit.index import index
 from discsim.kernels.drag.coupled import ROOM
 from discsim.kernels.drag.frame import kepler, sense_at
 from discsim.kernels.drag.laws import stopping_time
@@ -89,7 +90,7 @@ def pack(kind, first, last, at, block, blocks, p):
     x0, y0 = blocks.corner[block, 0], blocks.corner[block, 1]
     line = kind.pos.shape[1] == 1
     for k in range(first, last):
-        i, j = kind.order[k], np.uint64(k - first + at)
+        i, j = kind.order[k], index(k - first + at)
         p[MASS, j], p[X, j], p[VX, j] = kind.mass[i], kind.pos[i, 0] - x0, kind.vel[i, 0]
         p[Y, j], p[VY, j] = (0.0, 0.0) if line else (kind.pos[i, 1] - y0, kind.vel[i, 1])
     if blocks.period[0] < math.inf:
@@ -105,7 +106,7 @@ def pack(kind, first, last, at, block, blocks, p):
 @fast
 def leave_orbits(p, count, x0, y0, star, softening, sense):
     """Subtract Kepler's velocity from packed velocities; `sense` is sigma in eq. (1) of `drag/frame.py`."""
-    for k in range(np.uint64(count)):
+    for k in range(index(count)):
         x, y = p[X, k] + x0, p[Y, k] + y0
         omega = sense * kepler(x * x + y * y, star, softening)
         p[VX, k] += omega * y
@@ -184,13 +185,13 @@ def make_changes(p, first, last, o, s, sources, f, g):
     yx = o[s, SLOPE_CHANGE + 2] - f * o[s, SLOPE + 2] - g * o[s, SLOPE_SOURCE + 2]
     yy = o[s, SLOPE_CHANGE + 3] - f * o[s, SLOPE + 3] - g * o[s, SLOPE_SOURCE + 3]
     mean_x, mean_y = o[s, CHANGE], o[s, CHANGE + 1]
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         x, y = p[X, k] - x0, p[Y, k] - y0
         p[X, k] = mean_x + (xx * x + yx * y) + f * (p[VX, k] - u0)
         p[Y, k] = mean_y + (xy * x + yy * y) + f * (p[VY, k] - v0)
     if sources:
         a0, b0 = o[s, BX], o[s, BY]
-        for k in range(np.uint64(first), np.uint64(last)):
+        for k in range(index(first), index(last)):
             p[X, k] += g * (p[BX, k] - a0)
             p[Y, k] += g * (p[BY, k] - b0)
 
@@ -204,7 +205,7 @@ def loss(p, first, last, o, s, sources, dt):
     ux = 0.5 * dt * (o[s, BX] - o[0, BX] + ax) - o[0, VX]
     uy = 0.5 * dt * (o[s, BY] - o[0, BY] + ay) - o[0, VY]
     lost = 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         a, b = (p[BX, k], p[BY, k]) if sources else (0.0, 0.0)
         lost -= p[MASS, k] * p[X, k] * (ux + p[VX, k] + 0.5 * (dt * a + p[X, k]))
         lost -= p[MASS, k] * p[Y, k] * (uy + p[VY, k] + 0.5 * (dt * b + p[Y, k]))
@@ -229,7 +230,7 @@ def loss_of_frame(kind, first, last, at, p, dt):
 def kick(kind, first, last, at, p, dt):
     """Kick particles by their accelerations, and add the velocity changes by drag."""
     for k in range(first, last):
-        i, j = kind.order[k], np.uint64(k - first + at)
+        i, j = kind.order[k], index(k - first + at)
         kind.vel[i, 0] += dt * kind.acc[i, 0] + p[X, j]
         if kind.vel.shape[1] == 2:
             kind.vel[i, 1] += dt * kind.acc[i, 1] + p[Y, j]

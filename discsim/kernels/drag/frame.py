@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.jit.decorators import compiled, subroutine
+from discsim.jit.index import index
 from discsim.kernels.common.rows import root
 
 
@@ -27,7 +28,7 @@ def multiples_of(ids, every):
     """Return the rows of `ids` (n,) that hold whole multiples of `every`, a power of two."""
     mask, count = every - 1, 0
     out = np.empty(len(ids), np.int64)  # few rows qualify, so most of its memory stays untouched
-    for i in range(np.uint64(len(ids))):
+    for i in range(index(len(ids))):
         if (ids[i] & mask) == 0:
             out[count] = i
             count += 1

@@ -1,8 +1,7 @@
 """Means, second moments and linear fits of the velocities of the particles of a block (`kernels/drag/cells.py`)."""
 
-import numpy as np
-
 from discsim.jit.decorators import INNER, inner, kept, subroutine
+from discsim.jit.index import index
 
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are always inlined: a
 # process that compiles would otherwise call another copy than one that loads, and differ in the last bits.
@@ -30,7 +29,7 @@ def clip01(x):
 def mean_square(p, first, last, x0, y0):
     """Return the mean squared distance from the origin; the corner of the block is at (x0, y0)."""
     total = 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         x, y = p[X, k] + x0, p[Y, k] + y0
         total += x * x + y * y
     return total / (last - first)
@@ -40,7 +39,7 @@ def mean_square(p, first, last, x0, y0):
 def means(p, first, last, f, o, s):
     """Compute the mass of species s, and its mass-weighted means of the rows f and f + 1."""
     mass, u, v = 0.0, 0.0, 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         m = p[MASS, k]
         mass += m
         u += m * p[f, k]
@@ -53,7 +52,7 @@ def means(p, first, last, f, o, s):
 def second_moments(p, first, last, o, s):
     x0, y0, u0, v0 = o[s, X], o[s, Y], o[s, VX], o[s, VY]
     xx, xy, yy, xu, xv, yu, yv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         m, x, y, u, v = p[MASS, k], p[X, k] - x0, p[Y, k] - y0, p[VX, k] - u0, p[VY, k] - v0
         mx, my = m * x, m * y
         xx += mx * x
@@ -71,7 +70,7 @@ def second_moments(p, first, last, o, s):
 def moments_of_source(p, first, last, o, s):
     x0, y0, a0, b0 = o[s, X], o[s, Y], o[s, BX], o[s, BY]
     xa, xb, ya, yb = 0.0, 0.0, 0.0, 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         mx, my, a, b = p[MASS, k] * (p[X, k] - x0), p[MASS, k] * (p[Y, k] - y0), p[BX, k] - a0, p[BY, k] - b0
         xa += mx * a
         xb += mx * b

@@ -2,11 +2,10 @@
 
 import math
 
-import numpy as np
-
 from discsim.jit.decorators import compiled
+from discsim.jit.index import index
 
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE, TWO = index(1), index(2)
 
 
 @compiled
@@ -16,7 +15,7 @@ def limit_lengths(begin, end, pos, h, least, table, nodes, out):
     `table` has the limit at r = 0, 1 / nodes, 2 / nodes, ...
     """
     flat, last = pos.reshape(-1), float(len(table) - 2)
-    for i in range(np.uint64(begin), np.uint64(end)):
+    for i in range(index(begin), index(end)):
         x, y = flat[TWO * i], flat[TWO * i + ONE]
         place = nodes * math.sqrt(x * x + y * y)
         place = place if place < last + 1.0 else last + 1.0  # also for NaN

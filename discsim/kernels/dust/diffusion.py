@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import compiled, compiled_sums, inner
+from discsim.jit.index import index
 from discsim.kernels.common.neighbours import whole
 from discsim.kernels.common.philox import counter_of, normal_pair
 from discsim.kernels.drag.frame import kepler
@@ -79,8 +80,8 @@ class Circles(NamedTuple):
 @njit(inline="always")
 def pack_gas(begin, end, slots, order, h, mass, speed2, pack):
     """Pack h, mass and c^2 of gas particles."""
-    first = np.uint64(begin)
-    for k in range(np.uint64(end - begin)):
+    first = index(begin)
+    for k in range(index(end - begin)):
         a = order[slots[first + k]]
         pack[LONG * STRIDE + k], pack[MASS * STRIDE + k], pack[C2 * STRIDE + k] = h[a], mass[a], speed2[a]
 
@@ -192,11 +193,11 @@ def recoil_driver(kernel: int):
 @njit(inline="always")
 def pack_given(begin, end, slots, order, density, given, pack):
     """Pack the angular momentum given to grains over the gas density there; 0 outside the gas and for padding."""
-    first, count = np.uint64(begin), np.uint64(end - begin)
+    first, count = index(begin), index(end - begin)
     for k in range(count):
         j = order[slots[first + k]]
         pack[PER_DENSITY * STRIDE + k] = given[j] / density[j] if density[j] != 0.0 else 0.0
-    for k in range(count, np.uint64(whole(end - begin))):
+    for k in range(count, index(whole(end - begin))):
         pack[PER_DENSITY * STRIDE + k] = 0.0
 
 

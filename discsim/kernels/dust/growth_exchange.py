@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import compiled_sums
+from discsim.jit.index import index
 from discsim.kernels.common.neighbours import whole
 from discsim.kernels.dust.growth import GIVE, TAKE, VEL
 from discsim.kernels.dust.packs import (
@@ -33,7 +34,7 @@ def pack_shares(begin, end, slots, order, field, wanted, vel, pack):
     """Pack the shares (4) of grains that take or give mass: factors of W and the mass of a gas particle, b, and the
     velocity of the exchanged mass. The factors are 0 for padding.
     """
-    first, count = np.uint64(begin), np.uint64(end - begin)
+    first, count = index(begin), index(end - begin)
     for k in range(count):
         j = order[slots[first + k]]
         takes = wanted[j] > 0.0
@@ -43,7 +44,7 @@ def pack_shares(begin, end, slots, order, field, wanted, vel, pack):
         pack[BEND_X * STRIDE + k], pack[BEND_Y * STRIDE + k] = field[j, kind + 1], field[j, kind + 2]
         pack[VX * STRIDE + k] = field[j, VEL] if takes else vel[j, 0]
         pack[VY * STRIDE + k] = field[j, VEL + 1] if takes else vel[j, 1]
-    for k in range(count, np.uint64(whole(end - begin))):
+    for k in range(count, index(whole(end - begin))):
         pack[TAKEN * STRIDE + k], pack[GIVEN * STRIDE + k] = 0.0, 0.0
 
 
@@ -116,8 +117,8 @@ def hand_driver(kernel: int):
 @njit(inline="always")
 def pack_offers(begin, end, slots, order, small, spread, pack):
     """Pack the small dust that gas particles offer, its mass times `spread`."""
-    first = np.uint64(begin)
-    for k in range(np.uint64(end - begin)):
+    first = index(begin)
+    for k in range(index(end - begin)):
         i = order[slots[first + k]]
         pack[OFFERED * STRIDE + k] = small[i] * spread[i]
 

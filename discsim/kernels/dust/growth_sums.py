@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import compiled_sums, inner
+from discsim.jit.index import index
 from discsim.kernels.dust.growth import COLUMNS, GAS, GIVE, GROWN, PULL, SMALL, SPEED2, TAKE, VEL
 from discsim.kernels.dust.packs import (
     BROUGHT,
@@ -101,7 +102,7 @@ def centred(sums, kind, far):
 @njit(inline="always")
 def pack_carriers(begin, end, slots, order, gas, small, vel, volume, pressure, grown, pack):
     """Pack the quantities of gas particles that `gather` sums; padding keeps old values, as its norm of W is 0."""
-    first, count = np.uint64(begin), np.uint64(end - begin)
+    first, count = index(begin), index(end - begin)
     for k in range(count):
         i = order[slots[first + k]]
         pack[OF_GAS * STRIDE + k], pack[OF_SMALL * STRIDE + k] = gas[i], small[i]

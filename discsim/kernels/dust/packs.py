@@ -6,10 +6,10 @@ so sums take all candidates: a loop that skips some is not vectorised.
 
 import math
 
-import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import INNER, kept
+from discsim.jit.index import index
 from discsim.kernels.common.candidates import place
 from discsim.kernels.common.neighbours import whole
 from discsim.kernels.sph.packs import STRIDE
@@ -41,22 +41,22 @@ def pack_places(c, begin, end, lists, ox, oy, cells, pack):
 @njit(inline="always")
 def pack_column(begin, end, slots, order, values, row, pack):
     """Pack the `values` (n,) of candidates into a row; 0 for padding."""
-    first, count = np.uint64(begin), np.uint64(end - begin)
+    first, count = index(begin), index(end - begin)
     for k in range(count):
         pack[row * STRIDE + k] = values[order[slots[first + k]]]
-    for k in range(count, np.uint64(whole(end - begin))):
+    for k in range(count, index(whole(end - begin))):
         pack[row * STRIDE + k] = 0.0
 
 
 @njit(inline="always")
 def pack_kernels(kernel, dim, begin, end, slots, order, h, pack):
     """Pack 1/h and the norm of W of gas particles; the norm is 0 for padding."""
-    first, count = np.uint64(begin), np.uint64(end - begin)
+    first, count = index(begin), index(end - begin)
     for k in range(count):
         inverse = 1.0 / h[order[slots[first + k]]]
         pack[INV_H * STRIDE + k] = inverse
         pack[NORM_W * STRIDE + k] = NORM[dim - 1][kernel] * (inverse * inverse if dim == 2 else inverse)
-    for k in range(count, np.uint64(whole(end - begin))):
+    for k in range(count, index(whole(end - begin))):
         pack[NORM_W * STRIDE + k] = 0.0
 
 
@@ -94,6 +94,6 @@ def weighed(n, row, pack):
 def farthest(n, pack):
     """Return the largest distance of the n packed gas particles with W > 0."""
     far = 0.0
-    for k in range(np.uint64(n)):
+    for k in range(index(n)):
         far = max(far, pack[R * STRIDE + k] if pack[W * STRIDE + k] > 0.0 else 0.0)
     return far

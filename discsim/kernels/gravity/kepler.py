@@ -13,8 +13,9 @@ import math
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner
+from discsim.jit.index import index
 
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE, TWO = index(1), index(2)
 SOME = 512  # particles that are moved together
 FEW, MORE = 2, 5  # Newton iterations for all particles, and for those that have not converged
 CLOSE = 1e-8  # relative size of the last Newton step: the error is its square
@@ -101,7 +102,7 @@ def drift(first, last, pos, vel, masses, species, dt):
     places, velocities = pos.reshape(-1), vel.reshape(-1)  # flat arrays and unsigned indices: vectorised
     alike = len(species) == 0
     for block in range(first, last, SOME):
-        number, start = np.uint64(min(SOME, last - block)), np.uint64(block)
+        number, start = index(min(SOME, last - block)), index(block)
         for k in range(number):
             i = TWO * (start + k)
             mass = masses[0] if alike else masses[species[start + k]]

@@ -8,11 +8,12 @@ import math
 import numpy as np
 
 from discsim.jit.decorators import INNER, KERNEL, compiled, inner, kept
+from discsim.jit.index import index
 from discsim.kernels.common.filling import SOME as ROOM
 from discsim.kernels.common.filling import with_room
 from discsim.kernels.common.totals import LIMBS, SOME, add_some
 
-ONE, TWO, THREE, FOUR = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+ONE, TWO, THREE, FOUR = index(1), index(2), index(3), index(4)
 
 
 @inner
@@ -29,7 +30,7 @@ def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
     """
     flat, out = pos.reshape(-1), acc.reshape(-1)  # strides of two and unsigned indices: vectorised
     for block in range(begin, end, SOME):
-        number, start = np.uint64(min(SOME, end - block)), np.uint64(block)
+        number, start = index(min(SOME, end - block)), index(block)
         if first:
             blank(TWO * start, TWO * (start + number), out)
         for k in range(number):
@@ -45,7 +46,7 @@ def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
 def add(begin, end, vectors, x, y):
     """Add (x, y) to vectors (n, 2)."""
     out = vectors.reshape(-1)
-    for i in range(np.uint64(begin), np.uint64(end)):
+    for i in range(index(begin), index(end)):
         out[TWO * i] += x
         out[TWO * i + ONE] += y
 
@@ -59,10 +60,10 @@ def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0)
     limbs, terms, spare = np.zeros((2, LIMBS), np.int64), np.empty((2, SOME)), np.empty((2, SOME))
     flat, out = pos.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):
-        number, start = min(SOME, end - block), np.uint64(block)
+        number, start = min(SOME, end - block), index(block)
         if first:
-            blank(TWO * start, TWO * (start + np.uint64(number)), out)
-        for k in range(np.uint64(number)):
+            blank(TWO * start, TWO * (start + index(number)), out)
+        for k in range(index(number)):
             i = start + k
             x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
             d2 = x * x + y * y + softening * softening
@@ -86,8 +87,8 @@ def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0
     nearest2 = crossing2 = np.inf
     places, motions, out = pos.reshape(-1), vel.reshape(-1), acc.reshape(-1)
     for block in range(begin, end, SOME):
-        number, start = min(SOME, end - block), np.uint64(block)
-        for k in range(np.uint64(number)):
+        number, start = min(SOME, end - block), index(block)
+        for k in range(index(number)):
             i = start + k
             x, y = places[TWO * i] - x0, places[TWO * i + ONE] - y0
             vx, vy = motions[TWO * i] - vx0, motions[TWO * i + ONE] - vy0
@@ -133,7 +134,7 @@ def least_squared(first, last, flat, x0, y0):
 @compiled
 def nearest(begin, end, pos, x0, y0):
     """Return the least squared distance of positions (n, 2) from (x0, y0), inf for none; they must not be NaN."""
-    return least_squared(np.uint64(begin), np.uint64(end), pos.reshape(-1), x0, y0)
+    return least_squared(index(begin), index(end), pos.reshape(-1), x0, y0)
 
 
 @kept(**KERNEL, fastmath={"nnan", "nsz"})
@@ -142,10 +143,10 @@ def divide(begin, end, pos, squared_radius, x0, y0):
 
     Returns the least squared distance of those outside, and the indices of those inside.
     """
-    least, inside, count = np.inf, np.empty(ROOM, np.int64), np.uint64(0)
+    least, inside, count = np.inf, np.empty(ROOM, np.int64), index(0)
     flat = pos.reshape(-1)
     for block in range(begin, end, SOME):
-        first, last = np.uint64(block), np.uint64(min(block + SOME, end))
+        first, last = index(block), index(min(block + SOME, end))
         here = least_squared(first, last, flat, x0, y0)
         if here < squared_radius:  # in few blocks
             here, inside = np.inf, with_room(inside, count)

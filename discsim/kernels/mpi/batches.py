@@ -7,9 +7,10 @@ spares most batches a test of each row.
 import numpy as np
 
 from discsim.jit.decorators import compiled
+from discsim.jit.index import index
 
 BATCH = 128  # rows in a batch
-ONE, WHOLE = np.uint64(1), np.uint64(BATCH)
+ONE, WHOLE = index(1), index(BATCH)
 
 
 @compiled
@@ -18,10 +19,10 @@ def bounds_of(first, last, some, pos, out):
     (n, d). y is 0 in one dimension; a batch with a position that is not finite gets NaN.
     """
     # One scalar per bound: arrays of partial bounds, written in each iteration, took three times as long (2026-11).
-    flat, dim = pos.reshape(-1), np.uint64(pos.shape[1])
+    flat, dim = pos.reshape(-1), index(pos.shape[1])
     for number in range(first, last):
-        batch = np.uint64(some[number])
-        begin, end = batch * WHOLE, min((batch + ONE) * WHOLE, np.uint64(len(pos)))
+        batch = index(some[number])
+        begin, end = batch * WHOLE, min((batch + ONE) * WHOLE, index(len(pos)))
         x0 = x1 = flat[dim * begin]
         y0 = y1 = flat[dim * begin + dim - ONE]
         total_x, total_y = 0.0, 0.0

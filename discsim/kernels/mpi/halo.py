@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import compiled, inner, subroutine
+from discsim.jit.index import index
 from discsim.kernels.common.filling import SOME, with_room
 from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
 from discsim.kernels.common.zcurve import place_of
@@ -13,7 +14,7 @@ from discsim.kernels.drag.blocks import LEVELS
 from discsim.kernels.mpi import batches
 
 THEIRS, OWN, EITHER = range(3)
-ONE, BATCH = np.uint64(1), np.uint64(batches.BATCH)
+ONE, BATCH = index(1), index(batches.BATCH)
 FAR = 64  # a batch that spans more top-level blocks than this is kept without a test of each
 EDGE = 1e-6  # of a cell: largest rounding error of a position
 
@@ -136,23 +137,23 @@ def in_runs(first, last, some, key, of, number):
 
     The cell of a particle is its key (n,), or of[key] unless `of` is None.
     """
-    out, numbers, count = np.empty(SOME, np.int64), np.empty(SOME, np.uint32), np.uint64(0)
+    out, numbers, count = np.empty(SOME, np.int64), np.empty(SOME, np.uint32), index(0)
     for k in range(first, last):
-        begin = np.uint64(some[k]) * BATCH
+        begin = index(some[k]) * BATCH
         out, numbers = with_room(out, count), with_room(numbers, count)
-        for i in range(begin, min(begin + BATCH, np.uint64(len(key)))):
-            cell = np.uint64(key[i] if of is None else of[key[i]])  # `of` is tested once, when this is compiled
+        for i in range(begin, min(begin + BATCH, index(len(key)))):
+            cell = index(key[i] if of is None else of[key[i]])  # `of` is tested once, when this is compiled
             out[count], numbers[count] = i, number[cell]
-            count += np.uint64(number[cell + ONE] > number[cell])
+            count += index(number[cell + ONE] > number[cell])
     return out[: np.int64(count)], numbers[: np.int64(count)]
 
 
 @compiled
 def mark_held(first, last, held, number, out):
     """Mark in `out` (blocks,) the blocks of the leaves that are `held` (leaves,); number (leaves,): block of a leaf."""
-    for leaf in range(np.uint64(first), np.uint64(last)):
+    for leaf in range(index(first), index(last)):
         if held[leaf]:
-            out[np.uint64(number[leaf])] = True
+            out[index(number[leaf])] = True
 
 
 @compiled
@@ -283,7 +284,7 @@ def mark_leaves(first, last, gas, dust, side, leaves, out):
             for y in range(out.shape[1]):
                 begin, end = y * side, min((y + 1) * side, ny)
                 some, here, there, held = leaves[ix, begin:end], gas[ix, begin:end], dust[ix, begin:end], 0
-                for k in range(np.uint64(end - begin)):  # vectorised
+                for k in range(index(end - begin)):  # vectorised
                     some[k] = (here[k] | there[k]) > 0
                     held |= here[k] | there[k]
                 out[x, y] |= held > 0
@@ -297,7 +298,7 @@ def cut_blocks(blocks, leaves, k, out):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side
         for i in range(min(side, leaves.shape[0] - x)):
             here, there = leaves[x + i, y : y + side], out[n, k, i]
-            for j in range(np.uint64(len(here))):  # vectorised
+            for j in range(index(len(here))):  # vectorised
                 there[j] = here[j]
 
 
@@ -309,5 +310,5 @@ def add_blocks(blocks, given, k, leaves):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side
         for i in range(min(side, leaves.shape[0] - x)):
             here, come = leaves[x + i, y : y + side], given[n, k, i]
-            for j in range(np.uint64(len(here))):
+            for j in range(index(len(here))):
                 here[j] += come[j]

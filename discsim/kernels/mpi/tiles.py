@@ -6,11 +6,12 @@ A ghost for a node is a particle of another rank that deposits mass on the node.
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner
+from discsim.jit.index import index
 from discsim.kernels.common.filling import SOME, with_room
 from discsim.kernels.common.grid import stencil
 from discsim.kernels.mpi import batches
 
-ONE, TWO, BATCH = np.uint64(1), np.uint64(2), np.uint64(batches.BATCH)
+ONE, TWO, BATCH = index(1), index(2), index(batches.BATCH)
 FEW = 4  # tiles along a side, up to which a batch is tested as a whole
 
 
@@ -45,18 +46,18 @@ def in_marked(first, last, pos, bounds, tiles, marked):
 
     Positions are those of the batches from `first` to `last`, with `bounds` (batches, 4).
     """
-    out, count, tile = np.empty(SOME, np.int64), np.uint64(0), np.empty(BATCH, np.uint32)
-    for batch in range(np.uint64(first), np.uint64(last)):
+    out, count, tile = np.empty(SOME, np.int64), index(0), np.empty(BATCH, np.uint32)
+    for batch in range(index(first), index(last)):
         x0, x1, y0, y1 = bounds[batch, 0], bounds[batch, 1], bounds[batch, 2], bounds[batch, 3]
         if not _marked_about(x0, x1, y0, y1, pos.shape[1], tiles, marked, BATCH):  # beyond BATCH tiles: row by row
             continue
         begin = batch * BATCH
-        n = min(BATCH, np.uint64(len(pos)) - begin)
+        n = min(BATCH, index(len(pos)) - begin)
         _tiles_of_some(pos, begin, n, tiles, tile)
         out = with_room(out, count)
         for i in range(n):
             out[count] = begin + i
-            count += np.uint64(marked[np.uint64(tile[i])])
+            count += index(marked[index(tile[i])])
     return out[: np.int64(count)]
 
 
@@ -95,17 +96,17 @@ def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
     Near is within `margin`. Other positions of the same batches, from `first` to `last`, are included. Wide batches,
     as after the arrival of particles, are tested row by row.
     """
-    out, count, dim = np.empty(SOME, np.int64), np.uint64(0), pos.shape[1]
+    out, count, dim = np.empty(SOME, np.int64), index(0), pos.shape[1]
     wide = FEW / tiles[1]
-    for batch in range(np.uint64(first), np.uint64(last)):
+    for batch in range(index(first), index(last)):
         x0, x1, y0, y1 = bounds[batch, 0], bounds[batch, 1], bounds[batch, 2], bounds[batch, 3]
         if not _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
             continue
         out, one_by_one = with_room(out, count), x1 - x0 > wide or y1 - y0 > wide
-        for i in range(batch * BATCH, min((batch + ONE) * BATCH, np.uint64(len(pos)))):
+        for i in range(batch * BATCH, min((batch + ONE) * BATCH, index(len(pos)))):
             x, y = pos[i, 0], pos[i, dim - 1]
             out[count] = i
-            count += np.uint64(not one_by_one or _is_near(x, x, y, y, dim, margin, ends, tiles, marked))
+            count += index(not one_by_one or _is_near(x, x, y, y, dim, margin, ends, tiles, marked))
     return out[: np.int64(count)]
 
 
@@ -135,7 +136,7 @@ def pieces_of(place, held, loose, others):
     """
     most = 2 * len(others) + len(loose) + 1
     first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
-    row, begin, skipped, before, rises = 0, 0, 0, np.uint64(0), True
+    row, begin, skipped, before, rises = 0, 0, 0, index(0), True
     for k in range(len(others) + 1):
         while True:
             stop = loose[skipped] if skipped < len(loose) else held
@@ -175,7 +176,7 @@ def _first_not_below(place, row, stop, least):
 @inner
 def _rise(place, first, last):
     some, falls = place[first:last], 0
-    for i in range(np.uint64(len(some) - 1)):
+    for i in range(index(len(some) - 1)):
         falls += some[i + ONE] < some[i]
     return falls == 0
 

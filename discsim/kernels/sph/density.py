@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import FAST, INNER, kept, lean_sums, lean_sums_in_single
+from discsim.jit.index import index
 from discsim.kernels.common.candidates import per_slab, place, window
 from discsim.kernels.common.neighbours import LANES, whole
 from discsim.kernels.sph.packs import (
@@ -47,9 +48,9 @@ SUMS, SUMS_OF_SLOPES = 7, 14
 (
     TOTAL, FIRST, SECOND, DIV, CURL, MORE_DIV, MORE_CURL, TXX, TXY, TYY, AXX, AXY, AYX, AYY,
     M, REACH, LOW, HIGH, STATE, H, RHO, OMEGA,
-) = (np.uint64(row * TILE) for row in range(ROWS))  # fmt: skip
+) = (index(row * TILE) for row in range(ROWS))  # fmt: skip
 SEARCHED, FOUND, NOT_ASKED = 0.0, 1.0, 2.0
-IN_ALL, LAST = np.uint64(ROWS), np.uint64(TILE - 1)
+IN_ALL, LAST = index(ROWS), index(TILE - 1)
 
 
 class Given(NamedTuple):
@@ -211,7 +212,7 @@ def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
     h beyond the reach of their list.
     """
     left, beyond = 0.0, 0.0
-    for k in range(np.uint64(n)):
+    for k in range(index(n)):
         searched, h = some[k + STATE] == SEARCHED, some[k + H]
         per_h = 1.0 / h
         total, slope, curve, div, curl, more_div, more_curl = in_units_of_density(
@@ -240,8 +241,8 @@ def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
 @njit(inline="always")
 def seat(p):
     """Return the index of the p-th member of a cell in the rows."""
-    lane = np.uint64(p) & LAST
-    return (np.uint64(p) - lane) * IN_ALL + lane
+    lane = index(p) & LAST
+    return (index(p) - lane) * IN_ALL + lane
 
 
 @njit(inline="always")
@@ -268,7 +269,7 @@ def clear_sums(sums, count, members):
         at = seat(p)
         if members[at + STATE] == SEARCHED:
             for row in range(sums):
-                members[at + np.uint64(row * TILE)] = 0.0
+                members[at + index(row * TILE)] = 0.0
 
 
 @njit(inline="always")
@@ -302,7 +303,7 @@ def end_cell(dim, derived, own, count, order, per_unit, found, members):
 @njit(inline="always")
 def pack_masses(dim, moving, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
     """Pack masses and, with `moving`, velocities relative to (ux, uy) of the candidates from `begin` to `end`."""
-    first, count = np.uint64(begin), np.uint64(end - begin)
+    first, count = index(begin), index(end - begin)
     masses, vx, vy = pack[MASS * STRIDE :], pack[VX * STRIDE :], pack[VY * STRIDE :]
     for k in range(count):
         j = order[slots[first + k]]
@@ -311,7 +312,7 @@ def pack_masses(dim, moving, begin, end, slots, order, vel, mass, ux, uy, per_ma
             vx[k] = vel[j, 0] - ux
             if dim == 2:
                 vy[k] = vel[j, 1] - uy
-    for k in range(count, np.uint64(whole(end - begin) + LANES)):  # padding of windows and `all_of`
+    for k in range(count, index(whole(end - begin) + LANES)):  # padding of windows and `all_of`
         masses[k] = 0.0
 
 

@@ -2,18 +2,17 @@
 
 import math
 
-import numpy as np
-
 from discsim.jit.decorators import compiled
+from discsim.jit.index import index
 
-ONE, TWO = np.uint64(1), np.uint64(2)
+ONE, TWO = index(1), index(2)
 
 
 @compiled
 def by_roots(begin, end, pos, density, speed, r0, twice, pressure, sound):
     """Write c_s = `speed` (r / r0)^(-1/2) or, if `twice`, (r / r0)^(-1/4), and P = c_s^2 rho, at positions (n, 2)."""
     flat, least = pos.reshape(-1), 1e-12 * r0
-    for i in range(np.uint64(begin), np.uint64(end)):  # a flat array and unsigned indices: vectorised
+    for i in range(index(begin), index(end)):  # a flat array and unsigned indices: vectorised
         r = math.sqrt(flat[TWO * i] * flat[TWO * i] + flat[TWO * i + ONE] * flat[TWO * i + ONE])
         root = math.sqrt((least if r < least else r) / r0)
         c = speed * (1.0 / (math.sqrt(root) if twice else root))

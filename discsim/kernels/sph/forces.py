@@ -28,10 +28,10 @@ import functools
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import compiled, lean_sums, lean_sums_in_single
+from discsim.jit.index import index
 from discsim.kernels.common.candidates import per_slab, place, window
 from discsim.kernels.common.neighbours import LANES, whole
 from discsim.kernels.common.rows import fetch
@@ -100,7 +100,7 @@ def force_columns(
     dim = vel.shape[1]
     per_mass, per_speed, density = 1.0 / scale.mass, 1.0 / scale.speed, scale.mass / scale.length**dim
     per_pressure = per_speed * per_speed / density
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(index(first), index(last)):
         i = order[k]
         inv_h, inv_rho, press = 1.0 / h[i], density / rho[i], pressure[i] * per_pressure
         columns[k, MASS], columns[k, INV_H], columns[k, INV_RHO] = mass[i] * per_mass, scale.length * inv_h, inv_rho
@@ -129,9 +129,9 @@ def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame,
     h is in the unit, and velocities are relative to that, of their cell's `frame` (unit, ux, uy).
     """
     unit, ux, uy = frame
-    count, norm = np.uint64(len(slots)), norm / unit ** (dim + 1)
+    count, norm = index(len(slots)), norm / unit ** (dim + 1)
     for k in range(count):
-        j = np.uint64(slots[k])
+        j = index(slots[k])
         m, inv_h = columns[j, MASS], columns[j, INV_H] * unit
         pack[MASS * STRIDE + k], pack[INV_H * STRIDE + k] = m, inv_h
         pack[NORM_H * STRIDE + k] = m * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
@@ -150,7 +150,7 @@ def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame,
             pack[ENERGY * STRIDE + k], pack[P * STRIDE + k] = columns[j, ENERGY], columns[j, P]
         if shearing:
             pack[FLUIDITY * STRIDE + k] = columns[j, FLUIDITY]
-    for k in range(count, np.uint64(whole(len(slots)) + LANES)):  # padding of windows and `all_of`
+    for k in range(count, index(whole(len(slots)) + LANES)):  # padding of windows and `all_of`
         pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
 
 
@@ -161,8 +161,8 @@ def fetch_columns(begin, slots, columns):
     `begin` starts at the next cell, if there is one.
     """
     if len(begin) > 1:
-        for k in range(np.uint64(begin[0]), np.uint64(begin[1])):
-            fetch(columns, slots[k] * np.uint64(columns.shape[1]))
+        for k in range(index(begin[0]), index(begin[1])):
+            fetch(columns, slots[k] * index(columns.shape[1]))
 
 
 @njit(inline="always")

@@ -8,10 +8,9 @@ there is one. Loops are few because a block may have few particles: processors m
 
 import math
 
-import numpy as np
-
 from discsim.formulas.laws import EPSTEIN
 from discsim.jit.decorators import inner, lean
+from discsim.jit.index import index
 from discsim.kernels.common.rows import LANES, LINE, empty_row, fetch, load, store
 from discsim.kernels.drag.frame import kepler, sense_at
 from discsim.kernels.drag.tsc.nodes import BX, BY, FIELDS, MASS, ONE, RHO, VX, VY, X, Y
@@ -63,11 +62,11 @@ def most_in(block_from, block_to, kind):
 @inner
 def take_plane(first, count, n, kind, dense, begin, column):
     """Copy particles in two dimensions from their arrays to columns."""
-    start, last, sources = np.uint64(first), np.uint64(count - 1), len(kind.own) > 0
-    mass, x, y = np.uint64(begin + MASS * n), np.uint64(begin + X * n), np.uint64(begin + Y * n)
-    u, v, rho = np.uint64(begin + VX * n), np.uint64(begin + VY * n), np.uint64(begin + RHO * n)
-    a, b = np.uint64(begin + BX * n), np.uint64(begin + BY * n)
-    for at in range(np.uint64(n)):
+    start, last, sources = index(first), index(count - 1), len(kind.own) > 0
+    mass, x, y = index(begin + MASS * n), index(begin + X * n), index(begin + Y * n)
+    u, v, rho = index(begin + VX * n), index(begin + VY * n), index(begin + RHO * n)
+    a, b = index(begin + BX * n), index(begin + BY * n)
+    for at in range(index(n)):
         i = kind.order[start + (at if at < last else last)]
         column[mass + at] = kind.mass[i] if at <= last else 0.0
         column[x + at], column[y + at] = kind.pos[i, 0], kind.pos[i, 1]
@@ -81,7 +80,7 @@ def take_plane(first, count, n, kind, dense, begin, column):
 @inner
 def fetch_next(first, count, kind):
     """Prefetch the particles that `take` copies next, as many as in this block: they are scattered in memory."""
-    start, end, dim = np.uint64(first), np.uint64(min(first + count, len(kind.order))), np.uint64(kind.vel.shape[1])
+    start, end, dim = index(first), index(min(first + count, len(kind.order))), index(kind.vel.shape[1])
     for k in range(start, end):
         i = dim * kind.order[k]
         fetch(kind.pos, i)
@@ -109,7 +108,7 @@ def fetch_columns(n, sources, begin, column):
     Columns exceed the caches, and a write that misses the cache waits as long as a read.
     """
     length = (FIELDS if sources else BX) * n
-    for at in range(np.uint64(begin + length), np.uint64(begin + 2 * length), LINE):
+    for at in range(index(begin + length), index(begin + 2 * length), LINE):
         fetch(column, at)
 
 

@@ -11,6 +11,7 @@ moments about the centroids of the classes are
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.index import index
 from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
 from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
 from discsim.kernels.drag.tsc.nodes import BX, BY_Y, FIELDS, MASS, ONE, RHO, X, Y
@@ -110,9 +111,9 @@ def take_grains(n, k, block, kind, row, share, sums):
     i, j, number = 1 - k // 3, 1 - k % 3, kind.number  # position of the node relative to the cell
     a0, a1, a2 = coefficients(i, False)
     b0, b1, b2 = coefficients(j, kind.pos.shape[1] == 1)
-    last = np.uint64(kind.start[block * number])
+    last = index(kind.start[block * number])
     for part in range(number):
-        first, last = last, np.uint64(kind.start[block * number + part + 1])
+        first, last = last, index(kind.start[block * number + part + 1])
         if first == last:
             continue
         places, motion = empty_row(), empty_row()

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.index import index
 
 
 class Levels(NamedTuple):
@@ -67,10 +68,10 @@ def is_inner(ix, iy, level, levels, flat):
 
 
 @inner
-def number_nodes(level, leaf, levels, flat, at, index, place, near):
+def number_nodes(level, leaf, levels, flat, at, number_of, place, near):
     """Number the nodes about blocks in the order of the blocks; return how many there are.
 
-    Writes the block of a node to `at`, its number to `index`, and its level and position on the lattice to `place`
+    Writes the block of a node to `at`, its number to `number_of`, and its level and position on the lattice to `place`
     (n, 3). `near` (9, 3) is overwritten.
     """
     total = 0
@@ -82,24 +83,24 @@ def number_nodes(level, leaf, levels, flat, at, index, place, near):
         if is_inner(ix, iy, n, levels, flat):
             for i in range(-1, 2):
                 for j in range(-1, 2):
-                    node = np.uint64(middle + i * rows + j)
-                    if index[node] < 0:
-                        index[node] = total
+                    node = index(middle + i * rows + j)
+                    if number_of[node] < 0:
+                        number_of[node] = total
                         place[total, 0], place[total, 1], place[total, 2] = n, ix + i, iy + j
                         total += 1
             continue
         neighbours(ix, iy, n, levels, flat, near)
         for k in range(9):
             node = near[k, 0]
-            if node >= 0 and index[node] < 0:
-                index[node] = total
+            if node >= 0 and number_of[node] < 0:
+                number_of[node] = total
                 place[total, 0], place[total, 1], place[total, 2] = n, near[k, 1], near[k, 2]
                 total += 1
     return total
 
 
 @inner
-def link_nodes(total, levels, flat, at, index, place, near, about, blocks):
+def link_nodes(total, levels, flat, at, number_of, place, near, about, blocks):
     for n in range(total):
         level, ix, iy = place[n, 0], place[n, 1], place[n, 2]
         if is_inner(ix, iy, level, levels, flat):
@@ -107,13 +108,13 @@ def link_nodes(total, levels, flat, at, index, place, near, about, blocks):
             below = levels.first[level] + (ix - 1) * rows + iy - 1
             for i in range(3):
                 for j in range(3):
-                    node = np.uint64(below + i * rows + j)
-                    about[n, 3 * i + j], blocks[n, 3 * i + j] = index[node], at[node]
+                    node = index(below + i * rows + j)
+                    about[n, 3 * i + j], blocks[n, 3 * i + j] = number_of[node], at[node]
             continue
         neighbours(ix, iy, level, levels, flat, near)
         for k in range(9):
             node = near[k, 0]
-            about[n, k] = index[node] if node >= 0 else -1
+            about[n, k] = number_of[node] if node >= 0 else -1
             blocks[n, k] = at[node] if node >= 0 else -1
 
 
@@ -125,11 +126,11 @@ def list_nodes(level, leaf, levels, flat):
     leaf (blocks, 2): first leaf of each block.
     """
     most, near = levels.first[-1], np.empty((9, 3), np.int64)
-    at, index = np.full(most, -1, np.int32), np.full(most, -1, np.int32)
+    at, number_of = np.full(most, -1, np.int32), np.full(most, -1, np.int32)
     place = np.empty((min(most, 9 * len(level)), 3), np.int32)
-    total = number_nodes(level, leaf, levels, flat, at, index, place, near)
+    total = number_nodes(level, leaf, levels, flat, at, number_of, place, near)
     about, blocks = np.empty((total, 9), np.int32), np.empty((total, 9), np.int32)
-    link_nodes(total, levels, flat, at, index, place, near, about, blocks)
+    link_nodes(total, levels, flat, at, number_of, place, near, about, blocks)
     home = np.empty(len(level), np.int32)
     for n in range(total):
         if blocks[n, 4] >= 0:

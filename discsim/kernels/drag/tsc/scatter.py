@@ -6,6 +6,7 @@ The linear fit is that to the velocities of the particles of one species in a ce
 import numpy as np
 
 from discsim.jit.decorators import compiled, inner
+from discsim.jit.index import index
 from discsim.kernels.common.rows import LANES, empty_row, fetch, lane, load, store, sums_of
 from discsim.kernels.drag.lines import solve
 from discsim.kernels.drag.relax import response
@@ -218,8 +219,8 @@ def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
 @inner
 def fetch_motion(first, count, kind):
     """Prefetch the particles that `kick` changes: they are scattered in memory, which no processor predicts."""
-    start, dim = np.uint64(first), np.uint64(kind.vel.shape[1])
-    for at in range(np.uint64(count)):
+    start, dim = index(first), index(kind.vel.shape[1])
+    for at in range(index(count)):
         i = dim * kind.order[start + at]
         fetch(kind.vel, i)
         fetch(kind.acc, i)
@@ -227,8 +228,8 @@ def fetch_motion(first, count, kind):
 
 @inner
 def kick(first, count, n, kind, dt, new):
-    start, along, across, more = np.uint64(first), np.uint64(n), np.uint64(2 * n), np.uint64(3 * n)
-    for at in range(np.uint64(count)):
+    start, along, across, more = index(first), index(n), index(2 * n), index(3 * n)
+    for at in range(index(count)):
         i = kind.order[start + at]
         kind.vel[i, 0] += dt * kind.acc[i, 0] + (new[across + at] + new[at])
         if kind.vel.shape[1] == 2:
