@@ -1,7 +1,8 @@
-"""Initial conditions, one a file: each gives `particles(scene)`, and may settle velocities once forces are known.
+"""Initial conditions, one module each, and the conversion of their arrays into a `State`.
 
-`particles` returns by species a dict of arrays: pos, vel (n, dimensions), mass (n,), and where it matters density
-(n,) (a first guess for h), u (n,), species and immobile (n,).
+Each start defines `particles(scene)` and may set velocities once forces are known. `particles` returns a dict of
+arrays for each species: pos, vel (n, dimensions), mass (n,) and, optionally, density (n,) (a first guess for h),
+u (n,), species and immobile (n,).
 """
 
 from __future__ import annotations
@@ -25,23 +26,26 @@ SPECIES = ("gas", "dust")
 
 
 def random_stream(scene: Scene, species: str) -> np.random.Generator:
-    """A stream a species, so that adding dust does not move the gas."""
+    """Return a random generator of its own for a species, so that adding dust does not move the gas."""
     return np.random.default_rng([scene.run.seed, SPECIES.index(species)])
 
 
 def start_of(scene: Scene) -> Start:
-    """The scene's initial condition."""
+    """Return the scene's initial condition."""
     return STARTS[scene.initial.kind]
 
 
 def start_time(scene: Scene) -> float:
-    """The time at which a run of the scene begins."""
+    """Return the time at which a run of the scene begins."""
     begins = None if scene.initial is None else start_of(scene).begins
     return 0.0 if begins is None else begins(scene)
 
 
 def make_particles(scene: Scene) -> Given:
-    """Arrays by species of the scene's initial condition. Raises ValueError where the scene's numbers make none."""
+    """Return the arrays of the scene's initial condition by species.
+
+    Raises ValueError if the scene's numbers give no particles.
+    """
     if scene.model.cells:
         from discsim.initial import cells
 
@@ -55,7 +59,7 @@ def make_particles(scene: Scene) -> Given:
 
 
 def _sized(scene: Scene, given: Given) -> Given:
-    """With sizes of the grains, and their masses with it, where a population has many and the start has none."""
+    """Add sizes of dust grains, and weight masses by size, if a population has many sizes and the start sets none."""
     dust = given.get("dust")
     if dust is None or "size" in dust or not any(map(has_sizes, scene.dust or ())):
         return given
@@ -68,18 +72,21 @@ def _sized(scene: Scene, given: Given) -> Given:
 
 
 def joined(parts: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """The arrays of several groups of particles, one after another."""
+    """Concatenate the arrays of several groups of particles."""
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
 def populations(scene: Scene, make: Callable[[Any], dict[str, Any]]) -> dict[str, np.ndarray]:
-    """The arrays of all populations of dust, each made by `make(population)`, with `species` (n,), their numbers."""
+    """Concatenate the arrays `make(population)` of all dust populations, and add their indices as `species` (n,)."""
     parts = [make(population) for population in scene.dust or ()]
     return joined([part | {"species": np.full(len(part["mass"]), number)} for number, part in enumerate(parts)])
 
 
 def make_state(scene: Scene, given: Given) -> State:
-    """A State of its own from the arrays `given` by species. Raises ValueError where the scene's numbers make none."""
+    """Return a State with copies of the arrays `given` by species.
+
+    Raises ValueError if an array is not finite, or a mass is not positive.
+    """
     gas = _make_gas(scene, given["gas"]) if "gas" in given else None
     dust = None
     if "dust" in given:
@@ -98,7 +105,7 @@ def make_state(scene: Scene, given: Given) -> State:
 
 
 def _common(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
-    arrays = {key: np.array(given[key], float, order="C") for key in ("pos", "vel", "mass")}  # as kernels take them
+    arrays = {key: np.array(given[key], float, order="C") for key in ("pos", "vel", "mass")}  # kernels need C order
     if not all(np.isfinite(array).all() for array in arrays.values()) or arrays["mass"].min() <= 0.0:
         raise ValueError(f"the start makes {name} that is not finite, or has no mass; expected less extreme values")
     return arrays | {
@@ -122,7 +129,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         u = np.array(u, float)
     else:
         u = initial_energy(scene, radius(common["pos"]))
-        if small is not None and growth.laden(scene):  # the energy is that of the gas, per mass of all
+        if small is not None and growth.laden(scene):  # u is per total mass, but only gas holds heat
             u = u * (1.0 - small / common["mass"])
     if scene.gas.smoothing_length is not None:
         h = np.full(n, scene.gas.smoothing_length)

@@ -1,11 +1,12 @@
-"""Local equilibrium of a disc: the velocities at which gas and dust turn in balance with the forces on them.
+"""Local equilibrium of a disc: velocities of gas and dust that balance the forces on them.
 
-Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr, with g(r) the mean inward pull of star, companions and self-gravity at r,
-and v_r that its viscosity gives, where there is [alpha_viscosity].
-Dust: with drag the steady drift of Nakagawa, Sekiya & Hayashi (1986) about that circle of the gas (eqs. 9 and 10 of
-`exact/nsh.py`), for the local Stokes numbers and dust-to-gas ratios of all populations, which gas with two-way drag
-takes part in; one-way dust that for a ratio of zero. Without drag, or where `initial.dust_velocity` is "balance",
-circles: v_phi^2 / r = g(r).
+Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr, with g(r) the mean inward pull of star, companions and self-gravity at r.
+With [alpha_viscosity], v_r is the flow that the viscosity drives.
+
+Dust with drag: the steady drift of Nakagawa, Sekiya & Hayashi (1986) about that circle of the gas (eqs. 9 and 10 of
+`exact/nsh.py`), for the local Stokes numbers and dust-to-gas ratios of all populations. With two-way drag the gas
+drifts too; one-way dust has the drift for a ratio of zero.
+Dust without drag, or with `initial.dust_velocity` "balance": circles, v_phi^2 / r = g(r).
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ if TYPE_CHECKING:
 companions = Lazy("discsim.physics.companions")
 growth = Lazy("discsim.physics.growth")
 viscosity = Lazy("discsim.physics.viscosity")
-MOST_ORBITS = 1000.0  # of a start that settles
-SLOW = 1.0  # of the sound speed, that a viscous flow is at most
+MOST_ORBITS = 1000.0  # upper bound of initial.relax
+SLOW = 1.0  # upper bound of a viscous flow, in sound speeds
 Array = np.ndarray
-KINDS = 32  # of grains, where each has a size of its own: enough for the sums over them
-PIECE = 1 << 17  # particles whose velocities are found at a time: it takes many times the memory of their places
-RING = 32  # particles of a ring of which a mean is taken, least
+KINDS = 32  # sizes that represent a continuous distribution: enough for the sums over it
+PIECE = 1 << 17  # particles per chunk: velocities need temporary arrays of many times the memory of positions
+RING = 32  # least number of particles in a ring that is averaged
 
 
 class Settled(Table):
-    """Keys of a start whose velocities are those of balance."""
+    """Keys of a start whose velocities balance the forces."""
 
     dust_velocity: Annotated[
         Literal["balance", "drift"] | None, Default('"drift" where dust drags gas or gas dust, else "balance"')
@@ -58,7 +59,7 @@ class Settled(Table):
 
 
 def relaxes_gas(draft: Draft) -> Iterator[Problem]:
-    """What [initial] relax needs."""
+    """Yield problems of `initial.relax`: it needs [gas] and [star], and no perturbation."""
     if draft.initial.relax == 0.0:
         return
     for table, why in (("gas", "there is no gas to settle"), ("star", "it counts orbits about a star")):
@@ -70,9 +71,9 @@ def relaxes_gas(draft: Draft) -> Iterator[Problem]:
 
 
 class Balance:
-    """The equilibrium of a disc whose particles are those of `state`, under the forces of `effects`.
+    """The equilibrium of the disc in `state` under the forces of `effects`.
 
-    Self-gravity and companions count by their mean at each radius.
+    Self-gravity and companions enter by their mean over azimuth at each radius.
     """
 
     def __init__(self, state: State, effects: dict[str, Any]) -> None:
@@ -84,13 +85,13 @@ class Balance:
     def velocities(
         self, name: str, pos: Array, species: Array | None, size: Array | None = None
     ) -> tuple[Array, Array]:
-        """Radial and azimuthal velocity (n,) of gas, or of dust of the populations `species` (n,), at `pos` (n, 2).
+        """Return radial and azimuthal velocity (n,) of gas, or of dust of populations `species` (n,), at `pos` (n, 2).
 
-        size (n,): of grains that have sizes of their own; None: each is of its population's mean size.
+        size: radii (n,) of grains with individual sizes; None: the mean size of each population.
         """
         scene = self.scene
         r = np.sqrt((pos**2).sum(axis=1))
-        # Where gravity points outwards nothing can turn in balance: `settle` refuses where that is much.
+        # No rotation balances gravity that points outwards; `settle` refuses discs with much of that.
         keplerian = np.sqrt(np.maximum(self.gravity(r) * r, 1e-300))
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
@@ -101,20 +102,20 @@ class Balance:
         elif scene.gas is not None:
             disc = profile.radial(scene)
             headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
-            if self.laden:  # pressure is of the gas, and moves the small dust too
+            if self.laden:  # pressure is the gas's alone, but accelerates the small dust with it
                 headwind = headwind / (1.0 + growth.small_at(scene, r, disc.dust_share))
             headwind[keplerian <= 1e-100] = 0.0
             if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
                 radial, lag = self._drift(disc, species, r, keplerian / r, headwind, size)
             elif name == "gas":
-                # Alone its balance is exact, not to first order in the headwind.
+                # Without drag the balance of gas is known exactly, not only to first order in the headwind.
                 lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
             if name == "gas" and scene.table("alpha_viscosity") is not None:
                 radial = radial + viscous_flow(scene, disc, r)
         return radial, keplerian + lag
 
     def alone(self, pos: Array) -> tuple[Array, Array]:
-        """`velocities` of gas that no dust drags."""
+        """Return the `velocities` of gas without drag by dust."""
         drifts, self.drifts = self.drifts, False
         try:
             return self.velocities("gas", pos, None)
@@ -124,15 +125,16 @@ class Balance:
     def _drift(
         self, disc: profile.Radial, species: Array | None, r: Array, omega: Array, headwind: Array, size: Array | None
     ) -> tuple[Array, Array]:
-        """Radial and azimuthal velocity (n,) relative to Keplerian, with the populations that there are; None: gas."""
-        # Grains of many sizes are some kinds that load the gas; what becomes of one is that of a kind without mass.
+        """Return the steady radial and azimuthal velocity (n,) of dust relative to Keplerian; species None: of gas."""
+        # A few sizes with mass represent each population in the back-reaction. The grains in question are added as
+        # one more kind, without mass.
         scene, drag = self.scene, self.effects["drag"]
         density = disc.surface_density(r)
         sound = profile.thermal_speed(scene, r, density)
         typical, kinds, loads, pushed = np.empty((len(scene.dust), len(r))), [], [], []
         push = radiation.pushes(scene, r, omega * r)
         for k, population in enumerate(scene.dust):
-            # Beyond an edge there is no gas: a limit keeps what is infinite from meeting what is 0.
+            # Beyond an edge there is no gas and the stopping time is infinite; the bound avoids inf * 0.
             typical[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
             ratio = population.ratio if disc.dust_share is None else population.ratio * disc.dust_share(r)
             there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
@@ -159,7 +161,9 @@ class Balance:
 
 
 def _kinds(population: Any) -> Iterator[tuple[float, float]]:
-    """Stopping times of a population's grains over that of its mean size, and the share of its mass that each has."""
+    """Yield, for each representative size of a population, its stopping time over that of the mean size, and its share
+    of the mass.
+    """
     if not has_sizes(population):
         return iter([(1.0, 1.0)])
     size, weight = sizes_of(population, population.grain_size.bins or KINDS)
@@ -167,17 +171,20 @@ def _kinds(population: Any) -> Iterator[tuple[float, float]]:
 
 
 def gas_alone(scene: Scene) -> Scene:
-    """The scene of its gas alone, which star, companions, pressure and viscosity move."""
+    """Return the scene with its gas alone, which star, companions, pressure and viscosity move."""
     gone = dict.fromkeys(("dust", "drag", "cooling", "self_gravity", "damping"))
     if scene.table("growth") is not None:
-        gone.pop("drag")  # which says whether small dust is a part of the gas's mass
+        gone.pop("drag")  # its direction decides whether small dust is a part of the gas's mass
     return scene.model_copy(update={**gone, "gas": scene.gas.model_copy(update={"conductivity": None})})
 
 
 def settle(state: State, effects: dict[str, Any]) -> None:
-    """Give gas and dust the velocities of a disc in balance with the forces of `effects`."""
+    """Set the velocities of gas and dust to balance the forces of `effects`.
+
+    Raises ValueError if more than `support.MOST` of a species has no rotation in balance.
+    """
     found = Balance(state, effects)
-    # The mean pull of companions is a table over the radii at which it is asked for: of all at a time.
+    # The mean pull of companions is tabulated over the radii of a call: all particles have to be in one call.
     most = PIECE if state.scene.table("companion") is None else np.iinfo(np.int64).max
     for name, particles in state.species.items():
         own = getattr(particles, "species", None), getattr(particles, "size", None)
@@ -193,12 +200,12 @@ def settle(state: State, effects: dict[str, Any]) -> None:
 
 
 def faults(scene: Scene) -> Iterator[Problem]:
-    """Problems that keep the disc of a scene from rotating in balance."""
+    """Yield problems that keep the disc of a scene from rotating in balance."""
     yield from support.faults(scene)
 
 
 def _refuse_falling(found: Balance, name: str, particles: Any) -> None:
-    """Raise ValueError where much of a species turns in no balance, under all forces that there are."""
+    """Raise ValueError if more than `support.MOST` of a species' mass has no rotation in balance with all forces."""
     r = np.sqrt((particles.pos**2).sum(axis=1))
     pull = found.gravity(r)
     turning = (particles.pos[:, 0] * particles.vel[:, 1] - particles.pos[:, 1] * particles.vel[:, 0]) / r
@@ -214,7 +221,7 @@ def _refuse_falling(found: Balance, name: str, particles: Any) -> None:
 
 
 def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
-    """Radial velocity (n,) of the gas that its viscosity moves; at an edge, where it has no limit, SLOW c_s at most."""
+    """Return the radial velocity (n,) of gas that its viscosity drives, clipped to SLOW c_s as it diverges at edges."""
     if disc.inflow is not None:
         return disc.inflow(r)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -224,10 +231,9 @@ def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
 
 
 def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
-    """Radial and azimuthal velocity of the equilibrium (kinds, n, 2) at `radius` (n,): of the gas, if there is any, and
-    of each population of dust.
+    """Return radial and azimuthal velocities (kinds, n, 2) at `radius` (n,) of gas, if any, and each dust population.
 
-    Of a start without a balance the mean over azimuth of the velocities that it has.
+    A start with a radial profile has the velocities of equilibrium, any other its actual ones averaged over azimuth.
     """
     scene: Any = state.scene
     kinds = [("gas", 0)] if state.gas is not None else []
@@ -246,7 +252,7 @@ def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
 
 
 def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
-    """Mean radial and azimuthal velocity (n, 2) at `radius` (n,), in rings of as many particles each."""
+    """Return mean radial and azimuthal velocities (n, 2) at `radius` (n,), from rings of equal particle number."""
     chosen = np.flatnonzero(getattr(particles, "species", np.zeros(particles.count, int)) == population)
     pos, vel = particles.pos[chosen], particles.vel[chosen]
     r = np.sqrt((pos**2).sum(axis=1))
@@ -259,9 +265,9 @@ def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
 
 
 def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
-    """Inward acceleration by the star, companions and self-gravity, averaged in azimuth, as a function of radius.
+    """Return a function of radius (n,): inward acceleration by star, companions and self-gravity, averaged in azimuth.
 
-    Taken at the limiting particles: one-way dust must not change the gas.
+    Self-gravity is sampled at the particles of `state.limiting`, as one-way dust must not change the gas.
     """
 
     def pull(radius: Array) -> Array:

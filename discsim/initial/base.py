@@ -1,4 +1,4 @@
-"""What an initial condition is, whatever its kind: all that is asked of it, from its keys to its exact solution."""
+"""The interface of an initial condition, from its keys to its exact solution."""
 
 from __future__ import annotations
 
@@ -18,17 +18,28 @@ if TYPE_CHECKING:
     from discsim.physics.orbits import UnderWay
 
 Array = np.ndarray
-Arrays = dict[str, Array]  # of one species: pos (n, d), vel (n, d), mass (n,), ...
-Curve = tuple[Array, Array, Array]  # places, densities and velocities (n,) of a species
+Arrays = dict[str, Array]  # arrays of one species: pos (n, d), vel (n, d), mass (n,), ...
+Curve = tuple[Array, Array, Array]  # positions, densities and velocities (n,) of a species
 
 
 @dataclass(frozen=True)
 class Places:
-    """The gas of a start at some places, arrays (n,) in code units.
+    """Sample points of a start's gas, with the properties of the gas there; arrays (n,) in code units.
 
-    names: for sentences, like "midplane"; "everywhere" for the only one. radius: from the origin, of a start that has
-    one. pressure: of a start that brings its own. relative_mass: of a gas particle there, over their mean; None: 1.
-    jump: of the velocity, in a shock there.
+    Attributes
+    ----------
+    names : list of str
+        Names of the points for messages, like "midplane"; "everywhere" for a single point.
+    density : ndarray
+        Density of the gas, in 2D its surface density.
+    radius : ndarray or None
+        Distance from the origin, if the start has a centre.
+    pressure : ndarray or None
+        Pressure, if the start sets it without the equation of state.
+    relative_mass : ndarray or None
+        Mass of a gas particle over the mean mass; None: 1.
+    jump : ndarray or None
+        Velocity jump of a shock at each point.
     """
 
     names: list[str]
@@ -41,47 +52,80 @@ class Places:
 
 @dataclass(frozen=True)
 class Start:
-    """An initial condition: the keys of `[initial]` with its kind, what makes its particles, and what follows from it.
+    """An initial condition: its keys in `[initial]`, its particles, and facts for rules, previews and error measures.
 
-    Functions take the validated Scene; numbers are in code units.
+    Functions take the validated Scene unless noted; numbers are in code units. Only `keys`, `particles` and `places`
+    are required; None stands for the default given below.
 
-    What is made:
-        particles(scene): arrays by species, pos, vel (n, d), mass (n,), and where it matters density (n,), a first
-            guess for h, u (n,), species and immobile (n,).
-        radial(scene): the disc that it is, as functions of the radius (`physics/profile.py`). None: it is none.
-        settle(state, effects): velocities, once forces are known.
-        take_up(state): gives a state what the run had that it goes on from, at last.
-        begins(scene): the time at which a run begins. None: 0.
-        under_way(scene): star (0) and companions that are on their way at t = 0, by number. None: all begin.
-        thermal_speed(scene, r): sqrt(P / Sigma) of a temperature of its own; None where gas.eos has it.
-        cells(scene, x, dx): the same on a fixed grid of cells at x (n,), dx wide: density (n,), velocities (n,) by
-            species, and u (n,) or None. None: there is no such start on a grid.
-    What it goes with, of which the rules of scenes are made:
-        dimensions, boundary (None: any), eos (kinds of equations of state; None: any, and no gas).
-        brings_pressure: it needs no temperature of the equation of state.
-        column: whether its density in one dimension is a surface density, as self-gravity there needs.
-        reach: a key of a length, and how many of it half a side of space has to hold.
-        rules: what else a scene with it must have.
-        faults(scene): what is wrong with a scene whose tables are right by themselves.
-    What a preview shows:
-        kernel: the smoothing kernel of its gas where the scene names none (None: as of any scene).
-        places(scene): its gas at a few places that tell most.
-        masses(scene, population): mass of its gas, where a population of dust (None: of all) is. None: places has one
-            density, that of all space.
-        spread(scene): places all over the gas, and weights (n,) of the gas there, by mass up to a factor. None: places,
-            each weighing the same.
-        on_lattice: whether particles that are placed evenly are whole rows and columns, as many as fit.
-        edges(scene): inner and outer radius, of a start about the origin. None: radii mean nothing to it.
-        reference_density(scene): Sigma at the radius that laws of drag refer to. None: it has no such radius.
-        later(scene, time): the gas that sets the step at a time, for forecasts. None: that of the start, all over.
-        warnings(scene): what will run, but perhaps not as meant.
-    What its answer is:
-        measure(scene): its error against the exact solution; None where this scene has none.
-        exact_with: effects beside gas, dust and drag that the exact solution knows.
-        uniform: whether nothing moves but by drag, so that only rounding errors could grow in long steps.
-        curves(scene, time, x): exact curves by species, in 1D at x (n,), else at the distances x from the middle of
-            space; of species that have one in this scene. A start may choose other places than x.
-        around: in 2D, the velocity that its figure shows against that distance; None: it shows none.
+    Attributes
+    ----------
+    keys : type of Table
+        Keys of `[initial]` for this kind.
+    particles : callable (scene)
+        Return arrays by species: pos, vel (n, d), mass (n,) and, optionally, density (n,), a first guess for h, u (n,),
+        species and immobile (n,).
+    places : callable (scene)
+        Return `Places`, a few representative points of the gas.
+    radial : callable (scene), optional
+        Return the disc as functions of radius (`physics/profile.py`). None: the start is not a disc.
+    settle : callable (state, effects), optional
+        Set velocities once forces are known.
+    take_up : callable (state), optional
+        Copy the time and, if the run continues one, the state of an earlier run into the new state. Called last.
+    begins : callable (scene), optional
+        Return the time at which a run begins. None: 0.
+    under_way : callable (scene), optional
+        Return the star (0) and the companions that are already moving at t = 0, by number. None: all start afresh.
+    thermal_speed : callable (scene, r), optional
+        Return sqrt(P / Sigma) (n,) of the start's own temperature, or None if `gas.eos` sets it.
+    cells : callable (scene, x, dx), optional
+        Return density (n,), velocities (n,) by species and u (n,) or None in grid cells of width dx at x (n,).
+        None: this start cannot be used on a fixed grid.
+    dimensions : tuple of int
+        Dimensions of space that it supports.
+    boundary : {"open", "periodic"} or None
+        Boundary that it needs; None: any.
+    eos : tuple of str or None
+        Kinds of equations of state that it supports; None: any, and no gas.
+    brings_pressure : bool
+        Whether it sets the pressure, so that the equation of state needs no temperature.
+    column : bool
+        Whether its density in 1D is a surface density, as self-gravity in 1D requires.
+    reach : (str, float) or None
+        A key of `[initial]` that is a length, and its least number in half a side of space.
+    rules : tuple of Rule
+        Further rules for a scene with this start.
+    faults : callable (scene), optional
+        Yield problems that show only in the validated scene.
+    kernel : str or None
+        Default smoothing kernel of the gas; None: the default of any scene.
+    masses : callable (scene, population), optional
+        Return the mass of gas in the region of a dust population, or of all gas if population is None. None: the
+        density of `places` fills all space.
+    spread : callable (scene), optional
+        Return points all over the gas, and relative masses (n,) of the gas there. None: `places` with equal weights.
+    on_lattice : bool
+        Whether particles with even placement form a lattice, whose number is a product of rows and columns.
+    edges : callable (scene), optional
+        Return inner and outer radius about the origin. None: the start has no centre.
+    reference_density : callable (scene), optional
+        Return Sigma at the reference radius of drag laws. None: it has no such radius.
+    later : callable (scene, time), optional
+        Return the gas that sets the step at a time, for forecasts. None: the gas of the start.
+    warnings : callable (scene), optional
+        Yield warnings about scenes that run, but perhaps not as intended.
+    measure : callable (scene), optional
+        Return the error against the exact solution, or None if this scene has no exact solution.
+    exact_with : tuple of str
+        Effects, besides gas, dust and drag, that the exact solution includes.
+    uniform : bool
+        Whether gas stays uniform, so that drag alone changes relative velocities; long steps then amplify rounding
+        errors only.
+    curves : callable (scene, time, x), optional
+        Return exact curves of those species that have one. `x` (n,) are positions in 1D, and distances from the
+        middle of space in 2D; a start may return other positions.
+    around : {"radial", "azimuthal"} or None
+        In 2D, the velocity that the figure shows against this distance; None: none.
     """
 
     keys: type[Table]
@@ -117,13 +161,13 @@ class Start:
     around: Literal["radial", "azimuthal"] | None = None
 
     def mass(self, scene: Any, population: Any = None) -> float:
-        """Mass of the gas where a population of dust is, or of all of it (mass over area in one dimension)."""
+        """Return the mass of gas in the region of a dust population, or of all gas; in 1D the mass over area."""
         if self.masses is not None:
             return self.masses(scene, population)
         return float(self.places(scene).density[0]) * math.prod(scene.space.size)
 
     def all_over(self, scene: Any) -> tuple[Places, Array]:
-        """Places all over the gas, and weights (n,) of the gas there, by mass up to a factor."""
+        """Return points all over the gas, and relative masses (n,) of the gas there."""
         if self.spread is not None:
             return self.spread(scene)
         places = self.places(scene)

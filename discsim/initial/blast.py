@@ -1,7 +1,7 @@
 """A blast: heat in the middle of uniform gas at rest (Sedov 1959), and dust at rest in it.
 
-The energy falls off as (1 - r^2/R^2)^2 within the radius R; its sum over the particles is exact. The gas around has the
-eos's sound speed, or next to no pressure where it gives none.
+The energy falls off as (1 - r^2/R^2)^2 within the radius R; its sum over the particles is exact. The gas outside has
+the sound speed of `gas.eos`, or almost no pressure if that is not given.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
-CENTRE = 0.4  # of the pressure behind the shock is in the middle of a blast (Sedov 1959)
-SMEARED = 3.0
-COLD = 1e-8  # of the blast's energy over the mass of the box, per mass of gas whose temperature nobody named
+CENTRE = 0.4  # central pressure of a blast over that behind the shock (Sedov 1959)
+SMEARED = 3.0  # largest compression of SPH gas in the shock, which is some h wide
+COLD = 1e-8  # u of gas without a given temperature, in units of the blast's energy over the mass in the box
 
 
 class Blast(Table):
@@ -61,9 +61,10 @@ def places(scene: Scene) -> Places:
 
 
 def later(scene: Scene, time: float) -> Places:
-    """The hottest gas, in the middle, which keeps its entropy, and that behind the shock at about (E t^2 / rho)^(1/4).
+    """Return the gas that sets the step: the hottest gas, in the middle, and the gas behind the shock.
 
-    The shock compresses SPH's gas by less than (gamma + 1) / (gamma - 1), as it is some h wide.
+    The shock is at about (E t^2 / rho)^(1/4), and gas in the middle keeps its entropy. A shock in SPH compresses gas
+    by less than (gamma + 1) / (gamma - 1), as its width is some h.
     """
     start, gamma = scene.initial, scene.gas.eos.gamma
     density = start.density * (1.0 + (_load(scene) or 0.0))
@@ -81,7 +82,10 @@ def later(scene: Scene, time: float) -> Places:
 
 
 def _load(scene: Scene) -> float | None:
-    """Mass of all dust over the gas's; None where the dust does not move with the gas, as it has to."""
+    """Return the dust-to-gas ratio of all dust, or None if the dust does not act on the gas (no drag, or one-way).
+
+    The exact solution holds for dust that moves with the gas.
+    """
     ratio = sum(dust.ratio for dust in scene.dust or ())
     return None if ratio and (scene.drag is None or scene.drag.direction == "one-way") else ratio
 
@@ -102,7 +106,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
 
 
 def front(particles: Particles, width: float) -> float:
-    """Radius of a blast's shock: where the mean density of rings `width` wide is half way up its jump, from outside."""
+    """Return the radius of a blast's shock: where the mean density in rings of `width` is half way up the jump."""
     r = np.sqrt((particles.pos**2).sum(axis=1))
     edges = np.arange(0.0, np.abs(particles.pos).max(), width)
     middle = 0.5 * (edges[1:] + edges[:-1])

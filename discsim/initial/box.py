@@ -1,4 +1,4 @@
-"""A uniform periodic box with a velocity of its own for gas and dust (DustyBox; Laibe & Price 2011)."""
+"""A uniform periodic box in which gas and dust have different velocities (DustyBox; Laibe & Price 2011)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def places(scene: Scene) -> Places:
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    """Over the slip at the start."""
+    """Return the error of the velocities, over the slip at the start."""
     drag = scene.drag
     rate = LAWS[drag.law].uniform_rate if drag else None
     if not scene.gas or len(scene.dust or ()) != 1 or rate is None:
@@ -59,7 +59,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         pulls = [np.array(getattr(scene.external, name, 0.0 * gas)) for name in ("gas", "dust")]
         coefficient = rate(drag, ratio, start.density)
         if drag.direction == "one-way":
-            # Gas that does not feel the dust is as good as infinitely heavy.
+            # Gas without back-reaction is equivalent to infinitely heavy gas.
             coefficient, ratio = coefficient * 1e-12 / ratio, 1e-12
         found = dustybox.velocities(sim.time, gas, dust, 1.0, ratio, coefficient, pulls[0], pulls[1])
         exact = found[kind == "dust"]

@@ -1,4 +1,4 @@
-"""Starts on a fixed 1D grid, one particle a cell at its centre."""
+"""Starts on a fixed 1D grid, with one particle at the centre of each cell."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def particles(scene: Scene) -> dict[str, Arrays]:
-    """Arrays by species, as of any start, by what the scene's start is in cells."""
+    """Return arrays by species from the `cells` function of the scene's start."""
     count, length, start = scene.gas.particles, scene.space.size[0], STARTS[scene.initial.kind]
     dx = length / count
     x = (np.arange(count) + 0.5) * dx - (0.5 * length if scene.centred else 0.0)

@@ -1,5 +1,5 @@
-"""A disc with power laws and tapers (`physics/profile.py`): particles of equal mass on rings (`rings.py`), turning in
-balance (`balance.py`).
+"""A disc with power laws and tapers (`physics/profile.py`): particles of equal mass on rings (`rings.py`), with
+velocities in balance (`balance.py`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from discsim.scene.rules import Draft, Problem
 
 Array = np.ndarray
-ROOM = 1.15  # half of space over the outer radius of a disc
+ROOM = 1.15  # half a side of space over the outer radius of a disc, below which a warning is given
 
 
 class Disc(balance.Settled):
@@ -46,7 +46,7 @@ class Disc(balance.Settled):
 
 
 def radial(scene: Scene) -> profile.Radial:
-    """The disc as functions of the radius."""
+    """Return the disc as functions of radius."""
     start: Any = scene.initial
     return profile.Radial(
         start.inner,
@@ -78,7 +78,7 @@ def has_edges_in_space(draft: Draft) -> Iterator[Problem]:
 
 
 def has_finite_powers(draft: Draft) -> Iterator[Problem]:
-    """Powers of the radius stay within floats all over a disc."""
+    """Yield problems of power laws that overflow within the disc."""
     gas = draft.gas or draft.background
     laws = [("initial", draft.initial, "surface_density_index")]
     if draft.has("background"):
@@ -123,7 +123,7 @@ def has_dust_within(draft: Draft) -> Iterator[Problem]:
         if dust.offset:
             yield ("dust", i, "offset"), "a disc has no gas spacing; expected another kind"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
-            continue  # that is told of any dust
+            continue  # a general rule of dust reports this
         if dust.inner is not None and dust.inner >= draft.initial.outer:
             yield ("dust", i, "inner"), "beyond the disc, where there is no gas; expected less than initial.outer"
         elif dust.outer is not None and dust.outer <= draft.initial.inner:
@@ -134,7 +134,7 @@ def has_dust_within(draft: Draft) -> Iterator[Problem]:
 
 
 def places(scene: Scene) -> Places:
-    """Where the tapers end, and the middle."""
+    """Return the gas at the ends of the tapers and in the middle."""
     start: Any = scene.initial
     inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper
     radius = np.array([inner, (start.inner + start.outer) / 2, outer])

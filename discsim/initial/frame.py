@@ -1,4 +1,6 @@
-"""Star and companions at the start, and the frame that the run is in: starts make discs about the origin."""
+"""Star and companions at the start, and the change from the frame of a start, whose disc is about the origin, to the
+frame of the run.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,10 @@ if TYPE_CHECKING:
 
 
 def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
-    """Star and companions, the centre of the disc at rest at the origin.
+    """Return star and companions, with the centre of the disc at rest at the origin.
 
-    None where there is no star, or one that stays there with its mass and moves nothing. `with_start`: the scene's
-    start, which may have them under way, is that of the run.
+    Return None if there is no star, or if the star has a constant mass and stays at the origin. with_start: the run
+    begins with the scene's start, in which bodies may be already moving.
     """
     if at_rest(scene):
         return None
@@ -28,7 +30,7 @@ def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
 
 
 def enter_frame(state: State, with_particles: bool) -> None:
-    """Take bodies, and particles that the start has made about the centre of the disc, into the frame of the run."""
+    """Move bodies, and with_particles gas and dust too, from the frame of the disc's centre to the frame of the run."""
     bodies = state.bodies
     if bodies is None:
         return

@@ -1,4 +1,4 @@
-"""Uniform and gently stretched lattices in a box, for gas and every dust population."""
+"""Uniform and sinusoidally stretched lattices in a box, for gas and each dust population."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Array = np.ndarray
 
 
 def lattice(size: tuple[float, ...], particles: int, offset: float = 0.0, spacing: Array | None = None) -> Array:
-    """Square lattice of about `particles` points (n, d) in [0, size), shifted by `offset` times `spacing` (d,).
+    """Return a square lattice of about `particles` points (n, d) in [0, size), shifted by `offset` `spacing` (d,).
 
-    In 2D the number is the nearest product of whole rows and columns.
+    In 2D, n is the nearest product of whole rows and columns. spacing: by default that of this lattice.
     """
     counts = shape(size, particles)
     steps = np.array(size) / counts
@@ -28,7 +28,7 @@ def lattice(size: tuple[float, ...], particles: int, offset: float = 0.0, spacin
 
 
 def shape(size: tuple[float, ...], particles: int) -> tuple[int, ...]:
-    """Points along each axis."""
+    """Return the number of points along each axis."""
     if len(size) == 1:
         return (particles,)
     along = max(1, round((particles * size[0] / size[1]) ** 0.5))
@@ -36,7 +36,7 @@ def shape(size: tuple[float, ...], particles: int) -> tuple[int, ...]:
 
 
 def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
-    """Gas and dust of uniform density at rest in the box, by species."""
+    """Return arrays by species of gas and dust of uniform density at rest in the box."""
     size = scene.space.size
     mass = density * float(np.prod(size))
     out: dict[str, dict[str, Array]] = {}
@@ -62,7 +62,7 @@ def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
 
 
 def everywhere(density: float, pressure: Array | None = None) -> Places:
-    """The places of a start whose gas has one density."""
+    """Return the places of a start whose gas has one density."""
     return Places(["everywhere"], np.array([density]), pressure=pressure)
 
 
@@ -71,10 +71,10 @@ def _species(pos: Array, mass: float) -> dict[str, Array]:
 
 
 def stretch(pos: Array, wavevector: Array, amplitude: float) -> Array:
-    """Move points of a uniform lattice so that their density is 1 + A sin(k.x) (times what it was); returns k.x.
+    """Move points `pos` (n, d) of a uniform lattice so that their density is multiplied by 1 + A sin(k.x); return k.x.
 
-    Along k the mass up to phase s is s - A cos(s): solved for s by Newton's method, and by bisection where |A| is so
-    near 1 that it strays.
+    Along k the mass up to phase s is s - A cos(s). The equation is solved for s by Newton's method, and by bisection
+    for points where Newton's method fails, as it can for |A| near 1.
     """
     start = pos @ wavevector
     phase = start.copy()

@@ -1,4 +1,4 @@
-"""How far a run is from an exact solution: what starts that have one are measured by."""
+"""Errors of a run against an exact solution, for starts that have one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ Array = np.ndarray
 
 
 class ErrorMeasure(NamedTuple):
-    """What an error is, in words, and the errors of a simulation now by species ("" where it is of neither)."""
+    """A measure of error against an exact solution.
+
+    Attributes
+    ----------
+    words : str
+        Description of the error.
+    errors : callable (sim)
+        Return the error of a simulation at its present time for each species; under "" an error of no one species.
+    """
 
     words: str
     errors: Callable[[Simulation], dict[str, float]]
@@ -23,7 +31,11 @@ class ErrorMeasure(NamedTuple):
 def velocity_errors(
     exact: Callable[[Simulation, str], tuple[Array, Array | float]],
 ) -> Callable[[Simulation], dict[str, float]]:
-    """Errors by species from `exact(sim, kind)`: velocities (n, d) at the particles that move, and their frame."""
+    """Return a function of errors by species: the RMS error of velocities over the largest exact speed in a frame.
+
+    exact(sim, kind): exact velocities (n, d) of the particles of a species, and the velocity of that frame. Immobile
+    particles are left out.
+    """
 
     def errors(sim: Simulation) -> dict[str, float]:
         out = {}

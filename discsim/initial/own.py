@@ -1,6 +1,6 @@
-"""Own particles, which take the place of [initial]: read into arrays of our own, in code units, or refused.
+"""Particles passed by the caller in place of [initial]: validation, and copies in code units.
 
-Every fault is told with the name of the array, the shape that is wanted, and the first entry that is wrong.
+Each message names the array, the expected shape or value, and the first wrong entry.
 """
 
 from __future__ import annotations
@@ -29,16 +29,19 @@ ARRAYS = {"gas": (*NEEDED, "u", "density", "small", "immobile"), "dust": (*NEEDE
 MEASURE = {"pos": "length", "size": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
 NOT_NEGATIVE = ("small",)
 POSITIVE = ("mass", "u", "density", "size")
-LARGEST = 1e150  # its square is a number
-MASSES = 1e12  # of the heaviest gas particle over the lightest: beyond, sums forget the light ones and steps collapse
+LARGEST = 1e150  # its square does not overflow
+MASSES = 1e12  # heaviest over lightest gas particle; beyond, sums lose the light ones and time steps collapse
 
 
 class _Fault(Exception):
-    """What is wrong with one array."""
+    """A problem of one array."""
 
 
 def read(scene: Scene, particles: Any) -> Given:
-    """Arrays by species and name, checked; copies, but that positions are brought into a periodic box."""
+    """Return checked copies of the arrays by species and name; positions are wrapped into a periodic box.
+
+    Raises SceneError with all problems found.
+    """
     if not isinstance(particles, Mapping):
         raise SceneError([f"particles: {_brief(particles)} is not a dict; expected one of {_words(SPECIES)}"])
     problems = [f"particles: {shown(name)} is unknown; expected {_words(SPECIES)}{near(str(name), SPECIES)}"
@@ -57,7 +60,7 @@ def read(scene: Scene, particles: Any) -> Given:
 
 
 def counted(scene: Scene, given: Given) -> Scene:
-    """The scene with the numbers of particles that were given, whatever it said."""
+    """Return the scene with its particle numbers replaced by those of the given arrays."""
     values: list[tuple[list[str], int]] = []
     update: dict[str, Any] = {}
     if "gas" in given:
@@ -77,7 +80,7 @@ def counted(scene: Scene, given: Given) -> Scene:
 
 
 def _movable(arrays: Mapping[str, Array], species: int | None = None) -> int:
-    """How many move, of one population or of all: boundary particles are not counted, as in a shock tube."""
+    """Count the particles of one population, or of all, that can move; boundary particles of a shock tube cannot."""
     chosen = np.ones(len(arrays["mass"]), bool) if species is None else arrays["species"] == species
     return int(np.count_nonzero(chosen & ~arrays.get("immobile", np.zeros(len(chosen), bool))))
 
@@ -124,7 +127,7 @@ def _missing(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tupl
 
 
 def _array(scene: Scene, name: str, key: str, values: Any, count: int | None) -> Array:
-    """One array, in code units; `count` is that of the particles where it is known. Raises _Fault."""
+    """Return one array in code units; `count` is the number of particles if known. Raises _Fault."""
     array = _numbers(scene, key, values)
     dim = scene.space.dimensions
     n = "n" if count is None else str(count)
@@ -149,12 +152,12 @@ def _array(scene: Scene, name: str, key: str, values: Any, count: int | None) ->
     if key == "pos" and scene.space.boundary == "periodic":
         size = np.array(scene.space.size)
         array %= size
-        array[array >= size] = 0.0  # a tiny negative place rounds up to the edge
+        array[array >= size] = 0.0  # a tiny negative coordinate rounds up to the edge
     return array
 
 
 def _numbers(scene: Scene, key: str, values: Any) -> Array:
-    """A copy as kernels take it, of floats in code units."""
+    """Return a C-ordered float copy in code units, as kernels need it. Raises _Fault."""
     # In 1D a mass is a column: mass over area.
     measure = MEASURE.get(key, "mass" if scene.space.dimensions == 2 else "surface_density")
     plain = key in ("species", "immobile")
@@ -180,7 +183,7 @@ def _checked(array: Array, right: Array, words: str) -> Array:
 
 
 def _together(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str]:
-    """What only all arrays of a species show."""
+    """Yield problems that show only in several arrays of a species together; add the default `species`."""
     if name == "gas":
         mass = arrays["mass"]
         if mass.max() > MASSES * mass.min():

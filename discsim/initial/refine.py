@@ -1,10 +1,11 @@
-"""A set of particles refined or thinned: each as several, or every k-th with the mass of all.
+"""Refinement and thinning of particle sets: each particle split into several, or every k-th kept with the total mass.
 
-Refined, a particle of mass m is replaced by k of m / k about its place, sum d_i = 0, as far apart as particles of
-m / k are at its density: mean |d|^2 = (1 - 1/k) m / (6 Sigma). Velocity and energy go on linearly, v + G d_i, with the
-gradient G of a least-squares fit to the neighbours, which keeps momentum and energy; what the spread of places and
-velocities adds to the angular momentum, sum d_i x G d_i, a rigid turn of the whole takes out (some 1e-4 of Omega).
-Thinned, every k-th particle along rings stays, with the mass of all.
+Refinement replaces a particle of mass m by k particles of m / k about its position, sum d_i = 0, as far apart as
+particles of m / k are at its density: mean |d|^2 = (1 - 1/k) m / (6 Sigma). Velocity and energy are continued
+linearly, v + G d_i, with the gradient G of a least-squares fit to the neighbours; this conserves momentum and energy.
+The spread of positions and velocities changes the angular momentum by sum d_i x G d_i, which a rigid rotation of the
+whole set removes (some 1e-4 of Omega).
+Thinning keeps every k-th particle along rings, and scales the masses to the total mass.
 """
 
 from __future__ import annotations
@@ -12,26 +13,26 @@ from __future__ import annotations
 import numpy as np
 
 Array = np.ndarray
-NEAR = 12  # neighbours that a gradient is fitted to
-RING = 5  # up to so many are best on a ring
+NEAR = 12  # neighbours in the fit of a gradient
+RING = 5  # up to this number of children a ring is the best arrangement
 
 
 # Thinning
 
 
 def every(count: int, step: int) -> tuple[int, int, int]:
-    """The range of those that stay of `count`: from the middle of the first `step` on."""
+    """Return start, stop and step of the range of kept particles of `count`, from the middle of the first `step`."""
     return min(step // 2, max(count - 1, 0)), count, step
 
 
 def thinned(arrays: dict[str, Array], step: int) -> dict[str, Array]:
-    """Every `step`-th along rings as wide as those that stay are apart; the mass stays what it is."""
+    """Keep every `step`-th particle along rings that are as wide as the spacing of kept ones; conserve the mass."""
     if step == 1 or len(arrays["mass"]) == 0:
         return arrays
     pos = arrays["pos"]
     r, angle = np.sqrt((pos**2).sum(axis=1)), np.arctan2(pos[:, 1], pos[:, 0])
     rising = np.argsort(r, kind="stable")
-    held = 2.0 * np.pi * r * np.sqrt(step / _area(pos))  # particles of the ring
+    held = 2.0 * np.pi * r * np.sqrt(step / _area(pos))  # number of particles in the ring
     ring = np.empty(len(r), np.int64)
     ring[rising] = np.floor(np.cumsum(1.0 / np.maximum(held[rising], 1.0)))
     stay = np.lexsort((angle, ring))[slice(*every(len(r), step))]
@@ -43,7 +44,7 @@ def thinned(arrays: dict[str, Array], step: int) -> dict[str, Array]:
 
 
 def _near(pos: Array, count: int) -> tuple[Array, Array]:
-    """Distances and numbers (n, count + 1) of each particle and its neighbours."""
+    """Return distances and indices (n, count + 1) of each particle itself and its nearest neighbours."""
     from scipy.spatial import cKDTree  # slow to import
 
     found: tuple[Array, Array] = cKDTree(pos).query(pos, k=list(range(1, count + 2)))
@@ -51,7 +52,7 @@ def _near(pos: Array, count: int) -> tuple[Array, Array]:
 
 
 def _area(pos: Array) -> Array:
-    """Area (n,) that each particle has to itself, by its neighbours."""
+    """Return the area per particle (n,) at each particle, from the distance of the NEAR-th neighbour."""
     count = min(NEAR, len(pos) - 1)
     if count == 0:
         return np.ones(len(pos))
@@ -63,7 +64,7 @@ def _area(pos: Array) -> Array:
 
 
 def refined(arrays: dict[str, Array], number: int) -> dict[str, Array]:
-    """Each particle as `number` of them; mass, momentum, energy of heat and angular momentum to rounding."""
+    """Split each particle into `number`; mass, momentum, heat and angular momentum are conserved to rounding."""
     count = len(arrays["mass"])
     if number == 1 or count == 0:
         return arrays
@@ -91,10 +92,10 @@ def refined(arrays: dict[str, Array], number: int) -> dict[str, Array]:
 
 
 def _pattern(number: int) -> Array:
-    """Places (number, 2) about 0 in spacings of the parents, radial and along the orbit, with sum 0 and mean |d|^2 =
-    (1 - 1/number) / 6.
+    """Return radial and azimuthal displacements (number, 2) of the children, in spacings of the parents.
 
-    Few are on a ring, two of them one behind the other; more share a square in rows, each as wide as it holds of them.
+    Their sum is 0 and their mean |d|^2 is (1 - 1/number) / 6. Up to RING children are on a ring, two of them along
+    the orbit; more fill a square in rows whose widths are proportional to their numbers of children.
     """
     if number <= RING:
         angle = np.pi / number * (2 * np.arange(number) + 1)
@@ -109,7 +110,7 @@ def _pattern(number: int) -> Array:
 
 
 def _gradients(pos: Array, fields: Array) -> Array:
-    """d field / d x_i (n, 2, fields) of a least-squares plane through each particle and its neighbours."""
+    """Return d field / d x_i (n, 2, fields) of a least-squares plane through each particle and its neighbours."""
     count = min(NEAR, len(pos) - 1)
     if count < 3:
         return np.zeros((len(pos), 2, fields.shape[1]))
@@ -117,7 +118,7 @@ def _gradients(pos: Array, fields: Array) -> Array:
     away, change = pos[near] - pos[:, None, :], fields[near] - fields[:, None, :]
     matrix, right = np.einsum("nki,nkj->nij", away, away), np.einsum("nki,nkf->nif", away, change)
     size = np.trace(matrix, axis1=1, axis2=2)
-    flat = np.linalg.det(matrix) > 1e-6 * size**2  # else on a line
+    flat = np.linalg.det(matrix) > 1e-6 * size**2  # otherwise the neighbours are on a line
     out = np.zeros_like(right)
     out[flat] = np.linalg.solve(matrix[flat], right[flat])
     return out
@@ -129,7 +130,7 @@ def _spin(arrays: dict[str, Array]) -> float:
 
 
 def _turn_back(before: dict[str, Array], after: dict[str, Array]) -> None:
-    """Give `after` the angular momentum of `before` by a rigid turn about its centre of mass."""
+    """Set the angular momentum of `after` to that of `before` by a rigid rotation about its centre of mass."""
     mass = after["mass"][:, None]
     away = after["pos"] - (mass * after["pos"]).sum(axis=0) / mass.sum()
     rate = (_spin(before) - _spin(after)) / float((mass * away**2).sum())

@@ -1,8 +1,9 @@
-"""An isothermal layer at rest under -Omega^2 z (`exact/settling.py`), with grains at rest all over it.
+"""An isothermal layer at rest under -Omega^2 z (`exact/settling.py`), with grains at rest throughout.
 
-Particles of equal mass, evenly spaced in the mass below them. Beyond +-vertical_extent immobile gas bears the ends of
-the layer, at the spacing of the ends, with masses that continue the Gaussian. SPH's own balance is a little off the
-Gaussian: the gas is moved into it, since the sound of a layer out of balance would drown the slow fall of small grains.
+Particles have equal mass and are evenly spaced in the mass below them. Beyond +-vertical_extent immobile gas supports
+the ends of the layer, at the spacing of the ends, with masses that continue the Gaussian. The equilibrium of SPH
+differs slightly from the Gaussian. The gas is moved into the former, since sound waves of a layer out of balance
+would be faster than the fall of small grains.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ linalg = Lazy("scipy.linalg")  # slow to import, as are kernels
 special = Lazy("scipy.special")
 smoothing = Lazy("discsim.kernels.sph.smoothing")
 Array = np.ndarray
-MARGIN = 2.0  # of the support radius: what moves must not see where the immobile gas ends
-ROUNDING = 1e-12  # of Omega^2 H: a force that cannot be balanced better
-BALANCED = 1e-7  # of Omega^2 H: well below the fall of grains with t_stop Omega = 1e-5
-ROUNDS = 20
-SAMPLES = 20_001  # heights at which a preview looks
+MARGIN = 2.0  # thickness of the immobile gas in support radii: kernels of moving gas must not reach its outer end
+ROUNDING = 1e-12  # rounding error of forces, in Omega^2 H
+BALANCED = 1e-7  # largest net force allowed, in Omega^2 H: well below the fall of grains with t_stop Omega = 1e-5
+ROUNDS = 20  # iterations of Newton's method
+SAMPLES = 20_001  # sample heights of previews
 
 
 class Settling(Table):
@@ -48,19 +49,19 @@ class Settling(Table):
 
 
 def scale_height(scene: Scene | Draft) -> float:
-    """H = c_s / Omega of the scene's layer."""
+    """Return H = c_s / Omega of the scene's layer."""
     given: Any = scene
     return given.gas.eos.sound_speed / given.external.vertical_frequency
 
 
 def extent(scene: Scene | Draft) -> float:
-    """Height of the ends of what moves."""
+    """Return the height up to which gas moves."""
     given: Any = scene
     return given.initial.vertical_extent or 0.5 * given.space.size[0]
 
 
 def column(scene: Scene) -> float:
-    """Mass over area of the gas between the ends."""
+    """Return the mass over area of the gas between the ends."""
     start: Any = scene.initial
     height = scale_height(scene)
     return float(start.density * height * np.sqrt(2.0 * np.pi) * special.erf(extent(scene) / height / np.sqrt(2.0)))
@@ -96,14 +97,14 @@ def _gaussian(scene: Scene, height: Array) -> Array:
 
 
 def _heights(scene: Scene, share: Array) -> Array:
-    """Heights below which these shares of the mass between the ends are."""
+    """Return the heights (n,) below which the shares (n,) of the mass between the ends lie."""
     height = scale_height(scene)
     inside = special.erf(extent(scene) / height / np.sqrt(2.0))
     return np.sqrt(2.0) * height * special.erfinv((2.0 * share - 1.0) * inside)
 
 
 def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
-    """The gas with the immobile gas beyond its ends."""
+    """Append the immobile gas beyond the ends."""
     given: Any = scene
     top, mass = extent(scene), gas["mass"][0]
     spacing = float(mass / given.initial.density / _gaussian(scene, np.array(top)))
@@ -118,8 +119,11 @@ def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
 
 
 def settle(state: State, effects: dict[str, Any]) -> None:
-    """Move the gas to where its forces cancel, by Newton's method on its places."""
-    with effects["gas"].sph.in_double():  # it takes differences of forces that nearly cancel
+    """Move the gas to positions at which its forces cancel, by Newton's method.
+
+    Raises ValueError if net forces above BALANCED remain.
+    """
+    with effects["gas"].sph.in_double():  # the Jacobian is from differences of forces that nearly cancel
         _settle(state, effects)
 
 
@@ -129,13 +133,13 @@ def _settle(state: State, effects: dict[str, Any]) -> None:
     free = np.flatnonzero(~gas.immobile)
     band = int(
         np.ceil(4.0 * smoothing.SUPPORT[smoothing.KERNELS[scene.gas.kernel]] * scene.gas.eta)
-    )  # places that a force depends on, each way
+    )  # half bandwidth: a force depends on so many particles on each side
     small = ROUNDING * scene.external.vertical_frequency**2 * scale_height(scene)
 
     def forces(moved: Array) -> Array:
         place = gas.pos[free].copy()
         gas.pos[free, 0] += moved
-        for _ in range(2):  # h is as good as the square of what it lacked before
+        for _ in range(2):  # the error of h is squared in each iteration
             for particles in state.species.values():
                 particles.acc[:] = 0.0
             for name in ("gas", "external"):
@@ -159,7 +163,7 @@ def _settle(state: State, effects: dict[str, Any]) -> None:
 
 
 def _newton_step(forces: Callable[[Array], Array], force: Array, spacing: Array, band: int) -> Array:
-    """Displacements (n,) that cancel the forces to first order, from a banded Jacobian by differences."""
+    """Return displacements (n,) that cancel the forces to first order, from a banded Jacobian by differences."""
     count, width = len(force), 2 * band + 1
     jacobian = np.zeros((width, count))
     for first in range(width):
@@ -179,7 +183,10 @@ def needs_gravity(draft: Draft) -> Iterator[Problem]:
 
 
 def reaches_its_ends(draft: Draft) -> Iterator[Problem]:
-    """Particles of equal mass are far apart where the layer ends: at most ten lengths over which it falls by e."""
+    """Yield problems of too few particles for the extent.
+
+    Particles of equal mass are far apart at the ends; ten e-folding lengths of the density are allowed.
+    """
     if not (draft.gas and draft.space and draft.external):
         return
     if not draft.eos.one_speed or draft.external.vertical_frequency == 0.0:
@@ -231,7 +238,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
 
 
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
-    """The gas at rest, and dust of one population and a known stopping time."""
+    """Return curves of the gas at rest, and of dust if it is one population with a known stopping time."""
     from discsim.exact import settling  # imports scipy
 
     given: Any = scene
@@ -243,7 +250,7 @@ def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
         return exact
     times = np.full_like(x, known(given.drag))
     z, u = settling.trajectories(time, x, lambda at: times[: len(at)], given.external.vertical_frequency)
-    # Grains keep their mass: the density grows as their distance falls.
+    # Grains conserve mass: the density is inversely proportional to their spacing.
     rho = given.dust[0].ratio * settling.gas_density(x, midplane, height) / np.abs(np.gradient(z, x))
     return exact | {"dust": (z, rho, u)}
 
@@ -258,7 +265,7 @@ START = Start(
     eos=("isothermal",),
     reach=("vertical_extent", 1.0),
     rules=(needs_gravity, reaches_its_ends),
-    kernel="wendland-c4",  # it feels every wave of a stretched layer, so that there is a balance
+    kernel="wendland-c4",  # it responds to every wave of a stretched layer, so that an equilibrium exists
     masses=mass,
     spread=spread,
     measure=measure,

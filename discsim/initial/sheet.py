@@ -1,4 +1,4 @@
-"""A periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)): sound against self-gravity."""
+"""A periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)), in which pressure opposes self-gravity."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         start, gravity = scene.initial, scene.self_gravity
         k = 2.0 * np.pi * start.wavenumber / scene.space.size[0]
         pull = (start.surface_density, scene.gas.eos.sound_speed) + ((gravity.softening,) if gravity else (0.0, 0.0))
-        # One of the two is 0: it grows or it swings.
+        # Either the growth rate or the frequency is 0, so the product is the one that applies.
         grown = np.cosh(sheet.growth_rate(k, *pull) * sim.time) * np.cos(sheet.frequency(k, *pull) * sim.time)
         exact = start.amplitude * float(grown)
         mode = 2.0 * (np.exp(-1j * k * sim.gas.pos[:, 0]) * sim.gas.mass).sum() / sim.gas.mass.sum()

@@ -1,7 +1,7 @@
-"""Two states meeting at 0 of [-size/2, size/2]; immobile particles continue both beyond the ends.
+"""A shock tube: two uniform states separated at 0 of [-size/2, size/2].
 
-Particles of equal mass, so their spacing follows the density; dust has the gas's velocity and a constant ratio
-(DustyShock; Laibe & Price 2012).
+Immobile particles continue both states beyond the ends. Particles have equal mass, so their spacing follows the
+density. Dust has the gas's velocity and a constant ratio (DustyShock; Laibe & Price 2012).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 smoothing = Lazy("discsim.kernels.sph.smoothing")  # slow to import
-MARGIN = 2.0  # of the support radius: live particles must not see where the immobile ones end
+MARGIN = 2.0  # thickness of the immobile ends in support radii: kernels of moving particles must not reach beyond
 State = Annotated[
     tuple[
         Annotated[float, Field(gt=0), Measure("density")],
@@ -35,7 +35,7 @@ State = Annotated[
 
 
 class Shock(Table):
-    """Two states meeting at 0 of [-size/2, size/2]."""
+    """A shock tube: two uniform states separated at 0 of [-size/2, size/2]."""
 
     kind: Literal["shock"] = "shock"
     left: State = Field((1.0, 1.0, 0.0), description="gas [density, pressure, velocity] at x < 0")
@@ -43,7 +43,7 @@ class Shock(Table):
 
 
 def _side(density: float, mass: float, half: float, sign: float, margin: float, offset: float) -> Array:
-    """Places of one side's particles, from the jump outwards and on into the margin."""
+    """Return the sorted positions (n,) of one side's particles, from the jump to the end of the margin."""
     step = mass / density
     count = int(np.ceil((half + margin) / step))
     return np.sort(sign * (np.arange(count) + 0.5 + sign * offset) * step)
@@ -78,7 +78,7 @@ def particles(scene: Scene) -> dict[str, Arrays]:
 
 
 def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
-    """Means of the cells: the one that the jump is in has its share of both sides."""
+    """Return cell averages; the cell with the jump has shares of both sides."""
     left, right = scene.initial.left, scene.initial.right
     share = np.clip(0.5 - x / dx, 0.0, 1.0)
     density = share * left[0] + (1.0 - share) * right[0]

@@ -1,4 +1,4 @@
-"""The small dust of a start that grows (`[growth]`): a share of the dust, which gas particles carry in its place."""
+"""Small dust at the start of a run with `[growth]`: a share of the dust moves from dust to gas particles."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ growth = Lazy("discsim.physics.growth")
 
 
 def carried(scene: Scene, given: Given) -> Given:
-    """The arrays `given` of a start with `small` (n,) of the gas; a start from a snapshot brings what there is of it.
+    """Return the arrays `given` of a start with `small` (n,), the small dust carried by gas particles, added.
 
-    Of a start's dust growth.small_ratio over dust.ratio goes to the gas between the dust's radii, in proportion to the
-    start's ratio there; all but a seed of it at most, as dust particles need a mass. The total is exact.
+    The share growth.small_ratio / dust.ratio of the dust moves to the gas between the dust's radii, in proportion to
+    the start's ratio there. At least SEED of the dust stays, as dust particles need a mass. The total mass is exact.
+    A start from a snapshot is returned unchanged, as it has set its own `small`.
     """
     initial: Any = scene.initial
     gas, dust = given["gas"], given["dust"]
@@ -41,7 +42,7 @@ def carried(scene: Scene, given: Given) -> Given:
 
 
 def loaded(gas: dict[str, Any], sign: float = 1.0) -> dict[str, Any]:
-    """Arrays of gas whose `small` becomes a part of its mass, or with sign -1 no longer is one."""
+    """Return arrays of gas with `small` added to the mass, or with sign -1 subtracted from it."""
     more = 1.0 + sign * gas["small"] / gas["mass"]
     per_mass = {"u": gas["u"] / more} if gas.get("u") is not None else {}
     return gas | {"mass": gas["mass"] * more, "density": gas["density"] * more} | per_mass

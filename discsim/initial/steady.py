@@ -1,8 +1,8 @@
-"""steady: a disc that a viscosity lets fall onto the star everywhere at one rate, Sigma = Mdot / (3 pi nu(r)).
+"""steady: a disc in steady viscous accretion, Sigma = Mdot / (3 pi nu(r)), with the same rate at all radii.
 
-It turns in balance (`balance.py`) and falls with v_r = -3 nu / (2 r) (Lynden-Bell & Pringle 1974). Tapers of its
-edges are those of a disc; where Sigma has them it is not steady, but falls as it does elsewhere: with [damping] over
-them the outer one feeds the disc, and the inner one drains it.
+Gas rotates in balance (`balance.py`) and moves inwards with v_r = -3 nu / (2 r) (Lynden-Bell & Pringle 1974). The
+edges have the tapers of a `disc`. The flow is not steady in the tapers, though it has the same v_r there: with
+[damping] over them the outer taper feeds the disc, and the inner one drains it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Steady(balance.Settled):
 
 
 def accretion_rate(scene: Scene) -> float:
-    """Mdot in code units."""
+    """Return Mdot in code units."""
     start: Any = scene.initial
     if start.accretion_rate is not None:
         return float(start.accretion_rate)
@@ -52,7 +52,7 @@ def accretion_rate(scene: Scene) -> float:
 
 
 def radial(scene: Scene) -> profile.Radial:
-    """The disc as functions of the radius."""
+    """Return the disc as functions of radius."""
     start: Any = scene.initial
     rate = accretion_rate(scene)
 

@@ -1,11 +1,12 @@
-"""Radial support of a disc: no rotation is in balance where the pressure pushes out more than gravity pulls in.
+"""Radial support of a disc: no rotation is in balance where pressure pushes out more than gravity pulls in.
 
     x = (1/Sigma) |dP/dr| / g,    v_phi = v_K (1 - x)^(1/2)                                                  (1)
 
-with g the inward pull, v_K^2 = g r, and 0 < x where the pressure falls outwards. x goes with (H/r)^2, so that x < 1
-bounds H/r. The disc is that of a start, or a given one ([background]) between the radii where its dust begins.
-Beside a star self-gravity counts as twice the pull of the mass within r, more than any disc has but at its edge. Discs
-that their own gravity alone holds are judged when a run makes their velocities (`initial/balance.py`).
+with g the inward pull, v_K^2 = g r, and 0 < x where the pressure falls outwards. x is proportional to (H/r)^2, so
+that x < 1 is an upper bound of H/r. The disc is that of a start, or a given one ([background]) between the radii where
+its dust begins. In discs with a star, self-gravity is taken as twice the pull of the mass within r, an upper bound
+except at the edge of a disc. Discs without a star are checked when a run sets their velocities
+(`initial/balance.py`).
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ if TYPE_CHECKING:
 
 growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
-RADII = 2000
-TINY = 1e-3  # of the gas's mass, that may be without balance at an edge: it falls in, and nothing notices
-SLOW, MANY = 0.9, 0.01  # of v_K, below which gas is said to be slow, and the share of the mass that is
+RADII = 2000  # sample radii
+TINY = 1e-3  # mass fraction of gas allowed without balance, at an edge: it falls in without effect on the disc
+SLOW, MANY = 0.9, 0.01  # a warning is given if more than MANY of the mass rotates below SLOW v_K
 TEMPERATURES = {"aspect_ratio": 1.0, "sound_speed": 1.0, "constant": 2.0}  # keys, and their powers of c_s
-MOST = 0.1  # of a species, that may be without balance in a start: at an inner edge self-gravity pulls outwards
-TWICE = 2.0  # how much of the pull of the mass within a radius self-gravity counts for
+MOST = 0.1  # mass fraction of a species allowed without balance: at an inner edge self-gravity pulls outwards
+TWICE = 2.0  # pull of self-gravity over that of the mass within a radius
 
 
 class Support(NamedTuple):
-    """By radius (n,): x of eq. (1), H/r, the share of the mass that is there, and r^2 times the pull."""
+    """Profiles (n,) of the disc: push is x of eq. (1), aspect H/r, share the mass fraction, strength r^2 g."""
 
     radius: Array
     push: Array
@@ -46,13 +47,13 @@ class Support(NamedTuple):
 
 
 def support(scene: Scene) -> Support | None:
-    """x of a disc; None where the scene has none, or nothing whose pressure could push."""
+    """Return x of the scene's disc; None if it has no disc about a star, or no gas."""
     start = None if scene.initial is None else start_of(scene)
     if start is None or start.radial is None or scene.star is None:
         return None
     if scene.gas is None and scene.model.given is None:
         return None
-    with np.errstate(all="ignore"):  # extreme numbers are refused where they make particles
+    with np.errstate(all="ignore"):  # extreme numbers are refused when particles are made
         found = _given(scene) if scene.model.given is not None else _of_gas(scene)
     finite = np.isfinite(found.push) & np.isfinite(found.aspect)
     return Support(*(values[finite] for values in found)) if finite.any() else None
@@ -83,7 +84,7 @@ def _of_gas(scene: Scene) -> Support:
 
 
 def faults(scene: Scene) -> Iterator[Problem]:
-    """The temperature, where more of the disc than a sliver at its edge cannot turn in balance."""
+    """Yield a problem of the temperature if more of the disc than TINY, at its edge, has no rotation in balance."""
     found = _support_if_finite(scene)
     if found is None or not _unbound(scene, found):
         return
@@ -102,12 +103,12 @@ def faults(scene: Scene) -> Iterator[Problem]:
 def _support_if_finite(scene: Scene) -> Support | None:
     try:
         return support(scene)
-    except (ArithmeticError, ValueError):  # of extreme numbers, which the start itself refuses
+    except (ArithmeticError, ValueError):  # extreme numbers, which the start itself refuses
         return None
 
 
 def _unbound(scene: Scene, found: Support) -> bool:
-    """True where too much gas has no balance: any of a given disc, as its dust drifts through all radii."""
+    """Return whether too much gas has no balance: more than TINY, or any of a given disc, as its dust drifts there."""
     share = float(found.share[found.push >= 1.0].sum())
     return share > (TINY if scene.model.given is None else 0.0)
 
@@ -117,7 +118,7 @@ def _table(scene: Scene) -> str:
 
 
 def _path(scene: Scene) -> tuple[str, ...]:
-    """The key that makes the temperature."""
+    """Return the key that sets the temperature."""
     eos = scene.table(_table(scene)).eos
     own = getattr(scene.initial if scene.gas is not None else scene.background, "file", None)
     if own is not None and own.has("T"):
@@ -126,7 +127,10 @@ def _path(scene: Scene) -> tuple[str, ...]:
 
 
 def _bound(scene: Scene, found: Support, worst: int) -> float:
-    """The largest H/r there that all of the disc is in balance with, its temperature times one factor everywhere."""
+    """Return the largest H/r at radius `worst` for which the whole disc is in balance.
+
+    The temperature is scaled by one factor at all radii.
+    """
     path = _path(scene)
     if path[-1] not in TEMPERATURES:
         return float(found.aspect[worst] / found.push[worst] ** 0.5)
@@ -147,7 +151,7 @@ def _bound(scene: Scene, found: Support, worst: int) -> float:
 
 
 def warnings(scene: Scene) -> Iterator[str]:
-    """Warnings of gas far below Keplerian rotation, and of a given disc that is unstable by Rayleigh's criterion."""
+    """Yield warnings of gas far below Keplerian rotation, and of a given disc unstable by Rayleigh's criterion."""
     found = _support_if_finite(scene)
     if found is None:
         return
@@ -173,7 +177,7 @@ def warnings(scene: Scene) -> Iterator[str]:
 
 
 def _parts(scene: Scene) -> list[str]:
-    """Features of a given disc that steepen its pressure beyond the power law."""
+    """Return the features of a given disc that steepen its pressure beyond the power law."""
     return [name for name in ("gap", "bump") if getattr(scene.background, name, None) is not None]
 
 

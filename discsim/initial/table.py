@@ -1,9 +1,9 @@
-"""A disc whose Sigma(r), and perhaps T(r), dust-to-gas ratio and resolution, are columns of a file
+"""A disc whose Sigma(r) and, optionally, T(r), dust-to-gas ratio and resolution are columns of a file
 (`physics/columns.py`).
 
-Particles on rings (`rings.py`), of gas as many per mass as the resolution says, from the first radius of the file to
-the last, turning in balance (`balance.py`) with the pull of the pressure
--(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r of its smooth columns.
+Particles are on rings (`rings.py`) from the first to the last radius of the file; the resolution is the number of gas
+particles per mass, up to a factor. They rotate in balance (`balance.py`) with the pressure force
+-(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r of the smooth columns.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from discsim.scene.rules import Draft, Problem
 
 Array = np.ndarray
-FAR = 0.05  # of the sound speed of gas.eos, that the table's may differ from it without a word
+FAR = 0.05  # relative difference of the sound speeds of table and gas.eos above which a warning is given
 
 
 class FromTable(balance.Settled):
@@ -67,7 +67,7 @@ class FromTable(balance.Settled):
 
 
 def thermal_speed(scene: Scene, r: Array) -> Array | None:
-    """sqrt(P / Sigma) (n,) of the column T at radii (n,); None where there is no such column."""
+    """Return sqrt(P / Sigma) (n,) of the column T at radii (n,); None if there is no such column."""
     file: Any = scene.initial.file
     if not file.has("T"):
         return None
@@ -84,7 +84,7 @@ def radial(scene: Scene) -> profile.Radial:
         speed2 = profile.sound_speed(scene, r, file.value("Sigma", r)) ** 2
         cooler = -file.slope("T", r) if file.has("T") else eos_of(scene).temperature_slope(scene.gas.eos)
         out = speed2 / r * (cooler - file.slope("Sigma", r))
-        # As of a taper: no rotation balances a fall within less than H = c_s / Omega.
+        # As for a taper: no rotation balances a decline of Sigma within less than H = c_s / Omega.
         steepest = np.sqrt(speed2) * kepler_omega(scene, r) if scene.star else np.inf
         return np.clip(out, -steepest, steepest)
 
@@ -108,7 +108,7 @@ def reference_density(scene: Scene) -> float:
 
 
 def places(scene: Scene) -> Places:
-    """The edges, and the middle."""
+    """Return the gas at the edges and in the middle."""
     file: Any = scene.initial.file
     radius = np.array([file.inner, 0.5 * (file.inner + file.outer), file.outer])
     names = [scene.units.show(r, "length") for r in radius]
@@ -123,7 +123,7 @@ def spread(scene: Scene) -> tuple[Places, Array]:
 
 
 def relative_mass(scene: Scene, r: Array) -> Array | None:
-    """Mass of a gas particle at radii (n,) over the mean of all; None where they are the same."""
+    """Return the mass of a gas particle at radii (n,) over the mean of all; None if all have the same."""
     disc = radial(scene)
     if disc.resolution is None:
         return None

@@ -1,7 +1,7 @@
 """viscous-ring: the ring of Lynden-Bell & Pringle (1974) at a viscous time tau = 12 nu t / R^2, in balance.
 
-It spreads as `exact/spreading_ring.py` has it where nu is the same everywhere: a given nu, or alpha with an index that
-makes it so. Gas moves radially with the flow that its viscosity drives.
+If nu is uniform, by a given nu or by the index of alpha, the exact solution is `exact/spreading_ring.py`. Gas moves
+radially with the flow that its viscosity drives.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
-FAINT = 1e-5  # of the largest Sigma, is where the ring is cut
-EVEN = 1e-6  # how far nu may vary and still be one
-BINS = 40  # of the radii of the start, for its error
+FAINT = 1e-5  # Sigma over its maximum below which the ring is cut off
+EVEN = 1e-6  # relative variation up to which nu counts as uniform
+BINS = 40  # radial bins of the error
 
 
 class ViscousRing(balance.Settled):
-    """The ring of Lynden-Bell & Pringle, which a viscosity spreads."""
+    """The ring of Lynden-Bell & Pringle, spread by a viscosity."""
 
     kind: Literal["viscous-ring"] = "viscous-ring"
     radius: Length = Field(gt=0, description="where the ring was at tau = 0")
@@ -60,7 +60,7 @@ class ViscousRing(balance.Settled):
 
 
 def radial(scene: Scene) -> profile.Radial:
-    """The ring as functions of the radius."""
+    """Return the ring as functions of radius."""
     start: Any = scene.initial
     inner, outer = start.inner, start.outer
 
@@ -72,7 +72,7 @@ def radial(scene: Scene) -> profile.Radial:
 
 
 def places(scene: Scene) -> Places:
-    """The ring, and where Sigma is about half as large on either side."""
+    """Return the gas at the ring's radius, and on both sides where Sigma is about half as large."""
     start: Any = scene.initial
     radius = start.radius * np.clip(1.0 + np.array([-0.8, 0.0, 0.8]) * start.tau**0.5, 0.2, None)
     names = [scene.units.show(r, "length") for r in radius]
@@ -80,7 +80,7 @@ def places(scene: Scene) -> Places:
 
 
 def one_nu(scene: Scene) -> float | None:
-    """The ring's nu, where it has one all over and for all time."""
+    """Return the ring's nu if it is uniform and constant, else None."""
     start: Any = scene.initial
     keys, gas = scene.table("alpha_viscosity"), scene.gas
     if keys.nu is None and (gas is None or gas.eos.kind == "adiabatic"):

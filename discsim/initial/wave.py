@@ -1,4 +1,4 @@
-"""A sin(k x) in the densities and velocities of gas and dust (DustyWave; Laibe & Price 2011).
+"""A wave A sin(k x) in the densities and velocities of gas and dust (DustyWave; Laibe & Price 2011).
 
 rho = 1 + A sin(k.x), v = u = boost + A sin(k.x) k/|k|, in code units; k = 2 pi wavenumber (direction / size).
 """
@@ -32,7 +32,7 @@ def _direction(value: Any, info: ValidationInfo) -> Any:
 
 
 class Wave(Table):
-    """A sin(k x) in density and velocity of both species on [0, size)."""
+    """A wave A sin(k x) in density and velocity of both species on [0, size)."""
 
     kind: Literal["wave"] = "wave"
     amplitude: Number = Field(1e-4, gt=-1, lt=1, description="A")
@@ -93,7 +93,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
 
 
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
-    """Where the drag is that of the exact wave: one population, one rate, both ways."""
+    """Return exact curves if drag is that of the exact wave: one population, a uniform rate, and two-way drag."""
     start, drag = scene.initial, scene.drag
     if scene.gas is None or not eos_of(scene).one_speed or drag is None:
         return {}
