@@ -1,1 +1,1 @@
-"""What is computed: equations of state, laws of the drag, profiles of discs, as functions of a scene."""
+"""Physics as functions of a scene: equations of state, laws of the drag, profiles of discs, orbits."""

@@ -1,13 +1,13 @@
-"""A disc as a table: r, Sigma, and perhaps T, the dust-to-gas ratio and the resolution, in a text file with units in
-its header.
+"""A disc as a table in a text file: r, Sigma and, optionally, T, dust-to-gas ratio and resolution, with units in the
+header.
 
     # r [au]   Sigma [g/cm2]   T [K]   ratio
     10         200             60      0.01
     ...
 
-Sigma and T are interpolated as ln Sigma and ln T of ln r by monotone cubics (Fritsch & Carlson 1980), whose slopes are
-those that pressure is made of; beyond the ends they go on as powers of r. The resolution, particles per mass up to a
-factor, is such a cubic too. The ratio is interpolated linearly in ln r.
+Sigma and T are interpolated as ln Sigma and ln T of ln r by monotone cubics (Fritsch & Carlson 1980). The slopes of
+these cubics give the pressure gradient. Beyond the ends Sigma and T are power laws of r. The resolution, the number of
+particles per mass up to a factor, is interpolated in the same way; the ratio linearly in ln r.
 In a scene in code units the header has no units, and T is c_s^2 = P / Sigma.
 """
 
@@ -31,19 +31,19 @@ NAMES = {
     "r": "r", "radius": "r", "sigma": "Sigma", "surface_density": "Sigma", "t": "T", "temperature": "T",
     "ratio": "ratio", "dust_ratio": "ratio", "resolution": "resolution",
 }  # fmt: skip
-UNITS = {"r": "au", "Sigma": "g/cm2", "T": "K"}  # like which those of the columns are
+UNITS = {"r": "au", "Sigma": "g/cm2", "T": "K"}  # examples for messages
 EACH = ", ".join(dict.fromkeys(NAMES.values()))
-SMOOTH = ("Sigma", "T", "resolution")  # as cubics
-PLAIN = {"ratio": "a ratio", "resolution": "a resolution"}  # which have no unit
+SMOOTH = ("Sigma", "T", "resolution")  # interpolated by cubics
+PLAIN = {"ratio": "a ratio", "resolution": "a resolution"}  # without unit, and their names in messages
 LARGEST_TABLE = 2**24  # bytes
 COLUMN = re.compile(r"([A-Za-z_]\w*)(?:\s*[\[(]([^\])]*)[\])])?[\s,]*")
 
 
 @dataclass(frozen=True)
 class Columns(InputFile):
-    """What the file holds: columns (n,) by name at rising radii r, in code units; T in kelvin, or c_s^2 in code units.
+    """Contents of the file: columns (n,) by name at rising radii r, in code units; T in kelvin, or c_s^2 in code units.
 
-    Tables of the same content are equal, wherever they are.
+    Tables with the same content are equal whatever their paths.
     """
 
     values: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
@@ -64,25 +64,28 @@ class Columns(InputFile):
 
     @property
     def uneven(self) -> bool:
-        """Whether particles differ in mass: there is a resolution, and it is not the same everywhere."""
+        """Whether particles differ in mass, because the resolution varies with radius."""
         return self.has("resolution") and np.ptp(self.values["resolution"]) > 0.0
 
     def value(self, name: str, r: Array) -> Array:
-        """Column "Sigma", "T" or "resolution" at the radii `r` (n,) > 0."""
+        """Return the column "Sigma", "T" or "resolution" (n,) at the radii `r` (n,) > 0."""
         x, within = self._places(r)
         curve, slope = self._curves[name]
         return np.exp(curve(within) + slope(within) * (x - within))
 
     def slope(self, name: str, r: Array) -> Array:
-        """d ln Sigma / d ln r, or of T, at the radii `r` (n,) > 0."""
+        """Return d ln(column) / d ln r (n,) of "Sigma", "T" or "resolution" at the radii `r` (n,) > 0."""
         return self._curves[name][1](self._places(r)[1])
 
     def ratio(self, r: Array) -> Array:
-        """Dust over gas at the radii `r` (n,) > 0."""
+        """Return the dust-to-gas ratio (n,) at the radii `r` (n,) > 0."""
         return np.interp(np.log(r), np.log(self.values["r"]), self.values["ratio"])
 
     def speed2(self, r: Array, weight: float, velocity: float) -> Array:
-        """P / Sigma at the radii `r` (n,), of gas of mean molecular weight `weight`; velocity: its code unit in cgs."""
+        """Return P / Sigma (n,) at the radii `r` (n,) in code units.
+
+        weight: mean molecular weight. velocity: code unit of velocity in cgs.
+        """
         if not self.kelvin:
             return self.value("T", r)
         from discsim.scene.astropy_units import constants
@@ -91,13 +94,13 @@ class Columns(InputFile):
         return self.value("T", r) * (constants.k_B.cgs.value / molecule / velocity**2)
 
     def _places(self, r: Array) -> tuple[Array, Array]:
-        """ln r, and the same within the table."""
+        """Return ln r, and ln r clipped to the table (n,)."""
         x, log = np.log(np.maximum(r, 1e-300)), np.log(self.values["r"])
         return x, np.clip(x, log[0], log[-1])
 
     @cached_property
     def _curves(self) -> dict[str, Any]:
-        """The cubics through ln Sigma, ln T and ln resolution, and their slopes."""
+        """Cubics through ln Sigma, ln T and ln resolution, and their derivatives, by name."""
         from scipy.interpolate import PchipInterpolator  # slow to import
 
         log = np.log(self.values["r"])
@@ -130,7 +133,7 @@ ColumnsFile = Annotated[Any, BeforeValidator(_read), Words("path of a text file,
 
 
 class _Wrong(Exception):
-    """What is wrong with the file, from its line on."""
+    """A problem of the file; the message begins with the line number."""
 
 
 def _wanted(units: Units) -> str:
@@ -140,14 +143,14 @@ def _wanted(units: Units) -> str:
 
 
 def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list[float]]:
-    """Names of the columns, and what their numbers are multiplied with."""
+    """Return the names of the columns, and the factors that convert their numbers to code units."""
     if not lines:
         raise _Wrong(f": empty; expected {_wanted(units)}, and rows of numbers below")
     number, line = lines[0]
     text = line.lstrip("# \t")
     found = COLUMN.findall(text)
     if COLUMN.sub("", text) or not any(word.lower() in NAMES for word, _ in found):
-        raise _Wrong(f":{number}: no header of a table; expected {_wanted(units)}")  # says nothing of another file
+        raise _Wrong(f":{number}: no header of a table; expected {_wanted(units)}")  # shows no text of other files
     names, factors = [], []
     for word, unit in found:
         name = NAMES.get(word.lower())
@@ -166,7 +169,7 @@ def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list
 
 
 def _factor(name: str, unit: str, units: Units) -> float:
-    """The code unit's worth of a column's unit."""
+    """Return a column's unit in code units; T keeps kelvin."""
     if units.system == "code" or name in PLAIN:
         if unit not in ("", "1"):
             raise UnitError(f'"{clipped(unit)}" is a unit, but {PLAIN.get(name, "the scene")} has none')

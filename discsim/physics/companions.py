@@ -1,12 +1,12 @@
 """Effects of companions of the star on a disc: softening, ramp, mean pull, gap. Numpy only.
 
-A companion of mass m at distance a pulls a ring of radius r, averaged over its orbit, inwards with
+The inward acceleration of a ring of radius r by a companion of mass m at distance a, averaged over its orbit, is
 
     g(r) = m < (r - a cos phi) / (r^2 + a^2 - 2 r a cos phi + eps^2)^(3/2) >_phi                              (1)
 
-Its gap has the number (Kanagawa et al. 2015)
+The gap number and the depth of the gap are (Kanagawa et al. 2015)
 
-    K = q^2 (H/r)^-5 / alpha,   and is as deep as   Sigma / Sigma_0 = 1 / (1 + 0.04 K)                          (2)
+    K = q^2 (H/r)^-5 / alpha,   Sigma / Sigma_0 = 1 / (1 + 0.04 K)                                              (2)
 """
 
 from __future__ import annotations
@@ -29,24 +29,27 @@ if TYPE_CHECKING:
 Array = np.ndarray
 orbits = Lazy("discsim.physics.orbits")
 viscosity = Lazy("discsim.physics.viscosity")
-ANGLES = 2048  # of an orbit, over which (1) is averaged: twelve within a softening of a fiftieth of it
-RADII = 4096  # at which it is, and between which it is interpolated
-PLANET = 0.03  # of the star's mass: what is heavier is a star
-# Spacings of the disc: how far the nearest particle is beyond what a companion takes, of streams to a star, beside a
-# disc that a planet stirs, and within one.
+ANGLES = 2048  # angles of the average (1) over an orbit: some 12 within a softening of 2% of its length
+RADII = 4096  # radii at which (1) is tabulated for linear interpolation
+PLANET = 0.03  # companion mass over that of the star from which on it counts as a star
+# Distance of the nearest particle beyond the accretion radius, in particle spacings of the disc: in streams to a
+# second star, for a planet next to a disc, and for a planet inside the disc.
 STREAM, PASSING, EMBEDDED = 2.0, 1.2, 0.5
-OVERLAP, CAVITY = 1.3, 0.65  # of (m / (M + m))^(2/7) a
+OVERLAP, CAVITY = 1.3, 0.65  # reach of a planet, and of a second star, in (m / (M + m))^(2/7) a
 
 
 def ramped(companion: Any, time: float) -> float:
-    """Share of its mass that gas and dust feel a time after it began: sin^2(pi t / 2 ramp) until `ramp`, then 1."""
+    """Return the fraction of a companion's mass that gas and dust feel: sin^2(pi t / 2 ramp) until `ramp`, then 1.
+
+    time: since the companion was introduced.
+    """
     if time >= companion.ramp:
         return 1.0
     return math.sin(0.5 * math.pi * time / companion.ramp) ** 2 if time > 0.0 else 0.0
 
 
 def scale_height(scene: Scene, r: Array | float, mass: float | None = None) -> Array:
-    """H = c_T / Omega (n,) at radius r, of the temperature that the scene gives (a polytrope of particles gives none).
+    """Return H = c_T / Omega (n,) at radius r by the scene's temperature; a polytrope of particles does not give one.
 
     mass: central mass, by default that of the start.
     """
@@ -55,28 +58,29 @@ def scale_height(scene: Scene, r: Array | float, mass: float | None = None) -> A
 
 
 def softening(scene: Scene, companion: Any, r: float, mass: float | None = None) -> float:
-    """Plummer length of a companion at distance r from the centre: a length, or a number of the local H, of which
-    `mass` is the central mass as in `scale_height`.
+    """Return the Plummer softening of a companion at distance r from the centre: given, or a multiple of H there.
+
+    mass: central mass of H, as in `scale_height`.
     """
     number, in_heights = companion.softening
     return number * float(scale_height(scene, r, mass)) if in_heights else number
 
 
 def hill_radius(scene: Scene, companion: Any) -> float:
-    """a (m / 3 M)^(1/3), within which it outweighs the star."""
+    """Return a (m / 3 M)^(1/3), the radius within which a companion's pull dominates."""
     star: Any = scene.star
     return companion.semi_major_axis * (companion.mass / (3.0 * star.mass)) ** (1.0 / 3.0)
 
 
 def period(scene: Scene, companion: Any) -> float:
-    """Of its orbit about the star, with its own mass."""
+    """Return the period of a companion's orbit about the star."""
     star: Any = scene.star
     mass = orbits.orbital_mass(scene, star.mass, companion.mass)
     return 2.0 * math.pi * math.sqrt(companion.semi_major_axis**3 / mass)
 
 
 def gap_number(scene: Scene, companion: Any) -> float:
-    """K of eq. (2) in gas of a physical viscosity."""
+    """Return K of eq. (2) in gas with a physical viscosity."""
     star: Any = scene.star
     a = companion.semi_major_axis
     height = float(scale_height(scene, a))
@@ -86,7 +90,10 @@ def gap_number(scene: Scene, companion: Any) -> float:
 
 
 def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
-    """1/Omega of a companion where it is; of a bound one on an eccentric orbit at PHASES even times of half of it."""
+    """Return (r^3 / mu)^(1/2) at the companion's present distance; on a bound eccentric orbit (PHASES,) of such values.
+
+    The latter are at even times of half an orbit, by symmetry all of it.
+    """
     star: Any = scene.star
     a, e, mu = companion.semi_major_axis, companion.eccentricity, star.mass + companion.mass
     if e > 1.0:
@@ -100,10 +107,10 @@ def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
 
 
 def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
-    """Step limits of each companion for the nearest particle; inf where no particle comes near.
+    """Return the time-step limit of each companion by the nearest particle; inf if no particle comes near.
 
-    It crosses d, with the softening in it, at (2 G m / d)^(1/2). The step takes velocities of half a step before: at
-    Omega^2 a dt / 2 a particle crosses too.
+    The particle crosses the distance d, which includes the softening, at (2 G m / d)^(1/2). Velocities lag by half a
+    step, which adds a speed of Omega^2 a dt / 2.
     """
     found = []
     for companion in scene.table("companion") or ():
@@ -116,7 +123,10 @@ def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
 
 
 def gathering(scene: Scene, outlook: Outlook) -> tuple[float, int]:
-    """The largest frequency (2 G m / d^3)^(1/2) of gas that gathers in the softening of a companion, and its number."""
+    """Return the largest frequency (2 G m / d^3)^(1/2) of gas that collects in a companion's softening, and its number.
+
+    Return (0, 0) if no companion has an accretion radius below its softening.
+    """
     found = [(0.0, 0)]
     for k, companion in enumerate(scene.table("companion") or (), 1):
         away = _nearest(scene, companion, outlook)
@@ -126,12 +136,12 @@ def gathering(scene: Scene, outlook: Outlook) -> tuple[float, int]:
 
 
 def _edge(companion: Any) -> float:
-    """Within which no particle is; of a companion that takes only some of what comes near, they are all the way in."""
+    """Return the radius about a companion without particles: that of accretion; 0 if its accretion rate is limited."""
     return float(companion.accretion_radius) if companion.accretion_rate is None else 0.0
 
 
 def _nearest(scene: Scene, companion: Any, outlook: Outlook) -> float:
-    """The distance of the nearest particle with the softening; inf where none comes near."""
+    """Return the softened distance of the particle nearest to a companion; inf if none comes near."""
     if not meets(scene, companion, outlook):
         return math.inf
     a, e = companion.semi_major_axis, companion.eccentricity
@@ -141,15 +151,17 @@ def _nearest(scene: Scene, companion: Any, outlook: Outlook) -> float:
 
 
 def is_star(scene: Scene, companion: Any) -> bool:
-    """True if a companion is a star, for which Hill radius and gap have no meaning."""
+    """Return whether a companion is a star, for which Hill radius and gap have no meaning."""
     star: Any = scene.star
     return bool(companion.mass >= PLANET * star.mass)
 
 
 def meets(scene: Scene, companion: Any, outlook: Outlook) -> bool:
-    """True if particles come near a companion: where orbits overlap within 1.3 (m / (M + m))^(2/7) a (Wisdom 1980). A
-    second star holds a cavity open, and takes half of that on a circle, more on an eccentric orbit. What is beside an
-    orbit comes near after half a turn of a planet, and a turn of a star.
+    """Return whether particles come near a companion.
+
+    Resonances overlap within 1.3 (m / (M + m))^(2/7) a of the orbit (Wisdom 1980). A second star keeps a cavity open:
+    half that width on a circle, more on an eccentric orbit. Particles next to the orbit come near after half a period
+    of a planet, or one of a star.
     """
     star: Any = scene.star
     a, e = companion.semi_major_axis, companion.eccentricity
@@ -164,11 +176,11 @@ def meets(scene: Scene, companion: Any, outlook: Outlook) -> bool:
 
 
 def mean_pull(scene: Scene, radius: Array) -> Array:
-    """Inward acceleration (n,) at `radius` (n,) that companions add to that of a star at the centre at t = 0, eq. (1).
+    """Return the inward acceleration (n,) at `radius` (n,) that companions add at t = 0 to a central star, eq. (1).
 
-    About the barycentre the star is on a circle too, and the difference is part of it. A companion with a ramp pulls as
-    its whole mass at the barycentre where the disc turns about that, and else not at all. Orbits count as circles of
-    their semi-major axis; unbound companions have no mean pull.
+    If the disc is about the barycentre, the star is on a circle too; the result includes the difference. A companion
+    with a ramp then acts with its whole mass at the barycentre; about the star it does not act at all. Orbits count as
+    circles of their semi-major axis; unbound companions have no mean pull.
     """
     radius = np.asarray(radius, dtype=float)
     rings = list(_rings(scene))
@@ -182,8 +194,9 @@ def mean_pull(scene: Scene, radius: Array) -> Array:
 
 
 def _rings(scene: Scene) -> Any:
-    """Mass, radius and softening of rings whose pull is that of companions, and of a star on a circle less that of one
-    at the centre.
+    """Yield mass, radius and softening of rings with the mean pull of companions.
+
+    For a star on a circle, rings with its mean pull less that of a star at the centre are added.
     """
     star: Any = scene.star
     for companion, central in zip(scene.table("companion") or (), centre.central(scene)[1:].tolist(), strict=True):
@@ -194,7 +207,7 @@ def _rings(scene: Scene) -> Any:
             if central:
                 yield mass, 0.0, star.softening
             continue
-        share = star.mass / (star.mass + mass) if central else 1.0  # of the distance, that the companion is away
+        share = star.mass / (star.mass + mass) if central else 1.0  # companion's distance from the centre, over a
         yield mass, share * distance, softening(scene, companion, share * distance)
         if central:
             yield star.mass, (1.0 - share) * distance, star.softening
@@ -202,11 +215,11 @@ def _rings(scene: Scene) -> Any:
 
 
 def _of_ring(r: Array, distance: float, length: float) -> Array:
-    """Eq. (1) of unit mass (n,)."""
+    """Return eq. (1) (n,) for unit mass."""
     if distance == 0.0:
         return r / (r * r + length * length) ** 1.5
     out = np.zeros_like(r)
-    # At the middles of even parts of half a circle; the other half is its mirror image.
+    # Midpoint rule over half a circle; the other half is its mirror image.
     for angle in (np.arange(ANGLES // 2) + 0.5) * (2.0 * math.pi / ANGLES):
         cosine = math.cos(angle)
         out += (r - distance * cosine) / (r * r + distance * (distance - 2.0 * r * cosine) + length * length) ** 1.5

@@ -1,5 +1,6 @@
-"""What cooling gas cools to, and by what law, in code units: the passive disc's u = (H/r)^2 (G M / r) / (gamma - 1),
-H/r ~ r^((1 - q)/2), and the constants of its light.
+"""Target energy, time and radiative constants of cooling gas, in code units.
+
+The target is that of a passive disc, u = (H/r)^2 (G M / r) / (gamma - 1), H/r ~ r^((1 - q)/2).
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ Array = np.ndarray
 
 
 def passive_law(scene: Scene) -> Array:
-    """(u, q, least r^2) of the energy that gas cools to, u r^-q with u that at radius 1; q = 0 where it is uniform.
+    """Return (u, q, least r^2) of the target energy u r^-q, u at radius 1; q = 0 if the target is uniform.
 
-    The keys of [cooling] go before those of gas.eos.
+    Keys of [cooling] take precedence over those of gas.eos.
     """
     own: Any = scene.cooling
     eos: Any = scene.gas.eos
@@ -33,21 +34,23 @@ def passive_law(scene: Scene) -> Array:
 
 
 def passive_energy(scene: Scene, r: Array) -> Array:
-    """The energy (n,) that gas at radius `r` cools to."""
+    """Return the target energy (n,) of cooling at radius `r` (n,)."""
     at_one, q, least = passive_law(scene)
     return at_one * np.maximum(np.asarray(r, float) ** 2, least) ** (-0.5 * q)
 
 
 def cooling_time(scene: Scene, r: Array) -> Array:
-    """t_cool (n,) at radius `r`, of cooling by a time."""
+    """Return t_cool (n,) at radius `r` (n,) for the kinds of cooling with a time."""
     own: Any = scene.cooling
     r = np.asarray(r, float)
     return own.beta / kepler_omega(scene, r) if own.kind == "beta" else np.full(r.shape, own.t_cool)
 
 
 def light(scene: Scene) -> Array:
-    """What radiative cooling takes of physics, in code units: 2 sigma (T/u)^4, the code unit of density in g/cm3 at a
-    height of one unit of length, (c/u)^2 of the isothermal speed, T/u in K, and cm2/g.
+    """Return the constants (5,) of radiative cooling.
+
+    They are 2 sigma (T/u)^4 in code units, the code unit of volume density in g/cm3, c_T^2 / u of the isothermal
+    sound speed c_T, T/u in K, and 1 cm2/g in code units.
     """
     from discsim.scene.astropy_units import constants
 

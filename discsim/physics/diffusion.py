@@ -1,10 +1,10 @@
-"""How strongly turbulence stirs grains (`[dust_diffusion]`), as functions of a scene. Numpy only.
+"""Turbulent diffusivity of dust (`[dust_diffusion]`), as functions of a scene. Numpy only.
 
     D   = D_g / (1 + St^2),  St = t_stop Omega                                      (1)  Youdin & Lithwick 2007
     D_g = alpha c_s H = alpha c_s^2 / Omega, or nu of [alpha_viscosity]             (2)
 
-c_s is the isothermal sound speed, as in `physics/viscosity.py`; Omega that of circles about the central mass, in a
-layer `external.vertical_frequency`. A given D is the grains' own, of whatever Stokes number.
+c_s is the isothermal sound speed, as in `physics/viscosity.py`. Omega is that of circles about the central mass, or
+in a layer `external.vertical_frequency`. A given D applies to grains of any Stokes number.
 """
 
 from __future__ import annotations
@@ -20,30 +20,31 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-NODES, INWARDS = 4096, 1e5  # of the table in ln r, from the corners of space to this factor within
+NODES, INWARDS = 4096, 1e5  # nodes of the table in ln r; largest over smallest radius
 
 
 def of_viscosity(scene: Scene) -> bool:
-    """Whether the strength is that of [alpha_viscosity]."""
+    """Return whether the diffusivity is taken from [alpha_viscosity]."""
     keys: Any = scene.table("dust_diffusion")
     return keys.alpha is None and keys.D is None
 
 
 def constant(scene: Scene) -> float | None:
-    """D_g, or D where that is given, of a scene that has one everywhere; None where it is alpha c_s H."""
+    """Return D_g, or D if that is given, if it is uniform; None if it is alpha c_s H."""
     keys: Any = scene.table("dust_diffusion")
     return scene.table("alpha_viscosity").nu if of_viscosity(scene) else keys.D
 
 
 def alpha(scene: Scene, r: Array) -> Array:
-    """alpha (n,) at radii (n,), of a scene that has no `constant`."""
+    """Return alpha (n,) at radii (n,) of a scene without a `constant` diffusivity."""
     keys: Any = scene.table("dust_diffusion")
     return viscosity.alpha(scene, r) if of_viscosity(scene) else np.full(np.shape(r), keys.alpha)
 
 
 def alpha_table(scene: Scene) -> tuple[Array, float, float]:
-    """(nodes, 2) of alpha and d alpha / d ln r at even ln r, the first of these, and nodes per unit of ln r; no nodes
-    where there is a `constant`.
+    """Return a table (nodes, 2) of alpha and d alpha / d ln r at even ln r, the first ln r, and nodes per unit.
+
+    The table is empty if the diffusivity is `constant`.
     """
     if constant(scene) is not None:
         return np.empty((0, 2)), 0.0, 1.0
@@ -54,12 +55,12 @@ def alpha_table(scene: Scene) -> tuple[Array, float, float]:
 
 
 def frequency(scene: Scene) -> float:
-    """Omega where it is one everywhere: of a layer; 0 where there is none, or a star's."""
+    """Return the uniform Omega of a layer; 0 if there is none, or a star."""
     return scene.external.vertical_frequency if scene.star is None and scene.external is not None else 0.0
 
 
 def at_places(scene: Scene, at: Local) -> list[tuple[Array, Array]]:
-    """D and St (n,) of each population at the places of `at`; no entry where a scene does not define it there."""
+    """Return D and St (n,) of each population at the places of `at`; an empty list if they are not defined."""
     omega = at.omega
     if omega is None:
         omega = np.full_like(at.density, frequency(scene))

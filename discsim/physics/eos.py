@@ -1,4 +1,4 @@
-"""Equations of state: pressure and sound speed of the gas, the sound speed that it starts with, and what it holds.
+"""Equations of state: pressure, sound speed and thermal energy of the gas, and its sound speed at the start.
 
 isothermal          P = c_s^2 rho
 locally-isothermal  P = c_s^2 rho,  c_s^2 = (H/r)_0^2 (G M / r_0) (r / r_0)^-q
@@ -32,7 +32,7 @@ Array = np.ndarray
 
 
 def _not_isothermal(value: float) -> float:
-    # Its thermal energy, P / (gamma - 1), has no limit there.
+    # The thermal energy P / (gamma - 1) diverges at gamma = 1.
     if value == 1.0:
         raise fault('1 is isothermal gas; expected kind = "isothermal" with sound_speed = sqrt(constant)')
     return value
@@ -99,46 +99,64 @@ def _q_of_the_mass(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 
-Roots = tuple[float, float, bool]  # c_s at a radius, that radius, and whether the root is taken twice
-TWICE = {0.5: True, 1.0: False}  # by q of c_s ~ r^(-q/2)
+Roots = tuple[float, float, bool]  # c_s at a radius, that radius, and whether the square root of r is taken twice
+TWICE = {0.5: True, 1.0: False}  # the latter by q of c_s ~ r^(-q/2)
 
 
 class Eos:
-    """An equation of state, here P = c_s^2 rho with c_s a function of radius; others override what differs.
+    """Base class of equations of state: P = c_s^2 rho with c_s a function of radius. Subclasses override methods.
 
-    Radii, densities, pressures and speeds are arrays (n,) in code units; `eos` is the table that a scene gives.
+    In all methods `r` is the radius (n,), `density` rho or Sigma (n,), and results are arrays (n,) unless noted, all in
+    code units. `eos` is the table of the scene with the keys below.
+
+    Attributes
+    ----------
+    keys : type of Table
+        Keys of `gas.eos` for this kind.
+    holds_heat : bool
+        Whether the gas has a specific internal energy u that is integrated in time.
+    closes_energy : bool
+        Whether the total energy of a run is conserved.
+    one_speed : bool
+        Whether the sound speed is uniform and constant, that of the table.
+    on_grid : bool
+        Whether fluids on a fixed grid support it.
+    takes_temperature : bool
+        Whether a start may set the temperature in place of the table.
+    rules : tuple of Rule
+        Further rules for a scene with this equation of state.
     """
 
     keys: type[Table]
-    holds_heat = False  # whether the gas has an energy u of its own
-    closes_energy = False  # whether the total energy of a run is to stay what it is
-    one_speed = False  # whether sound has one speed, the table's, everywhere and at any time
-    on_grid = False  # whether fluids on a fixed grid may have it
-    takes_temperature = False  # whether a start may bring a temperature of its own, in place of the table's
-    rules: tuple[Rule, ...] = ()  # what a scene whose [gas] has it must have
+    holds_heat = False
+    closes_energy = False
+    one_speed = False
+    on_grid = False
+    takes_temperature = False
+    rules: tuple[Rule, ...] = ()
 
     def thermal_speed(self, scene: Scene, r: Array, density: Array | None = None) -> Array:
-        """sqrt(P / rho) at radius `r` that the scene's temperature asks for; of adiabatic gas the initial one.
+        """Return sqrt(P / rho) by the temperature of the scene, which for adiabatic gas is the initial one.
 
-        Gas whose temperature follows from its density needs that too.
+        density: needed if the temperature depends on it.
         """
         own = _speed_of_start(scene, r) if self.takes_temperature else None
         return self.scene_speed(scene, r) if own is None else own
 
     def scene_speed(self, scene: Scene, r: Array) -> Array:
-        """The same by the temperature of the table, whatever the start brings."""
+        """Return sqrt(P / rho) by the temperature of the table, even if the start sets another one."""
         return _speed_of_temperature(scene, r)
 
     def sound_speed(self, scene: Scene, r: Array, density: Array) -> Array:
-        """sqrt(dP/drho) at radius `r` and a density, the temperature being what it is there."""
+        """Return sqrt(dP/drho) at fixed temperature profile."""
         return self.thermal_speed(scene, r)
 
     def wave_speed(self, scene: Scene, r: Array, density: Array) -> Array:
-        """Speed of sound waves, as the gas of a run has it."""
+        """Return the speed of sound waves of the gas in a run."""
         return self.sound_speed(scene, r, density)
 
     def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
-        """`wave_speed` at the start, of whatever kind; None where the table does not say, as where it has no radius."""
+        """Return `wave_speed` at the start, or None if the table does not define it, for example without a radius."""
         eos: Any = scene.gas.eos
         if self.takes_temperature and r is not None and _speed_of_start(scene, r) is not None:
             return self.wave_speed(scene, r, density)
@@ -149,44 +167,44 @@ class Eos:
         return None
 
     def index(self, eos: Any) -> float | None:
-        """gamma of P = (gamma - 1) rho u, for snapshots; None where the gas has no such energy."""
+        """Return gamma of P = (gamma - 1) rho u, for snapshots; None if the gas has no such energy."""
         return None
 
     def adiabatic_index(self, eos: Any, density: Array) -> Array | float:
-        """Adiabatic index d ln P / d ln rho = rho c_s^2 / P at a density: the squared ratio of c_s to thermal speed."""
+        """Return d ln P / d ln rho = rho c_s^2 / P, the squared ratio of c_s to thermal speed."""
         return self.index(eos) or 1.0
 
     def pressure_and_sound_speed(
         self, scene: Scene, pos: Array, density: Array, u: Array | None
     ) -> tuple[Array, Array]:
-        """P and c_s from positions (n, d), densities and specific internal energies."""
+        """Return P and c_s from positions (n, d), densities and specific internal energies `u` (n,), if any."""
         speed = self.thermal_speed(scene, radius(pos))
         return speed * speed * density, speed
 
     def roots(self, scene: Scene) -> Roots | None:
-        """What `kernels.eos` takes, where the speed of sound is given by the radius and roots of it."""
+        """Return the arguments of `kernels.eos` if c_s is a constant times square roots of the radius, else None."""
         return None
 
     def initial_energy(self, scene: Scene, r: Array) -> Array | None:
-        """Specific internal energy at the start; None for gas that holds none."""
+        """Return the specific internal energy at the start; None for gas without u."""
         return None
 
     def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
-        """Thermal energy of the gas: of what it holds where it holds any, else the work that compressed it."""
+        """Return the total thermal energy: of u if the gas has it, else the work of compression."""
         return 0.0
 
     def toomre_power(self, eos: Any) -> float:
-        """n in Q ~ Sigma^-n, at a radius."""
+        """Return n of Q ~ Sigma^-n at fixed radius."""
         return 1.0
 
     def temperature_slope(self, eos: Any) -> float:
-        """q in (1/Sigma) dP/dr = (d ln Sigma / d ln r - q) c_s^2 / r, beyond that of the density."""
+        """Return q of (1/Sigma) dP/dr = (d ln Sigma / d ln r - q) c_s^2 / r."""
         return eos.temperature_index if getattr(eos, "aspect_ratio", None) is not None else 0.0
 
     def power_law(self, scene: Scene, eos: Any, sigma: float, p: float) -> tuple[float, float, float]:
-        """(c_T^2 at radius 1, q, f) of a disc of this gas with Sigma = sigma r^-p about a star:
+        """Return (c_T^2 at radius 1, q, f) of a disc of this gas with Sigma = sigma r^-p about a star.
 
-        c_T^2 = P / Sigma ~ r^-q, and P ~ r^-f: the pull of the pressure is -(1/Sigma) dP/dr = f c_T^2 / r.
+        c_T^2 = P / Sigma ~ r^-q and P ~ r^-f, so that the pressure force is -(1/Sigma) dP/dr = f c_T^2 / r.
         """
         return eos.sound_speed**2, 0.0, p
 
@@ -221,7 +239,7 @@ class LocallyIsothermalGas(Eos):
 
 
 class AdiabaticGas(Eos):
-    """A given sound speed is the adiabatic one, an aspect ratio the isothermal one."""
+    """P = (gamma - 1) rho u. `sound_speed` is the adiabatic one, `aspect_ratio` that of the isothermal sound speed."""
 
     keys = Adiabatic
     holds_heat = closes_energy = on_grid = takes_temperature = True
@@ -243,7 +261,7 @@ class AdiabaticGas(Eos):
     ) -> tuple[Array, Array]:
         gamma = scene.gas.eos.gamma
         pressure = (gamma - 1.0) * density * u
-        with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
+        with np.errstate(invalid="ignore"):  # a negative energy makes the time-step limit NaN, which is reported
             return pressure, np.sqrt(gamma * pressure / density)
 
     def initial_energy(self, scene: Scene, r: Array) -> Array | None:
@@ -267,7 +285,7 @@ class PolytropicGas(Eos):
 
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
         eos: Any = scene.gas.eos
-        there = density > 0.0  # beyond an edge, where there is no gas, sound has no speed
+        there = density > 0.0  # beyond an edge there is no gas, and the sound speed is set to 0
         speed2 = eos.gamma * eos.constant * np.where(there, density, 1.0) ** (eos.gamma - 1.0)
         return np.where(there, np.sqrt(speed2), 0.0)
 
@@ -298,25 +316,25 @@ POLYTROPIC = PolytropicGas()
 
 
 def eos_of(scene: Scene) -> Eos:
-    """The equation of state of a scene's gas."""
+    """Return the equation of state of a scene's gas."""
     return EOS[scene.gas.eos.kind]
 
 
 def initial_energy(scene: Scene, r: Array) -> Array | None:
-    """Specific internal energy (n,) of the gas at the start; None for gas that holds none."""
+    """Return the specific internal energy (n,) of the gas at the start; None for gas without u."""
     return eos_of(scene).initial_energy(scene, r)
 
 
 def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
-    """P and c_s, (n,) each, from positions, densities and specific internal energies."""
+    """Return P and c_s (n,) from positions (n, d), densities (n,) and specific internal energies (n,), if any."""
     return eos_of(scene).pressure_and_sound_speed(scene, pos, density, u)
 
 
 def thermal_speed(scene: Scene, gas: Gas) -> Array:
-    """sqrt(P / rho) (n,) of gas particles, for H, drag and turbulence; rho leaves out small dust that they carry."""
+    """Return sqrt(P / rho) (n,) of gas particles, for H, drag and turbulence; rho excludes the small dust in them."""
     eos, keys = eos_of(scene), scene.gas.eos
     index = eos.adiabatic_index(keys, gas.density)
-    if gas.small is not None and eos.holds_heat:  # c_s is that of gas and small dust together
+    if gas.small is not None and eos.holds_heat:  # c_s is that of the mixture of gas and small dust
         index = index * growth.gas_share(scene, gas)
     if np.ndim(index) == 0 and index == 1.0:
         return gas.sound_speed
@@ -324,12 +342,12 @@ def thermal_speed(scene: Scene, gas: Gas) -> Array:
 
 
 def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:
-    """Thermal energy of the gas: of what it holds where it holds any, 0 for (locally) isothermal gas."""
+    """Return the total thermal energy: of u if the gas has it, else the work of compression; 0 for isothermal gas."""
     return eos_of(scene).thermal_energy(scene.gas.eos, mass, density, u)
 
 
 def radius(pos: Array) -> Array:
-    """Distance from the origin (n,)."""
+    """Return the distance from the origin (n,)."""
     square = pos[:, 0] * pos[:, 0]
     for k in range(1, pos.shape[1]):
         square += pos[:, k] * pos[:, k]
@@ -337,7 +355,7 @@ def radius(pos: Array) -> Array:
 
 
 def _speed_of_start(scene: Scene, r: Array) -> Array | None:
-    """The speed of the temperature that the start brings at radius `r`; None where it brings none."""
+    """Return the thermal speed (n,) that the start sets at radius `r`; None if it sets none."""
     if scene.initial is None or (speed := STARTS[scene.initial.kind].thermal_speed) is None:
         return None
     found: Array | None = speed(scene, np.asarray(r, dtype=float))
@@ -345,7 +363,7 @@ def _speed_of_start(scene: Scene, r: Array) -> Array | None:
 
 
 def _speed_of_temperature(scene: Scene, r: Array) -> Array:
-    """The sound speed that the table has at radius `r`: c_s ~ r^(-q/2) by an aspect ratio, or everywhere the same."""
+    """Return the sound speed (n,) of the table at radius `r`: c_s ~ r^(-q/2) by an aspect ratio, or uniform."""
     eos: Any = scene.gas.eos
     r = np.asarray(r, dtype=float)
     if getattr(eos, "aspect_ratio", None) is None:
@@ -359,7 +377,7 @@ def _speed_at(scene: Scene, r0: float) -> float:
 
 
 def _power(x: Array, exponent: float) -> Array:
-    """x^exponent; that of the usual temperatures, r^-1/2 and r^-1, by square roots, in a quarter of the time."""
+    """Return x^exponent; for temperatures ~ r^-1/2 and r^-1 by square roots, which is four times as fast."""
     if exponent == -0.25:
         return 1.0 / np.sqrt(np.sqrt(x))
     if exponent == -0.5:

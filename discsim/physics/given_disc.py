@@ -1,7 +1,7 @@
 """The gas of `[background]` as functions of radius, in balance about the star. Numpy only.
 
 Sigma is a power law or a column of a file (`physics/columns.py`), times 1 + height G(r) of a bump and 1 - depth G(r) of
-a gap, G(r) = exp(-(r - radius)^2 / (2 width^2)); its viscosity, where there is [alpha_viscosity], moves it radially.
+a gap, G(r) = exp(-(r - radius)^2 / (2 width^2)). With [alpha_viscosity] the gas moves radially by its viscosity.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 viscosity = Lazy("discsim.physics.viscosity")
 Array = np.ndarray
-NODES, INWARDS = 16_384, 1e5  # of the table in ln r, from beyond the corners of space to this factor within
+NODES, INWARDS = 16_384, 1e5  # nodes of the table in ln r; largest radius, beyond the corners of space, over smallest
 
 
 class GivenDisc:
-    """Sigma and thermal speed c_T = sqrt(P / Sigma) in code units; radii (n,) in, values (n,) out.
+    """Sigma and thermal speed c_T = sqrt(P / Sigma) of the given gas in code units, as functions of radii (n,).
 
     laws: (Sigma, p, c_T^2, q, f) of power laws Sigma ~ r^-p and c_T^2 ~ r^-q, the first and third at radius 1, with
-    -(1/Sigma) dP/dr = f c_T^2 / r. plain: whether they are all there is to it.
+    -(1/Sigma) dP/dr = f c_T^2 / r. plain: whether the disc is exactly these power laws.
     """
 
     def __init__(self, scene: Scene):
@@ -43,7 +43,7 @@ class GivenDisc:
         return self._density_and_slope(r)[0]
 
     def sound_speed(self, r: Array) -> Array:
-        """Speed of sound waves."""
+        """Return the speed of sound waves (n,)."""
         return self.thermal_speed(r) * np.sqrt(self.eos.adiabatic_index(self.given.eos, self.surface_density(r)))
 
     def thermal_speed(self, r: Array) -> Array:
@@ -52,13 +52,15 @@ class GivenDisc:
         return np.sqrt(self._speed2_and_pull(r)[0])
 
     def pressure_slope(self, r: Array) -> Array:
-        """-d ln P / d ln r."""
+        """Return -d ln P / d ln r (n,)."""
         speed2, pull = self._speed2_and_pull(r)
         return pull / speed2
 
     def table(self) -> tuple[Array, float, float]:
-        """(nodes, 5) of ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and v_r at even ln r, the first of these, and how
-        many nodes there are per unit; no nodes where power laws are all there is to it.
+        """Return a table (nodes, 5) at even ln r, the first ln r, and the number of nodes per unit of ln r.
+
+        Columns are ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and v_r. The table is empty for plain power laws
+        without viscosity.
         """
         if self.plain and not self.viscous:
             return np.empty((0, 5)), 0.0, 1.0
@@ -73,7 +75,7 @@ class GivenDisc:
         return np.stack(columns, axis=1), float(log[0]), (NODES - 1) / float(log[-1] - log[0])
 
     def _density_and_slope(self, r: Array) -> tuple[Array, Array]:
-        """Sigma and -d ln Sigma / d ln r."""
+        """Return Sigma and -d ln Sigma / d ln r (n,)."""
         file = self.given.file
         density = self.laws[0] * r ** -self.laws[1] if file is None else file.value("Sigma", r)
         slope = np.full_like(r, self.laws[1]) if file is None else -file.slope("Sigma", r)
@@ -85,7 +87,7 @@ class GivenDisc:
         return density, slope
 
     def _speed2_and_pull(self, r: Array) -> tuple[Array, Array]:
-        """c_T^2 and g, with -(1/Sigma) dP/dr = g / r."""
+        """Return c_T^2 and g (n,), with -(1/Sigma) dP/dr = g / r."""
         scene, file = self.scene, self.given.file
         density, slope = self._density_and_slope(r)
         if file is not None and file.has("T"):

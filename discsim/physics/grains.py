@@ -1,4 +1,4 @@
-"""Grains of dust in gas: Epstein's stopping time, and the mean free path beyond which another regime begins."""
+"""Grains of dust in gas: Epstein's stopping time, the mean free path of the gas, and size distributions."""
 
 from __future__ import annotations
 
@@ -8,16 +8,30 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray
-GOLDEN = 0.6180339887498949  # multiples of it, without their whole part, are spread evenly from the first few on
+GOLDEN = 0.6180339887498949  # fractional parts of its multiples are evenly spread for any number of them
 
 
 def epstein_stopping_time(
     grain_size: Any, grain_density: Any, sound_speed: Any, gas_density: Any, convention: str = "kinetic"
 ) -> Any:
-    """Epstein stopping time of a grain, from astropy Quantities; `gas_density` is the volume density, c_s isothermal.
+    """Return the Epstein stopping time of a grain.
 
-    "kinetic": t = sqrt(pi/8) s rho_s / (c_s rho_g), free-molecular drag, with the mean molecular speed sqrt(8/pi) c_s;
-    "papers": t = s rho_s / (c_s rho_g), as in Stoyanovskaya et al. 2018 (arXiv:1811.06506).
+    Parameters
+    ----------
+    grain_size, grain_density : Quantity, float or ndarray
+        Radius s and material density rho_s of the grain.
+    sound_speed : Quantity, float or ndarray
+        Isothermal sound speed c_s of the gas.
+    gas_density : Quantity, float or ndarray
+        Volume density rho_g of the gas.
+    convention : {"kinetic", "papers"}
+        "kinetic": t = sqrt(pi/8) s rho_s / (c_s rho_g), free-molecular drag with the mean molecular speed
+        sqrt(8/pi) c_s; "papers": t = s rho_s / (c_s rho_g), as in Stoyanovskaya et al. 2018 (arXiv:1811.06506).
+
+    Returns
+    -------
+    Quantity, float or ndarray
+        Stopping time; astropy Quantities give a Quantity in SI base units.
     """
     factor = {"papers": 1.0, "kinetic": math.sqrt(math.pi / 8)}[convention]
     time = factor * grain_size * grain_density / (sound_speed * gas_density)
@@ -25,8 +39,10 @@ def epstein_stopping_time(
 
 
 def mean_free_column(scene: Any) -> float:
-    """Column density of gas in one mean free path, m / sigma, in code units: of the scene, or of its mean molecule with
-    the cross-section of H2, 2e-15 cm^2 (Chapman & Cowling 1970)."""
+    """Return the column density of gas in one mean free path, m / sigma, in code units.
+
+    The default has the scene's mean molecular weight and the cross-section of H2, 2e-15 cm^2 (Chapman & Cowling 1970).
+    """
     if scene.drag.mean_free_column is not None:
         return scene.drag.mean_free_column
     from discsim.scene.astropy_units import constants
@@ -36,19 +52,20 @@ def mean_free_column(scene: Any) -> float:
 
 
 def has_sizes(population: Any) -> bool:
-    """Whether the grains of a population of dust have sizes of their own."""
+    """Return whether a dust population has a distribution of grain sizes."""
     return hasattr(population.grain_size, "smallest")
 
 
 def own_sizes(scene: Any) -> bool:
-    """Whether dust particles have sizes of their own: given ones, or those that they grow to."""
+    """Return whether dust particles have individual grain sizes, by a distribution or by growth."""
     return scene.table("growth") is not None or any(map(has_sizes, scene.dust or ()))
 
 
 def sizes_of(population: Any, count: int) -> tuple[Array, Array]:
-    """Sizes of `count` particles of a population (n,), and masses over their mean, such that n(s) ~ s^-index.
+    """Return sizes of `count` particles of a population (n,), and masses over their mean (n,).
 
-    Particles next to each other have sizes far apart, so that all sizes are everywhere.
+    The number density of grains is n(s) ~ s^-index. Consecutive particles have very different sizes, so that all sizes
+    are present in every region.
     """
     if not has_sizes(population):
         return np.full(count, population.grain_size), np.ones(count)
@@ -57,12 +74,12 @@ def sizes_of(population: Any, count: int) -> tuple[Array, Array]:
     if bins is not None:
         place = (np.floor(place * bins) + 0.5) / bins
     size = given.smallest * (given.largest / given.smallest) ** place
-    weight = (size / given.largest) ** (4.0 - given.index)  # m dn/d ln s; of a bin in ln s the same but for a factor
+    weight = (size / given.largest) ** (4.0 - given.index)  # m dn/d ln s, to which the mass of a bin is proportional
     return size, weight / weight.mean()
 
 
 def typical_size(population: Any) -> float:
-    """The mean size, by mass, of a population's grains: what previews show."""
+    """Return the mass-weighted mean size of a population's grains."""
     if not has_sizes(population):
         return float(population.grain_size)
     size, weight = sizes_of(population, population.grain_size.bins or 1000)

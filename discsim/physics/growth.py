@@ -1,7 +1,7 @@
-"""Growth of grains as functions of a scene (`[growth]`): its sizes, its alpha, what gas particles carry. Numpy only.
+"""Growth of grains as functions of a scene (`[growth]`): sizes, alpha, small dust carried by gas. Numpy only.
 
-Small dust, a_min to a_*, is carried by the gas particles: with two-way drag as a part of their mass, with one-way drag
-beside it, as the gas must not notice.
+Gas particles carry the small dust, a_min to a_*. With two-way drag it is a part of their mass. With one-way drag it is
+not, as dust must not change the gas.
 """
 
 from __future__ import annotations
@@ -21,43 +21,46 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-RANGE = 200.0  # of a_* over a_min in code units: that of the usual 1 um and 5e-3 um
-SEED = 1e-12  # of its share of all dust, that a dust particle keeps where all dust is small
+RANGE = 200.0  # default a_* over a_min: that of the usual 1 um and 5e-3 um
+SEED = 1e-12  # share of its dust that a dust particle keeps if all dust is small
 
 
 def smallest_size(scene: Scene) -> float:
-    """a_min, in code units."""
+    """Return a_min in code units."""
     keys: Any = scene.table("growth")
     return keys.small_size / RANGE if keys.smallest is None else keys.smallest
 
 
 def small_ratio(scene: Scene) -> float:
-    """Mass of small dust over that of the gas at the start."""
+    """Return the mass of small dust over that of the gas at the start."""
     keys: Any = scene.table("growth")
     (dust,) = scene.dust or ()
     return dust.ratio if keys.small_ratio is None else keys.small_ratio
 
 
 def small_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] | None) -> Array:
-    """Mass of small dust over that of the gas (n,) at radii of a start whose dust has that `dust_share` there."""
+    """Return the mass of small dust over that of the gas (n,) at radii `r` (n,) of the start.
+
+    dust_share: factor of the dust-to-gas ratio as a function of radius; None: 1.
+    """
     (dust,) = scene.dust or ()
     there = (r >= (dust.inner or 0.0)) & (r <= (dust.outer or np.inf))
     return np.where(there, small_ratio(scene), 0.0) * (1.0 if dust_share is None else dust_share(r))
 
 
 def laden(scene: Scene) -> bool:
-    """Whether small dust is a part of the gas particles' mass."""
+    """Return whether small dust is a part of the gas particles' mass."""
     return scene.table("growth") is not None and scene.drag is not None and scene.drag.direction == "two-way"
 
 
 def gas_share(scene: Scene, gas: Gas, piece: slice = slice(None)) -> Array | float:
-    """What of the mass of each particle of a `piece` is gas (n,), where dust grows."""
+    """Return the mass fraction of gas (n,) in gas particles of the slice `piece`; 1 if their mass has no small dust."""
     assert gas.small is not None
     return 1.0 - gas.small[piece] / gas.mass[piece] if laden(scene) else 1.0
 
 
 def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:
-    """alpha (n,) at radii, where the gas has c_s^2 and the orbits Omega (n,)."""
+    """Return alpha (n,) at radii `r` (n,); speed2: c_s^2 (n,), omega: Omega (n,)."""
     keys: Any = scene.table("growth")
     if keys.alpha is not None:
         return np.full(np.shape(r), keys.alpha)
@@ -68,8 +71,11 @@ def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:
 
 
 class Limits(NamedTuple):
-    """Of grains at some places (n,): what they grow to, by (6) of `formulas/growth.py` and where drift is as fast as
-    growth, and the Stokes number and the growth time at the former, or at the latter where it is the smaller."""
+    """Limits of grain growth at some places, arrays (n,).
+
+    fragmentation: largest size by fragmentation, (6) of `formulas/growth.py`. drift: size at which drift is as fast as
+    growth. stokes: Stokes number of the smaller of the two, or of a_* if that is larger. time: growth time.
+    """
 
     fragmentation: Array
     drift: Array
@@ -78,11 +84,11 @@ class Limits(NamedTuple):
 
 
 def limits(scene: Scene, at: Local) -> Limits | None:
-    """At the places of `at`, with all dust that the scene starts with; None where there are no orbits.
+    """Return the growth limits at the places of `at`, with all dust at the start; None if there are no orbits.
 
     The drift limit is 2 Sigma_d / (pi rho_s gamma) (v_K / c_s)^2, gamma = |d ln P / d ln r|, of Birnstiel et al. (2012)
-    eq. 18 without its factor f_d, with the pressure integrated over height, which moves the gas of a run; the growth
-    time is that of settled grains, Sigma_g / (Sigma_d Omega).
+    eq. 18 without its factor f_d. P is integrated over height, as in the equation of motion of a run. The growth time
+    is that of settled grains, Sigma_g / (Sigma_d Omega).
     """
     if at.radius is None or at.omega is None or at.thermal_speed is None:
         return None

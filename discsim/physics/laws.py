@@ -1,4 +1,4 @@
-"""Laws of the stopping time: what each takes from a scene and demands of it. Formulas are in `formulas/laws.py`."""
+"""Laws of the stopping time: their inputs from a scene, and their rules. Formulas are in `formulas/laws.py`."""
 
 from __future__ import annotations
 
@@ -24,31 +24,52 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Law:
-    """A law of the stopping time: one of the forms in `formulas/laws.py`, and where its value comes from."""
+    """A law of the stopping time.
+
+    Attributes
+    ----------
+    form : int
+        One of the forms in `formulas/laws.py`; several laws may share one.
+    value : callable (scene, population)
+        Return the parameter of the form for a dust population: K, t_stop, St or s rho_s c_s / c.
+    key : str
+        Key of [drag] that the law needs; laws with another key refuse it.
+    of_grains : bool
+        Whether dust needs a grain size and a grain density.
+    orbits : tuple of int
+        Dimensions of space in which the law is defined only on circles about a star.
+    formula : callable (scene), optional
+        Return the formula of t_stop as text, for previews.
+    rules : tuple of Rule
+        Further rules for a scene with this law.
+    uniform_rate : callable (drag, eps, rho_g), optional
+        Return eps / t_stop in uniform gas and dust at rest, from the table [drag], if defined there.
+    uniform_time : callable (drag), optional
+        Return t_stop from the table [drag], if it does not depend on the gas.
+    """
 
     form: int
-    value: Callable[
-        [Scene, Any], float
-    ]  # of a population in a scene: K, t_stop, St or s rho_s c_s / c, as the form has it
-    key: str = ""  # of [drag], which the law needs and others that have not this key refuse
-    of_grains: bool = False  # whether dust has to have a grain's size and density
-    orbits: tuple[int, ...] = ()  # dimensions of space in which it is defined on circles about a star alone
-    formula: Callable[[Scene], str] | None = None  # formula of t_stop for a scene, shown by previews
-    rules: tuple[Rule, ...] = ()  # what a scene with this law must have
-    # In gas and dust at rest that are uniform, where it is defined there: eps / t_stop from [drag], eps and rho_g, ...
+    value: Callable[[Scene, Any], float]
+    key: str = ""
+    of_grains: bool = False
+    orbits: tuple[int, ...] = ()
+    formula: Callable[[Scene], str] | None = None
+    rules: tuple[Rule, ...] = ()
     uniform_rate: Callable[[Any, float, float], float] | None = None
-    uniform_time: Callable[[Any], float] | None = None  # ... and t_stop from [drag], whatever the gas
+    uniform_time: Callable[[Any], float] | None = None
 
     @property
     def by_column(self) -> bool:
-        """Whether the gas's mean free path counts, and with it the slip."""
+        """Whether the stopping time depends on the gas's mean free path, and thereby on the slip."""
         return self.form == formulas.EPSTEIN_STOKES
 
 
 class SceneLaw:
-    """The scene's law as kernels take it; `grains` (populations, 5) is what it needs of each population.
+    """Parameters of the scene's law for kernels.
 
-    code: the form. nonlinear: whether the slip changes the stopping time.
+    code: the form. grains (populations, 5): parameters of each population, indexed by VALUE to THERMAL of
+    `formulas/laws.py`. typical (populations,): mean grain size. nonlinear: whether the stopping time depends on the
+    slip.
     """
 
     def __init__(self, scene: Scene):
@@ -57,18 +78,18 @@ class SceneLaw:
         self.code = law.form
         self.nonlinear = drag.supersonic or law.by_column
         self.populations = len(scene.dust or ())
-        self.several = True if self.populations > 1 else None  # None: not compiled
+        self.several = True if self.populations > 1 else None  # None: kernels compile no branch for it
         self.grains = np.array([_grain(scene, law, population) for population in scene.dust or ()])
         self.typical = np.array([typical_size(dust) if law.of_grains else 1.0 for dust in scene.dust or ()])
 
     def rows(self, species: Array, size: Array) -> Array:
-        """What the law needs of each grain (n, 5), of populations `species` (n,) and sizes of their own (n,)."""
+        """Return the parameters (n, 5) of dust particles of populations `species` (n,) with individual sizes (n,)."""
         rows: Array = self.grains[species]
         rows[:, [formulas.VALUE, formulas.SIZE]] *= (size / self.typical[species])[:, None]
         return rows
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:
-        """Stopping time at vanishing slip of a population in gas of given density, thermal speed and Omega (n,)."""
+        """Return the stopping time (n,) at zero slip of a population in gas of given density, thermal speed, Omega."""
         return kernels.stopping_times(self.code, self.grains[population], ratio, density, sound, omega)
 
 
@@ -81,9 +102,10 @@ def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
 
 
 def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Array | None) -> list[Array]:
-    """Stopping time at vanishing slip of each population in gas of given density, thermal speed and Omega (n,).
+    """Return the stopping time (n,) at zero slip of each population in gas of given density, thermal speed and Omega.
 
-    For few places. None where a scene does not define one, and no entry then where the law needs it.
+    sound, omega: None if the scene does not define them; the list is empty if the law needs them. Not compiled, so for
+    few places.
     """
     if scene.drag is None:
         return []
@@ -100,7 +122,7 @@ def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Arr
 
 
 def _of_grain(scene: Scene, population: Any) -> float:
-    """t_stop c_s rho_g, all of it that is the grain's."""
+    """Return t_stop c_s rho_g, the factor of Epstein's law that depends on the grain alone."""
     convention = scene.drag.convention
     return epstein_stopping_time(typical_size(population), population.grain_density, 1.0, 1.0, convention)
 
@@ -110,7 +132,7 @@ def _of_key(key: str) -> Callable[[Scene, Any], float]:
 
 
 def _over_density(scene: Scene, population: Any) -> float:
-    """Of Epstein's law with grains that have the Stokes number at the reference density."""
+    """Return the parameter of Epstein's law for grains with the given Stokes number at the reference density."""
     return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
 
 

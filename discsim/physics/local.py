@@ -1,4 +1,4 @@
-"""The gas of a scene at a few places, before any particle is made: what previews show and warnings rest on."""
+"""The gas of a scene at sample points, estimated before particles are made; input of previews and warnings."""
 
 from __future__ import annotations
 
@@ -18,26 +18,27 @@ Array = np.ndarray
 
 
 def resolution(scene: Scene, h: Array) -> Array:
-    """h as other kernels mean it: that of quintic-h is its whole support, 3 h of the quintic."""
+    """Return h in the usual units of kernels: the h of quintic-h is its support radius, 3 h of the quintic."""
     return h / SMOOTHING[scene.gas.kernel].squeezed if scene.gas else h
 
 
 def longest_step(scene: Scene, h: Array, sound_speed: Array, closing: Array | float = 0.0) -> Array:
-    """The longest step of the gas (`effects/gas.py`), h as other kernels mean it.
+    """Return the time-step limit (n,) of the gas over the Courant factor (`effects/gas.py`).
 
-    closing: -div v of gas that comes together.
+    h: smoothing length as the kernel defines it. closing: -div v of converging gas.
     """
     given = scene.gas.viscosity if scene.gas else None
     signal, rate = (given.signal, given.closing) if given else (1.0, 1.0)
     return 1.0 / (sound_speed * signal / resolution(scene, h) + rate * closing)
 
 
-PHASES = 256  # of an orbit
+PHASES = 256  # sample times of an orbit
 
 
 class Expected(NamedTuple):
-    """A step that is expected to be the longest that an effect allows, or such steps at PHASES even times of an orbit
-    (PHASES,), and where: like "at 12 au", or "".
+    """Estimated time-step limit of an effect.
+
+    step: the limit, or limits (PHASES,) at even times of an orbit. where: its place for messages, like "at 12 au".
     """
 
     step: Array | float = math.inf
@@ -46,11 +47,20 @@ class Expected(NamedTuple):
 
 @dataclass(frozen=True)
 class Outlook:
-    """A run as its forecast expects it at a time, numbers in code units.
+    """The estimated state of a run at a time, in code units.
 
-    passed: time since the start. at: the gas all over (n,). inner, outer: the radii between which particles are that
-    limit the step. nearest: the distance from the star of the nearest of them; inf where there is no star, or none of
-    them. spacing(r): between particles at a radius.
+    Attributes
+    ----------
+    time, passed : float
+        Time of the run, and time since its start.
+    at : Local
+        Gas at points all over the disc or box (n,).
+    inner, outer : float
+        Radii of the particles that limit the step.
+    nearest : float
+        Distance from the star of the nearest of these particles; inf without star or particles.
+    spacing : callable (r)
+        Return the particle spacing at a radius.
     """
 
     time: float
@@ -64,13 +74,28 @@ class Outlook:
 
 @dataclass(frozen=True)
 class Local:
-    """Numbers at a few places of the gas, arrays of one shape; None where the scene does not define them.
+    """Estimates at sample points of the gas in code units, arrays (n,); None if the scene does not define them.
 
-    resolution: `h` as other kernels mean it. step: the longest one. by_mass: makes h/H all over the gas (n,), rising,
-    and the share of the gas with less than each (n,). in_drag_cells: the side of a drag cell there at the start, and
-    its mean numbers of gas and dust particles; None where drag has no cells. relative_mass: of a gas particle there,
-    over their mean. For the whole scene: particle_mass of the gas, the mean, and `cell`, the side of the grid's cells.
-    jump: of the velocity in a shock there.
+    Attributes
+    ----------
+    places : list of str
+        Names of the points.
+    radius, density, sound_speed, thermal_speed, omega, h : ndarray or None
+        Radius, density, speed of sound waves, sqrt(P / rho), orbital frequency and smoothing length.
+    resolution : ndarray or None
+        `h` in the usual units of kernels.
+    step : ndarray or None
+        Time-step limit of the gas.
+    by_mass : callable ()
+        Return h/H all over the gas (m,), rising, and the mass fraction with a smaller one (m,).
+    in_drag_cells : callable ()
+        Return the side of a drag cell at the start, and its mean numbers of gas and dust particles; None without cells.
+    relative_mass : ndarray
+        Mass of a gas particle over the mean mass.
+    particle_mass, cell : float or None
+        Mean mass of a gas particle, and side of the grid's cells, of the whole scene.
+    jump : ndarray or None
+        Velocity jump of a shock at the point.
     """
 
     places: list[str]
@@ -90,7 +115,7 @@ class Local:
     jump: Array | None = None
 
     def where(self, number: int) -> str:
-        """One of the places, for a sentence."""
+        """Return the phrase for one of the places in a message, like "at 12 au"."""
         if not self.places:
             return ""
         place = self.places[number]

@@ -1,27 +1,30 @@
-"""How the star and its companions move: each companion r_k from the star on its Kepler orbit, the rest in the kick.
+"""Motion of the star and its companions, as a split into drift and kick: the drift moves each companion, at r_k from
+the star, on a Kepler orbit; the kick has all other accelerations.
 
     drift   r_k on the orbit about GM = mu_k, and x_0 + sum_k w_k r_k, x_0 the star's place, uniformly          (1)
     kick    r_k'' = A_k - A_0 + mu_k r_k / |r_k|^3,   x_0'' = A_0 - sum_k w_k mu_k r_k / |r_k|^3                (2)
 
-A are all accelerations in an inertial frame, so that drift and kick together are the equations of motion whatever mu
-and w. With mu_k = M + m_k and w_k = m_k / (M + sum m) the drift keeps the momentum, and the orbit of a single
-companion is exact. mu_k = M where the star does not feel companions, and 0 for one that does not feel the star. A fixed
-orbit has w_k = m_k / mu_k: the star then has the acceleration that it should.
-In the frame of the star x_0 = 0, and particles get the opposite of its motion, in drift and kick alike, so that the run
-is the same to rounding. The kicks of several live companions on each other are of second order and reversible.
+A are the total accelerations in an inertial frame, so that drift and kick add up to the equations of motion for any mu
+and w. With mu_k = M + m_k and w_k = m_k / (M + sum m) the drift conserves momentum, and the orbit of a single companion
+is exact. If the star does not feel companions, mu_k = M; for a companion that does not feel the star, mu_k = 0. A fixed
+orbit has w_k = m_k / mu_k, which gives the star the right acceleration.
+In the frame of the star x_0 = 0, and particles get the opposite of the star's motion in both drift and kick. The run is
+the same to rounding as in an inertial frame. The kicks of several live companions on each other are of second order
+and reversible.
 
-A ramp f_k(t), from 0 to 1, is in what companion and disc do to each other; star and companions have their whole mass
-for each other, and the orbits that it gives, from the start. Gas and dust feel
+A ramp f_k(t), from 0 to 1, scales the forces between companion and disc. Star and companions have their full masses
+for each other, and the corresponding orbits, from the start. Gas and dust feel
 
     companions   f_k m_k,      star   M + sum_c (1 - f_k) m_k                                                   (3)
     places       x_j + sum_c (1 - f_k) w_k r_k                                                                  (4)
 
-with c the companions that the disc turns about (`formulas/centre.py`): about a barycentre the mass of a companion is at
-first that of the star, which is then at the barycentre, and moves out to its orbit. The masses of (3) at the places of
-(4) have the barycentre and the sum of all masses at any f, so that a ramp moves neither. Of other companions the star's
-acceleration is part of what is ramped: gas and dust get f_k of it in the star's frame, and in an inertial frame are
-carried along with the star by 1 - f_k of it, so that a disc about the star gets no push before it feels what balances
-it. By the disc a companion gets f_k (A_k - A_0) from the star: the same forces, turned round.
+with c the companions that are part of the disc's central mass (`formulas/centre.py`). About a barycentre, the mass of
+a companion is first added to that of the star, which is placed at the barycentre, and moves out to its orbit as f
+grows. The masses (3) at the places (4) have the same barycentre and total mass at any f.
+For other companions, the star's acceleration by them is ramped too: gas and dust get f_k of it in the star's frame. In
+an inertial frame they move with the star by 1 - f_k of it. A disc about the star thus gets no push before it feels the
+companion's pull that balances the push. The disc accelerates a companion relative to the star by f_k (A_k - A_0), by
+the same forces in reverse.
 """
 
 from __future__ import annotations
@@ -42,12 +45,12 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-# Over 1/Omega, of what a leapfrog integrates: with the default Courant factor about a star 21 steps a turn.
+# Step limit of orbits that a leapfrog integrates, over 1/Omega: with the default Courant factor 21 steps per orbit.
 IN_KICKS = 0.5
 
 
 def feels(scene: Scene, companion: Any) -> frozenset[str]:
-    """What a companion feels: star, companions, gas, dust."""
+    """Return the sources that a companion feels, of "star", "companions", "gas" and "dust"; none on a fixed orbit."""
     if companion.orbit == "fixed":
         return frozenset()
     if companion.feels is not None:
@@ -56,13 +59,13 @@ def feels(scene: Scene, companion: Any) -> frozenset[str]:
 
 
 def pulling(scene: Scene) -> list[str]:
-    """The species that may pull bodies: one-way dust beside gas must not, as the gas would notice."""
+    """Return the species that may pull bodies; not one-way dust in a scene with gas, as it would change the gas."""
     one_way = scene.drag is not None and scene.drag.direction == "one-way" and scene.gas is not None
     return [name for name in ("gas", "dust") if getattr(scene, name) is not None and not (name == "dust" and one_way)]
 
 
 def felt_by_star(scene: Scene) -> frozenset[str]:
-    """Whose pull on the star counts: companions, gas, dust."""
+    """Return the sources that the star feels, of "companions", "gas" and "dust"."""
     star: Any = scene.star
     if star.indirect is not None:
         return frozenset(star.indirect)
@@ -73,12 +76,12 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
 
 
 def orbital_mass(scene: Scene, star: float, companion: float) -> float:
-    """GM of the orbit of a companion of that mass about a star of that mass: the star's alone where it feels none."""
+    """Return GM of a companion's orbit from both masses: the star's alone if the star does not feel companions."""
     return star + companion if "companions" in felt_by_star(scene) else star
 
 
 def at_rest(scene: Scene) -> bool:
-    """Return True if the star has a constant mass and stays at the origin. Such a scene has no `Bodies`."""
+    """Return whether the star has a constant mass and stays at the origin. Such a scene has no `Bodies`."""
     star = scene.star
     if star is None:
         return True
@@ -86,11 +89,11 @@ def at_rest(scene: Scene) -> bool:
 
 
 def in_drift(scene: Scene) -> bool:
-    """Return True if gas and dust drift on Kepler orbits about the star. Then no kick contains the star's pull.
+    """Return whether gas and dust drift on Kepler orbits about the star. Then no kick contains the star's pull.
 
     The star has to be a point at rest: a moving star exchanges momentum with every particle, which only a kick
-    conserves exactly. Radiation pressure with drag excludes it: the drag needs the push on dust in the kick, and the
-    pull that nearly cancels this push has to be there too.
+    conserves exactly. Radiation pressure with drag excludes Kepler drifts: drag needs the radiation force on dust in
+    the kick, and the stellar pull that nearly cancels this force has to be in the kick too.
     """
     star = scene.star
     pointlike = star is not None and star.softening == 0.0 and at_rest(scene)
@@ -99,7 +102,7 @@ def in_drift(scene: Scene) -> bool:
 
 
 def masses_in_drift(scene: Scene, species: str) -> Array | None:
-    """Central masses (populations,) of the orbits that gas or dust drifts on; None where it moves straight on."""
+    """Return the central masses (populations,) of the Kepler drifts of gas or dust; None if drifts are straight."""
     if not in_drift(scene):
         return None
     assert scene.star is not None
@@ -107,7 +110,7 @@ def masses_in_drift(scene: Scene, species: str) -> Array | None:
 
 
 def velocities_turn(scene: Scene) -> bool:
-    """Return True if the drift rotates velocities and positions on a circle by the same angle.
+    """Return whether the drift rotates velocities and positions on a circle by the same angle.
 
     Otherwise velocities are half a step ahead of positions, or behind them.
     """
@@ -115,12 +118,12 @@ def velocities_turn(scene: Scene) -> bool:
 
 
 def step_of_circle(scene: Scene) -> float:
-    """Step limit by circles about the star, over their 1/Omega."""
+    """Return the step limit of circular orbits about the star, over 1/Omega."""
     return 1.0 if velocities_turn(scene) else IN_KICKS
 
 
 class UnderWay(NamedTuple):
-    """A body that is on its way at t = 0: place and velocity from the star (2,), mass gained, and when it began."""
+    """A body already moving at t = 0: position and velocity from the star (2,), accreted mass, and start time."""
 
     pos: Array
     vel: Array
@@ -129,7 +132,7 @@ class UnderWay(NamedTuple):
 
 
 class Orbits:
-    """The motion of the bodies of a scene."""
+    """Motion of the star and companions of a scene."""
 
     def __init__(self, scene: Scene) -> None:
         star: Any = scene.star
@@ -145,7 +148,10 @@ class Orbits:
         self.fixed_mu = [orbital_mass(scene, star.mass, c.mass) for c in self.companions]
 
     def at_start(self, under_way: Mapping[int, UnderWay] | None = None) -> Bodies:
-        """The bodies at t = 0: the centre of the disc at rest at the origin; some may be under way, the star as 0."""
+        """Return the bodies at t = 0, with the centre of the disc at rest at the origin.
+
+        under_way: bodies already moving, by number; the star is 0.
+        """
         under_way = under_way or {}
         bodies = Bodies.at_rest(np.zeros(1 + len(self.companions)))
         for number, body in under_way.items():
@@ -169,7 +175,7 @@ class Orbits:
         return bodies
 
     def offset(self, bodies: Bodies) -> tuple[Array, Array]:
-        """Place and velocity (2,) of the centre of the disc at t = 0 in the frame of the run."""
+        """Return position and velocity (2,) of the centre of the disc at t = 0 in the frame of the run."""
         if not self.inertial or self.star.centre == "barycentre":
             return np.zeros(2), np.zeros(2)
         _, weight = self._weights(bodies.mass)
@@ -177,10 +183,10 @@ class Orbits:
         return -_sum(weight, r), -_sum(weight, v)
 
     def drift(self, bodies: Bodies, time: float, dt: float) -> tuple[Array, Array]:
-        """Eq. (1) from `time` over dt.
+        """Drift the bodies from `time` over dt, eq. (1).
 
-        Returns how far gas and dust move with the frame beyond a straight line, and the change of their velocity (2,),
-        with the ramps at the middle of dt.
+        Return the displacement of gas and dust by the motion of the frame beyond a straight line, and the change of
+        their velocity (2,), with the ramps at the middle of dt.
         """
         mu, weight = self._weights(bodies.mass)
         r, v = bodies.pos[1:] - bodies.pos[0], bodies.vel[1:] - bodies.vel[0]
@@ -198,26 +204,24 @@ class Orbits:
         return _sum(carried, off), _sum(carried, turned)
 
     def place(self, bodies: Bodies, time: float) -> None:
-        """Put companions on fixed orbits where they are at a time, and give all the masses that they have and that gas
-        and dust feel, eqs. (3) and (4).
-        """
+        """Set positions of companions on fixed orbits, all masses, and their ramped values, eqs. (3) and (4)."""
         bodies.mass = self._masses(bodies)
         for k in np.flatnonzero(~self.live).tolist():
             found = self._fixed(bodies, k, time)
             bodies.pos[k + 1], bodies.vel[k + 1] = bodies.pos[0] + found[:2], bodies.vel[0] + found[2:]
         ramp, mass = self._ramps(bodies, time), bodies.mass[1:]
-        inside = np.where(self.central, 1.0 - ramp, 0.0)  # what is still at the star
+        inside = np.where(self.central, 1.0 - ramp, 0.0)  # share of the mass that is still at the star
         bodies.felt = np.array([bodies.mass[0] + (inside * mass).sum(), *(ramp * mass)])
         bodies.shift = _sum(inside * self._of_centre(bodies), bodies.pos[1:] - bodies.pos[0])
 
     def frame_acceleration(self, bodies: Bodies, beyond_drift: bool) -> Array:
-        """Acceleration (2,) that gas and dust get of the frame, `beyond_drift` without what the drift has."""
+        """Return the acceleration (2,) of gas and dust by the frame; `beyond_drift`: without the drift's part."""
         carried = self._carried(bodies.felt[1:] / bodies.mass[1:])
         found = _sum(carried * self._on_star(bodies, beyond_drift), _directions(bodies.pos[1:] - bodies.pos[0]))
         return found if self.inertial else found - self._by_disc(bodies, 0, self.felt_by_star)
 
     def accelerate(self, bodies: Bodies) -> None:
-        """Eq. (2) into `acc`, without differences of what cancels."""
+        """Write eq. (2) into `acc`; terms that cancel are left out instead of subtracted."""
         mass, back = bodies.mass[1:], self.back
         r = bodies.pos[1:] - bodies.pos[0]
         to = _directions(r)
@@ -235,7 +239,7 @@ class Orbits:
             bodies.acc[k + 1] += kick
 
     def limit(self, bodies: Bodies) -> float:
-        """1 / Omega of the companions about the star where they are, and of pairs of them about each other."""
+        """Return the least 1 / Omega of companions about the star at their distances, and of pairs of companions."""
         longest = math.inf
         for k in range(1, bodies.count):
             for j in range(k):
@@ -248,7 +252,7 @@ class Orbits:
         return bodies.pulled[number][[name in felt for name in ("gas", "dust")]].sum(axis=0)
 
     def _fixed(self, bodies: Bodies, k: int, time: float) -> kepler.Motion:
-        """Place and velocity from the star, in closed form of the time."""
+        """Return position and velocity from the star on a fixed orbit, in closed form."""
         time -= float(bodies.begun[k + 1])
         size, e, phase = self.orbits[k]
         mu = self.fixed_mu[k]
@@ -258,15 +262,15 @@ class Orbits:
         return np.array([self.star.mass, *(c.mass for c in self.companions)]) + bodies.gained
 
     def _ramps(self, bodies: Bodies, time: float) -> Array:
-        """f_k (n,) of eqs. (3) and (4) at a time."""
+        """Return f_k (n,) of eqs. (3) and (4) at a time."""
         return np.array([ramped(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True)])
 
     def _carried(self, ramp: Array) -> Array:
-        """How much of the star's motion by each companion (n,) gas and dust have in the frame of the run."""
+        """Return the fraction (n,) of the star's motion by each companion that gas and dust have in the run's frame."""
         return np.where(self.central, 0.0, float(self.inertial) - ramp)
 
     def _on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
-        """GM (n,) of the pull of each companion on the star; `beyond_drift` without what the drift has."""
+        """Return GM (n,) of the pull of each companion on the star; `beyond_drift`: without the drift's part."""
         pull = self.back * bodies.mass[1:]
         if not beyond_drift:
             return pull
@@ -274,11 +278,11 @@ class Orbits:
         return pull - weight * mu
 
     def _of_centre(self, bodies: Bodies) -> Array:
-        """w_k (n,) of the companions that the disc turns about, of these alone; 0 of others."""
+        """Return w_k (n,) among the companions that are part of the central mass; 0 for others."""
         return np.where(self.central, self._weights(bodies.mass, self.central)[1], 0.0)
 
     def _weights(self, mass: Array, among: Array | bool = True) -> tuple[list[float], Array]:
-        """mu_k and w_k of masses (n,), the star's first; w_k where there are the companions `among` (n,) alone."""
+        """Return mu_k and w_k from masses (n + 1,), the star's first; `among` (n,): companions that count in w_k."""
         mu = [
             (mass[0] + self.back * mass[k + 1]) * ("star" in self.feels[k]) if self.live[k] else self.fixed_mu[k]
             for k in range(len(self.companions))
@@ -293,11 +297,11 @@ class Orbits:
 
 
 def _sum(weight: Array, vectors: Array) -> Array:
-    """sum_k w_k x_k (2,) of vectors (n, 2)."""
+    """Return sum_k w_k x_k (2,) of vectors (n, 2)."""
     return np.asarray((weight[:, None] * vectors).sum(axis=0))
 
 
 def _directions(r: Array) -> Array:
-    """r / |r|^3 (n, 2)."""
-    with np.errstate(all="ignore"):  # of bodies at one place: what comes of it is no number, and told as such
+    """Return r / |r|^3 (n, 2)."""
+    with np.errstate(all="ignore"):  # bodies at one position give NaN, which is reported elsewhere
         return r / np.sqrt((r * r).sum(axis=1))[:, None] ** 3

@@ -1,8 +1,8 @@
-"""The disc that a scene asks for, as functions of radius: Sigma, c_s and the pressure's pull. Numpy only.
+"""The disc of a scene as functions of radius: Sigma, c_s and the pressure force. Numpy only.
 
-Sigma = Sigma_ref (r / r_ref)^-p T(r) between the edges, T rising as sin^2 over the inner taper and falling as
-cos^2 over the outer one; Sigma_ref from the mass, from the least Toomre Q = c_s Omega_K / (pi G Sigma), c_s the speed
-of sound waves (of adiabatic gas the adiabatic one), or given.
+Sigma = Sigma_ref (r / r_ref)^-p T(r) between the edges, with T rising as sin^2 over the inner taper and falling as
+cos^2 over the outer one. Sigma_ref is given, or follows from the mass, or from the least Toomre Q =
+c_s Omega_K / (pi G Sigma), where c_s is the speed of sound waves (the adiabatic one in adiabatic gas).
 """
 
 from __future__ import annotations
@@ -21,19 +21,33 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-SAMPLES = 20_001
-SLOPE = 1e-4  # of r, over which the slope of a Sigma of no known power is taken
-NEAR, FEWEST = 0.3, 3  # in ln r, of rings of particles through which a slope is taken, and their least number
+SAMPLES = 20_001  # sample radii of integrals
+SLOPE = 1e-4  # step of r over r in finite differences
+NEAR, FEWEST = 0.3, 3  # range in ln r of the rings in the fit of a slope, and their least number
 
 
 @dataclass(frozen=True)
 class Radial:
-    """A disc as functions of radii (n,), in code units: of it starts make particles, and balance its velocities.
+    """A disc as functions of radius, from which starts make particles and their velocities.
 
-    surface_density: of the gas. pressure_acceleration: -(1/Sigma) dP/dr. mass_within: of the gas between the first of
-    rising radii and each. dust_share: what multiplies the ratio of each population (None: 1). inflow: radial velocity
-    that its viscosity gives it (None: what follows from Sigma). resolution: gas particles per mass, up to a factor
-    (None: 1).
+    All functions take radii (n,) and return arrays (n,) in code units.
+
+    Attributes
+    ----------
+    inner, outer : float
+        Radii of the edges.
+    surface_density : callable (r)
+        Return Sigma of the gas.
+    pressure_acceleration : callable (r)
+        Return -(1/Sigma) dP/dr of the gas.
+    mass_within : callable (r)
+        Return the mass of gas between the first of the rising radii and each.
+    dust_share : callable (r), optional
+        Return a factor of the dust-to-gas ratio of each population. None: 1.
+    inflow : callable (r), optional
+        Return the radial velocity by viscosity. None: it is computed from Sigma.
+    resolution : callable (r), optional
+        Return the number of gas particles per mass, up to a factor. None: uniform.
     """
 
     inner: float
@@ -47,7 +61,7 @@ class Radial:
 
 
 def radial(scene: Scene) -> Radial:
-    """The disc that the scene starts with."""
+    """Return the disc of the scene's start."""
     found: Radial = STARTS[scene.initial.kind].radial(scene)
     return found
 
@@ -59,8 +73,9 @@ def of_density(
     surface_density: Callable[[Array], Array],
     inflow: Callable[[Array], Array] | None = None,
 ) -> Radial:
-    """The disc of any Sigma(r), with the temperature of gas.eos; where Sigma falls within less than H, as if it fell
-    over H.
+    """Return the disc of any Sigma(r) with the temperature of gas.eos.
+
+    Where Sigma declines within less than H, the pressure force is that of a decline over H.
     """
 
     def pressure_acceleration(r: Array) -> Array:
@@ -79,12 +94,12 @@ def of_density(
 
 
 def shape(start: Any, r: Array) -> Array:
-    """Sigma / Sigma_ref at radius `r`, zero beyond the edges."""
+    """Return Sigma / Sigma_ref (n,) at radius `r` (n,), zero beyond the edges."""
     return tapered(start, r, (r / start.reference_radius) ** -start.surface_density_index)
 
 
 def tapered(start: Any, r: Array, out: Array) -> Array:
-    """What edges and tapers leave of a surface density `out` (n,) at radius `r`."""
+    """Return the surface density `out` (n,) at radius `r` (n,) times the tapers, zero beyond the edges."""
     out = out * ((r >= start.inner) & (r <= start.outer))
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:
@@ -97,18 +112,18 @@ def radii(start: Any) -> Array:
 
 
 def cumulative(start: Any, r: Array) -> Array:
-    """Integral of 2 pi r Sigma / Sigma_ref up to each of the rising radii `r`, from the first of them."""
+    """Return the integral (n,) of 2 pi r Sigma / Sigma_ref from the first of the rising radii `r` (n,) to each."""
     return integral(r, shape(start, r))
 
 
 def integral(r: Array, density: Array) -> Array:
-    """Integral of 2 pi r density up to each of the rising radii `r`, from the first of them."""
+    """Return the integral (n,) of 2 pi r density from the first of the rising radii `r` (n,) to each."""
     f = 2.0 * np.pi * r * density
     return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(r))])
 
 
 def scale(scene: Scene) -> float:
-    """Sigma_ref in code units."""
+    """Return Sigma_ref in code units."""
     start: Any = scene.initial
     if start.surface_density is not None:
         return start.surface_density
@@ -122,7 +137,7 @@ def scale(scene: Scene) -> float:
 
 
 def reference_density(scene: Scene) -> float:
-    """Sigma at the reference radius of the scene's disc, given or started with."""
+    """Return Sigma at the reference radius of [background], or else of the start."""
     given: Any = scene.background
     if not given:
         found: float = STARTS[scene.initial.kind].reference_density(scene)
@@ -133,12 +148,12 @@ def reference_density(scene: Scene) -> float:
 
 
 def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
-    """sqrt(dP/dSigma) of the gas at radius `r` and surface density `density`, isothermal but for a polytrope."""
+    """Return sqrt(dP/dSigma) (n,) of the gas at fixed temperature profile (a polytrope: its own sound speed)."""
     return eos_of(scene).sound_speed(scene, r, density)
 
 
 def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array:
-    """sqrt(P / Sigma) of the gas at radius `r`, of a polytrope of particles at a surface density `density`."""
+    """Return sqrt(P / Sigma) (n,) of the gas at radius `r` (n,); a polytrope of particles needs `density` (n,) too."""
     if scene.model.given is not None:
         found: Array = scene.model.given(scene).thermal_speed(r)
         return found
@@ -146,13 +161,15 @@ def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array
 
 
 def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
-    """Speed of sound waves, as the gas of a run has it: of adiabatic gas the adiabatic one."""
+    """Return the speed (n,) of sound waves in the gas of a run; for adiabatic gas the adiabatic one."""
     return eos_of(scene).wave_speed(scene, r, density)
 
 
 def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
-    """-d ln P / d ln r of the gas at radii (n,): of P integrated over height, which moves a disc of two dimensions, and
-    of that in the midplane, P / (sqrt(2 pi) H), of a disc with a thickness. None where the scene is no disc.
+    """Return -d ln P / d ln r (n,) of the gas at radii `r` (n,), of P integrated over height and of P in the midplane.
+
+    The former acts in a disc of two dimensions; the latter, P / (sqrt(2 pi) H), in one with a thickness. None if the
+    scene is not a disc.
     """
     start = None if scene.initial is None else STARTS[scene.initial.kind]
     ends: tuple[float, float] = (0.0, np.inf)
@@ -165,7 +182,7 @@ def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
     elif start.radial is not None:
         disc = start.radial(scene)
         ends, density = (disc.inner, disc.outer), disc.surface_density
-        with np.errstate(divide="ignore", invalid="ignore"):  # a polytrope is cold where it ends
+        with np.errstate(divide="ignore", invalid="ignore"):  # the temperature of a polytrope is 0 at its edge
             slope = np.nan_to_num(disc.pressure_acceleration(r) * r / thermal_speed(scene, r, density(r)) ** 2)
     else:
         rings = start.all_over(scene)[0]
@@ -191,7 +208,7 @@ def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
 
 
 def _slope_at(x: float, places: Array, values: Array) -> float:
-    """Slope at `x` of noisy `values` (n,) at sorted `places` (n,): that of a line through those within NEAR of x."""
+    """Return the slope at `x` of a line fitted to noisy `values` (n,) at sorted `places` (n,) within NEAR of x."""
     distance = np.abs(places - x)
     weight = np.maximum(1.0 - distance / max(NEAR, np.sort(distance)[: FEWEST + 1][-1]), 0.0)
     middle = np.average(places, weights=weight)
@@ -203,10 +220,10 @@ def surface_density(scene: Scene, r: Array) -> Array:
 
 
 def pressure_acceleration(scene: Scene, r: Array) -> Array:
-    """-(1/Sigma) dP/dr of the gas at radius `r`, from the smooth profile: an edge without taper gives none.
+    """Return -(1/Sigma) dP/dr (n,) of the gas at radius `r` (n,) from the smooth profile, without edges.
 
-    Where a taper falls faster than over H = c_s/Omega no rotation balances it, and the gas spreads; there it is taken
-    as if it fell over H.
+    No rotation balances a taper that declines within less than H = c_s/Omega: the gas spreads. The force of such a
+    taper is that of a decline over H.
     """
     start: Any = scene.initial
     speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2

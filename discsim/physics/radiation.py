@@ -1,6 +1,6 @@
-"""Light of the star as a share of its pull: a grain of beta = F_rad / F_grav feels a star of mass (1 - beta) M.
+"""Radiation pressure of the star: a grain with beta = F_rad / F_grav feels a star of mass (1 - beta) M.
 
-Both fall as 1/r^2, so that a population of dust has one beta at every radius (Burns, Lamy & Soter 1979, eq. 19).
+Both forces fall as 1/r^2, so that a dust population has one beta at every radius (Burns, Lamy & Soter 1979, eq. 19).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def pull_share(scene: Scene) -> np.ndarray:
-    """1 - beta of each population of dust (populations,): what light leaves of the star's pull; below 0 it pushes."""
+    """Return 1 - beta of each dust population (populations,), the factor of the star's pull; repulsive below 0."""
     count = len(scene.dust or ())
     if scene.radiation_pressure is None:
         return np.ones(count)
@@ -24,8 +24,10 @@ def pull_share(scene: Scene) -> np.ndarray:
 
 
 def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | None:
-    """Light's push on each population as a velocity (populations, n), r times it over the Keplerian one (n,), beta v_K
-    about the star alone; None where there is no light. The star alone shines, whatever else the disc turns about.
+    """Return the radiation force on each population as a velocity (populations, n): r times it over `keplerian` (n,).
+
+    About the star alone this is beta v_K. Only the star radiates, even if the central mass includes companions. None
+    without radiation pressure.
     """
     if scene.radiation_pressure is None:
         return None
@@ -33,8 +35,9 @@ def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | N
 
 
 def lag(scene: Scene, species: np.ndarray, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray:
-    """By how much grains without drag, of populations `species` (n,), turn faster than the Keplerian velocity (n,) on
-    their circles: less than 0. Those that light drives off turn with none.
+    """Return the circular velocity (n,) less `keplerian` (n,) of grains without drag of populations `species` (n,).
+
+    It is negative. Grains that radiation expels have circular velocity 0.
     """
     found = pushes(scene, r, keplerian)
     assert found is not None

@@ -1,24 +1,24 @@
-"""The kinematic viscosity that a scene asks for (`[alpha_viscosity]`), and the flow that it drives. Numpy only.
+"""The kinematic viscosity of a scene (`[alpha_viscosity]`), and the radial flow that it drives. Numpy only.
 
     nu    = alpha c_s H = alpha c_s^2 / Omega_K,  or a constant                    (1)  Shakura & Sunyaev 1973
-    alpha = alpha (r / r_0)^index, or from inner_alpha to outer_alpha: their mean, and half their difference times
-            tanh(ln(r / radius) / width), of them or of their logarithms           (2)
-            in a dead zone dead_alpha: the share [tanh(ln(r / dead_inner) / dead_width)
-            - tanh(ln(r / dead_outer) / dead_width)] / 2 of the way to it          (3)
+    alpha = alpha (r / r_0)^index, or a step from inner_alpha to outer_alpha: the mean plus half the difference
+            times tanh(ln(r / radius) / width), of them or of their logarithms     (2)
+            in a dead zone, the share [tanh(ln(r / dead_inner) / dead_width)
+            - tanh(ln(r / dead_outer) / dead_width)] / 2 of the way to dead_alpha  (3)
     v_r   = -3 / (Sigma sqrt(r)) d(nu Sigma sqrt(r))/dr                            (4)  Lynden-Bell & Pringle 1974
 
-c_s is the thermal speed sqrt(P / Sigma), as in every H of discsim, of gas that holds heat that of its present
-temperature. Omega_K is that of circles about the central mass, softened as the star is.
+c_s is the thermal speed sqrt(P / Sigma), as in every H of discsim; gas that integrates u has that of its present
+temperature. Omega_K is that of circles about the central mass, with the softening of the star.
 
-What the gas has beside it: of the artificial viscosity's linear term on all pairs, half as much on approaching ones,
-and of its quadratic one at the shear S = 3 Omega / 2 of a disc, from their sums over a kernel in even gas (nothing on
-reconstructed velocities, which a smooth shear leaves without a jump),
+The gas has two numerical viscosities in addition. The artificial viscosity acts in shear as
 
     nu    = 3/16 alpha_sph <q> c_s h + beta <q^2> S h^2 / (6 pi)                   (5)
 
-a quarter of it with Balsara's switch; and the noise of particles, .014 to .034 c_s h by the kernel, times
-(36 / N)^1.1 with N neighbours, and in quiet gas times (1.03 - share) 10 / time (fitted to the figures of
-`analysis/noise.py`, of one start each, so within a factor of two).
+from the sums over a kernel in even gas, with the shear S = 3 Omega / 2 of a disc. The linear term is that on all
+pairs, and half as large on approaching ones only. Balsara's switch reduces (5) to a quarter. Reconstructed velocities
+have no jump in smooth shear, and (5) is 0. Particle noise has 0.014 to 0.034 c_s h, depending on the kernel, times
+(36 / N)^1.1 with N neighbours, and in quiet gas times (1.03 - share) 10 / time. These numbers are fits to the results
+of `analysis/noise.py`, of one start each, and good within a factor of two.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-STEP = 1e-4  # of ln r, for the slope in (4): of fourth order
-# In the step limit 1 / (STABLE W(0, h) nu). Velocities grow on a lattice in steps with 22 or less in its place, and in
-# any disorder with 14. The largest Courant factor, .72 (`scene/rules.py`), makes it 25.
+STEP = 1e-4  # step in ln r of the fourth-order finite differences in (4)
+# Constant of the step limit 1 / (STABLE W(0, h) nu). Steps with at most 22 in its place are unstable on a lattice, and
+# with 14 in any disorder. The largest Courant factor, 0.72 (`scene/rules.py`), makes it 25.
 STABLE = 18.0
-SWITCHED = 0.25  # what Balsara's switch leaves in shear
-USUAL, CALMER = 36.0, 1.1  # neighbours of the kernels' `noise`, and how it falls with more of them
-UNSHARED, MEMORY = 0.03, 10.0  # of quiet gas: what the rings' share leaves at least, at a `time` of so much
+SWITCHED = 0.25  # factor of Balsara's switch in shear
+USUAL, CALMER = 36.0, 1.1  # number of neighbours of the kernels' `noise`, and its power law with that number
+UNSHARED, MEMORY = 0.03, 10.0  # quiet gas: fraction of noise at `share` 1, and the `time` of these figures
 
 
 def alpha(scene: Scene, r: Array) -> Array:
-    """alpha at the radii `r` (n,) > 0, of a table that gives no `nu`."""
+    """Return alpha (n,) at the radii `r` (n,) > 0 for a table without `nu`, eqs. (2) and (3)."""
     keys: Any = scene.table("alpha_viscosity")
     log = np.log(r)
     if keys.alpha is not None:
@@ -67,15 +67,15 @@ def alpha(scene: Scene, r: Array) -> Array:
 
 
 def reference_radius(scene: Scene) -> float:
-    """Where a power of r has the value of `alpha`: the start's reference radius; 1 for the caller's own particles."""
+    """Return r_0 of (2): the start's reference radius, or 1 if it has none or the caller passed particles."""
     return getattr(scene.initial, "reference_radius", 1.0)
 
 
 def diffusivity(scene: Scene, r: Array, thermal_speed: Array | None = None, central_mass: float | None = None) -> Array:
-    """nu (n,) at the radii `r` (n,) in code units, eq. (1).
+    """Return nu (n,) at the radii `r` (n,) in code units, eq. (1).
 
-    thermal_speed: c_s (n,) of the gas there; without it, that of the temperature that the scene starts with, which a
-    polytrope of particles does not have. central_mass: by default that of the start.
+    thermal_speed: c_s (n,) of the gas there, by default that of the scene's temperature at the start; a polytrope of
+    particles has no such default. central_mass: by default that of the start.
     """
     keys: Any = scene.table("alpha_viscosity")
     if keys.nu is not None:
@@ -92,10 +92,10 @@ def radial_flow(
     surface_density: Callable[[Array], Array],
     thermal_speed: Callable[[Array], Array] | None = None,
 ) -> Array:
-    """Radial velocity (n,) at the radii `r` (n,) of a disc that its viscosity moves, eq. (4), where Sigma is not 0.
+    """Return the radial velocity (n,) at the radii `r` (n,) of a viscous disc, eq. (4), where Sigma is not 0.
 
-    surface_density, thermal_speed: functions of radii (n,), of the smooth disc. The slope is of fourth order: off by
-    about (STEP r / l)^4 where these vary over l.
+    surface_density, thermal_speed: functions of radii (n,) of the smooth disc. The slope is of fourth order: its
+    relative error is about (STEP r / l)^4 where these functions vary over l.
     """
 
     def torque(radius: Array) -> Array:
@@ -109,14 +109,14 @@ def radial_flow(
 
 
 def longest_step(scene: Scene, nu: Array, h: Array) -> Array:
-    """The longest step (n,) of gas with a viscosity nu (n,) and smoothing lengths h (n,): 1 / (18 W(0, h) nu)."""
+    """Return the step limit (n,) of gas with viscosity nu (n,) and smoothing length h (n,): 1 / (18 W(0, h) nu)."""
     central = SMOOTHING[scene.gas.kernel].least_eta[1] ** 2  # W(0, h) h^2
     with np.errstate(divide="ignore"):
         return h * h / (STABLE * central * nu)
 
 
 def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, h: Array) -> Array | None:
-    """nu (n,) where `radius` and c_s are so; None where the scene asks for none, or does not define it there."""
+    """Return nu (n,) at given `radius` and c_s (n,); None if the scene has no viscosity or does not define it."""
     keys: Any = scene.table("alpha_viscosity")
     if keys is None or (keys.nu is None and (radius is None or thermal_speed is None)):
         return None
@@ -124,7 +124,7 @@ def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, h
 
 
 def artificial(scene: Scene, at: Local) -> Array:
-    """nu (n,) of the artificial viscosity at the places of `at`, eq. (5); beta's part only where there is an Omega."""
+    """Return nu (n,) of the artificial viscosity at the places of `at`, eq. (5); without Omega, only alpha's term."""
     given, kernel = scene.gas.viscosity, SMOOTHING[scene.gas.kernel]
     if given is None or not given.acts_in_shear or at.h is None or at.sound_speed is None:
         return np.zeros_like(at.density)
@@ -135,7 +135,7 @@ def artificial(scene: Scene, at: Local) -> Array:
 
 
 def noise(scene: Scene, at: Local) -> Array:
-    """nu (n,) of the particles' noise in a disc at the places of `at`, about."""
+    """Return an estimate of nu (n,) of particle noise in a disc at the places of `at`."""
     if at.resolution is None or at.thermal_speed is None:
         return np.zeros_like(at.density)
     kernel = SMOOTHING[scene.gas.kernel]
