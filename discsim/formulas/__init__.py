@@ -1,1 +1,1 @@
-"""Numbers and formulas that kernels, runs and previews share. Python and numpy alone: numba compiles what it needs."""
+"""Constants and formulas shared by kernels, runs and previews. Python and numpy only; numba compiles some of them."""

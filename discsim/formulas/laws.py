@@ -1,4 +1,4 @@
-"""Laws of the stopping time, of one grain in gas of density rho_g and thermal speed c_s that passes at a speed w.
+"""Laws of the stopping time of a grain with slip speed w in gas of density rho_g and thermal speed c_s.
 
     constant        t = rho_d / K
     stopping-time   t given
@@ -9,22 +9,23 @@
                     max(1, Re^0.4, 0.44 Re / 24),   Re = 2 s w / nu,   nu = lambda c / 2                  (4)
 
 c_s = sqrt(P / rho_g) is the isothermal sound speed of any gas. c is the mean speed of molecules, sqrt(8/pi) c_s, or
-with the convention of the papers c_s; rho_s is the grain's material density;
-the mean free path lambda = (mean free column) / rho_g. In two dimensions rho_g = Sigma Omega / (sqrt(2 pi) c_s).
-(1), (3) and (4): Weidenschilling 1977, with the drag coefficients 24/Re, 24/Re^0.6 and 0.44 (Whipple 1972), each where
-it is the largest, so that the drag is continuous; (2): Kwok 1975. `kernels/drag/laws.py` compiles all this.
+c_s with the convention "papers". rho_s is the grain's material density. The mean free path is lambda = (mean free
+column) / rho_g. In two dimensions rho_g = Sigma Omega / (sqrt(2 pi) c_s).
+Sources: (1), (3) and (4) Weidenschilling 1977, with the drag coefficients 24/Re, 24/Re^0.6 and 0.44 (Whipple 1972),
+each where it is the largest, so that the drag is continuous; (2) Kwok 1975. `kernels/drag/laws.py` compiles these functions.
 """
 
 import math
 from collections.abc import Sequence
 
-# Forms: what a stopping time depends on. Several laws may have one, with values of their own.
+# Forms of the stopping time. Several laws may share a form, with different values.
 CONSTANT, STOPPING_TIME, STOKES_NUMBER, EPSTEIN, EPSTEIN_STOKES = range(5)
-# Of a population: K, t_stop, St or s rho_s c_s / c; what w^2 / c_s^2 counts in (2); s; the mean free column; c / c_s.
+# Indices of a grain's parameters: K, t_stop, St or s rho_s c_s / c; factor of w^2 / c_s^2 in (2); s; mean free column;
+# c / c_s.
 VALUE, SUPERSONIC, SIZE, COLUMN, THERMAL = range(5)
 KWOK = 9.0 * math.pi / 128.0
-RAM = 0.44 / 24.0  # in (4): turbulent drag over Stokes', by the Reynolds number,
-TURBULENT = RAM ** (-2.0 / 3.0)  # and the hastening from which on it is the larger
+RAM = 0.44 / 24.0  # in (4), turbulent drag over Stokes drag is RAM Re
+TURBULENT = RAM ** (-2.0 / 3.0)  # value of the max in (4) above which its turbulent term is the largest
 
 
 def volume_density(density: float, sound: float, omega: float) -> float:
@@ -34,7 +35,7 @@ def volume_density(density: float, sound: float, omega: float) -> float:
 def stopping_time(
     law: int, grain: Sequence[float], mass_ratio: float, density: float, sound: float, omega: float
 ) -> float:
-    """Stopping time of the dust at vanishing speed; `grain` (5,), rho_d = mass_ratio density."""
+    """Return the stopping time of dust at zero slip; `grain` (5,) has its parameters, rho_d = mass_ratio density."""
     value = grain[VALUE]
     if law == CONSTANT:
         return mass_ratio * density / value
@@ -51,7 +52,7 @@ def stopping_time(
 
 
 def quickening(law: int, grain: Sequence[float], density: float, sound: float, omega: float) -> tuple[float, float]:
-    """What speeds up a grain's drag as its slip w grows: what w^2 counts in (2), and Re^2 / w^2 where (4) holds."""
+    """Return the coefficients of w^2 by which drag grows with slip: that of (2), or Re^2 / w^2 in the regime of (4)."""
     if law == EPSTEIN_STOKES:
         path = grain[COLUMN] / volume_density(density, sound, omega)
         if 9.0 * path < 4.0 * grain[SIZE]:
@@ -61,7 +62,7 @@ def quickening(law: int, grain: Sequence[float], density: float, sound: float, o
 
 
 def hastened(mach2: float, reynolds2: float, slip2: float) -> float:
-    """By how much the drag is faster at slip^2 than at none, from `quickening`; eqs. (2) and (4)."""
+    """Return the drag rate at slip^2 over that at zero slip, eqs. (2) and (4), from the results of `quickening`."""
     if reynolds2 > 0.0:
         square = reynolds2 * slip2
         return max(square**0.2, RAM * math.sqrt(square)) if square > 1.0 else 1.0
@@ -69,18 +70,18 @@ def hastened(mach2: float, reynolds2: float, slip2: float) -> float:
 
 
 def steepness(mach2: float, reynolds2: float, slip2: float, fast: float) -> float:
-    """d ln H / d ln w of a hastening H = `fast`."""
+    """Return d ln H / d ln w of the factor H = `fast` from `hastened`."""
     if reynolds2 > 0.0:
         return 1.0 if fast > TURBULENT else 0.4 if fast > 1.0 else 0.0
     return mach2 * slip2 / (fast * fast)
 
 
 def unhastened(mach2: float, reynolds2: float, slip2: float) -> bool:
-    """Whether no slip up to that changes the drag: not by rounding in (2), and with Re <= 1 in (4)."""
+    """Return whether slips up to slip^2 leave the drag unchanged: to rounding in (2), and with Re <= 1 in (4)."""
     return mach2 * slip2 < 1e-16 and reynolds2 * slip2 <= 1.0
 
 
 def hastening(law: int, grain: Sequence[float], density: float, sound: float, omega: float, speed: float) -> float:
-    """The same of a law, a grain and a place."""
+    """Return the drag rate at a slip `speed` over that at zero slip, for a law, a grain and the gas at a place."""
     mach2, reynolds2 = quickening(law, grain, density, sound, omega)
     return hastened(mach2, reynolds2, speed * speed)

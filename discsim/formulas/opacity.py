@@ -1,4 +1,4 @@
-"""Opacity of the dust and gas of a disc after Bell & Lin (1994, ApJ 427, 987, appendix): kappa = k rho^a T^b in cgs.
+"""Opacity of the dust and gas of a disc by Bell & Lin (1994, ApJ 427, 987, appendix): kappa = k rho^a T^b in cgs.
 
     ice grains            2e-4 T^2                    evaporation of metals   2e81 rho T^-24
     evaporation of ice    2e16 T^-7                   molecules               1e-8 rho^(2/3) T^3
@@ -6,8 +6,8 @@
                                                       bound-free, free-free   1.5e20 rho T^(-5/2)
                                                       electron scattering     0.348
 
-Each holds from where it meets the one before: the least of two that cross is a peak, the greatest a valley, so that
-kappa is continuous for any rho.
+Each regime begins at the temperature at which it equals the one before. Where two cross, kappa is their minimum at a
+peak and their maximum at a valley, so that it is continuous for any rho.
 """
 
 BELL_LIN = (
@@ -20,6 +20,6 @@ BELL_LIN = (
     (1.5e20, 1.0, -2.5),
     (0.348, 0.0, 0.0),
 )  # (k, a, b) in the order of rising temperature
-METALS = 2e17 ** (1.0 / 7.5)  # K, above which metal grains absorb what ice left: 2e16 T^-7 = 0.1 T^(1/2)
-# g/cm3; thinner gas has the opacity of this one, whose metal grains still outlast the ice. It is transparent.
+METALS = 2e17 ** (1.0 / 7.5)  # K, above which metal grains dominate over evaporating ice: 2e16 T^-7 = 0.1 T^(1/2)
+# g/cm3, lower bound of rho in kappa: at it metal grains still evaporate after the ice. Such gas is transparent.
 THINNEST = 1e-24

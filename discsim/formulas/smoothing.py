@@ -1,4 +1,4 @@
-"""Smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, by name; their polynomials are in `kernels/sph/smoothing.py`."""
+"""Constants of smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, by name; `kernels/sph/smoothing.py` has the w(q)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,27 @@ from typing import NamedTuple
 
 
 class Smoothing(NamedTuple):
-    """A smoothing kernel; pairs of numbers are for one and for two dimensions.
+    """Constants of a smoothing kernel; pairs of numbers are for one and for two dimensions.
 
-    support: its radius in h. squeezed: h over that of the same kernel in the usual units. norm: sigma. eta: of
-    h = eta (m/rho)^(1/d), such that sound on an even lattice has the right speed. least_eta: W(0)^(1/d) in h; with less
-    a particle is dense enough by itself at any h, which then falls to nothing. mean_q: of W in two dimensions, <q> and
-    <q^2>. fastest: the largest frequency of sound on a lattice of particles, in c_s / h, h as the usual units have it.
-    noise: viscosity that particles' noise makes in the shear of a disc, in c_s h, with 36 neighbours; fitted to the
-    rings of `analysis/noise.py`.
+    Attributes
+    ----------
+    support : float
+        Support radius in h.
+    squeezed : float
+        Value of h over the h of the same kernel in its usual definition.
+    norm : (float, float)
+        sigma.
+    eta : (float, float)
+        Default of h = eta (m/rho)^(1/d), for which sound on an even lattice has the right speed.
+    least_eta : (float, float)
+        [W(0) h^d]^(1/d), the least eta. With less, a particle's own density suffices at any h, and h falls to 0.
+    mean_q : (float, float)
+        Moments <q> and <q^2> of W in two dimensions.
+    fastest : (float, float)
+        Largest frequency of sound on a lattice of particles, in c_s / h with the usual definition of h.
+    noise : float
+        Viscosity by particle noise in the shear of a disc with 36 neighbours, in c_s h; a fit to the rings of
+        `analysis/noise.py`.
     """
 
     support: float
@@ -27,18 +40,18 @@ class Smoothing(NamedTuple):
     noise: float
 
     def neighbours(self, eta: float) -> float:
-        """Neighbours in even gas in two dimensions."""
+        """Return the number of neighbours in even gas in two dimensions."""
         return math.pi * (self.support * eta) ** 2
 
 
-# eta: in 1D whole numbers of spacings; only then is a B-spline's sum density exact. In 2D on a square lattice, along an
-# axis, c_s^2 is right to .5% with the B-splines (with eta = 1.2 the cubic one is 8% off), to 2% with Wendland's.
-# quintic-h is the quintic squeezed to support h: thrice the eta.
+# eta in 1D is a whole number of spacings, as only then the summed density of a B-spline is exact. In 2D on a square
+# lattice along an axis, the error of c_s^2 is 0.5% with B-splines (8% for the cubic one with eta = 1.2), and 2% with
+# Wendland kernels. quintic-h is the quintic scaled to support h, with three times its eta.
 CUBIC_Q, QUINTIC_Q, WENDLAND_C4_Q = (5 / 7, 31 / 49), (210 / 239, 2771 / 2868), (32 / 55, 14 / 33)
 WENDLAND_C2_Q = 2 / 3, 5 / 9
 SQUEEZED_Q = QUINTIC_Q[0] / 3, QUINTIC_Q[1] / 9
 QUINTIC_W = (2.10, 1.88)
-QUIET = "wendland-c4"  # the kernel of quiet gas where none is named: the mean pull is right to 1% (analysis/noise.py)
+QUIET = "wendland-c4"  # default kernel of quiet gas: the error of the mean force is 1% (analysis/noise.py)
 SMOOTHING = {
     "cubic": Smoothing(
         2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), CUBIC_Q, (2.62, 2.37), 0.032
