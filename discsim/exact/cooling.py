@@ -1,10 +1,12 @@
-"""One zone of gas that is heated at a constant rate and cools: du/dt = rate - (u - u_eq) / t_cool, or by u^4.
+"""Specific energy u of one zone of gas with constant heating and cooling, linear in u or by u^4.
 
-    towards u_eq    u(t) = u_inf + (u_0 - u_inf) exp(-t / t_cool),      u_inf = u_eq + rate t_cool            (1)
+    towards u_eq    du/dt = rate - (u - u_eq) / t_cool:
+                    u(t) = u_inf + (u_0 - u_inf) exp(-t / t_cool),      u_inf = u_eq + rate t_cool            (1)
     by u^4          du/dt = a (u_inf^4 - u^4):
                     t(u) = [F(u / u_inf) - F(u_0 / u_inf)] / (2 a u_inf^3),  F(x) = atanh(x^(1 or -1)) + atan x  (2)
 
-atanh of 1/x where u is above u_inf. (2) is a grey zone of constant opacity, whose surfaces radiate as T^4.
+The exponent in F is 1 for u below u_inf, and -1 for u above it. (2) is the solution of a grey zone of constant
+opacity, whose surfaces radiate as T^4.
 """
 
 from __future__ import annotations
@@ -14,14 +16,50 @@ from numpy.typing import ArrayLike
 
 
 def towards(u: ArrayLike, settled: ArrayLike, rate: ArrayLike, t_cool: ArrayLike, time: ArrayLike) -> np.ndarray:
-    """u after `time` (eq. 1); arrays of one shape, any units."""
+    """Return the specific energy of gas that cools linearly towards an energy, eq. (1).
+
+    Parameters
+    ----------
+    u : array_like
+        Specific energy u_0 at the start. Arguments broadcast; any consistent units.
+    settled : array_like
+        Energy u_eq towards which the gas cools.
+    rate : array_like
+        Heating rate per mass.
+    t_cool : array_like
+        Cooling time.
+    time : array_like
+        Time since the start.
+
+    Returns
+    -------
+    ndarray
+        Specific energy at `time`, of the arguments' joint shape.
+    """
     u, settled, rate, t_cool, time = (np.asarray(x, dtype=float) for x in (u, settled, rate, t_cool, time))
     gone = -np.expm1(-time / t_cool)
     return u * np.exp(-time / t_cool) + (settled + rate * t_cool) * gone
 
 
 def fourth_power(u: ArrayLike, settled: float, strength: float, time: ArrayLike) -> np.ndarray:
-    """u after `time` (...) where du/dt = strength (settled^4 - u^4) (eq. 2), to 1e-14 of it; settled above 0."""
+    """Return the specific energy of gas with du/dt = strength (settled^4 - u^4), eq. (2).
+
+    Parameters
+    ----------
+    u : array_like
+        Specific energy u_0 at the start. `u` and `time` broadcast; any consistent units.
+    settled : float
+        Final energy u_inf, above 0.
+    strength : float
+        Coefficient a.
+    time : array_like
+        Time since the start.
+
+    Returns
+    -------
+    ndarray
+        Specific energy at `time`, of the joint shape of `u` and `time`, to a relative error of 1e-14.
+    """
     start, time = np.broadcast_arrays(np.asarray(u, float) / settled, np.asarray(time, float))
     above = start > 1.0
 
@@ -31,7 +69,7 @@ def fourth_power(u: ArrayLike, settled: float, strength: float, time: ArrayLike)
     with np.errstate(divide="ignore"):
         begun = passed(start)
     wanted = begun + 2.0 * strength * settled**3 * time
-    # Bisection in atanh's argument: near the end of the path u itself has no digits to tell it from u_inf.
+    # Bisection in the value of atanh, as u near the end of its path differs from u_inf by less than rounding.
     low, high = np.zeros(start.shape), np.full(start.shape, 400.0)
     for _ in range(200):
         middle = 0.5 * (low + high)

@@ -2,14 +2,14 @@
 
     dv/dt = a_g + (K/rho_g) (u - v)         du/dt = a_d - (K/rho_d) (u - v)
 
-The slip s = u - v obeys ds/dt = (a_d - a_g) - lam s with lam = K (1/rho_g + 1/rho_d), so that by the time t
-the dust has given the gas, per unit reduced mass, the momentum
+The slip s = u - v obeys ds/dt = (a_d - a_g) - lam s with lam = K (1/rho_g + 1/rho_d). By the time t the dust has
+transferred to the gas, per unit reduced mass, the momentum
 
     J = s_0 (1 - exp(-lam t)) + (a_d - a_g) t [1 - (1 - exp(-lam t))/(lam t)]                       (1)
     v = v_0 + a_g t + J eps/(1 + eps)       u = u_0 + a_d t - J/(1 + eps)                            (2)
 
-with eps = rho_d/rho_g. Every term of (1) keeps its digits for any lam t, small or large. Where the drag depends on the
-slip there is no such formula, and `velocities_by_speed` integrates the equations to 1e-11.
+with eps = rho_d/rho_g. Each term of (1) is evaluated without cancellation at any lam t. If drag depends on the slip,
+no such formula exists, and `velocities_by_speed` integrates the equations with a tolerance of 1e-11.
 """
 
 from __future__ import annotations
@@ -35,10 +35,27 @@ def velocities(
     gas_acceleration: ArrayLike = 0.0,
     dust_acceleration: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities (gas v, dust u) at `time`, of the inputs' joint shape.
+    """Return the velocities of gas and dust under linear drag and constant accelerations, eqs. (1) and (2).
 
-    Exact to rounding of the largest velocity. `drag_coefficient` is K, the force density on the gas per unit
-    slip; `dust_ratio` is rho_d/rho_g > 0.
+    Parameters
+    ----------
+    time : array_like
+        Time since the start. All arguments broadcast; any consistent units.
+    gas_velocity, dust_velocity : array_like
+        Velocities v_0 and u_0 at the start.
+    gas_density : array_like
+        Density rho_g.
+    dust_ratio : array_like
+        Dust-to-gas ratio eps = rho_d/rho_g, above 0.
+    drag_coefficient : array_like
+        K, the force density on the gas per unit slip.
+    gas_acceleration, dust_acceleration : array_like
+        Accelerations a_g and a_d.
+
+    Returns
+    -------
+    gas, dust : ndarray
+        Velocities v and u at `time`, of the arguments' joint shape, to rounding of the largest velocity.
     """
     t, v, u, density, ratio, k, a_gas, a_dust = (
         np.asarray(x, dtype=float)
@@ -69,7 +86,26 @@ def velocities_by_speed(
     gas_acceleration: ArrayLike = 0.0,
     dust_acceleration: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities (gas v, dust u) at `time`, vectors (d,) like those given, where 1/t_stop = `rate`(|u - v|)."""
+    """Return the velocities of gas and dust under drag that depends on the slip, by numerical integration.
+
+    Parameters
+    ----------
+    time : float
+        Time since the start. Any consistent units.
+    gas_velocity, dust_velocity : array_like, shape (d,)
+        Velocities at the start.
+    dust_ratio : float
+        Dust-to-gas ratio rho_d/rho_g, above 0.
+    rate : callable (slip)
+        Return 1/t_stop of the dust at a slip |u - v|.
+    gas_acceleration, dust_acceleration : array_like, shape (d,) or scalar
+        Constant accelerations.
+
+    Returns
+    -------
+    gas, dust : ndarray, shape (d,)
+        Velocities at `time`.
+    """
     v, u, a_gas, a_dust = (
         np.atleast_1d(np.asarray(x, dtype=float))
         for x in (gas_velocity, dust_velocity, gas_acceleration, dust_acceleration)
@@ -86,7 +122,7 @@ def velocities_by_speed(
 
 
 def _one_minus_phi(z: np.ndarray) -> np.ndarray:
-    """1 - (1 - exp(-z))/z, without cancellation at small z."""
+    """Return 1 - (1 - exp(-z))/z without cancellation at small z."""
     small = np.polynomial.polynomial.polyval(np.minimum(z, 0.5), _SERIES)
     large = np.maximum(z, 0.5)
     return np.where(z < 0.5, small, 1 + np.expm1(-large) / large)

@@ -1,8 +1,8 @@
 """Shock tube of gas and dust in the limit of strong drag (DustyShock; Laibe & Price 2012, Saito et al. 2003).
 
-The two move as one gas of density rho_g (1 + eps) and the gas's own pressure; dust holds no heat and friction
-heats the gas, so that gamma stays. The answer is the Riemann problem of that heavy gas, whose sound speed is
-c_s/sqrt(1 + eps).
+Gas and dust move as one gas of density rho_g (1 + eps) with the pressure of the gas. Dust has no heat capacity and
+friction heats the gas, so that gamma is unchanged. The solution is the Riemann problem of this heavy gas, whose sound
+speed is c_s/sqrt(1 + eps).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from discsim.exact import riemann
 
 
 class Mixture(NamedTuple):
-    """Fields at the asked places; both species share the velocity."""
+    """Densities, common velocity and pressure of gas and dust at the requested positions (n,)."""
 
     gas_density: np.ndarray
     dust_density: np.ndarray
@@ -31,7 +31,31 @@ def solution(
     right: tuple[float, float, float] = (0.125, 0.1, 0.0),
     gamma: float = 1.4,
 ) -> Mixture:
-    """The tube at places `x` and `time` > 0; the states are the gas's (density, pressure, velocity)."""
+    """Return the flow in a shock tube of tightly coupled gas and dust.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Position; the states are separated at 0. Any consistent units.
+    time : float
+        Time, above 0.
+    dust_ratio : float
+        Dust-to-gas ratio eps, the same on both sides.
+    left, right : (float, float, float)
+        Density, pressure and velocity of the gas at x < 0 and at x > 0.
+    gamma : float
+        Ratio of specific heats.
+
+    Returns
+    -------
+    Mixture
+        Densities of gas and dust, velocity and pressure (n,).
+
+    Raises
+    ------
+    ValueError
+        If the two sides separate and leave a vacuum.
+    """
     heavy = 1 + dust_ratio
     left = (left[0] * heavy, left[1], left[2])
     right = (right[0] * heavy, right[1], right[2])

@@ -5,17 +5,17 @@ Perturbations d_g = drho_g/rho_g, d_d = drho_d/rho_d and velocities v, u, all ~ 
     d_g' = -i k v      v' = -i k c_s^2 d_g + (K/rho_g)(u - v)
     d_d' = -i k u      u' = -(K/(eps rho_g))(u - v)
 
-in the barycentric velocity V = (v + eps u)/(1 + eps) and the slip s = u - v, where only one entry is stiff:
+With the barycentric velocity V = (v + eps u)/(1 + eps) and the slip s = u - v only one entry is stiff:
 
     y = (d_g, d_d, V):   y' = A y + b s      s' = c y - lam s      lam = (K/rho_g)(1 + 1/eps)        (1)
 
-The exponential of the 4x4 matrix of (1) is the answer; its error is lam t/2^53, so for large lam (1)
-is decoupled first. With s = R y + z and y = w + q z,
+The solution is the exponential of the 4x4 matrix of (1). Its error is lam t/2^53, so for large lam (1) is decoupled
+first. With s = R y + z and y = w + q z the same system is, exactly,
 
     c - lam R - R A - R b R = 0       (A + b R + lam + R b) q = -b                                   (2)
     w' = (A + b R) w                  z' = -(lam + R b) z                                            (3)
 
-is the same system, exactly. Limits: K -> inf is a wave of speed c_s/sqrt(1 + eps).
+In the limit K -> inf it is a wave of speed c_s/sqrt(1 + eps).
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-_STIFF = 50.0  # lam/(k c_s) above which eq. (2) is solved: its iteration then gains more than a digit a turn
+_STIFF = 50.0  # lam/(k c_s) above which eq. (2) is solved: its iteration then gains more than a digit each time
 
 
 class Wave(NamedTuple):
-    """Fields at the asked places, each of their shape."""
+    """Densities and velocities of gas and dust at the requested positions, each of the positions' shape."""
 
     gas_density: np.ndarray
     gas_velocity: np.ndarray
@@ -49,10 +49,35 @@ def solution(
     boost: float = 0.0,
     gas_density: float = 1.0,
 ) -> Wave:
-    """What starts as A sin(k x) in rho_g/rho_g0, rho_d/rho_d0, v and u, at the places `x` and `time`.
+    """Return the wave that starts as A sin(k x) in rho_g/rho_g0, rho_d/rho_d0, v and u.
 
-    `drag_coefficient` is K (force density K (u - v)), `wavenumber` the number of waves on `length`, `boost` a
-    uniform velocity of everything. For an oblique wave x and the velocities are along the wave vector.
+    Parameters
+    ----------
+    x : ndarray
+        Position; for an oblique wave, position along the wave vector. Any consistent units.
+    time : float
+        Time since the start.
+    drag_coefficient : float
+        K, the force density on the gas per unit slip.
+    dust_ratio : float
+        Dust-to-gas ratio eps, above 0.
+    sound_speed : float
+        Isothermal sound speed c_s.
+    amplitude : float
+        Relative amplitude A. Velocities have the amplitude A in the unit of `sound_speed`.
+    wavenumber : float
+        Number of waves on `length`.
+    length : float
+        Length of the periodic box.
+    boost : float
+        Uniform velocity added to gas and dust.
+    gas_density : float
+        Mean density rho_g0 of the gas.
+
+    Returns
+    -------
+    Wave
+        Densities and velocities of gas and dust, of the shape of `x`; velocities are along the wave vector.
     """
     k = 2 * np.pi * wavenumber / length
     y, slip = _evolve(time, k, drag_coefficient / gas_density, dust_ratio, sound_speed)
@@ -72,7 +97,7 @@ def solution(
 
 
 def _evolve(time: float, k: float, drag: float, ratio: float, sound_speed: float) -> tuple[np.ndarray, complex]:
-    """The mode ((d_g, d_d, V), s) at `time` that was (1, 1, 1), 0."""
+    """Return the mode ((d_g, d_d, V), s) at `time` that starts as (1, 1, 1), 0."""
     a = -1j * k * np.array([[0, 0, 1], [0, 0, 1], [sound_speed**2 / (1 + ratio), 0, 0]])
     b = -1j * k / (1 + ratio) * np.array([-ratio, 1, 0])
     c = 1j * k * sound_speed**2 * np.array([1, 0, 0])

@@ -4,13 +4,14 @@ With y = r / 2R, M = 2 pi Sigma_0 R^2 and G = 1 (Freeman 1970, ApJ 160, 811; Bin
 
     a_r = -(M y / R^2) [I_0(y) K_0(y) - I_1(y) K_1(y)]                               in the plane      (1)
 
-At a height z a disc is a line of masses at imaginary heights, Phi = -int_0^inf g(t) Re[r^2 + (z + it)^2]^(-1/2) dt with
-g(t) = 4 int_t^inf Sigma r dr / sqrt(r^2 - t^2) = 4 Sigma_0 t K_1(t/R). By parts, with w = z + it,
+At a height z the field is that of a line of masses at imaginary heights,
+Phi = -int_0^inf g(t) Re[r^2 + (z + it)^2]^(-1/2) dt with
+g(t) = 4 int_t^inf Sigma r dr / sqrt(r^2 - t^2) = 4 Sigma_0 t K_1(t/R). Integration by parts, with w = z + it, gives
 
     a_r = -(2 M / pi R^3 r) Im int_0^inf t K_0(t/R) w / sqrt(r^2 + w^2) dt                             (2)
 
-whose integrand is smooth along t = s exp(-i pi/4), s > 0. A disc that ends at a radius lacks the pull of the rings
-beyond it. A Plummer softening e gives the field at the height z = e: no approximation.
+The integrand is smooth along t = s exp(-i pi/4), s > 0. For a disc that ends at a radius, the pull of the rings beyond
+is subtracted. A Plummer softening e in the plane is exactly equivalent to the unsoftened field at the height z = e.
 """
 
 from __future__ import annotations
@@ -21,24 +22,70 @@ from scipy.special import ive, kv, kve
 from discsim.exact import ring
 
 Array = np.ndarray
-STEP = 0.1  # of ln s, for the trapezoidal rule: 1e-12 of the largest field
+STEP = 0.1  # step of ln s in the trapezoidal rule; the error is 1e-12 of the largest field
 
 
 def surface_density(radius: Array, scale: float, mass: float) -> Array:
-    """Surface density at `radius` of the whole disc of `mass`."""
+    """Return the surface density of the infinite disc.
+
+    Parameters
+    ----------
+    radius : ndarray
+        Radius r.
+    scale : float
+        Scale length R.
+    mass : float
+        Mass M of the infinite disc.
+
+    Returns
+    -------
+    ndarray
+        Surface density, of the shape of `radius`.
+    """
     return mass / (2 * np.pi * scale**2) * np.exp(-radius / scale)
 
 
 def enclosed_mass(radius: Array, scale: float, mass: float) -> Array:
-    """Mass within `radius`."""
+    """Return the mass within a radius of the infinite disc.
+
+    Parameters
+    ----------
+    radius : ndarray
+        Radius r.
+    scale : float
+        Scale length R.
+    mass : float
+        Mass M of the infinite disc.
+
+    Returns
+    -------
+    ndarray
+        Mass, of the shape of `radius`.
+    """
     x = radius / scale
     return -mass * (np.expm1(-x) + x * np.exp(-x))
 
 
 def radial_acceleration(radius: Array, scale: float, mass: float, height: float = 0.0, cut: float = np.inf) -> Array:
-    """Radial acceleration (n,) at `radius` (n,) > 0 and `height`, or in the plane with that softening.
+    """Return the radial acceleration of the disc, whole or cut off at a radius; G = 1.
 
-    `mass` is that of the whole disc, of which only what lies within `cut` is there. Then `radius` must be well within.
+    Parameters
+    ----------
+    radius : ndarray, shape (n,)
+        Radius r, above 0, and well within `cut` if that is finite.
+    scale : float
+        Scale length R.
+    mass : float
+        Mass M of the infinite disc.
+    height : float
+        Height z above the plane, or the Plummer softening in the plane.
+    cut : float
+        Radius at which the disc ends.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Radial acceleration, negative inwards.
     """
     whole = _at_height(radius, scale, mass, height) if height else _in_plane(radius, scale, mass)
     if np.isinf(cut):

@@ -1,32 +1,46 @@
-"""Kepler's problem r'' = -mu r / |r|^3 in the plane: places from elements, elements from places, and any orbit in time.
+"""Kepler's problem r'' = -mu r / |r|^3 in the plane: positions from elements, elements from positions, and drifts.
 
-With the universal anomaly s, dt = |r| ds, and beta = 2 mu / r0 - v0^2 (Stumpff; Wisdom & Hernandez 2015,
-arXiv:1508.02699)
+Drifts use the universal anomaly s, dt = |r| ds, and beta = 2 mu / r0 - v0^2 (Stumpff; Wisdom & Hernandez 2015,
+arXiv:1508.02699):
 
     dt = r0 G1 + eta G2 + mu G3,   r = r0 G0 + eta G1 + mu G2,   eta = r0 . v0                                 (1)
     x  = (1 - mu G2 / r0) x0 + (dt - mu G3) v0                                                               (2)
     v  = -(mu G1 / (r r0)) x0 + (1 - mu G2 / r) v0                                                           (3)
 
-G_n(beta, s) = s^n c_n(beta s^2). The right side of (1) rises with s, so that its root can be bracketed.
+Here G_n(beta, s) = s^n c_n(beta s^2). The right side of (1) rises with s, so that its root can be bracketed.
 """
 
 import math
 from typing import NamedTuple
 
-ROUNDS = 200  # of a bracket that is halved, at worst
-SERIES = 0.1  # beta s^2, below which c_2 and c_3 are taken from their series
+ROUNDS = 200  # iterations, enough to halve any bracket to rounding
+SERIES = 0.1  # |beta s^2| below which c_2 and c_3 are computed from their series
 
 
 class Orbit(NamedTuple):
-    """Elements: angles in radians, counter-clockwise from +x. The semi-major axis of a hyperbola is negative."""
+    """Orbital elements; angles in radians, counter-clockwise from +x.
+
+    Attributes
+    ----------
+    semi_major_axis : float
+        Semi-major axis, negative for a hyperbola.
+    eccentricity : float
+        Eccentricity.
+    pericentre : float
+        Longitude of the pericentre.
+    anomaly : float
+        True anomaly.
+    """
 
     semi_major_axis: float
     eccentricity: float
-    pericentre: float  # its longitude
-    anomaly: float  # true
+    pericentre: float
+    anomaly: float
 
 
 class Motion(NamedTuple):
+    """Position (x, y) and velocity (vx, vy) relative to the central body."""
+
     x: float
     y: float
     vx: float
@@ -34,7 +48,20 @@ class Motion(NamedTuple):
 
 
 def elements(mu: float, x: float, y: float, vx: float, vy: float) -> Orbit:
-    """The orbit through a place with a velocity about GM = mu > 0. On a circle the pericentre is where the body is."""
+    """Return the elements of the orbit through a position with a velocity.
+
+    Parameters
+    ----------
+    mu : float
+        GM of the orbit, above 0. Any consistent units.
+    x, y, vx, vy : float
+        Position and velocity relative to the central body.
+
+    Returns
+    -------
+    Orbit
+        Elements. On a circle the pericentre is the position of the body.
+    """
     r = math.hypot(x, y)
     spin = x * vy - y * vx
     ex, ey = vy * spin / mu - x / r, -vx * spin / mu - y / r
@@ -47,9 +74,23 @@ def elements(mu: float, x: float, y: float, vx: float, vy: float) -> Orbit:
 
 
 def at_anomaly(mu: float, size: float, e: float, anomaly: float) -> Motion:
-    """Place and velocity at a true anomaly of an orbit with its pericentre on +x, counter-clockwise.
+    """Return position and velocity at a true anomaly of a counter-clockwise orbit with its pericentre on +x.
 
-    size: the semi-major axis, of a hyperbola (e > 1) its absolute value. e must not be 1.
+    Parameters
+    ----------
+    mu : float
+        GM of the orbit.
+    size : float
+        Semi-major axis, or its absolute value for a hyperbola.
+    e : float
+        Eccentricity, not 1.
+    anomaly : float
+        True anomaly in radians.
+
+    Returns
+    -------
+    Motion
+        Position and velocity.
     """
     wide = size * abs(1.0 - e * e)  # the semi-latus rectum
     r = wide / (1.0 + e * math.cos(anomaly))
@@ -59,7 +100,20 @@ def at_anomaly(mu: float, size: float, e: float, anomaly: float) -> Motion:
 
 
 def mean_anomaly(e: float, anomaly: float) -> float:
-    """The mean anomaly at a true one."""
+    """Return the mean anomaly at a true anomaly.
+
+    Parameters
+    ----------
+    e : float
+        Eccentricity, not 1.
+    anomaly : float
+        True anomaly in radians.
+
+    Returns
+    -------
+    float
+        Mean anomaly in radians, with the same number of whole turns.
+    """
     half = math.sqrt(abs(1.0 - e) / (1.0 + e)) * math.tan(0.5 * anomaly)
     if e < 1.0:
         turns = round(anomaly / (2.0 * math.pi))
@@ -70,7 +124,24 @@ def mean_anomaly(e: float, anomaly: float) -> float:
 
 
 def at_mean_anomaly(mu: float, size: float, e: float, mean: float) -> Motion:
-    """Place and velocity at a mean anomaly; size and e as in `at_anomaly`."""
+    """Return position and velocity at a mean anomaly of a counter-clockwise orbit with its pericentre on +x.
+
+    Parameters
+    ----------
+    mu : float
+        GM of the orbit.
+    size : float
+        Semi-major axis, or its absolute value for a hyperbola.
+    e : float
+        Eccentricity, not 1.
+    mean : float
+        Mean anomaly in radians.
+
+    Returns
+    -------
+    Motion
+        Position and velocity.
+    """
     rate = math.sqrt(mu / size)
     if e < 1.0:
         eccentric = _eccentric(e, math.remainder(mean, 2.0 * math.pi))
@@ -84,7 +155,7 @@ def at_mean_anomaly(mu: float, size: float, e: float, mean: float) -> Motion:
 
 
 def _eccentric(e: float, mean: float) -> float:
-    """The root of E - e sin E = M, |M| <= pi: Newton's steps within a bracket."""
+    """Solve E - e sin E = M, |M| <= pi, by Newton's method within a bracket."""
     low, high = mean - e, mean + e
     root = mean + e * math.sin(mean)
     for _ in range(ROUNDS):
@@ -99,7 +170,7 @@ def _eccentric(e: float, mean: float) -> float:
 
 
 def _hyperbolic(e: float, mean: float) -> float:
-    """The root of e sinh F - F = M: Newton's steps, from where they fall towards it."""
+    """Solve e sinh F - F = M by Newton's method, from a guess that makes it converge monotonically."""
     root = math.asinh(mean / e) if abs(mean) < 1e-8 else math.copysign(math.log(2.0 * abs(mean) / e + 1.8), mean)
     for _ in range(ROUNDS):
         step = (e * math.sinh(root) - root - mean) / (e * math.cosh(root) - 1.0)
@@ -110,13 +181,28 @@ def _hyperbolic(e: float, mean: float) -> float:
 
 
 def drift(mu: float, at: Motion, dt: float) -> Motion:
-    """Place and velocity after dt, eqs. (1) to (3), of any orbit; without mu > 0 on a straight line."""
+    """Return position and velocity after a time dt on any orbit, eqs. (1) to (3).
+
+    Parameters
+    ----------
+    mu : float
+        GM of the orbit; the motion is straight unless it is above 0.
+    at : Motion
+        Position and velocity at the start.
+    dt : float
+        Time, positive or negative.
+
+    Returns
+    -------
+    Motion
+        Position and velocity after `dt`.
+    """
     x, y, vx, vy = at
     r0 = math.hypot(x, y)
     if mu <= 0.0 or r0 == 0.0 or dt == 0.0 or not math.isfinite(r0 + vx + vy):
         return Motion(x + dt * vx, y + dt * vy, vx, vy)
     eta, beta = x * vx + y * vy, 2.0 * mu / r0 - (vx * vx + vy * vy)
-    if beta > 0.0:  # whole turns are left out
+    if beta > 0.0:  # drop whole periods
         dt = math.remainder(dt, 2.0 * math.pi * mu / (beta * math.sqrt(beta)))
     s = _universal(mu, r0, eta, beta, dt)
     g0, g1, g2, g3 = _stumpff(beta, s)
@@ -127,7 +213,7 @@ def drift(mu: float, at: Motion, dt: float) -> Motion:
 
 
 def _universal(mu: float, r0: float, eta: float, beta: float, dt: float) -> float:
-    """The root s of (1): Newton's steps within a bracket."""
+    """Solve (1) for s by Newton's method within a bracket."""
     sign = 1.0 if dt > 0.0 else -1.0
     reach = abs(dt) / r0
     if beta > 0.0:
@@ -154,7 +240,7 @@ def _universal(mu: float, r0: float, eta: float, beta: float, dt: float) -> floa
 
 
 def _first_guess(mu: float, r0: float, eta: float, dt: float, most: float) -> float:
-    """s to second order in dt, where that is within the bracket."""
+    """Return s to second order in dt, or the middle of the bracket if that is outside."""
     guess = dt / r0 - 0.5 * eta * dt * dt / r0**3
     return guess if 0.0 < guess / most < 1.0 else 0.5 * most
 
@@ -165,7 +251,7 @@ def _time(mu: float, r0: float, eta: float, beta: float, s: float) -> float:
 
 
 def _stumpff(beta: float, s: float) -> tuple[float, float, float, float]:
-    """G_0 to G_3."""
+    """Return G_0 to G_3."""
     x = beta * s * s
     if abs(x) < SERIES:
         c2 = c3 = 0.0

@@ -3,8 +3,8 @@
     Sigma = M a / [2 pi (r^2 + a^2)^(3/2)],    M(r) = M [1 - a / sqrt(r^2 + a^2)]                      (1)
     a_r   = -M r / [r^2 + (a + |z|)^2]^(3/2)                                                           (2)
 
-with G = 1; a disc that ends at a radius lacks the pull of the rings beyond it. A Plummer softening e gives the field at
-the height z = e: no approximation.
+with G = 1. For a disc that ends at a radius, the pull of the rings beyond is subtracted. A Plummer softening e in the
+plane is exactly equivalent to the unsoftened field at the height z = e.
 """
 
 from __future__ import annotations
@@ -17,19 +17,65 @@ Array = np.ndarray
 
 
 def surface_density(radius: Array, scale: float, mass: float) -> Array:
-    """Surface density at `radius` of the whole disc of `mass`."""
+    """Return the surface density of the infinite disc, eq. (1).
+
+    Parameters
+    ----------
+    radius : ndarray
+        Radius r.
+    scale : float
+        Scale length a.
+    mass : float
+        Mass M of the infinite disc.
+
+    Returns
+    -------
+    ndarray
+        Surface density, of the shape of `radius`.
+    """
     return mass * scale / (2 * np.pi * (radius**2 + scale**2) ** 1.5)
 
 
 def enclosed_mass(radius: Array, scale: float, mass: float) -> Array:
-    """Mass within `radius`."""
+    """Return the mass within a radius of the infinite disc, eq. (1).
+
+    Parameters
+    ----------
+    radius : ndarray
+        Radius r.
+    scale : float
+        Scale length a.
+    mass : float
+        Mass M of the infinite disc.
+
+    Returns
+    -------
+    ndarray
+        Mass, of the shape of `radius`.
+    """
     return mass * (1 - scale / np.hypot(radius, scale))
 
 
 def radial_acceleration(radius: Array, scale: float, mass: float, height: float = 0.0, cut: float = np.inf) -> Array:
-    """Radial acceleration (n,) at `radius` (n,) > 0 and `height`, or in the plane with that softening.
+    """Return the radial acceleration of the disc, whole or cut off at a radius, eq. (2); G = 1.
 
-    `mass` is that of the whole disc, of which only what lies within `cut` is there. Then `radius` must be well within.
+    Parameters
+    ----------
+    radius : ndarray, shape (n,)
+        Radius r, above 0, and well within `cut` if that is finite.
+    scale : float
+        Scale length a.
+    mass : float
+        Mass M of the infinite disc.
+    height : float
+        Height z, or the Plummer softening in the plane.
+    cut : float
+        Radius at which the disc ends.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Radial acceleration, negative inwards.
     """
     whole = -mass * radius / (radius**2 + (scale + abs(height)) ** 2) ** 1.5  # eq. (2)
     if np.isinf(cut):

@@ -1,35 +1,37 @@
 """Steady drift of gas and dust in a Keplerian disc (Nakagawa, Sekiya & Hayashi 1986), with any number of populations.
 
-Velocities relative to the Keplerian one in units of the headwind eta v_K, with St_j = Omega t_j and eps_j = rho_j/rho_g
-of each population, and A = sum_j eps_j / (1 + St_j^2), B = sum_j eps_j St_j / (1 + St_j^2), N = (1 + A)^2 + B^2:
+Velocities are relative to the Keplerian one, in units of the headwind eta v_K. With St_j = Omega t_j and
+eps_j = rho_j/rho_g of each population, A = sum_j eps_j / (1 + St_j^2), B = sum_j eps_j St_j / (1 + St_j^2) and
+N = (1 + A)^2 + B^2, they are
 
     gas    radial    2 B / N                                      (1)
     gas    azimuth   -(1 + A) / N                                 (2)
     dust   radial    2 (B - (1 + A) St_j) / (N (1 + St_j^2))      (3)
     dust   azimuth   -(1 + A + B St_j) / (N (1 + St_j^2))         (4)
 
-which is where the pressure, the drag, and the Coriolis and shear terms balance (Tanaka, Himeno & Ida 2005, sec. 2.2;
+where pressure, drag, and the Coriolis and shear terms balance (Tanaka, Himeno & Ida 2005, sec. 2.2;
 Benitez-Llambay, Krapp & Pessah 2019, arXiv:1811.07925, sec. 3.5.1). For one population these are Youdin & Johansen
-(2007), eqs. (7a)-(7d); of grains without mass (7) is Takeuchi & Artymowicz (2001), eq. (23), at small St. (3) is
-evaluated with its differences carried out, so that it keeps its digits at any St.
+(2007), eqs. (7a)-(7d). For grains without mass (7) is Takeuchi & Artymowicz (2001), eq. (23), at small St. (3) is
+evaluated in terms of differences of Stokes numbers, which avoids cancellation at any St.
 
-A force outwards on the grains alone, of acceleration Omega f_j (light's has f_j = beta_j v_K), adds velocities in the
-unit of f, with C = sum_j f_j eps_j / (1 + St_j^2) and D = sum_j f_j eps_j St_j / (1 + St_j^2):
+An outward force on the grains alone, of acceleration Omega f_j (f_j = beta_j v_K for radiation pressure), adds
+velocities in the unit of f. With C = sum_j f_j eps_j / (1 + St_j^2) and D = sum_j f_j eps_j St_j / (1 + St_j^2) they
+are
 
     gas    radial    V = (B C - (1 + A) D) / N                    (5)
     gas    azimuth   W = -((1 + A) C + B D) / (2 N)               (6)
     dust   radial    (V + 2 St_j W + St_j f_j) / (1 + St_j^2)     (7)
     dust   azimuth   (W - St_j V / 2 - St_j^2 f_j / 2) / (1 + St_j^2)    (8)
 
-All this is linear in eta. `about_circles` keeps the centrifugal forces whole. Gas alone has the circle of speed
-v_g = v_K (1 - 2 eta)^(1/2). With velocities (V, v_g + W) of the gas and (v_j, v_g + w_j) of the dust, frequencies
-Omega_c = (v_g + W) / r and Omega_j = (v_g + w_j) / r of their own, and F_j = (v_K^2 - v_g^2) / r - Omega f_j,
+Equations (1) to (8) are linear in eta. `about_circles` keeps the full centrifugal forces. Gas without dust is on a
+circle of speed v_g = v_K (1 - 2 eta)^(1/2). With velocities (V, v_g + W) of the gas and (v_j, v_g + w_j) of the dust,
+their frequencies Omega_c = (v_g + W) / r and Omega_j = (v_g + w_j) / r, and F_j = (v_K^2 - v_g^2) / r - Omega f_j,
 
     (2 v_g + W) W / r   = sum_j eps_j (V - v_j) / t_j,    Omega_c V / 2   = sum_j eps_j (w_j - W) / t_j          (9)
     (2 v_g + w_j) w_j / r = F_j + (v_j - V) / t_j,        Omega_j v_j / 2 = -(w_j - W) / t_j                     (10)
 
-Gas without dust and dust without gas are then on their exact circles, and so is a mixture with St -> 0 at any ratio. As
-in (1) to (8) v dv/dr is left out, of order (St eta)^2, and angular momentum rises with radius as on Keplerian circles.
+Gas without dust, dust without gas, and a mixture with St -> 0 at any ratio are then on exact circles. As in (1) to (8),
+the term v dv/dr, of order (St eta)^2, is neglected, and angular momentum rises with radius as on Keplerian circles.
 """
 
 from __future__ import annotations
@@ -39,12 +41,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-ROUNDS, CLOSE = 60, 1e-15  # iterations for the factors of (9) and (10), at most, and their tolerance in v_K
-SLOWEST = 1e-3  # least rotation over the Keplerian one, below which there is no balance
+ROUNDS, CLOSE = 60, 1e-15  # largest number of iterations for the factors of (9) and (10), and their tolerance in v_K
+SLOWEST = 1e-3  # lower bound of the rotation over the Keplerian one; there is no balance below
 
 
 class Drift(NamedTuple):
-    """Velocities relative to Keplerian rotation, in the headwind's unit."""
+    """Velocities of gas and dust relative to Keplerian rotation, in the unit of the headwind."""
 
     gas_radial: np.ndarray
     gas_azimuthal: np.ndarray
@@ -53,10 +55,22 @@ class Drift(NamedTuple):
 
 
 def velocities(stokes: ArrayLike, dust_ratio: ArrayLike, headwind: ArrayLike) -> Drift:
-    """Drift of gas and one population at Stokes number `stokes` = Omega t_stop and dust/gas ratio `dust_ratio`.
+    """Return the steady drift of gas and one dust population, eqs. (1) to (4).
 
-    `headwind` is eta v_K: by how much gas alone lags the Keplerian velocity (2D: eta = (p + q) h^2/2). Arrays of the
-    inputs' joint shape.
+    Parameters
+    ----------
+    stokes : array_like
+        Stokes number Omega t_stop. Arguments broadcast.
+    dust_ratio : array_like
+        Dust-to-gas ratio; 0 for one-way drag.
+    headwind : array_like
+        eta v_K, the Keplerian velocity less that of gas without dust. In 2D eta = (p + q) h^2/2, with h = H/r,
+        Sigma ~ r^-p and c_s^2 ~ r^-q.
+
+    Returns
+    -------
+    Drift
+        Velocities relative to Keplerian rotation in the unit of `headwind`, of the arguments' joint shape.
     """
     stokes, dust_ratio = (np.asarray(x, dtype=float)[None] for x in (stokes, dust_ratio))
     found = of_populations(stokes, dust_ratio, headwind)
@@ -64,10 +78,22 @@ def velocities(stokes: ArrayLike, dust_ratio: ArrayLike, headwind: ArrayLike) ->
 
 
 def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, push: ArrayLike | None = None) -> Drift:
-    """The same with populations of `stokes` and `ratios` (populations, ...) and a headwind (...), that of one-way dust
-    with ratios of 0; the gas's velocities have shape (...), the dust's (populations, ...).
+    """Return the steady drift of gas and several dust populations, eqs. (1) to (8).
 
-    `push` (populations, ...): a force outwards on grains alone, as a velocity, beta v_K of light.
+    Parameters
+    ----------
+    stokes, ratios : array_like, shape (populations, ...)
+        Stokes numbers, and dust-to-gas ratios; 0 for one-way drag.
+    headwind : array_like, shape (...)
+        eta v_K.
+    push : array_like, shape (populations, ...), optional
+        Outward force on grains alone as a velocity f, which is beta v_K for radiation pressure.
+
+    Returns
+    -------
+    Drift
+        Velocities relative to Keplerian rotation in the unit of `headwind`; those of gas have shape (...), those of
+        dust (populations, ...).
     """
     stokes, ratios, headwind = (np.asarray(x, dtype=float) for x in (stokes, ratios, headwind))
     share = ratios / (1 + stokes**2)
@@ -87,18 +113,21 @@ def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, pu
 def about_circles(
     stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, keplerian: ArrayLike, push: ArrayLike | None = None
 ) -> Drift:
-    """Solve eqs. (9) and (10): `of_populations` for a headwind of any size, which is eta v_K with eta < 1/2.
+    """Return the steady drift of gas and several dust populations for a headwind of any size, eqs. (9) and (10).
 
     Parameters
     ----------
-    stokes, ratios : (populations, n), as in `of_populations`
-    headwind, keplerian : (n,), eta v_K and v_K
-    push : (populations, n), as in `of_populations`
+    stokes, ratios : array_like, shape (populations, n)
+        Stokes numbers, and dust-to-gas ratios; 0 for one-way drag.
+    headwind, keplerian : array_like, shape (n,)
+        eta v_K, with eta < 1/2, and v_K.
+    push : array_like, shape (populations, n), optional
+        Outward force on grains alone as a velocity f, which is beta v_K for radiation pressure.
 
     Returns
     -------
     Drift
-        Velocities relative to Keplerian rotation; the gas's of shape (n,), the dust's (populations, n).
+        Velocities relative to Keplerian rotation; those of gas have shape (n,), those of dust (populations, n).
     """
     stokes, ratios, headwind, unit = (np.asarray(x, dtype=float) for x in (stokes, ratios, headwind, keplerian))
     lag = 2 * headwind / unit  # v_K is 1 from here on
@@ -129,7 +158,7 @@ def about_circles(
 
 
 def _pushed(stokes: np.ndarray, share: np.ndarray, push: np.ndarray) -> Drift:
-    """What forces on the grains add; `share` is eps_j / (1 + St_j^2)."""
+    """Return the velocities added by outward forces on grains, eqs. (5) to (8); `share` is eps_j / (1 + St_j^2)."""
     a, b = share.sum(axis=0), (share * stokes).sum(axis=0)
     c, d = (share * push).sum(axis=0), (share * stokes * push).sum(axis=0)
     n = (1 + a) ** 2 + b**2

@@ -1,13 +1,14 @@
-"""Exact Riemann problem of an ideal and of an isothermal gas (Toro 2009, ch. 4; LeVeque 2002, ch. 14).
+"""Exact solution of the Riemann problem for ideal and isothermal gas (Toro 2009, ch. 4; LeVeque 2002, ch. 14).
 
-A shock (p* > p_s) or a rarefaction joins each side s = L, R to the star state (p*, u*), u* = u_s -/+ f_s(p*):
+A shock (p* > p_s) or a rarefaction connects each side s = L, R with the star state (p*, u*), u* = u_s -/+ f_s(p*):
 
     f_s = (p - p_s) sqrt(A_s/(p + B_s)),  A_s = 2/((g+1) rho_s),  B_s = p_s (g-1)/(g+1)     shock        (4.6)
     f_s = 2 c_s/(g-1) [(p/p_s)^((g-1)/2g) - 1]                                              rarefaction  (4.7)
 
-and p* is the root of f_L + f_R + u_R - u_L = 0. For isothermal gas of sound speed c, in place of these,
+and p* is the root of f_L + f_R + u_R - u_L = 0. For isothermal gas of sound speed c these are functions of the density
+r,
 
-    f_s = c (r - r_s)/sqrt(r r_s)   shock          f_s = c ln(r/r_s)   rarefaction           in the density r.
+    f_s = c (r - r_s)/sqrt(r r_s)   shock          f_s = c ln(r/r_s)   rarefaction
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from scipy.optimize import brentq
 
 
 class Flow(NamedTuple):
-    """Density, velocity and pressure at the asked places."""
+    """Density, velocity and pressure at the requested positions."""
 
     density: np.ndarray
     velocity: np.ndarray
@@ -34,14 +35,33 @@ def solution(
     right: tuple[float, float, float] = (0.125, 0.1, 0.0),
     gamma: float = 1.4,
 ) -> Flow:
-    """Ideal gas at places `x` and `time` > 0 after the states (density, pressure, velocity) met at x = 0.
+    """Return the flow of an ideal gas from two states separated at x = 0; the defaults are Sod's shock tube.
 
-    The defaults are Sod's tube. Raises ValueError where the two sides fly apart and leave a vacuum.
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Position. Any consistent units.
+    time : float
+        Time, above 0.
+    left, right : (float, float, float)
+        Density, pressure and velocity at x < 0 and at x > 0.
+    gamma : float
+        Ratio of specific heats.
+
+    Returns
+    -------
+    Flow
+        Density, velocity and pressure (n,).
+
+    Raises
+    ------
+    ValueError
+        If the two sides separate and leave a vacuum.
     """
     pressure = _root(lambda p: _jump(p, left, gamma) + _jump(p, right, gamma) + right[2] - left[2], left[1], right[1])
     velocity = 0.5 * (left[2] + right[2] + _jump(pressure, right, gamma) - _jump(pressure, left, gamma))
     speed = np.asarray(x, dtype=float) / time
-    # The right side is the left side seen in a mirror.
+    # The right side is a mirror image of the left side.
     west = _side(speed, left, pressure, velocity, gamma)
     mirrored = (right[0], right[1], -right[2])
     east = _side(-speed, mirrored, pressure, -velocity, gamma)
@@ -56,7 +76,29 @@ def isothermal_solution(
     right: tuple[float, float] = (0.125, 0.0),
     sound_speed: float = 1.0,
 ) -> Flow:
-    """Isothermal gas at places `x` and `time` > 0 after the states (density, velocity) met at x = 0."""
+    """Return the flow of an isothermal gas from two states separated at x = 0.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Position. Any consistent units.
+    time : float
+        Time, above 0.
+    left, right : (float, float)
+        Density and velocity at x < 0 and at x > 0.
+    sound_speed : float
+        Isothermal sound speed c.
+
+    Returns
+    -------
+    Flow
+        Density, velocity and pressure (n,).
+
+    Raises
+    ------
+    ValueError
+        If the density between the two sides falls below the range of floats.
+    """
     c = sound_speed
 
     def jump(density: float, side: float) -> float:
@@ -73,7 +115,10 @@ def isothermal_solution(
 
 
 def _root(balance: Callable[[float], float], left: float, right: float) -> float:
-    """The zero of a balance that rises with its positive argument."""
+    """Return the zero of a function that rises with its positive argument.
+
+    Raises ValueError if there is none above 0, as for states that separate.
+    """
     low, high = min(left, right), max(left, right)
     while balance(low) > 0:
         low /= 2
@@ -85,7 +130,7 @@ def _root(balance: Callable[[float], float], left: float, right: float) -> float
 
 
 def _jump(p: float, side: tuple[float, float, float], gamma: float) -> float:
-    """f_s(p)."""
+    """Return f_s(p), eqs. (4.6) and (4.7)."""
     density, pressure, _ = side
     if p > pressure:
         a, b = 2 / ((gamma + 1) * density), pressure * (gamma - 1) / (gamma + 1)
@@ -101,7 +146,7 @@ def _side(
     star_velocity: float,
     gamma: float,
 ) -> Flow:
-    """The flow left of the contact, at speeds x/t."""
+    """Return the flow left of the contact at speeds x/t (n,)."""
     density, pressure, velocity = side
     sound = np.sqrt(gamma * pressure / density)
     ratio, g = star_pressure / pressure, (gamma - 1) / (gamma + 1)
@@ -130,7 +175,7 @@ def _side(
 def _isothermal_side(
     speed: np.ndarray, density: float, velocity: float, star: float, star_velocity: float, c: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Density and velocity left of the contact, at speeds x/t."""
+    """Return density and velocity left of the contact at speeds x/t (n,)."""
     if star > density:
         front = velocity - c * np.sqrt(star / density)
         return np.where(speed < front, density, star), np.where(speed < front, velocity, star_velocity)

@@ -1,20 +1,20 @@
-"""Strong cylindrical blast wave in cold uniform gas (Sedov 1959, ch. 4): what a 2D code makes of a point of energy.
+"""Strong cylindrical blast wave in cold uniform gas (Sedov 1959, ch. 4), the point explosion of a 2D code.
 
 With R(t) = (E t^2 / (alpha rho_0))^(1/4) and R' = R / 2t every field is a function of x = r/R alone,
 
     v = R' V(x)      rho = rho_0 G(x)      P = rho_0 R'^2 Q(x)                                      (1)
 
-and continuity, momentum and entropy become, with a = V - x (so that R R'' / R'^2 = -1),
+With a = V - x (and R R'' / R'^2 = -1) the equations of continuity, momentum and entropy become
 
     V' = (2Q - gamma Q V/x - a G V) / (gamma Q - a^2 G)                                             (2)
     (ln G)' = -(V' + V/x) / a          (ln Q)' = 2/a + gamma (ln G)'                                (3)
 
-from the strong shock at x = 1, V = Q = 2/(gamma + 1), G = (gamma + 1)/(gamma - 1), inwards. The energy fixes
+They are integrated inwards from the strong shock at x = 1, V = Q = 2/(gamma + 1), G = (gamma + 1)/(gamma - 1). The
+energy determines
 
     alpha = (pi/2) int_0^1 [G V^2 / 2 + Q / (gamma - 1)] x dx                                       (4)
 
-Dust that moves with the gas makes it heavier and keeps its pressure: rho_0 (1 + eps) in place of rho_0 (tight coupling;
-friction heats the gas).
+Tightly coupled dust replaces rho_0 by rho_0 (1 + eps) and leaves the pressure unchanged, as friction heats the gas.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 Array = np.ndarray
-INNERMOST = 1e-3  # of R; further in V/x and Q are constant, and G falls as x^(2/(gamma - 1))
+INNERMOST = 1e-3  # x below which V/x and Q are constant, and G falls as x^(2/(gamma - 1))
 
 
 class Blast(NamedTuple):
-    """Density, velocity and pressure at the asked radii."""
+    """Density, velocity and pressure at the requested radii."""
 
     density: Array
     velocity: Array
@@ -38,17 +38,70 @@ class Blast(NamedTuple):
 
 
 def shock_radius(time: float, energy: float = 1.0, density: float = 1.0, gamma: float = 1.4) -> float:
-    """R at `time`, for the energy per unit height."""
+    """Return the radius R of the shock.
+
+    Parameters
+    ----------
+    time : float
+        Time since the explosion. Any consistent units.
+    energy : float
+        Energy E per unit height.
+    density : float
+        Density rho_0 ahead of the shock.
+    gamma : float
+        Ratio of specific heats.
+
+    Returns
+    -------
+    float
+        Radius of the shock.
+    """
     return (energy * time**2 / (alpha(gamma) * density)) ** 0.25
 
 
 def time_at(radius: float, energy: float = 1.0, density: float = 1.0, gamma: float = 1.4) -> float:
-    """The time at which the shock is at `radius`."""
+    """Return the time at which the shock reaches a radius.
+
+    Parameters
+    ----------
+    radius : float
+        Radius R of the shock. Any consistent units.
+    energy : float
+        Energy E per unit height.
+    density : float
+        Density rho_0 ahead of the shock.
+    gamma : float
+        Ratio of specific heats.
+
+    Returns
+    -------
+    float
+        Time since the explosion.
+    """
     return radius**2 * (alpha(gamma) * density / energy) ** 0.5
 
 
 def solution(radius: Array, time: float, energy: float = 1.0, density: float = 1.0, gamma: float = 1.4) -> Blast:
-    """The blast at `radius` (n,) and `time` > 0; ahead of the shock gas of `density` at rest without pressure."""
+    """Return the blast wave at a time; the gas ahead of the shock is at rest without pressure.
+
+    Parameters
+    ----------
+    radius : ndarray, shape (n,)
+        Distance from the explosion. Any consistent units.
+    time : float
+        Time since the explosion, above 0.
+    energy : float
+        Energy E per unit height.
+    density : float
+        Density rho_0 ahead of the shock.
+    gamma : float
+        Ratio of specific heats.
+
+    Returns
+    -------
+    Blast
+        Density, radial velocity and pressure (n,).
+    """
     front = shock_radius(time, energy, density, gamma)
     speed = 0.5 * front / time
     x = np.asarray(radius, dtype=float) / front
@@ -62,7 +115,20 @@ def solution(radius: Array, time: float, energy: float = 1.0, density: float = 1
 
 
 def similarity(x: Array, gamma: float) -> tuple[Array, Array, Array]:
-    """V, G and Q of (1) at x (n,) from 0 to 1."""
+    """Return the dimensionless profiles of eq. (1).
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Radius over that of the shock, from 0 to 1.
+    gamma : float
+        Ratio of specific heats.
+
+    Returns
+    -------
+    V, G, Q : ndarray, shape (n,)
+        Velocity, density and pressure.
+    """
     at = np.log(np.maximum(x, INNERMOST))
     ratio, density, pressure, _ = _integral(gamma).sol(at)
     inside = np.log(np.maximum(x, 1e-300)) - at
@@ -70,16 +136,27 @@ def similarity(x: Array, gamma: float) -> tuple[Array, Array, Array]:
 
 
 def alpha(gamma: float) -> float:
-    """The number in R = (E t^2 / (alpha rho_0))^(1/4)."""
+    """Return the constant of R = (E t^2 / (alpha rho_0))^(1/4), eq. (4).
+
+    Parameters
+    ----------
+    gamma : float
+        Ratio of specific heats.
+
+    Returns
+    -------
+    float
+        alpha.
+    """
     _, _, pressure, above = _integral(gamma).y[:, -1]
-    # Within INNERMOST: Q / (gamma - 1) is constant, and the gas is too thin to move anything.
+    # Within INNERMOST Q / (gamma - 1) is constant, and the kinetic energy of the thin gas is negligible.
     below = 0.5 * np.exp(pressure) / (gamma - 1.0) * INNERMOST**2
     return float(0.5 * np.pi * (below - above))
 
 
 @cache
 def _integral(gamma: float) -> Any:
-    """V/x, ln G, ln Q and the integral of (4) from the shock inwards, against ln x: all of them smooth there."""
+    """Integrate V/x, ln G, ln Q and the integral of (4) inwards from the shock in ln x, in which all are smooth."""
 
     def slopes(log_x: float, y: Array) -> list[float]:
         x = np.exp(log_x)

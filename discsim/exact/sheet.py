@@ -2,7 +2,8 @@
 
     omega^2 = c_s^2 k^2 - 2 pi G Sigma k exp(-k e)                                                    (1)
 
-where exp(-k e) is the Plummer kernel 1/sqrt(r^2 + e^2) in k: the sheet feels its own field at the height e.
+where exp(-k e) is the Fourier transform of the Plummer kernel 1/sqrt(r^2 + e^2): softening replaces the field of the
+sheet by that at the height e.
 """
 
 from __future__ import annotations
@@ -14,7 +15,26 @@ from numpy.typing import ArrayLike
 def omega_squared(
     k: ArrayLike, surface_density: float, sound_speed: float, softening: float = 0.0, gravity: float = 1.0
 ) -> np.ndarray:
-    """Squared frequency of the wavenumber `k` (radians per length); negative where the sheet is unstable."""
+    """Return the squared angular frequency of a wave, eq. (1).
+
+    Parameters
+    ----------
+    k : array_like
+        Wavenumber in radians per length. Any consistent units.
+    surface_density : float
+        Mean surface density Sigma.
+    sound_speed : float
+        Isothermal sound speed c_s.
+    softening : float
+        Plummer softening e.
+    gravity : float
+        G; 0 without self-gravity.
+
+    Returns
+    -------
+    ndarray
+        omega^2, of the shape of `k`; negative if the sheet is unstable.
+    """
     k = np.asarray(k, dtype=float)
     self_gravity = 2 * np.pi * gravity * surface_density * k * np.exp(-k * softening)
     return sound_speed**2 * k**2 - self_gravity  # eq. (1)
@@ -23,12 +43,34 @@ def omega_squared(
 def growth_rate(
     k: ArrayLike, surface_density: float, sound_speed: float, softening: float = 0.0, gravity: float = 1.0
 ) -> np.ndarray:
-    """Growth rate of the wavenumber `k`: 0 where it is stable."""
+    """Return the growth rate of a wave.
+
+    Parameters
+    ----------
+    k, surface_density, sound_speed, softening, gravity
+        Arguments of `omega_squared`.
+
+    Returns
+    -------
+    ndarray
+        Growth rate, of the shape of `k`; 0 if the sheet is stable.
+    """
     return np.sqrt(np.maximum(-omega_squared(k, surface_density, sound_speed, softening, gravity), 0))
 
 
 def frequency(
     k: ArrayLike, surface_density: float, sound_speed: float, softening: float = 0.0, gravity: float = 1.0
 ) -> np.ndarray:
-    """Angular frequency of the wavenumber `k`: 0 where it is unstable."""
+    """Return the angular frequency of a wave.
+
+    Parameters
+    ----------
+    k, surface_density, sound_speed, softening, gravity
+        Arguments of `omega_squared`.
+
+    Returns
+    -------
+    ndarray
+        Angular frequency, of the shape of `k`; 0 if the sheet is unstable.
+    """
     return np.sqrt(np.maximum(omega_squared(k, surface_density, sound_speed, softening, gravity), 0))
