@@ -1,1 +1,1 @@
-"""What a scene will be, before it runs: derived numbers, warnings, forecast; and the reference of keys."""
+"""Estimates for a scene before it runs: derived numbers, warnings, forecast and accuracy; and the reference of keys."""

@@ -1,15 +1,15 @@
-"""What a scene's settings cost in accuracy, from what is known: figures of `docs/accuracy.md`, and searches made here.
+"""Estimated errors of a scene with its settings, from measurements of `docs/accuracy.md` and from earlier searches.
 
-    pressure    its mean pull is off by about .02 (h / .32 H)^2, of second order       (`analysis/drift.py`)
+    pressure    error of its mean force about 0.02 (h / 0.32 H)^2, of second order     (`analysis/drift.py`)
     alpha       of artificial viscosity and noise: eq. (5) of `physics/viscosity.py`   (`analysis/noise.py`)
-    step        energy of a disc changes by about 3e-3 (C / .8)^2.4 over three orbits, C the Courant factor
+    step        energy of a disc changes by about 3e-3 (C / 0.8)^2.4 over three orbits, C the Courant factor
                                                                                        (`analysis/cost_of_accuracy.py`)
-    gravity     forces are off by up to .003 (2 cells / softening)^2                   (`analysis/forces.py`)
-    precision   of the gas: rms, over that of the forces                               (docs/physics/gas.md)
-    drag        of the usual scheme: about .02 (s / H)^7 for cells of side s           (`analysis/drift_cells.py`)
+    gravity     error of forces up to 0.003 (2 cells / softening)^2                    (`analysis/forces.py`)
+    precision   of the gas: rms error over the rms of forces                           (docs/physics/gas.md)
+    drag        of the default scheme: about 0.02 (s / H)^7 for cells of side s        (`analysis/drift_cells.py`)
 
-Each is of one ring or disc at full size, and says of another scene how large an error to expect, not more. `discsim
-cost --error` leaves what its runs had (`learn`), and scenes with the same tables have that then.
+Each figure is from one ring or disc at full resolution, and gives the order of magnitude for other scenes. `discsim
+cost --error` stores the errors of its runs (`learn`), which are shown for scenes with the same tables.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ from discsim.scene import Scene
 from discsim.scene.differences import FREE_TO_CHANGE
 
 self_gravity = Lazy("discsim.effects.self_gravity")
-KEPT = 300  # settings whose errors are kept
+KEPT = 300  # largest number of stored errors
 
 
 def accuracy(scene: Scene) -> list[tuple[str, str]]:
-    """Name and text of what is known of the scene's accuracy."""
+    """Return name and text of each estimated error of the scene."""
     if scene.initial is None:
         return []
     at = local(scene)
-    with np.errstate(all="ignore"):  # numbers beyond floats are said as they are
+    with np.errstate(all="ignore"):  # infinities are shown as they are
         rows = _measured(scene), _disc_rows(scene, at), _gravity_rows(scene, at), _precision_rows(scene)
         return [row for some in (*rows, _exact_rows(scene)) for row in some]
 
 
 def _measured(scene: Scene) -> Iterator[tuple[str, str]]:
-    """What runs of these very settings had."""
+    """Yield errors measured in runs with the same settings."""
     for known in _kept():
         if known["scene"] == digest(scene):
             error, cpu = 100.0 * known["error"], known["cpu"]
@@ -101,11 +101,11 @@ def _exact_rows(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "exact solution", "there may be one: discsim cost SCENE --error 1% holds runs against it"
 
 
-# What searches leave
+# Stored results of searches
 
 
 def digest(scene: Scene) -> str:
-    """One word for all of a scene that its result depends on."""
+    """Return a hash of all keys of a scene on which its result depends, except the random seed."""
     data: dict[str, Any] = tomllib.loads(scene.text)
     for name in (*FREE_TO_CHANGE, "run.seed"):
         table, _, key = name.rpartition(".")
@@ -128,7 +128,7 @@ def _is_entry(run: dict[str, Any]) -> bool:
 
 
 def learn(scene: Scene, measure: str, error: float, cpu: float) -> None:
-    """Keep the error and the CPU seconds that a scene had. Where nothing can be kept, nothing is."""
+    """Store the error and the CPU seconds of a run of a scene, if the cache can be written."""
     own = {"scene": digest(scene), "measure": measure, "error": error, "cpu": cpu}
     others = [run for run in _kept() if (run["scene"], run["measure"]) != (own["scene"], measure)]
     learnt.keep("errors", [*others[1 - KEPT :], own])

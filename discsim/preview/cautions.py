@@ -1,4 +1,4 @@
-"""What will run, but perhaps not as meant: each with its number and what to change."""
+"""Warnings about scenes that run, but perhaps not as intended; each names the number and the remedy."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from discsim.scene import Scene
 
 
 def warnings(scene: Scene) -> list[str]:
-    """What will run, but perhaps not as meant: each with its number and what to change."""
+    """Return the warnings about a scene."""
     if scene.initial is None:
         return []
     at = local(scene)
     of_start = start_of(scene).warnings
-    with np.errstate(over="ignore"):  # a length or mass beyond floats is long and heavy enough
+    with np.errstate(over="ignore"):  # an infinite length or mass compares correctly
         told = [line for effect in effect_classes(scene).values() for line in effect.warnings(scene, at)]
         told += [*support.warnings(scene), *close_pairs(scene)]
         return told if of_start is None else [*told, *of_start(scene)]

@@ -1,4 +1,4 @@
-"""What a scene amounts to before it runs: the text of `discsim check`."""
+"""The text of `discsim check`: units, effects, derived numbers, forecast, accuracy and warnings of a scene."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from discsim.scene import Scene
 from discsim.scene.fields import Table, measure_of
 from discsim.scene.units import Units, clock
 
-MOST = 0.95  # of the steps: with that share an effect sets all
+MOST = 0.95  # share of the steps above which the effect that sets them is named without its share
 
 
 def report(scene: Scene) -> str:
-    """The text of `discsim check`."""
+    """Return the text of `discsim check`."""
     parts = [
         [scene.title or "(no title)"],
         ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
@@ -70,19 +70,19 @@ def _unit_lines(units: Units) -> Iterator[str]:
 
 
 def effect_lines(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Each effect of a scene, and each table of those that it has several of, with the keys that it uses in words."""
+    """Yield name and keys, as text, of each effect of a scene, and of each table of an effect with several."""
     classes = effect_classes(scene)
     for name in scene.effects:
         first, _, second = name.partition(".")
         skip = classes[name].unused(scene) if name in classes else ()
-        skip += tuple(other.removeprefix(f"{name}.") for other in scene.effects)  # which have lines of their own
+        skip += tuple(other.removeprefix(f"{name}.") for other in scene.effects)  # effects with their own lines
         table = getattr(scene.table(first), second) if second else scene.table(first)
         for one in table if isinstance(table, tuple) else (table,):
             yield name, _parameters(scene.units, one, skip)
 
 
 def _parameters(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
-    """The keys of a table and their values, but for `skip`; tables in it by their kind, or their key."""
+    """Return the keys of a table and their values as text, except `skip`; inner tables by their kind or key."""
     texts = []
     for key, field in type(table).model_fields.items():
         value = getattr(table, key)

@@ -1,7 +1,7 @@
-"""Numbers that follow from a scene, at the edges and the middle of a disc or in the states of another start.
+"""Numbers derived from a scene at sample points: the edges and the middle of a disc, or the states of another start.
 
-H = c_T / Omega, Q = c_s Omega / (pi G Sigma), h = eta (m/Sigma)^(1/d), St = t_stop Omega; c_s is the speed of sound
-waves, c_T = sqrt(P / Sigma) the thermal speed, Omega that of circles about the softened star.
+H = c_T / Omega, Q = c_s Omega / (pi G Sigma), h = eta (m/Sigma)^(1/d), St = t_stop Omega. Here c_s is the speed of
+sound waves, c_T = sqrt(P / Sigma) the thermal speed, and Omega the frequency of circles about the softened star.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Array = np.ndarray
 
 
 def local(scene: Scene) -> Local:
-    """The gas at the places that its start is told by."""
+    """Return estimates of the gas at the representative points of the scene's start."""
     return local_at(scene, start_of(scene).places(scene))
 
 
 def local_at(scene: Scene, places: Places) -> Local:
-    """The gas at some places; in a given disc the density is that disc's."""
+    """Return estimates of the gas at `places`; in a given disc, with the density of that disc."""
     if scene.model.given is not None and places.radius is not None:
         places = replace(places, density=scene.model.given(scene).surface_density(places.radius))
     radius, density = places.radius, places.density
@@ -79,22 +79,22 @@ def _by_mass(scene: Scene) -> tuple[Array, Array]:
 
 
 def gas_mass(scene: Scene) -> float:
-    """Total mass of the gas (the mass that the dust's ratio refers to, where there is no gas)."""
+    """Return the total mass of the gas, or without gas the mass to which the dust's ratio refers."""
     return start_of(scene).mass(scene)
 
 
 def dust_masses(scene: Scene) -> list[float]:
-    """Total mass of each population of dust."""
+    """Return the total mass of each dust population."""
     return [dust.ratio * start_of(scene).mass(scene, dust) for dust in scene.dust or ()]
 
 
 def stopping_times(scene: Scene, at: Local) -> list[Array]:
-    """Stopping time of each population at the places of `at`; no entry where it is not defined."""
+    """Return the stopping time (n,) of each population at the places of `at`; an empty list if it is not defined."""
     return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
 def derived(scene: Scene) -> list[tuple[str, str]]:
-    """Name and text of every derived number, in units of the scene."""
+    """Return name and text of every derived number, in units of the scene."""
     if scene.initial is None:
         return []
     at = local(scene)
@@ -113,11 +113,11 @@ def derived(scene: Scene) -> list[tuple[str, str]]:
 
 
 def effect_rows(scene: Scene) -> list[tuple[str, str]]:
-    """Name and text of the derived numbers that effects have of their own, which the log of a run has too."""
+    """Return name and text of the derived numbers of effects, which the log of a run has too."""
     if scene.initial is None:
         return []
     at = local(scene)
-    with np.errstate(all="ignore"):  # numbers beyond floats are said as they are
+    with np.errstate(all="ignore"):  # infinities are shown as they are
         return [row for effect in effect_classes(scene).values() for row in effect.rows(scene, at)]
 
 
@@ -180,7 +180,7 @@ def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
         return
     cell, shape = found
     size = grid_bytes(scene, shape)
-    if scene.space.dimensions == 1 and not size:  # drag cells of one dimension are no cells of the grid
+    if scene.space.dimensions == 1 and not size:  # drag cells in 1D are independent of the grid
         return
     yield "grid", " x ".join(map(str, shape)) + " cells of " + scene.units.show(cell, "length")
     if size:
@@ -188,7 +188,7 @@ def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
-    """Side of the grid's cells and their number along each axis; None where the run has no grid."""
+    """Return the side of the grid's cells and their number along each axis; None if the run has no grid."""
     if not any(effect.needs_grid for effect in effect_classes(scene).values()):
         return None
     first = (scene.gas,) if scene.gas else scene.dust or ()
@@ -197,14 +197,14 @@ def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
 
 
 def grid_bytes(scene: Scene, shape: tuple[int, ...]) -> int:
-    """Bytes of what effects keep on the grid."""
+    """Return the memory of all effects on the grid in bytes."""
     return sum(effect.grid_bytes(scene, shape) for effect in effect_classes(scene).values())
 
 
 def particle_count(scene: Scene, species: Any) -> int:
-    """Particles that there are of the gas or a population of dust: a lattice in two dimensions has whole rows.
+    """Return the number of particles of the gas or a dust population, rounded to whole rows for a lattice in 2D.
 
-    Without the immobile ones that continue a tube or a layer.
+    Immobile particles beyond the ends of a tube or a layer are not counted.
     """
     on_lattice = species.placement == "even" if hasattr(species, "placement") else True
     if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or not start_of(scene).on_lattice:
@@ -213,7 +213,10 @@ def particle_count(scene: Scene, species: Any) -> int:
 
 
 def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
-    """Sides of the drag cells at the places of `at` at the start, but for those that grow for want of one species."""
+    """Return the sides (n,) of drag cells at the places of `at` at the start; None if drag has no cells.
+
+    Cells too poor in particles are doubled once where the limit allows; further growth is not included.
+    """
     found, drag = grid(scene), scene.drag
     cells: Cells | None = SCHEMES[drag.scheme].cells if drag else None
     if drag is None or cells is None or not scene.gas or at.h is None or found is None:
@@ -237,7 +240,7 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
 
 
 def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array]:
-    """Mean numbers of gas and dust particles in drag cells of these sides at the places of `at`."""
+    """Return mean numbers of gas and dust particles (n,) in drag cells of sides `side` (n,) at the places of `at`."""
     assert scene.gas is not None
     mass = at.density * side**scene.space.dimensions
     gas = mass * particle_count(scene, scene.gas) / (gas_mass(scene) * at.relative_mass)
@@ -249,19 +252,19 @@ def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array
 
 
 def _present(population: Any, at: Local) -> Array | float:
-    """1 at the places of `at` where a population is, else 0."""
+    """Return 1 at the places of `at` between the radii of a population, else 0."""
     if at.radius is None:
         return 1.0
     return 1.0 * ((at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf)))
 
 
 def _counted(width: Width, radius: Array | None, h: Array) -> Array:
-    """Smoothing lengths that count for drag cells; without a radius nothing limits them."""
+    """Return smoothing lengths (n,) as they count for drag cells; without a radius they are not limited."""
     return h if radius is None else width.counted_at(radius, h)
 
 
 def _range_of_lengths(scene: Scene, width: Width) -> tuple[float, float]:
-    """The geometric mean of the smoothing lengths of all gas particles that count, and the least of them."""
+    """Return geometric mean and minimum of the smoothing lengths of all gas particles, as they count for drag cells."""
     places, weight = start_of(scene).all_over(scene)
     h = _smoothing(scene, places)
     assert h is not None
@@ -297,7 +300,7 @@ def _smoothing(scene: Scene, places: Places) -> Array | None:
 
 
 def _range(scene: Scene, mean: float, name: str) -> str:
-    """The mass of a gas particle; where they differ the least and the largest."""
+    """Return the text of the mass of a gas particle, or of the least and the largest if masses differ."""
     relative = start_of(scene).all_over(scene)[0].relative_mass
     ends = [mean] if relative is None else [mean * relative.min(), mean * relative.max()]
     return " to ".join(scene.units.show(mass, name) for mass in ends)

@@ -1,8 +1,8 @@
-"""What a run will take: number of steps, CPU time and memory, from stored figures and the last long runs here.
+"""Forecast of a run: number of steps, CPU time and memory, from stored costs and the last long runs on this machine.
 
-The figures are CPU nanoseconds of a particle, cell or neighbour in a step, in the file of each effect and drag scheme,
-from `python analysis/throughput.py` (those of pairs and of a given disc from `costs.csv` of runs with such a scheme and
-with [background]); another machine differs by a factor, which long runs that have ended leave for the next forecast
+Stored costs are CPU nanoseconds per particle, cell or neighbour and step, in the module of each effect and drag scheme.
+They are results of `python analysis/throughput.py`; those of pairs and of a given disc are from `costs.csv` of runs
+with such a scheme and with [background]. The speed of this machine relative to them is stored by each long run
 (`learn`).
 """
 
@@ -30,17 +30,18 @@ from discsim.scene import Scene
 
 companion_effect = Lazy("discsim.effects.companion")
 
-TIMES = 64  # of a run, at which its steps are expected
-BYTES = {"gas": 600, "dust": 180}  # a particle, with what a step needs
-BASE = 250e6  # the interpreter with its libraries
-# A run tells the machine's speed that takes so many CPU seconds, at least this share of its wall time (compilation is
-# in that), and, by the stored figures, so many seconds a step, of which calls and loops of Python are a tenth or less.
+TIMES = 64  # times of a run at which its step is estimated
+BYTES = {"gas": 600, "dust": 180}  # memory per particle, with temporary arrays of a step
+BASE = 250e6  # memory of the interpreter with its libraries
+# A run measures the speed of the machine if it takes at least LONG CPU seconds, a CPU time of at least QUIET of its
+# wall time (which includes compilation), and by stored costs HEAVY_STEP seconds per step. Python's share of such a step
+# is at most 10%.
 LONG, QUIET, HEAVY_STEP = 20.0, 0.7, 0.02
-KEPT, OTHERS = 7, 50  # runs that are kept of this machine, and of others that share the folder
+KEPT, OTHERS = 7, 50  # stored runs of this machine, and of others that share the folder
 
 
 class Steps(NamedTuple):
-    """Steps of a run; the effect that sets most of them, where it does, and its share of them."""
+    """Number of steps of a run; the effect that sets most of them, the place where it does, and its share of steps."""
 
     number: float
     by: str
@@ -49,7 +50,7 @@ class Steps(NamedTuple):
 
 
 class Forecast(NamedTuple):
-    """Steps of a run, CPU seconds of one, bytes, and CPU seconds in which the start settles before t = 0."""
+    """Steps of a run, CPU seconds per step, memory in bytes, and CPU seconds of the relaxation before t = 0."""
 
     steps: Steps
     step_seconds: float
@@ -62,7 +63,7 @@ class Forecast(NamedTuple):
 
 
 def forecast(scene: Scene) -> Forecast | None:
-    """The forecast of a run; None of the caller's own particles, and where nothing is known to limit the step."""
+    """Return the forecast of a run; None for particles passed by the caller, or if no effect limits the step."""
     if scene.initial is None:
         return None
     steps = expected_steps(scene)
@@ -74,13 +75,13 @@ def forecast(scene: Scene) -> Forecast | None:
 
 
 def step_seconds(scene: Scene) -> float:
-    """CPU seconds of a step on this machine."""
+    """Return the CPU seconds of a step on this machine."""
     counts = _counts(scene)
     return 1e-9 * slowness() * sum(effect.nanoseconds(scene, counts) for effect in effect_classes(scene).values())
 
 
 def memory(scene: Scene) -> float:
-    """Bytes of a run."""
+    """Return the memory of a run in bytes."""
     counts, found = _counts(scene), grid(scene)
     particles = BYTES["gas"] * counts.gas + BYTES["dust"] * counts.dust
     return BASE + particles + (0.0 if found is None else grid_bytes(scene, found[1]))
@@ -94,9 +95,9 @@ def _counts(scene: Scene) -> Counts:
 
 
 def expected_steps(scene: Scene, until: float | None = None, without: str | None = None) -> Steps:
-    """Steps from the start to a time, by default the end: the integral of dt over the least limit of all effects.
+    """Return the steps from the start to a time, by default the end: the integral of dt over the least limit.
 
-    without: an effect whose limit is left out.
+    without: name of an effect whose limit is ignored.
     """
     run, begins = scene.run, start_time(scene)
     length = (run.until if until is None else until) - begins
@@ -104,7 +105,7 @@ def expected_steps(scene: Scene, until: float | None = None, without: str | None
         return Steps(length / run.timestep, "run.timestep")
     effects, outlooks = effect_classes(scene), Outlooks(scene)
     names = [name for name in effects if name != without]
-    rates, least = np.zeros(len(names)), [Expected()] * len(names)  # mean of 1 / step where each sets it
+    rates, least = np.zeros(len(names)), [Expected()] * len(names)  # mean of 1 / step while each effect sets it
     for time in begins + length * (np.arange(TIMES) + 0.5) / TIMES:
         outlook = outlooks.at(float(time))
         found = [effects[name].expected_limit(scene, outlook) for name in names]
@@ -120,7 +121,7 @@ def expected_steps(scene: Scene, until: float | None = None, without: str | None
 
 
 def close_pairs(scene: Scene) -> Iterator[str]:
-    """Warn of companions far within the disc whose orbits set the steps of the run."""
+    """Yield warnings of companions far inside the inner edge whose orbits set the steps of the run."""
     found = [
         (k, scene.star.mass + companion.mass, differs)
         for k, companion in enumerate(scene.table("companion") or (), 1)
@@ -138,12 +139,12 @@ def close_pairs(scene: Scene) -> Iterator[str]:
 
 
 def _steps_of_relaxation(scene: Scene) -> float:
-    """Steps before t = 0, in which rings of gas settle (`run/relaxation.py`)."""
+    """Return the number of steps before t = 0, in which rings of gas relax (`run/relaxation.py`)."""
     orbits = getattr(scene.initial, "relax", 0.0)
     if orbits == 0.0:
         return 0.0
     outlook, effects = Outlooks(scene).at(start_time(scene)), effect_classes(scene)
-    # Rings that settle have no noise yet.
+    # Rings have no particle noise during the relaxation.
     gas = effects["gas"].expected_limit(scene, replace(outlook, nearest=math.inf))
     step = min(float(np.min(gas.step)), 1.0 / float(kepler_omega(scene, outlook.inner)))
     orbit = 2.0 * math.pi / float(kepler_omega(scene, scene.initial.reference_radius))
@@ -151,26 +152,26 @@ def _steps_of_relaxation(scene: Scene) -> float:
 
 
 def _kept() -> list[dict[str, Any]]:
-    """What runs have left: of each its machine and its slowness."""
+    """Return the stored runs, each with its machine and its slowness."""
     return learnt.kept("speed", lambda run: isinstance(run.get("machine"), str) and 0.05 < run["slowness"] < 50.0)
 
 
 def known_runs() -> list[float]:
-    """CPU time that the last long runs on this machine took, each over that of the stored figures."""
+    """Return the CPU time of each of the last long runs on this machine, over that by stored costs."""
     here = platform.node()
     return [run["slowness"] for run in _kept() if run["machine"] == here]
 
 
 def slowness() -> float:
-    """CPU time that this machine takes over that of the stored figures: the median of its last long runs; 1 without."""
+    """Return the CPU time of this machine over that by stored costs: the median of its last long runs, or 1."""
     return statistics.median(known_runs() or [1.0])
 
 
 def learn(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> None:
-    """Keep what `steps` steps took here, for the next forecast, if that says anything of the machine.
+    """Store the CPU time of `steps` steps for the next forecast, if the run measures the speed of this machine.
 
-    It does where the run is long, is hardly kept waiting by others, and where particles and cells are what a step
-    takes. wall_seconds: of the whole run. Where nothing can be kept, nothing is.
+    It does if it is long, rarely waits for other processes, and if work on particles and cells dominates its steps.
+    wall_seconds: of the whole run. Nothing is stored if the cache cannot be written.
     """
     if scene.initial is None or cpu_seconds < LONG or cpu_seconds < QUIET * wall_seconds:
         return

@@ -1,6 +1,6 @@
-"""Measurements that runs leave for the next `discsim check` of this user: lists of JSON in the user's cache directory.
+"""Measurements stored by runs for the next `discsim check` of the same user, as JSON lists in the cache directory.
 
-A cache is no promise: where there is none, or it cannot be read or written, nothing is known and nothing is kept.
+The cache is optional: if it is absent or cannot be read or written, lists are empty and nothing is stored.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 from discsim.output.files import written
 from discsim.userfiles import read_text
 
-LARGEST = 2**20  # bytes of a list
+LARGEST = 2**20  # largest file of a list in bytes
 
 
 def kept(name: str, is_entry: Callable[[Any], bool]) -> list[dict[str, Any]]:
-    """Entries of the list `name` that are as they should be."""
+    """Return the valid entries of the list `name`."""
     try:
         runs = json.loads(read_text(_path(name), most=LARGEST))["runs"]
         return [run for run in runs if isinstance(run, dict) and is_entry(run)]
@@ -27,7 +27,7 @@ def kept(name: str, is_entry: Callable[[Any], bool]) -> list[dict[str, Any]]:
 
 
 def keep(name: str, runs: Sequence[dict[str, Any]]) -> None:
-    """Have these entries as the list `name`, which appears whole."""
+    """Write the entries as the list `name`, atomically."""
     try:
         path = _path(name)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -38,6 +38,6 @@ def keep(name: str, runs: Sequence[dict[str, Any]]) -> None:
 
 
 def _path(name: str) -> Path:
-    """Its file. Raises OSError, or RuntimeError, where the user has no home directory."""
+    """Return the file of a list. Raises OSError or RuntimeError if the user has no home directory."""
     place = os.environ.get("XDG_CACHE_HOME") or Path.home().resolve(strict=True) / ".cache"
     return Path(place) / "discsim" / f"{name}.json"

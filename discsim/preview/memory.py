@@ -1,4 +1,4 @@
-"""Whether the machine has the memory that a run is to take, by the forecast that `discsim check` shows."""
+"""Comparison of the memory of a run, by the forecast that `discsim check` shows, with that of the machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def too_much(scene: Scene) -> Iterator[str]:
-    """What is wrong where the scene needs more memory than there is."""
+    """Yield a problem if the scene needs more memory than the machine has."""
     needed, there = needed_by(scene), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:
         yield (
@@ -23,7 +23,7 @@ def too_much(scene: Scene) -> Iterator[str]:
 
 
 def needed_by(scene: Scene) -> float:
-    """Bytes that a run of the scene takes; of its particles alone in one dimension and of the caller's own ones."""
+    """Return the memory of a run in bytes; in 1D and for particles passed by the caller, without the grid."""
     if scene.initial is not None and scene.space.dimensions == 2:
         return memory(scene)
     gas = scene.gas.particles if scene.gas else 0

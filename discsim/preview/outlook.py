@@ -1,8 +1,8 @@
-"""The disc that a run is expected to have at its times, as its start tells: what the forecast of its steps rests on.
+"""Estimated state of a disc during a run, from its start; input of the forecast of steps.
 
-The inner edge of gas moves towards the star at SPREAD c_s, by pressure and noise, until the star takes it: where
-[damping] holds it, no faster than pressure moves gas in the time of that, and faster where a second star drives it. In
-a given disc the edge of the dust drifts. Densities are those of the start, but for clumps where a disc falls apart.
+The inner edge of gas moves towards the star at SPREAD c_s, by pressure and noise, until the star accretes it. With
+[damping] it moves no faster than pressure moves gas within the damping time; a second star makes it faster. In a given
+disc the edge of the dust drifts. Densities are those of the start, except for clumps if a disc fragments.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from discsim.scene import Scene
 
 self_gravity = Lazy("discsim.effects.self_gravity")
 Array = np.ndarray
-PLACES = 129  # of the gas, at which limits are taken
-# Fitted to the steps of the shipped setups and of nine published discs, so that each is foreseen within a factor of 1.5
-# (`analysis/forecast_steps.py`, table in docs/cost.md); none is a measurement by itself.
-SPREAD = 0.2  # speed of an edge, of c_s
-UNSWITCHED = 2.5  # times as fast where viscosity brakes shear whole, in h/H
-DRIVEN = 0.5  # speed of an edge that a second star drives, of c_s
-LEAST = 0.1  # of the inner edge: so far it comes in where no star takes it
-UNEVEN, COLLAPSES = 0.03, 1.5  # of Sigma: what grows where a start has no perturbation, and what falls together at once
-RAPID, MARGINAL = 5.0, 2.0  # cooling in 1/Omega, and Q
-HOT, GAMMA = 4.0, 5.0 / 3.0  # contrast of clumps that keep heat, and how their temperature rises
+PLACES = 129  # sample points of the gas
+# A joint fit to the number of steps of the shipped setups and of nine published discs, each within a factor of 1.5
+# (`analysis/forecast_steps.py`, table in docs/cost.md). None of these numbers is a measurement by itself.
+SPREAD = 0.2  # speed of an edge in c_s
+UNSWITCHED = 2.5  # factor of that speed per h/H if artificial viscosity acts fully in shear
+DRIVEN = 0.5  # speed in c_s of an edge that a second star drives
+LEAST = 0.1  # smallest radius of the edge without accretion, over its initial radius
+UNEVEN, COLLAPSES = 0.03, 1.5  # relative perturbation of Sigma if the start has none, and that of collapse
+RAPID, MARGINAL = 5.0, 2.0  # cooling time in 1/Omega, and Toomre Q, below which cooling discs fragment
+HOT, GAMMA = 4.0, 5.0 / 3.0  # largest contrast of clumps with u, and the exponent of their temperature
 
 
 class Outlooks:
-    """Expected state of a scene's run at each of its times."""
+    """Estimated state of a scene's run at any time."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.start, self.begins = scene, start_of(scene), start_time(scene)
@@ -52,7 +52,7 @@ class Outlooks:
             self.speed = self._speed()
 
     def at(self, time: float) -> Outlook:
-        """Expected state at a time."""
+        """Return the estimated state at a time."""
         star, passed = self.scene.star, time - self.begins
         inner = self.inner - self.speed * passed
         if star is not None:
@@ -64,7 +64,7 @@ class Outlooks:
         return found
 
     def _spacing_at(self, r: float) -> float:
-        """Between particles at a radius; within the disc's inner edge as where its first tenth is."""
+        """Return the particle spacing at a radius; further in than the first 10% of the particles, the spacing there."""
         return float(np.interp(max(r, self.tenth), self.radius, self.spacing))
 
     def _gas(self, time: float) -> Local:
@@ -79,11 +79,11 @@ class Outlooks:
         return replace(gas, density=contrast * gas.density, h=h, resolution=fine, sound_speed=sound)
 
     def _contrast(self, passed: float) -> Array | None:
-        """Surface density of clumps over that of the start (n,), where a disc falls apart by its gravity.
+        """Return the surface density of clumps over that of the start (n,) in a disc that fragments; None if it cannot.
 
-        Isothermal gas with Q < 1 does, at the rate (1 / Q^2 - 1)^(1/2) Omega, and what is within half the wavelength
-        2 c_s^2 / G Sigma that grows fastest falls together until it is within the softening. Gas that cools within
-        RAPID / Omega (Gammie 2001) does with Q < MARGINAL, as it cools, and its clumps keep heat.
+        Isothermal gas with Q < 1 fragments at the rate (1 / Q^2 - 1)^(1/2) Omega. The gas within half the fastest
+        growing wavelength, 2 c_s^2 / G Sigma, collapses to the softening length. Gas that cools within RAPID / Omega
+        (Gammie 2001) fragments for Q < MARGINAL at the rate of cooling, and its clumps retain heat.
         """
         scene, gas = self.scene, self.gas
         if scene.self_gravity is None or scene.gas is None or gas.toomre_q is None:
@@ -116,7 +116,7 @@ class Outlooks:
         return replace(places, names=names, **some)
 
     def _spacings(self) -> tuple[Array, Array]:
-        """Radii all over the gas, or the dust where there is none, and the distance between particles there."""
+        """Return radii (n,) all over the gas, or without gas the dust, and the particle spacing there (n,)."""
         scene, (places, _) = self.scene, self.start.all_over(self.scene)
         assert places.radius is not None
         if scene.gas is not None:
@@ -128,14 +128,14 @@ class Outlooks:
         return places.radius, np.sqrt(mass * relative / places.density)
 
     def _first(self) -> tuple[float, float]:
-        """The radii of the first ring of particles, half of which are within, and within which a tenth of all is."""
+        """Return the median radius of the innermost ring of particles, and the radius within which 10% of all are."""
         r, spacing = self.radius, self.spacing
         number = np.concatenate([[0.0], np.cumsum(np.diff(r) * (2.0 * np.pi * r / spacing**2)[1:])])
         first = np.argmax(number >= np.pi * r / spacing)
         return float(r[first]), float(r[np.argmax(number >= 0.1 * number[-1])])
 
     def _speed(self) -> float:
-        """The speed at which the inner edge moves inwards."""
+        """Return the inward speed of the inner edge."""
         gas = self.gas
         if gas.thermal_speed is None or gas.omega is None:
             return 0.0
@@ -148,8 +148,8 @@ class Outlooks:
         return found
 
     def _spread(self) -> float:
-        """The speed of an edge over c_s: more where the artificial viscosity reaches over more than H."""
-        at = local(self.scene)  # where the taper ends
+        """Return the speed of an edge over c_s, which grows with h/H by the artificial viscosity."""
+        at = local(self.scene)  # at the end of the taper
         given = self.scene.gas.viscosity
         if at.resolution is None or at.scale_height is None or given is None:
             return SPREAD
@@ -158,7 +158,7 @@ class Outlooks:
         return SPREAD * min(max(1.0, wide * (UNSWITCHED if unswitched else 1.0)), 1.0 / SPREAD)
 
     def _drift(self) -> float:
-        """Drift of grains at the inner edge of a given disc (Nakagawa et al. 1986, without back-reaction)."""
+        """Return the drift of grains at the inner edge of a given disc (Nakagawa et al. 1986, no back-reaction)."""
         gas = self.gas
         assert gas.radius is not None and gas.thermal_speed is not None and gas.omega is not None
         if len(gas.radius) < 2:

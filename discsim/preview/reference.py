@@ -1,6 +1,6 @@
-"""The reference of effects and keys, made from what runs: module docstrings and the tables' own fields.
+"""The reference of effects and keys, generated from module docstrings and the fields of the tables.
 
-`python -m discsim.preview.reference` prints the keys as Markdown, as the documentation has them.
+`python -m discsim.preview.reference` prints the keys as Markdown, as in the documentation.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ WIDTHS = (22, 20, 18, 46)
 
 
 class Part(NamedTuple):
-    """A table of a scene, or one of the kinds that it may be of, with the rows of its keys."""
+    """A table of a scene, or one of its kinds, with the rows of its keys."""
 
     table: str
     kind: str
@@ -37,9 +37,9 @@ class Part(NamedTuple):
 
 
 def effects_text(name: str | None = None) -> str:
-    """Every effect with its equation and keys, then the tables that set up a run; or one table of either kind.
+    """Return the text of all effects, with equations and keys, and of the tables that set up a run; or of one table.
 
-    Raises UserError, with the nearest right name, where there is no such table, and PartError.
+    Raises UserError, with the closest valid name, if there is no such table, and PartError.
     """
     if name is None:
         return "\n\n".join([*map(_table_text, EFFECTS), "Tables that set up a run", *map(_table_text, SETUP_TABLES)])
@@ -50,7 +50,7 @@ def effects_text(name: str | None = None) -> str:
 
 
 def _table_text(name: str) -> str:
-    """A table: the equation of an effect, the keys, and of the drag its schemes."""
+    """Return the text of a table: the equation of an effect, the keys, and for drag the schemes."""
     if name not in EFFECTS:
         return "\n".join([f"[{name}]", *_text_of(name)])
     effect = EFFECTS[name]
@@ -59,7 +59,7 @@ def _table_text(name: str) -> str:
 
 
 def scene_markdown() -> str:
-    """The tables of a scene and their keys, for the documentation."""
+    """Return the tables of a scene and their keys as Markdown, for the documentation."""
     lines: list[str] = []
     for name in (*SETUP_TABLES, *EFFECTS):
         for part in _parts(name, TABLES[name]):
@@ -76,7 +76,7 @@ def scene_markdown() -> str:
 
 
 def docstring(module: str) -> str:
-    """The docstring of a module, which is its equation, without importing it; "" of one that has no Python source."""
+    """Return the docstring of a module, which has its equation, without importing it; "" without Python source."""
     found = find_spec(module)
     if found is None or found.origin is None or not found.origin.endswith(".py"):
         return ""
@@ -84,13 +84,13 @@ def docstring(module: str) -> str:
 
 
 def parts(text: str) -> list[str]:
-    """Paragraphs of a docstring; those that are indented are equations, whose numbers move to where they are seen."""
+    """Split a docstring into paragraphs; indented ones are equations, whose numbers are moved closer to them."""
     text = re.sub(r" {5,}(\(\d+\w?\))$", r"    \1", text.strip("\n"), flags=re.M)
     return [part for part in re.split(r"\n\s*\n", text) if part.strip()]
 
 
 def pieces(part: str) -> list[str]:
-    """A paragraph as plain text and `words` of code by turns."""
+    """Split a paragraph into alternating pieces of plain text and `code`."""
     return re.split(r"(`[^`]+`)", part)
 
 
@@ -129,13 +129,13 @@ def _wrapped(row: Iterable[str]) -> Iterator[str]:
 
 
 def _parts(name: str, annotation: Any) -> Iterator[Part]:
-    """A table, each of its kinds, and the tables in it."""
+    """Yield a table, each of its kinds, and the tables in it."""
     models = models_in(annotation)
     for model in models:
         kinds = len(models) > 1
         keys = [key for key in model.model_fields if not (kinds and key == "kind")]
         inner = [key for key in keys if models_in(model.model_fields[key].annotation)]
-        # A key that may be a value as well has both.
+        # A key that may be a table or a value has both a section and a row.
         rows = [key_row(model, key) for key in keys if key not in inner or measure_of(model.model_fields[key])]
         kind = fields.shown(model.model_fields["kind"].default) if kinds else ""
         yield Part(name, kind, _about(name, annotation, model), rows)
@@ -150,7 +150,7 @@ def _about(name: str, annotation: Any, model: type[Table]) -> str:
 
 
 def key_row(model: type[Table], key: str) -> tuple[str, str, str, str]:
-    """Name, dimension or choices, default and meaning of a key, in words."""
+    """Return name, dimension or choices, default and meaning of a key, as text."""
     field = model.model_fields[key]
     return key, _value_words(model, key), _default_words(field), field.description or ""
 
