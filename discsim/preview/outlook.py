@@ -64,7 +64,7 @@ class Outlooks:
         return found
 
     def _spacing_at(self, r: float) -> float:
-        """Return the particle spacing at a radius; further in than the first 10% of the particles, the spacing there."""
+        """Return the particle spacing at a radius; below the radius of the first 10% of particles, the value there."""
         return float(np.interp(max(r, self.tenth), self.radius, self.spacing))
 
     def _gas(self, time: float) -> Local:
