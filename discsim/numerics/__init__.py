@@ -1,1 +1,1 @@
-"""How it is computed: particles, threads, neighbours, grids, gravity, sums over particles. No scene decides here."""
+"""Numerical methods: particles, threads, neighbours, grids, Poisson solver, SPH sums. No rules of scenes are here."""

@@ -1,4 +1,4 @@
-"""The star and its companions as a run holds them: small arrays, the star as entry 0. Data, and its kick."""
+"""State of the star and its companions in a run: small arrays, with the star as entry 0."""
 
 from __future__ import annotations
 
@@ -13,13 +13,29 @@ SPECIES = ("gas", "dust")
 
 @dataclass(kw_only=True)
 class Bodies:
-    """Star and companions in code units, one entry each, the star first; pos, vel (n, 2) in the frame of the run.
+    """Star and companions in code units, one entry each, the star first.
 
-    acc (n, 2) is what their kick gives: accelerations but for those that their drift has, Kepler's motion about the
-    star. pulled (n, 2, 2): accelerations by gas and by dust, of whoever feels them or not; accreted (n, 2): masses of
-    gas and dust taken so far; gained (n,): what of them is part of `mass`; begun (n,): time at which its ramp and its
-    fixed orbit began, below 0 where a run goes on from a snapshot. Gas and dust feel masses `felt` (n,) at pos + shift,
-    shift (2,), which differ from mass and pos during a ramp alone (`physics/orbits.py`).
+    Attributes
+    ----------
+    mass : ndarray, shape (n,)
+        Masses.
+    pos, vel : ndarray, shape (n, 2)
+        Positions and velocities in the frame of the run.
+    acc : ndarray, shape (n, 2)
+        Accelerations of the kick, without those of the drift, the Kepler motion about the star.
+    pulled : ndarray, shape (n, 2, 2)
+        Accelerations by gas and by dust, computed even if a body does not feel them.
+    accreted : ndarray, shape (n, 2)
+        Accreted masses of gas and dust.
+    gained : ndarray, shape (n,)
+        Part of the accreted mass that is included in `mass`.
+    begun : ndarray, shape (n,)
+        Time at which the ramp and the fixed orbit began; below 0 in a run that continues from a snapshot.
+    felt : ndarray, shape (n,)
+        Masses that gas and dust feel, at pos + shift. They differ from `mass` and `pos` only during a ramp
+        (`physics/orbits.py`).
+    shift : ndarray, shape (2,)
+        Displacement of the felt positions.
     """
 
     mass: Array
@@ -45,7 +61,7 @@ class Bodies:
         return len(self.mass)
 
     def name(self, number: int) -> str:
-        """One of them, for a sentence."""
+        """Return the name of a body for messages."""
         return f"companion {number}" if number > 0 else "the star"
 
     def arrays(self) -> dict[str, Array]:
@@ -59,10 +75,10 @@ class Bodies:
 
     @property
     def felt_pos(self) -> Array:
-        """Places (n, 2) at which gas and dust feel them."""
+        """Positions (n, 2) at which gas and dust feel the bodies."""
         return self.pos + self.shift
 
     def barycentre(self, chosen: Array) -> tuple[Array, Array]:
-        """Place and velocity (2,) of the barycentre of the bodies `chosen` (n,)."""
+        """Return position and velocity (2,) of the barycentre of the bodies `chosen`, a mask (n,)."""
         share = self.mass * chosen / self.mass[chosen].sum()
         return share @ self.pos, share @ self.vel

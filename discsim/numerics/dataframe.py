@@ -1,4 +1,4 @@
-"""Particles as a table of pandas, which is imported only where somebody asks for one."""
+"""Particles as a pandas DataFrame; pandas is imported on demand."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import numpy as np
 
 from discsim.parts import command_of_extra
 
-SHORT = {"pos": "", "vel": "v", "acc": "a"}  # how columns of their components begin
+SHORT = {"pos": "", "vel": "v", "acc": "a"}  # prefixes of the columns of their components
 AXES = "xy"
 
 
 def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
-    """A DataFrame of arrays (n,) and (n, dimensions) by name, with `ids` as its index; copies.
+    """Return a DataFrame with copies of arrays (n,) and (n, dimensions) by name, with `ids` as its index.
 
-    pos, vel and acc have the columns x, y, vx, vy, ax, ay; other vectors name_x and name_y. Raises ImportError.
+    pos, vel and acc have the columns x, y, vx, vy, ax, ay; other vectors name_x and name_y. Raises ImportError if
+    pandas is not installed.
     """
     try:
         import pandas

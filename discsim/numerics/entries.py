@@ -1,5 +1,6 @@
-"""Types, shapes and ranges of the arrays of particles, checked where they enter: set by a caller between two steps, or
-read from a checkpoint or a snapshot. Kernels take them as they are, and index memory with some.
+"""Checks of types, shapes and ranges of particle arrays that a caller has set or that were read from a file.
+
+Files are checkpoints and snapshots. Kernels do not check their arrays, and use some of them as indices.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ NOT_NEGATIVE = {
 
 
 class EntryError(UserError, ValueError):
-    """An array or a value is absent, or of the wrong type, shape or range; the message says which."""
+    """An array or a value is absent, or has a wrong type, shape or range; the message names it."""
 
 
 def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> int:
-    """Check types, shapes and memory of the arrays of a species; how many particles they are of. Raises EntryError."""
+    """Check types, shapes and memory layout of the arrays of a species; return their length. Raises EntryError."""
     count = -1
     for name, array in arrays.items():
         wanted = np.dtype(TYPES.get(name, np.float64))

@@ -1,7 +1,7 @@
 """The uniform grid of a run: cloud-in-cell deposit, and gather with the same weights.
 
-Cloud in cell: Hockney & Eastwood (1988), ch. 5. Equal weights both ways and a centred difference between
-them leave no particle a force on itself, and conserve momentum.
+Cloud in cell: Hockney & Eastwood (1988), ch. 5. With equal weights in deposit and gather and a centred difference
+between them, no particle exerts a force on itself, and momentum is conserved.
 """
 
 from __future__ import annotations
@@ -25,12 +25,15 @@ if TYPE_CHECKING:
 Array = np.ndarray
 Node = tuple[int, int]
 ORIGIN: Node = (0, 0)
-BORDER = 2  # nodes beyond an open edge that a centred gradient at the last one wants
+BORDER = 2  # nodes beyond an open edge in the stencil of a centred gradient at the last node
 
 
 class Extent(NamedTuple):
-    """Of the first nodes about particles on a grid the least and the largest along y (bands,), in each kernels.BAND of
-    rows, those along x, and how many particles are off it. Without any on it the least is the larger.
+    """Extent of the nodes about the particles on a grid, by the index of the first node about each particle.
+
+    least, most: least and largest index along y (bands,) in each band of kernels.BAND rows. low, high: least and
+    largest index along x. off: number of particles off the grid. If no particle is on it, the least exceeds the
+    largest.
     """
 
     least: Array
@@ -42,10 +45,10 @@ class Extent(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """Square cells of side `cell` from the corner `origin`; fields are (nx, ny) at their centres; 1D: ny = 1.
+    """Square cells of side `cell` from the corner `origin`; fields (nx, ny) are at cell centres, the nodes; 1D: ny = 1.
 
-    Positions are (n, dimensions). A particle is off an open grid where one of the nodes about it is missing. Methods
-    with `first` take a field of part of the grid, from that node on, which has all nodes about the particles.
+    Positions are (n, dimensions). A particle is off an open grid if one of the nodes about it is missing. Methods
+    with `first` take a field on a part of the grid that begins at this node and has all nodes about the particles.
     """
 
     origin: tuple[float, float]
@@ -55,7 +58,7 @@ class Grid:
 
     @classmethod
     def from_scene(cls, scene: Scene, particles: int) -> Grid:
-        """The grid of `scene.space`; without `cells` about as many as `particles`.
+        """Return the grid of `scene.space`; without `space.cells`, with about as many cells as `particles`.
 
         Raises ValueError for a periodic box whose sides are not whole numbers of square cells.
         """
@@ -75,7 +78,7 @@ class Grid:
         return cls((origin[0], origin[1]), cell, (max(counts[0], 1), max(counts[1], 1)), periodic)
 
     def nodes(self, axis: int) -> Array:
-        """Coordinates of the cell centres along an axis."""
+        """Return the coordinates of the cell centres along an axis."""
         return self.origin[axis] + (np.arange(self.shape[axis]) + 0.5) * self.cell
 
     def deposit(
@@ -86,10 +89,11 @@ class Grid:
         first: Node = ORIGIN,
         pieces: tuple[Array, Array] | None = None,
     ) -> Array:
-        """Surface density (nx, ny) of the particles on the grid, added to `out` if given; 1D: by length.
+        """Deposit the particles on the grid: return their surface density (nx, ny), in 1D mass per length.
 
-        The sum over the nodes, times the cell's area, is the mass of those particles, to rounding. It goes through rows
-        of arrays by `pieces`, first rows and ends (pieces,) of each; None: as they are.
+        out: array to which it is added. pieces: first rows and ends (pieces,) of ranges of the arrays, in the order
+        of summation; None: the order of the arrays. The sum over nodes times the cell's area is the mass of the
+        particles on the grid, to rounding.
         """
         if pieces is None:
             pieces = np.zeros(1, np.int64)[: len(pos)], np.array([len(pos)])[: len(pos)]
@@ -109,9 +113,9 @@ class Grid:
         return out
 
     def gather(self, field: Array, pos: Array, first: Node = ORIGIN) -> Array:
-        """A field at the particles with the deposit's weights, 0 off the grid.
+        """Gather a field at the particles with the weights of the deposit; 0 off the grid.
 
-        Field (nx, ny) gives (n,); a vector field (nx, ny, 2) gives (n, dimensions).
+        A field (nx, ny) gives (n,), and a vector field (nx, ny, 2) gives (n, dimensions).
         """
         scalar = field.ndim == 2
         out = np.empty((len(pos), 1 if scalar else pos.shape[1]))
@@ -123,10 +127,10 @@ class Grid:
     def pull(
         self, gradient: Array, several: Iterable[tuple[Array, Array]], first: Node = ORIGIN
     ) -> list[tuple[float, int]]:
-        """Take `gradient` (nx, ny, 2) at the particles of some species off their acceleration, but for those off the
-        grid; `several` are the places and accelerations (n, dimensions) of each.
+        """Gather `gradient` (nx, ny, 2) and subtract it from the accelerations of several species.
 
-        Returns of each the largest length of what is taken off, and how many particles are off the grid.
+        several: positions and accelerations (n, dimensions) of each. Particles off the grid are not changed. Return
+        for each species the largest length of the gathered vectors, and the number of particles off the grid.
         """
         where = self.origin, 1.0 / self.cell, self.periodic, (*self.shape, *first)
         ranges, found = [], []
@@ -139,29 +143,30 @@ class Grid:
         return [(float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())) for largest, missing in found]
 
     def places(self, pos: Array) -> tuple[Array, int]:
-        """Place of the cell of each particle (n,), to sort by for memory locality, and how many places there are."""
+        """Return sort keys (n,) by cell that give memory locality, and one more than the largest key."""
         key = np.empty(len(pos), np.uint32)
         share(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
         return key, int(key.max(initial=0)) + 1
 
     def outside(self, pos: Array) -> Array:
-        """Indices of the particles off the grid: never deposited, and not to be gathered for."""
+        """Return the indices of particles off the grid, which are not deposited and must not gather."""
         outside = np.empty(len(pos), bool)
         inverse = 1.0 / self.cell
         share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
         return np.flatnonzero(outside)
 
     def extent(self, pos: Array, bounds: Array) -> Extent:
-        """Where the first nodes about particles on the grid are; bounds: as of `numerics/batches.py`."""
+        """Return the extent of the nodes about particles; bounds: those of `numerics/batches.py`."""
         given = pos, bounds, self.origin, 1.0 / self.cell, self.shape, self.periodic
         least, most, low, high, off = zip(*share(kernels.extents, len(bounds), *given, least=LEAST), strict=True)
         return Extent(np.min(least, axis=0), np.max(most, axis=0), min(low), max(high), sum(off))
 
     def gradient(self, field: Array, out: Array | None = None, columns: tuple[Array, Array] | None = None) -> Array:
-        """Gradient (nx, ny, 2) at the nodes of `field` (nx, ny), of fourth order, centred but at open edges.
+        """Return the gradient (nx, ny, 2) of fourth order at the nodes of `field` (nx, ny).
 
-        There too if `field` has a border of BORDER nodes more on every side: then no particle pulls itself. In `out`
-        if given, which may be of part of the grid; of each row from and up to `columns` (nx,), or whole.
+        Differences are centred, except at open edges. They are centred there too if `field` has a border of BORDER
+        nodes on every side; then no particle exerts a force on itself. out: array for the result, which may be on a
+        part of the grid. columns: begin and end (nx,) of each row to compute; None: whole rows.
 
         Raises ValueError for an open grid of fewer than five cells a side.
         """
@@ -175,6 +180,6 @@ class Grid:
 
     @staticmethod
     def within(field: Array, shape: tuple[int, int]) -> Array:
-        """The middle of `shape` of a field, which may have a border along an axis."""
+        """Return the inner part of `shape` of a field that may have a border along each axis."""
         x, y = (field.shape[axis] - shape[axis] >> 1 for axis in range(2))
         return np.ascontiguousarray(field[x : x + shape[0], y : y + shape[1]])

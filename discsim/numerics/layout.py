@@ -1,7 +1,7 @@
-"""How large the cells of a run are: those of its grid, and those that drag acts in. Numpy only.
+"""Sizes of the cells of the grid and of drag cells. Numpy only.
 
 The run and `discsim check` call the same functions, and those of a scheme's `Cells` (`drag/base.py`). Drag cells are
-blocks of 2^n by 2^n leaves, and leaves are whole cells of the grid in two dimensions (`kernels/drag/blocks.py`).
+blocks of 2^n by 2^n leaves. In two dimensions leaves are whole cells of the grid (`kernels/drag/blocks.py`).
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as kernels/drag/blocks.py has it
-SOFT = 2.0  # of the wanted side, up to which cells grow for want of particles
+LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as in kernels/drag/blocks.py
+SOFT = 2.0  # largest side of cells that grow for lack of particles, over their target side
 LOADED = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
 
 
 def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
-    """Side of the square cells of `scene.space`, and their number along each side of it.
+    """Return the side of the square cells of `scene.space`, and their number along each axis.
 
-    Without `cells` there are about as many as `particles`. An open side is rounded up to whole ones, which cover it.
+    Without `space.cells` there are about as many cells as `particles`. Along an open side the number is rounded up, so
+    that cells cover it.
     """
     size, cells = scene.space.size, scene.space.cells
     if not cells:
-        # About one particle a cell: the grid resolves what they resolve. A power of two, for the FFT.
+        # About one particle per cell gives grid and particles the same resolution. A power of two, for the FFT.
         along_a_side = max(particles, 1) ** (1.0 / scene.space.dimensions)
         cells = max(8, 2 ** round(np.log2(along_a_side)))
     cell = max(size) / cells
@@ -37,10 +38,10 @@ def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
 
 
 def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, gas: int) -> tuple[float, list[int]]:
-    """Side of leaves at least `wanted` wide on a grid of `shape` cells of side `cell`, and their numbers along it.
+    """Return the side of leaves at least `wanted` wide on a grid of `shape` cells of side `cell`, and their numbers.
 
-    In one dimension, a `shape` of one number, they need not be whole cells, and there are at most four for each of the
-    `gas` particles: what is finer would be empty.
+    In one dimension, a `shape` of one number, leaves need not be whole cells. There are at most four per gas particle,
+    as finer ones would be empty.
     """
     if len(shape) == 2:
         whole = max(1, int(np.ceil(wanted / cell - 1e-9)))
@@ -56,6 +57,6 @@ def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, g
 
 
 def side_of_blocks(leaf: float, wanted: Array) -> Array:
-    """Sides of the blocks of leaves that are at least as wide as is wanted of them."""
+    """Return the sides (n,) of the smallest blocks of leaves that are at least `wanted` (n,) wide."""
     level = np.ceil(np.log2(np.maximum(wanted * (1.0 - 1e-9) / leaf, 1.0)))
     return leaf * 2.0 ** np.minimum(level, LEVELS)

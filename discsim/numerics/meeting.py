@@ -1,8 +1,8 @@
-"""Gas and grains that meet: cells of both, and of each the others about it, for sums of one over the other.
+"""Neighbour lists between gas and grains, for sums over one at the other.
 
-A grain meets the gas particles within whose support it is, and these meet it. Where other processes have some of them,
-`Meeting.gas` and `Meeting.grains` make arrays of own particles and those (`world.Fetched`). Sums are right at own
-particles: where another one reads what a sum has found, others' entries have to be refreshed before.
+A grain is a neighbour of the gas particles whose support contains it, and they are its neighbours. With several
+processes, `Meeting.gas` and `Meeting.grains` extend arrays of local particles by ghosts (`world.Fetched`). Sums are
+complete at local particles only: if a later sum reads the result of an earlier one, ghosts have to be refreshed first.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 halo = Lazy("discsim.kernels.mpi.halo")
 Array = np.ndarray
 NONE = np.empty(0)
-IN_A_CELL = 8.0  # grains that look for gas together
+IN_A_CELL = 8.0  # mean number of grains in a cell of grains
 
 
 @dataclass
 class Grains:
-    """Grains at places pos (n, d), with their `place` in the order of all (`Particles`)."""
+    """Grains at positions pos (n, d); place (n,): their keys in the global order (`Particles`)."""
 
     pos: Array
     place: Array | None
@@ -50,7 +50,7 @@ class Grains:
 
 
 class Surroundings:
-    """The gas as it is now, which grains at places meet."""
+    """The present gas, sorted into cells for neighbour search by grains."""
 
     def __init__(self, sph: Sph, gas: Gas) -> None:
         self.sph, self.gas = sph, gas
@@ -58,19 +58,19 @@ class Surroundings:
 
     @cached_property
     def cells(self) -> Cells:
-        """Cells of own gas."""
+        """Cells of the local gas."""
         return cells_in(self.grids, self.classes, self.gas.pos, self.gas.h)
 
     def meet(self, pos: Array, place: Array | None) -> Meeting:
-        """The meeting with grains at pos (n, d)."""
+        """Return the neighbour lists with grains at positions pos (n, d)."""
         return Meeting(self, Grains(pos, place))
 
 
 class Meeting:
-    """Of gas and grains.
+    """Neighbours between gas and grains.
 
-    gas, grains: what makes arrays of own ones and others that these meet. pos, h, grain_pos: those of both. cells,
-    grain_cells: cells of both, `filled` where they hold own ones.
+    gas, grains: `world.Fetched` of each, which extends local arrays by ghosts. pos, h, grain_pos: arrays with ghosts.
+    cells, grain_cells: cells with ghosts; `filled` lists those with local particles.
     """
 
     def __init__(self, gas: Surroundings, grains: Grains) -> None:
@@ -97,12 +97,12 @@ class Meeting:
 
     @cached_property
     def grains_about(self) -> list[Any]:
-        """The grains about each cell of gas, by the pieces of `share`."""
+        """Candidate grains of each cell of gas, a list for each chunk of `share`."""
         return candidates(self.cells, self.grain_cells, mutual=False)
 
     @cached_property
     def gas_about(self) -> list[Any]:
-        """The gas about each cell of grains."""
+        """Candidate gas of each cell of grains, a list for each chunk of `share`."""
         return candidates(self.grain_cells, self.cells, mutual=True, extent=0.0)
 
 
@@ -115,7 +115,7 @@ def _grids_of(sph: Sph, grains: Grains) -> tuple[Grids, Array]:
 
 
 def _about(*some: tuple[Grids, Array, Array]) -> tuple[Array, Array]:
-    """Least and largest coordinates (2,) of the cells of all particles."""
+    """Return the least and largest coordinates (2,) of the cells of several sets of particles."""
     found = [corners_of_cells(*each) for each in some if len(each[2]) > 0] or [corners(some[0][2])]
     return np.min([low for low, _ in found], axis=0), np.max([high for _, high in found], axis=0)
 
@@ -125,8 +125,10 @@ def _filled(key: Array) -> Array:
 
 
 def _needed(grids: Grids, key: Array, others: Grids, other_key: Array, reach_of: int, flat: bool) -> world.Needed:
-    """The cells of `grids` that own particles are in, or that those of `other_key` (n,) may reach, or be in reach of:
-    `reach_of` says whose reach it is.
+    """Return the cells of `grids` whose particles are needed here, with their numbers on the whole grids.
+
+    They are the cells of local particles, with cell numbers `key` (m,), and all cells within reach of the cells
+    `other_key` (n,) of the other species. reach_of: halo.OWN or halo.THEIRS, the species whose reach counts.
     """
     away, periodic = grids.low - others.low, grids.periodic
     needed = halo.mark_cells(_filled(other_key), others.table, away, grids.table, reach_of, 1.0, flat, periodic)

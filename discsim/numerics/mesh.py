@@ -1,5 +1,5 @@
-"""Surface density, potential and pull of particles on a grid: deposit, potential by FFT, centred difference, gather
-with the deposit's weights (particle mesh; Hockney & Eastwood 1988, ch. 5).
+"""Particle-mesh gravity (Hockney & Eastwood 1988, ch. 5): deposit, potential by FFT, centred difference, and gather
+with the weights of the deposit.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ Array = np.ndarray
 
 
 class Mesh:
-    """The field of some species on a grid, of one process.
+    """Gravitational field of particles on the grid of one process.
 
-    Its arrays are made when they are first needed, and kept from step to step: memory that is new costs as much as what
-    is made in it.
+    Arrays are allocated when first needed and reused in each step, as the first write to new memory takes as much time
+    as the computation.
     """
 
-    first: Node = ORIGIN  # of the nodes that it has
+    first: Node = ORIGIN  # first node of the local part of the grid
 
     def __init__(self, grid: Grid, kernel: Kernel) -> None:
         self.grid, self.kernel = grid, kernel
@@ -39,7 +39,7 @@ class Mesh:
 
     @cached_property
     def density(self) -> Array:
-        """Surface density (nx, ny)."""
+        """Surface density (nx, ny) of the last `solve`."""
         return np.empty(self.grid.shape)
 
     @cached_property
@@ -51,9 +51,10 @@ class Mesh:
         return np.empty((*self.grid.shape, 2))
 
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
-        """The potential of the `sources` where they are now, for what asks at the places of any of the `species`.
+        """Compute the potential of the `sources` at their present positions.
 
-        Raises ValueError as `Poisson`.
+        species: all particles by name, of sources and of particles at which the field is gathered later. Raises
+        ValueError like `Poisson`.
         """
         share(moves.blank, len(self.density), self.density, least=64)
         for name in sources:
@@ -64,19 +65,20 @@ class Mesh:
         self.grid.deposit(particles.pos, particles.mass, out=self.density)
 
     def differentiate(self) -> None:
-        """The gradient of the potential, for `pull`."""
+        """Compute the gradient of the potential for `pull`."""
         self.grid.gradient(self._potential, out=self._gradient)
 
     def pull(self, several: Iterable[tuple[Array, Array]]) -> list[tuple[float, int]]:
-        """Add to accelerations what particles on the grid feel, `several` places and accelerations (n, d); of each the
-        strongest, and how many are off the grid.
+        """Add self-gravity to the accelerations of several species, given by positions and accelerations (n, d).
+
+        Return for each species the largest acceleration, and the number of particles off the grid.
         """
         return self.grid.pull(self._gradient, several, self.first)
 
     def potential(self, pos: Array) -> Array:
-        """The potential (n,) at particles; 0 off the grid."""
+        """Return the potential (n,) at positions (n, d); 0 off the grid."""
         return self.grid.gather(self.grid.within(self._potential, self.density.shape), pos, self.first)
 
     def sums(self) -> tuple[Array, Array]:
-        """The density summed along y (nx,) and along x (ny,)."""
+        """Return the density summed along y (nx,) and along x (ny,)."""
         return self.density.sum(axis=1), self.density.sum(axis=0)

@@ -1,4 +1,4 @@
-"""Cells of particles and lists of candidates: `kernels/common/neighbours.py` and `candidates.py`, shared among threads."""
+"""Neighbour search: cells of particles and candidate lists, by `kernels/common/neighbours.py` and `candidates.py`."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ from discsim.numerics.world import Alone
 
 Array = np.ndarray
 ALONE = Alone()
-LEAST = 64  # the fewest cells that a thread takes at once
+LEAST = 64  # least number of cells in a chunk
 
 
 class Grids(NamedTuple):
-    """The grids of all size classes: their `table`, how many cells they have, and the largest support of each class.
+    """Grids of all size classes of particles, one grid for each class.
 
-    Supports are `extent` times h; `low` and `width` (2,) are the box.
+    table (grids, 10): columns FIRST, NX, ... of `kernels/neighbours.py`. cells: total number of cells. edges: largest
+    support of each class. extent: support radius in h. low, width (2,): the box.
     """
 
     table: Array
@@ -46,16 +47,16 @@ class Grids(NamedTuple):
     periodic: bool
 
     def near(self, low: Array, high: Array, reach: Array) -> Grids:
-        """The part of each grid that holds what is within `reach` (grids,) of the box from `low` to `high` (2,).
+        """Return the part of each grid within `reach` (grids,) of the box from `low` to `high` (2,).
 
-        Where that is beyond an edge of a periodic box it goes from edge to edge.
+        A part that crosses an edge of a periodic box is extended along that axis to the whole grid.
         """
         table = self.table.copy()
         for row, length in zip(table, reach, strict=True):
             for axis in range(2):
                 count, away = int(row[ALL_X + axis]), self.low[axis] + length * np.array([1.0, -1.0])
                 ends = (np.array([low[axis], high[axis]]) - away) / row[SIDE_X + axis]
-                some = np.isfinite(ends).all() and ends[0] <= ends[1]  # a kick will say what is no number
+                some = np.isfinite(ends).all() and ends[0] <= ends[1]  # NaN is reported by the next kick
                 first, last = (math.floor(ends[0]) - 1, math.floor(ends[1]) + 1) if some else (0, 0)
                 if self.periodic and (first < 0 or last >= count):
                     first, last = 0, count - 1
@@ -66,7 +67,7 @@ class Grids(NamedTuple):
         return self._replace(table=table, cells=int(held.sum()))
 
     def numbers(self) -> Array:
-        """What number each cell (cells,) has where there are the whole grids."""
+        """Return the number (cells,) of each cell of these parts in the whole grids."""
         found, first = [], 0
         for row in self.table[:, NX:].astype(np.int64):
             nx, ny, from_x, from_y, all_x, all_y = row[
@@ -78,7 +79,7 @@ class Grids(NamedTuple):
 
 
 def box_about(pos: Array, together: Any = ALONE) -> tuple[Array, Array]:
-    """Lower corner and widths (2,) of the box about positions (n, d), in one dimension flat."""
+    """Return lower corner and widths (2,) of the bounding box of positions (n, d); in 1D the second width is 0."""
     least, most = together.corners(pos, corners)
     low, width = together.least(least), together.most(most)
     width -= low
@@ -87,14 +88,14 @@ def box_about(pos: Array, together: Any = ALONE) -> tuple[Array, Array]:
 
 
 def corners(pos: Array) -> tuple[Array, Array]:
-    """Least and largest coordinates (2,) of positions (n, d), in one dimension flat."""
+    """Return least and largest coordinates (2,) of positions (n, d); in 1D the second ones are 0."""
     low, high = np.zeros(2), np.zeros(2)
     low[: pos.shape[1]], high[: pos.shape[1]] = _extremes(pos)
     return low, high
 
 
 def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, Array]:
-    """Coordinates (2,) between which the cells of particles are."""
+    """Return least and largest coordinates (2,) of the cells of particles at positions (n, d) of `classes` (n,)."""
     low, high = world.together.corners(pos, corners)
     held = [k for k in range(len(grids.table)) if np.any(classes == k)]
     side = grids.table[held, SIDE_X : SIDE_X + 2].max(axis=0, initial=0.0)
@@ -102,9 +103,9 @@ def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, A
 
 
 def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool) -> Cells:
-    """Cells of all particles, whose supports are `extent` times h (n,).
+    """Sort particles at positions (n, d) with supports `extent` times h (n,) into cells.
 
-    `low` and `width` (2,) are the box; in 1D width[1] is 0.
+    low, width (2,): the box; in 1D width[1] is 0.
     """
     return cells_in(*grids_of(pos, h, extent, low, width, periodic), pos, h)
 
@@ -113,9 +114,9 @@ def grids_of(
     pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool, together: Any = ALONE,
     stretch: float = 1.0,
 ) -> tuple[Grids, Array]:  # fmt: skip
-    """The grids of the particles of all processes `together`, and the class (n,) of each of this one's.
+    """Return grids for the particles of all processes of `together`, and the size class (n,) of each local particle.
 
-    Cells are `stretch` times as long along x, and as much narrower along y.
+    stretch: factor by which cells are longer along x and narrower along y.
     """
     smallest, largest = _extremes(h[:, None])
     least, most = (extent * float(h[0]) for h in (together.least(smallest), together.most(largest)))
@@ -128,7 +129,7 @@ def grids_of(
 
 
 def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
-    """The cell of each particle (n,)."""
+    """Return the cell number (n,) of each particle."""
     key = np.empty(len(pos), np.uint32)
     per_side = 1.0 / grids.table[:, SIDE_X : SIDE_X + 2]
     share(kernels.cell_keys, len(pos), pos, classes, grids.table, per_side, grids.low, key, light=True)
@@ -138,31 +139,33 @@ def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
 def cells_in(
     grids: Grids, classes: Array, pos: Array, h: Array, place: Array | None = None, key: Array | None = None
 ) -> Cells:
-    """Cells of particles on grids that are laid; those in one cell in the order of arrays or of their `place` (n,).
+    """Sort particles into the cells of given grids, within a cell in the order of arrays or of their `place` (n,).
 
-    key (n,): as of `keys_in`, where that is known.
+    key (n,): result of `keys_in`, if known.
     """
     key = keys_in(grids, classes, pos) if key is None else key
     order, start = counting_sort(key, grids.cells, place)
-    x, y, radius = laid = np.empty((3, len(pos) + LANES))  # as much as loops over whole vectors look at
+    x, y, radius = laid = np.empty((3, len(pos) + LANES))  # padded for loops over whole vectors
     laid[:, len(pos) :] = 0.0
     bounds = np.empty((grids.cells, 5))
     share(kernels.lay_out, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)
     filled = np.flatnonzero(np.diff(start))
-    table = grids.table.copy()  # cells are widened
+    table = grids.table.copy()  # `widen` changes the table of these cells
     return Cells(filled, key, table, order, start, x, y, radius, bounds, grids.low, grids.width, grids.periodic)
 
 
 def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0, in_slabs: bool = False) -> list[Any]:
-    """Of each cell of `points`, particles of `among` within `extent` times its reach, `in_slabs` for windows; by the
-    pieces of `share`.
+    """List the particles of `among` within `extent` times the reach of each cell of `points`, by the chunks of `share`.
+
+    mutual: also list particles whose own support reaches the cell. in_slabs: sort candidates by slabs along x, in which
+    kernels find windows.
     """
     given = points.filled, points.bounds, extent, mutual, in_slabs, among
     return share(list_candidates, len(points.filled), *given, least=LEAST)
 
 
 def _extremes(values: Array) -> tuple[Array, Array]:
-    # Least and largest of each column of values (n, columns), of those that are numbers.
+    # Least and largest of each column of values (n, columns), ignoring NaN.
     found = np.array(share(kernels.extremes, len(values), np.ascontiguousarray(values), light=True))
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
 
@@ -170,24 +173,27 @@ def _extremes(values: Array) -> tuple[Array, Array]:
 def _lay_grids(
     members: Array, reach: Array, low: Array, width: Array, periodic: bool, stretch: float
 ) -> tuple[Array, int]:
-    """The table of grids over the box [low, low + width], with at most some cells a particle, and how many cells."""
+    """Return the table of grids over the box [low, low + width], and their total number of cells.
+
+    The number of cells per particle is bounded.
+    """
     count = int(np.flatnonzero(members)[-1]) + 1
     grids = np.zeros((count, 10))
     grids[:, REACH] = reach[:count]
-    sides = width.tolist()  # Python's numbers overflow in silence
+    sides = width.tolist()  # floats of Python overflow without a warning
     first = 0
     for k, (held, widest) in enumerate(zip(members[:count].tolist(), reach[:count].tolist(), strict=True)):
-        # A class may be empty where h jumps: then one cell that holds nobody.
+        # A class may be empty if h jumps: it then has one empty cell.
         side = CELL_OVER_REACH * widest if held > 0 else max(sides)
         most = 16.0 * held + 64.0
-        # Few particles far apart: coarser cells rather than an array of empty ones.
+        # For few particles far apart, coarser cells avoid a large array of empty ones.
         if (sides[0] / side + 1.0) * (sides[1] / side + 1.0) > most:
             area = max(sides[0], side) * max(sides[1], side)
             side = max(side, math.sqrt(area / most), sides[0] / most, sides[1] / most)
         grids[k, FIRST] = first
         for axis, own in enumerate((side * stretch, side / stretch)):
             along = sides[axis] / own
-            n = math.floor(along) if along >= 1.0 else 1  # also of places that are no numbers: a kick will say so
+            n = math.floor(along) if along >= 1.0 else 1  # NaN positions too; the next kick reports them
             grids[k, NX + axis] = grids[k, ALL_X + axis] = n
             grids[k, SIDE_X + axis] = max(sides[axis] / n, 1e-300) if periodic or n > 1 else max(sides[axis], own)
         first += int(grids[k, NX] * grids[k, NX + 1])

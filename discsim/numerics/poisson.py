@@ -3,20 +3,19 @@
     plummer     w(d) = -1 / sqrt(d^2 + softening^2)                      w_k = -2 pi exp(-k softening) / k        (1)
     thin-disc   w(d) = -exp(x) K_0(x) / (2 sqrt(pi) H), x = d^2 / 8H^2   w_k = -2 pi exp(k^2 H^2) erfc(kH) / k     (2)
 
-Plummer: a razor-thin disc, felt at the height softening (Binney & Tremaine 2008, eq. 5.161). Thin-disc: both columns
-are stratified, rho = Sigma exp(-z^2 / 2H^2) / (sqrt(2 pi) H), and the pull is the mean over the column that feels it
-(Rendon Restrepo et al. 2025, arXiv:2506.10812). For z - z' is Gaussian too, of variance 2H^2: w is the mean of
--1 / sqrt(d^2 + (z - z')^2), w_k that of -2 pi exp(-k |z - z'|) / k. A wave is weakened by 1 - 2kH / sqrt(pi) where it
-is long, as by a softening of 2H / sqrt(pi) = 1.13 H, and by 1 / (sqrt(pi) kH) where it is short, as in three
-dimensions: no softening does both.
+Plummer: the field of a razor-thin disc at the height softening (Binney & Tremaine 2008, eq. 5.161). Thin-disc: source
+and target columns are stratified, rho = Sigma exp(-z^2 / 2H^2) / (sqrt(2 pi) H), and the field is the mean over the
+target column (Rendon Restrepo et al. 2025, arXiv:2506.10812). As z - z' is Gaussian with variance 2H^2, w is the mean
+of -1 / sqrt(d^2 + (z - z')^2), and w_k that of -2 pi exp(-k |z - z'|) / k. The thickness reduces w_k by the factor
+1 - 2kH / sqrt(pi) for long waves, as a softening of 2H / sqrt(pi) = 1.13 H does, and 1 / (sqrt(pi) kH) for short
+waves, as in three dimensions. No softening reproduces both.
 
 Open edges: the grid is padded to twice its sides, so that the cyclic convolution is the sum over all pairs of
-nodes (Hockney & Eastwood 1988, ch. 6); rows that are only padding are never transformed, and the even and the odd modes
-of a column, of which half is padding, are two transforms of half the length. Periodic: phi_k is Sigma_k w_k, and
-phi_0 = 0.
+nodes (Hockney & Eastwood 1988, ch. 6). Rows of padding alone are not transformed. Half of each column is padding, so
+its even and odd modes are two transforms of half the length. Periodic: phi_k is Sigma_k w_k, and phi_0 = 0.
 
-Rows and columns go through one-dimensional FFTW_ESTIMATE plans in batches of fixed size: the same bits on any number
-of threads.
+Rows and columns are transformed by one-dimensional FFTW_ESTIMATE plans in batches of fixed size, which give the same
+bits on any number of threads.
 """
 
 import math
@@ -47,21 +46,21 @@ from discsim.numerics.threads import share
 
 Array = np.ndarray
 ALL = slice(None)
-ROWS = 16  # that a plan transforms at once: more would leave the cache between its steps
+ROWS = 16  # rows per execution of a plan, few enough to stay in the cache
 
 
 @dataclass(frozen=True)
 class Plummer:
-    """The kernel of a razor-thin disc felt at the height `softening`."""
+    """Kernel (1): the field of a razor-thin disc at the height `softening`."""
 
     softening: float
-    lone: ClassVar[float] = 0.0  # distance of a node from itself, in cells
+    lone: ClassVar[float] = 0.0  # distance used for a node and itself, in cells
 
     def potential(self, distance: Array) -> Array:
         return -1 / np.hypot(distance, self.softening)  # eq. (1)
 
     def pull(self, distance: Array) -> Array:
-        """Attraction over distance."""
+        """Return the attraction over the distance."""
         return np.hypot(distance, self.softening) ** -3
 
     def transform(self, k: Array) -> Array:
@@ -70,18 +69,19 @@ class Plummer:
 
 @dataclass(frozen=True)
 class ThinDisc:
-    """The kernel of a Gaussian disc of constant `thickness` H, the mean over its height; infinite at distance 0."""
+    """Kernel (2): the mean over height in a Gaussian disc of constant `thickness` H; infinite at distance 0."""
 
     thickness: float
-    # w ~ ln d near 0. With this distance for 0 the sum over the nodes of a square lattice is the integral of a smooth
-    # density to fourth order: -ln lone = ln(2 pi)/2 + beta'(0), from the lattice sum 4 zeta(s) beta(s) of |n|^-2s.
+    # w ~ ln d near 0. With this distance in place of 0 the sum over the nodes of a square lattice is the integral over
+    # a smooth density to fourth order: -ln lone = ln(2 pi)/2 + beta'(0), from the lattice sum 4 zeta(s) beta(s) of
+    # |n|^-2s.
     lone: ClassVar[float] = 2 * np.sqrt(np.pi) / gamma(0.25) ** 2
 
     def potential(self, distance: Array) -> Array:
         return -k0e(distance**2 / (8 * self.thickness**2)) / (2 * np.sqrt(np.pi) * self.thickness)  # eq. (2)
 
     def pull(self, distance: Array) -> Array:
-        """Attraction over distance, which is below 1e6 H: there the two terms cancel to four digits."""
+        """Return the attraction over the distance, for distances below 1e6 H, where cancellation leaves four digits."""
         x = distance**2 / (8 * self.thickness**2)
         return (k1e(x) - k0e(x)) / (8 * np.sqrt(np.pi) * self.thickness**3)
 
@@ -93,11 +93,11 @@ Kernel = Plummer | ThinDisc
 
 
 class Poisson:
-    """Solver for one grid of `shape` (nx, ny), square cells of side `cell` and one `kernel`; G = 1.
+    """Solver for a grid of `shape` (nx, ny) with square cells of side `cell` and one `kernel`; G = 1.
 
-    A sheet that varies along x only has ny = 1. With a `border` the potential is that of as many nodes more on every
-    side; the outermost take mass at the opposite edge as two cells nearer than it is. Raises ValueError for a sheet
-    with open edges, and for a border of a periodic grid.
+    A sheet that varies along x only has ny = 1. border: number of further nodes on every side at which the potential is
+    computed. At the outermost of these, the distance of mass at the opposite edge is two cells too small. Raises
+    ValueError for a sheet with open edges, and for a border of a periodic grid.
     """
 
     def __init__(
@@ -111,36 +111,36 @@ class Poisson:
         padded = padded_shape(shape, periodic)
         transform = periodic_transform if periodic else _open_transform
         self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
-        # Transformed along y; the last tile is filled up with zeros.
+        # Modes along y; the last tile is padded with zeros.
         self._tiles = np.empty((tiles_of(padded), shape[0] + 2 * border, TILE), complex)
         self._workers = Workers(padded, periodic, border, threads)
 
     def solve(self, surface_density: Array, out: Array | None = None) -> Array:
-        """Potential (nx, ny) of `surface_density` (nx, ny), both at the nodes; with a border on each side.
+        """Return the potential of `surface_density` (nx, ny) at the nodes, (nx + 2 border, ny + 2 border).
 
-        In `out` if given.
+        out: array for the result.
         """
         nx, ny = self.shape
         potential = np.empty((nx + 2 * self.border, ny + 2 * self.border)) if out is None else out
         tiles, each = self._tiles, self._workers.each
         each(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
         each(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
-        # Nodes before the first come last.
+        # Border nodes before the first node are the last rows of the cyclic convolution.
         rows = -(-len(potential) // ROWS)
         each(lambda worker, batch: worker.backward(tiles, batch * ROWS, potential, self.border), rows)
         return potential
 
 
 class Workers:
-    """Plans for a `padded` shape (nx, ny) of a grid that is `periodic` or not, as many as there are threads."""
+    """One set of FFTW plans for each thread, for a grid of `padded` shape (nx, ny)."""
 
     def __init__(self, padded: tuple[int, int], periodic: bool, border: int, threads: int) -> None:
         self._of = padded, periodic, border
         self._workers = [Worker(*self._of) for _ in range(threads)]
 
     def each(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
-        """Do `work(worker, batch)` for all batches: each gives the same numbers whichever worker does it."""
-        while len(self._workers) < teams.number_of_threads():  # here: FFTW makes one plan at a time
+        """Call `work(worker, batch)` for all batches; the results do not depend on the worker."""
+        while len(self._workers) < teams.number_of_threads():  # on this thread, as FFTW's planner is serial
             self._workers.append(Worker(*self._of))
 
         def part(first: int, last: int) -> None:
@@ -151,18 +151,18 @@ class Workers:
             finally:
                 self._workers.append(worker)
 
-        # In a light loop a node takes a quarter of the time that a particle does.
+        # In a light loop a node takes 25% of the time of a particle.
         share(part, batches, least=max(1, batches * 4 * threads.LIGHT // math.prod(self._of[0])))
 
 
 class Worker:
-    """Plans and their buffers for one thread; `forward`, `convolve` and `backward` treat one batch."""
+    """FFTW plans and buffers of one thread; `forward`, `convolve` and `backward` process one batch."""
 
     def __init__(self, padded: tuple[int, int], periodic: bool, border: int) -> None:
         nx, ny = padded
         self.border = border
         count = ny // 2 + 1
-        # The backward plan has rows of its own: what pads the forward ones must stay 0.
+        # The backward plan has separate rows, as the padding of the forward ones must stay 0.
         self.rows, self.rows_back = pyfftw.zeros_aligned((ROWS, ny)), pyfftw.zeros_aligned((ROWS, ny))
         self.spectra = pyfftw.zeros_aligned((ROWS, -(-count // TILE) * TILE), complex)
         spectra = self.spectra[:, :count]
@@ -179,21 +179,21 @@ class Worker:
         self.columns.convolve(tiles[number], kernel, number * TILE)
 
     def backward(self, tiles: Array, first: int, potential: Array, shift: int) -> None:
-        """Rows of tiles into those of the potential, `shift` further on."""
+        """Transform rows of tiles into rows of the potential that begin `shift` later."""
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
         store_rows(self.rows_back, first, shift, self.border, potential)
 
 
 class Columns:
-    """Columns of a periodic grid, nx long: `convolve` multiplies the modes of a tile of them."""
+    """Transforms of columns of a periodic grid of length nx."""
 
     def __init__(self, nx: int) -> None:
         self.length = nx
         self._make(TILE)
 
     def _make(self, columns: int) -> None:
-        # Rows a power of two apart would share their place in the cache, and a transpose wait for it.
+        # Rows at distances of a power of two would map to the same cache lines and slow a transpose.
         shape = columns, self.length + 4
         self.given, self.modes = pyfftw.zeros_aligned(shape, complex), pyfftw.zeros_aligned(shape, complex)
         self.parts = self.modes.view(float)  # real and imaginary, in turn
@@ -201,7 +201,7 @@ class Columns:
         self.forth, self.back = _plan(given, modes, "FFTW_FORWARD"), _plan(modes, given, "FFTW_BACKWARD")
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
-        """The columns of a tile (nx, TILE), which are those of the kernel's rows from `first` on."""
+        """Convolve the columns of a tile (nx, TILE) with the kernel, whose rows for it begin at `first`."""
         load_columns(tile, self.given)
         self.forth.execute()
         multiply_columns(self.parts, kernel, first, self.length)
@@ -210,9 +210,10 @@ class Columns:
 
 
 class PaddedColumns(Columns):
-    """Columns of an open grid, `padded` to so many rows: even and odd modes apart, as half the rows are padding.
+    """Transforms of columns of an open grid with `padded` rows; half of them are padding.
 
-    With FFTW_ESTIMATE plans two transforms of 2^11 numbers take 0.6 of the time of one of 2^12 (2026-11).
+    Even and odd modes are separate transforms. With FFTW_ESTIMATE plans two transforms of 2^11 numbers take 60% of the
+    time of one of 2^12 (2026-11).
     """
 
     def __init__(self, padded: int, border: int) -> None:
@@ -222,7 +223,7 @@ class PaddedColumns(Columns):
         self.halves, self.parts = (each.reshape(2, TILE, -1) for each in (self.given, self.parts))
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
-        """The columns of a tile (nx + 2 border, TILE); rows before the first node come last."""
+        """Convolve the columns of a tile (nx + 2 border, TILE), whose rows before the first node come last."""
         nx = len(tile) - 2 * self.border
         load_halves(tile, nx, self.wave, self.halves)
         self.forth.execute()
@@ -236,28 +237,31 @@ def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.F
 
 
 def padded_shape(shape: tuple[int, int], periodic: bool) -> tuple[int, int]:
-    """Nodes (nx, ny) of the transforms for a grid of `shape`."""
-    # At least twice as many, so that no pair of nodes meets around the edge; even, so that the kernel has a middle.
+    """Return the number of nodes (nx, ny) of the transforms for a grid of `shape`."""
+    # At least twice as many, so that no pair of nodes interacts across the edge; even, so that the kernel has a middle.
     return shape if periodic else (2 * next_fast_len(shape[0], real=True), 2 * next_fast_len(shape[1], real=True))
 
 
 def tiles_of(padded: tuple[int, int]) -> int:
-    """How many tiles of columns hold what is transformed along y."""
+    """Return the number of tiles of columns that hold the modes along y."""
     return -(-(padded[1] // 2 + 1) // TILE)
 
 
 def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
-    """Transform (ky, kx) of the kernel times cell^2, even along both axes: a cosine transform; `even_first`."""
+    """Return the transform (ky, kx) of the kernel times cell^2, ordered by `even_first`.
+
+    The kernel is even along both axes, so that a cosine transform suffices.
+    """
     return even_first(dctn(open_kernel(padded, cell, kernel), type=1))
 
 
 def even_first(transform: Array) -> Array:
-    """A transform (ky, kx) with the even kx before the odd ones, as `PaddedColumns` have them."""
+    """Return a transform (ky, kx) with the even kx before the odd ones, the order of `PaddedColumns`."""
     return np.concatenate([transform[:, ::2], transform[:, 1::2]], axis=1)
 
 
 def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = ALL) -> Array:
-    """The kernel (y, x) at half the padded nodes along each axis, times cell^2; of `some` along x."""
+    """Return the kernel (y, x) times cell^2 at half the padded nodes along each axis; `some`: slice along x."""
     x, y = (cell * np.arange(n // 2 + 1) for n in padded)
     distance = np.hypot(x[some], y[:, None])
     distance[0, x[some] == 0.0] = kernel.lone * cell
@@ -265,7 +269,7 @@ def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slic
 
 
 def periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = ALL) -> Array:
-    """w_k at the grid's wavenumbers (ky, kx), and 0 at k = 0; of `some` ky."""
+    """Return w_k at the grid's wavenumbers (ky, kx), and 0 at k = 0; `some`: slice of ky."""
     kx, ky = (2 * np.pi * np.fft.rfftfreq(n, cell) for n in padded)
     k = np.hypot(kx, ky[some, None])
     k[ky[some] == 0.0, 0] = np.inf

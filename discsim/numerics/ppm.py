@@ -1,14 +1,15 @@
-"""Gas and dust as two fluids on one fixed 1D grid, moved by the piecewise-parabolic method (`kernels/fluid1d/ppm.py`).
+"""Gas and dust as two fluids on a fixed 1D grid, by the piecewise-parabolic method (`kernels/fluid1d/ppm.py`).
 
     U_t + F(U)_x = S,   U = (rho_g, rho_g v, E, rho_d, rho_d u)
                         F = (rho_g v, rho_g v^2 + P, (E + P) v, rho_d u, rho_d u^2)
 
-in steps of three stages, each from the state U^n at the start (Wicker & Skamarock 2002): third order in time where
-the equations are linear, second elsewhere, and stable with unlimited parabolas up to a Courant number of 1.2.
+A step has three stages, each from the state U^n at its start (Wicker & Skamarock 2002):
 
     U^(k) = U^n + a_k dt L(U^(k-1)),   a_k = 1/3, 1/2, 1,   U^(0) = U^n,   U^(n+1) = U^(3)
 
-Cells are the particles of the state: mass rho dx at places that never move. Isothermal gas has no E.
+It is of third order in time for linear equations and of second order otherwise, and stable with unlimited parabolas up
+to a Courant number of 1.2.
+Cells are the particles of the state, with mass rho dx at fixed positions. Isothermal gas has no E.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ STAGES = (1 / 3, 1 / 2, 1.0)
 
 
 class Tube:
-    """The cells of a scene. Raises ValueError where the particles of `state` are not at their centres."""
+    """The cells of a scene. Raises ValueError if the particles of `state` are not at their centres."""
 
     def __init__(self, scene: Scene, state: State):
         assert state.gas is not None and state.dust is not None and scene.gas is not None
@@ -42,7 +43,7 @@ class Tube:
                 raise ValueError(f"[{name}]: particles are not at the centres of {count} even cells, in order")
         self.periodic = scene.space.boundary == "periodic"
         beyond = np.arange(-ppm.GHOSTS, count + ppm.GHOSTS)
-        # Open ends: the last cells' states go on.
+        # Open ends: ghost cells copy the last cells.
         self.inside = beyond % count if self.periodic else np.clip(beyond, 0, count - 1)
         eos: Any = scene.gas.eos
         self.adiabatic = EOS[eos.kind].holds_heat
@@ -51,17 +52,17 @@ class Tube:
         self.everyone: Any = world.Whole()
 
     def read(self, state: State) -> Array:
-        """What is conserved in each cell (5, n)."""
+        """Return the conserved variables U of each cell (5, n)."""
         gas, dust = state.gas, state.dust
         density, dust_density = gas.mass / self.dx, dust.mass / self.dx
         v, u = gas.vel[:, 0], dust.vel[:, 0]
         energy = density * (gas.u + 0.5 * v * v) if self.adiabatic else np.zeros_like(v)
         cells = np.array([density, density * v, energy, dust_density, dust_density * u])
-        self.everyone = world.together.everyone(gas)  # each process moves all cells: a line of them is little to do
+        self.everyone = world.together.everyone(gas)  # each process computes all cells, which are few
         return np.ascontiguousarray(self.everyone.of(cells.T).T)
 
     def write(self, state: State, cells: Array) -> None:
-        """Put what is conserved back into the particles."""
+        """Write conserved variables (5, n) to the particles."""
         gas, dust = state.gas, state.dust
         density, v, pressure, dust_density, u = self.primitive(cells[:, self.everyone.own])
         gas.mass[:], gas.vel[:, 0] = density * self.dx, v
@@ -70,7 +71,7 @@ class Tube:
             gas.u[:] = pressure / (self.gamma - 1.0) / density
 
     def primitive(self, cells: Array) -> Array:
-        """Gas density, velocity and pressure, dust density and velocity (5, n); dust is at rest in a void."""
+        """Return gas density, velocity and pressure, dust density and velocity (5, n); the last is 0 without dust."""
         density, momentum, energy, dust_density, dust_momentum = cells
         v = momentum / density
         u = np.divide(dust_momentum, dust_density, out=np.zeros_like(v), where=dust_density > 0.0)
@@ -82,11 +83,11 @@ class Tube:
 
     def thermal_speed(self, cells: Array) -> Array:
         density, _, pressure, _, _ = self.primitive(cells)
-        with np.errstate(invalid="ignore"):  # of an energy below zero: the step's limit is then not a number
+        with np.errstate(invalid="ignore"):  # a negative energy makes the time-step limit NaN, which is reported
             return np.sqrt(pressure / density)
 
     def moved(self, start: Array, now: Array, dt: float) -> Array:
-        """start + dt L(now): fluxes and pressure, no drag."""
+        """Return start + dt L(now) (5, n), by fluxes and pressure without drag."""
         gas, rightward, leftward = ppm.through_faces(self.primitive(now)[:, self.inside], self.gamma)
         ratio = dt / self.dx
         dust = start[ppm.DUST_MASS], start[ppm.DUST_MOMENTUM]

@@ -1,7 +1,6 @@
-"""Memory of arrays.
+"""Allocation of arrays with spare capacity or aligned to cache lines.
 
-Some have room behind their last entries, where others' entries go: those of both are then there without a copy. Others
-begin where a cache line does.
+Spare capacity behind the last entry of an array takes the entries of ghosts or migrated particles without a copy.
 """
 
 import math
@@ -10,17 +9,16 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 Array = np.ndarray
-_made: WeakValueDictionary[int, Array] = WeakValueDictionary()  # whole arrays by identity: what is behind is nobody's
+_made: WeakValueDictionary[int, Array] = WeakValueDictionary()  # arrays whose spare capacity is unused, by id
 
 
-LINE = 64  # bytes of a cache line, and of the longest vectors of processors
+LINE = 64  # bytes of a cache line, and of the longest SIMD vectors
 
 
 def aligned(shape: tuple[int, ...], dtype: type = np.float64) -> Array:
-    """An empty array that begins with a cache line: a vector, or a row of as many bytes, is never of two of them.
+    """Return an uninitialised array aligned to a cache line, so that no SIMD vector crosses two lines.
 
-    np.empty begins at any multiple of 16 bytes, which made loops over packs faster or slower by a tenth from run to run
-    (2026-11).
+    np.empty aligns to 16 bytes, with which the speed of loops over packs varied by 10% from run to run (2026-11).
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     memory = np.empty(size + LINE, np.uint8)
@@ -29,7 +27,7 @@ def aligned(shape: tuple[int, ...], dtype: type = np.float64) -> Array:
 
 
 def empty(count: int, like: Array, spare: int) -> Array:
-    """An array of `count` entries such as those of `like` (n, ...), with room for some more."""
+    """Return an uninitialised array (count, ...) like `like` (n, ...), with capacity for `spare` further entries."""
     whole = np.empty((count + spare, *like.shape[1:]), like.dtype)
     if spare > 0:
         _made[id(whole)] = whole
@@ -37,13 +35,13 @@ def empty(count: int, like: Array, spare: int) -> Array:
 
 
 def like(array: Array, numbers: type | None = None) -> Array:
-    """An array such as this one, with as much room; or of `numbers` of that type, one for each entry."""
+    """Return an uninitialised array of the same shape, type and spare capacity; with `numbers` (n,) of that type."""
     whole, same = array.base, array if numbers is None else np.empty(0, numbers)
     return empty(len(array), same, len(whole) - len(array) if whole is not None and _has_room(array, whole) else 0)
 
 
 def longer(array: Array, count: int) -> Array | None:
-    """`count` entries: the array and what is behind it, in one memory. None where it has no room for them."""
+    """Return a view of the array extended to `count` entries, or None if its capacity is too small."""
     whole = array.base
     if whole is None or not _has_room(array, whole) or len(whole) < count:
         return None
@@ -51,7 +49,7 @@ def longer(array: Array, count: int) -> Array | None:
 
 
 def begin_alike(one: Array, other: Array) -> bool:
-    """Whether two arrays begin at one place in memory."""
+    """Return whether two arrays begin at the same address."""
     return len(one) > 0 and len(other) > 0 and _begin(one) == _begin(other)
 
 

@@ -1,4 +1,4 @@
-"""Stable counting sort, shared among threads: each counts and places a part of the particles.
+"""Stable counting sort on several threads, each of which counts and places a part of the particles.
 
 The order is unique, and so the same for any number of threads.
 """
@@ -15,9 +15,10 @@ Array = np.ndarray
 def counting_sort(
     key: Array, count: int, place: Array | None = None, loose: Array | None = None
 ) -> tuple[Array, Array]:
-    """Stable order (n,) by `key` (n,) in [0, count), and where in it each key starts (count + 1,); n is below 2^32.
-    Those of one key are in the order of `place` (n,) where that is given, which rises but for the rows `loose`, if
-    these are known.
+    """Return the stable order (n,) by `key` (n,) in [0, count), and the start of each key in it (count + 1,).
+
+    n is below 2^32. place (n,): order within a key, by default that of the arrays. loose: rows that break the rising
+    order of `place`, if known.
     """
     ends, parts = _count(key, count)
     np.cumsum(ends, out=ends)
@@ -31,10 +32,10 @@ def counting_sort(
 
 
 def _behind(key: Array, place: Array, order: Array, start: Array) -> Array:
-    """The keys whose members are not in the order of their `place` (n,): few."""
+    """Return the keys whose members are not in the order of their `place` (n,)."""
     behind = np.empty(len(key) + 1, bool)
     share(kernels.find_behind, len(key), place, order, behind)
-    behind[start] = False  # of each key the first one; and what is beyond the end
+    behind[start] = False  # the first member of each key, and the entry beyond the end
     some = key[order[np.flatnonzero(behind)]]
     another = np.ones(len(some), bool)
     another[1:] = some[1:] != some[:-1]
@@ -42,26 +43,29 @@ def _behind(key: Array, place: Array, order: Array, start: Array) -> Array:
 
 
 def _keys_of(rows: Array, key: Array, count: int) -> Array:
-    """The keys in [0, count) of some rows, each once."""
+    """Return the distinct keys in [0, count) of some rows."""
     held = np.zeros(count, bool)
     held[key[rows]] = True
     return np.flatnonzero(held)
 
 
 def by_ids(key: Array, count: int, ids: Array) -> Array:
-    """Order (n,) by `key` (n,) in [0, count), those of one key by `ids` (n,): whatever order they had before."""
+    """Return the order (n,) by `key` (n,) in [0, count) and, within a key, by `ids` (n,).
+
+    It does not depend on the present order.
+    """
     return counting_sort(key, count, ids)[0]
 
 
 def counts(key: Array, count: int) -> Array:
-    """How many of `key` (n,) in [0, count) there are of each (count,)."""
+    """Return the number of entries of `key` (n,) equal to each value in [0, count), (count,)."""
     place, parts = _count(key, count)
-    return sum((place[1 + part :: parts] for part in range(1, parts)), place[1::parts])  # some times faster than .sum
+    return sum((place[1 + part :: parts] for part in range(1, parts)), place[1::parts])  # several times as fast as .sum
 
 
 def _count(key: Array, count: int) -> tuple[Array, int]:
-    # How many of each key each part has, after a 0: summed up, where they go. No more parts than that is small beside
-    # the particles.
+    # Counts of each key in each part, after a 0; their cumulative sum gives positions. The number of parts is bounded,
+    # so that this array is small compared with those of the particles.
     parts = max(1, min(teams.number_of_threads(), len(key) // threads.LIGHT, 4 * len(key) // max(count, 1024)))
     place = np.zeros(count * parts + 1, np.uint32)
     share(kernels.count_keys, parts, key, parts, place, least=1)

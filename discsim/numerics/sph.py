@@ -46,18 +46,19 @@ if TYPE_CHECKING:
 
 NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
 PAIRS = {"approaching": APPROACHING, "all": ALL_PAIRS, "reconstructed": RECONSTRUCTED}
-# Over the density of an even gas of the mean h, where h stops. Of particles at one place, or as near as nothing, m W(0)
-# h^d is more than m eta^d at any h: without a limit h and the step would fall to nothing. Codes with gravity have it at
-# a share of the softening, which not every scene has. One limit for all leaves forces conservative with Omega = 1.
+# Lower bound of h, as a density over that of even gas with the mean h. For particles at nearly one position
+# m W(0) h^d exceeds m eta^d at any h, and without a bound h and the step would go to 0. Codes with gravity use a
+# fraction of the softening, which not every scene has. With one bound for all particles, forces are conservative with
+# Omega = 1.
 DENSEST = 4096.0
-PASSES = 4  # a first guess of h may be too large by DENSEST^((PASSES - 1) / d)
-# Of cells along x: the longer, the fewer of a cell's candidates a particle looks at (`window`), and the more there are.
+PASSES = 4  # the first guess of h may be too large by a factor of DENSEST^((PASSES - 1) / d)
+# Factor by which cells are longer along x. Longer cells have more candidates, but a particle's `window` fewer of them.
 STRETCH = 2.0
-ROOM = 1.03  # how far h may grow in a step without looking for candidates again
+ROOM = 1.03  # growth of h in a step that candidate lists cover
 
 
 class Points(Protocol):
-    """Particles that have a density: gas, or dust where drag asks for it."""
+    """Particles with an SPH density: gas, or dust in some drag schemes."""
 
     pos: np.ndarray
     mass: np.ndarray
@@ -71,13 +72,15 @@ class Points(Protocol):
 
 
 def binade(values: np.ndarray) -> float:
-    """The power of two next to the largest of some values."""
+    """Return the least power of two above the largest of some values."""
     return 2.0 ** math.frexp(float(values.max(initial=0.0)))[1]
 
 
 class Around(NamedTuple):
-    """Own particles and others that their sums may meet: what makes arrays of both, these of both, and their cells,
-    `filled` where they hold own ones.
+    """Local particles with the ghosts that their sums may reach.
+
+    both: `Fetched`, which extends arrays by ghosts. h, mass: arrays with ghosts. cells: cells with ghosts; `filled`
+    lists those with local particles.
     """
 
     both: Fetched
@@ -87,7 +90,7 @@ class Around(NamedTuple):
 
 
 class Sph:
-    """The gas's discretisation: what a scene chose, and the neighbour cells of the last density pass."""
+    """SPH of the gas with the options of a scene, and the neighbour cells of the last density pass."""
 
     def __init__(self, scene: Scene):
         self.kernel = KERNELS[scene.gas.kernel]
@@ -100,7 +103,7 @@ class Sph:
         self.periodic = scene.space.boundary == "periodic"
         self.size = np.zeros(2)
         self.size[: self.dim] = scene.space.size
-        # Lone particles have no h that solves eq. (1); none may reach over the whole disc.
+        # For isolated particles no h solves eq. (1); the bound keeps their support smaller than the disc.
         self.h_most = self.size.max() / (1.0 if self.periodic else 8.0)
         self.viscosity = scene.gas.viscosity
         self.conductivity = scene.gas.conductivity
@@ -112,12 +115,12 @@ class Sph:
         self.columns = np.empty((0, 0))
 
     def ignore_velocities(self) -> None:
-        """Find densities alone from now on, without derivatives of the velocity."""
+        """Compute densities without derivatives of the velocity from now on."""
         self.derived = NO_DERIVATIVES
 
     @contextmanager
     def in_double(self) -> Iterator[None]:
-        """Sums in double precision meanwhile, whatever the scene has."""
+        """Use double precision in sums within the context."""
         kept, self.single = self.single, False
         try:
             yield
@@ -130,7 +133,7 @@ class Sph:
         return box_about(points.pos, world.together)
 
     def grids_of(self, points: Points) -> tuple[Grids, np.ndarray]:
-        """Grids of the points of all processes, with some room for h to grow, and the size class (n,) of each."""
+        """Return grids for the points of all processes, with a margin for growth of h, and size classes (n,)."""
         extent = (1.0 if self.fixed else ROOM) * self.support
         box = self.box_of(points)
         return grids_of(
@@ -138,52 +141,56 @@ class Sph:
         )
 
     def cells_of(self, points: Points) -> Cells:
-        """Cells of all points, which one process has."""
+        """Return the cells of the points of a single process."""
         return cells_in(*self.grids_of(points), points.pos, points.h)
 
     def keys(self, gas: Gas) -> tuple[np.ndarray, int]:
-        """The neighbour cell of each particle (n,), to sort by for memory locality, and how many cells there are."""
+        """Return the neighbour cell (n,) of each particle, a sort key for memory locality, and the number of cells."""
         grids, classes = self.grids_of(gas)
         return keys_in(grids, classes, gas.pos), grids.cells
 
     def around(self, points: Points) -> Around:
-        """The points and all that their sums may meet."""
+        """Return the points with the ghosts that their sums may reach."""
         return Around(world.Whole(), points.h, points.mass, self.cells_of(points))
 
     def listed(self, cells: Cells) -> list[Any]:
-        """Candidates of all cells with particles of their own, by the pieces of `share`; in single precision sums take
-        less time than what would sort these.
+        """Return the candidates of all cells with local particles, a list for each chunk of `share`.
+
+        In single precision they are not sorted into slabs, as this takes more time than it saves in sums.
         """
         return candidates(cells, cells, mutual=True, in_slabs=not self.single)
 
     def list_anew(self, cells: Cells, some: np.ndarray, first: int, last: int) -> Any:
-        """Candidates of the cells some[first:last], as `listed` has them."""
+        """Return the candidates of the cells some[first:last], in the form of `listed`."""
         return list_candidates(first, last, some, cells.bounds, 1.0, True, not self.single, cells)
 
     def meet(self, lists: Any) -> None:
-        """Note which cells have these candidates."""
+        """Mark the cells of the particles in these candidate lists."""
         cells = self.cells
         self.met[cells.key[cells.order[lists.slots[: lists.begin[-1]]]]] = True
 
     def outgrown(self, own: np.ndarray) -> np.ndarray:
-        """All cells that hold a particle whose h has outgrown their lists; of those with own particles, `own`."""
+        """Return all cells with a particle whose h exceeds the reach of their lists.
+
+        own: such cells with local particles.
+        """
         return own
 
     def meets_all(self, outgrown: np.ndarray) -> bool:
-        """Whether all that these cells reach now are here."""
+        """Return whether the ghosts include all particles within the present reach of these cells."""
         return True
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
-        """Density, Omega and, unless fixed, smoothing length of all particles; what viscosity needs of `vel`.
+        """Compute density, Omega and, unless fixed, smoothing length, and the derivatives of `vel` for viscosity.
 
-        Raises FloatingPointError where a smoothing length is no number: the cells of neighbours would have no size.
+        Raises FloatingPointError if a smoothing length is NaN, for which neighbour cells have no size.
         """
         for _ in range(PASSES):
             h_least = self.least(gas)
             if not h_least < np.inf:
                 raise FloatingPointError("a smoothing length of the gas is not finite")
             self.settle(gas, vel, h_least)
-            # Where h is at its limit, that has to be one of the h found, not of the first guess.
+            # If h is at its lower bound, this bound has to follow from the resulting h, not from the first guess.
             smallest = world.together.least(float(gas.h.min(initial=np.inf)))
             if self.fixed or smallest > h_least or self.least(gas) > 0.9 * h_least:
                 return
@@ -192,12 +199,12 @@ class Sph:
         return mean(gas.h) * DENSEST ** (-1.0 / self.dim)
 
     def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> bool:
-        """`density` with h of no less than h_least; False where it has to begin anew, with more particles around."""
+        """Compute `density` with h of at least h_least; return False if it has to restart with more ghosts."""
         driver = density_driver(self.kernel, self.dim, self.derived, self.single)
         both, h, mass, cells = self.around(gas)
         self.both, self.cells, self.fullest = both, cells, int(np.diff(cells.start).max())
         lists = self.lists = self.parts(self.listed(cells))
-        self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle that outgrew its own
+        self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle whose h exceeds its lists
         div, curl = (np.empty(len(h) if self.derived == DIV_CURL else 0) for _ in range(2))
         slopes = np.empty((len(h) if self.derived == SLOPES else 0, 3))
         found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), div, curl, slopes)
@@ -231,18 +238,18 @@ class Sph:
 
     @property
     def slopes(self) -> np.ndarray:
-        """Slopes (n, 3) of the velocity of own particles, eq. (7), where velocities are reconstructed."""
+        """Slopes (n, 3) of the velocity of local particles, eq. (7), if velocities are reconstructed."""
         return self.found.slopes[self.both.own]
 
     def driver(self, u: np.ndarray | None, nu: np.ndarray, uneven: bool) -> Any:
-        """The sums of forces for what a scene has; only some terms ask whether masses are `uneven`."""
+        """Return the compiled force sums for the terms of a scene; only some terms depend on `uneven` masses."""
         conductive, shearing = self.conductivity is not None, len(nu) > 0
         bounded = self.pairs != NO_VISCOSITY or conductive or shearing
         kinds = self.pairs, u is not None, conductive, shearing, bounded and uneven
         return force_driver(self.kernel, self.dim, *kinds, self.single)
 
     def parts(self, lists: list[Any]) -> list[Any]:
-        """Lists with what the sums of each work in: kernels that make arrays would count references in their loops."""
+        """Pair each list with work arrays for its sums; arrays allocated in kernels would add reference counting."""
         most, real = self.fullest, np.float32 if self.single else np.float64
         packs = room.aligned((len(lists), ROWS * STRIDE), real)
         packs[:] = 0.0
@@ -250,12 +257,12 @@ class Sph:
         return [(part, Work(packs[k], np.zeros(members), np.empty((most, 5)))) for k, part in enumerate(lists)]
 
     def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> float:
-        """Add to `acc` (and `heating_rate`); return the longest step that these allow."""
+        """Add forces to `acc` and heating to `heating_rate`; return the time-step limit over the Courant factor."""
         terms = self.pairs, u is not None, self.conductivity is not None
         both, found = self.both, self.found
         derivatives = {NO_DERIVATIVES: (), DIV_CURL: (found.div, found.curl), SLOPES: (found.slopes,)}[self.derived]
         for array in (found.rho, found.gradh, *derivatives):
-            both.refresh(array)  # on processes without particles too: all call
+            both.refresh(array)  # a collective call, also for processes without particles
         optional = [array for array in (u, gas.immobile, gas.nu) if array is not None]
         moving, mass, pressure, sound, *rest = both.of_all([vel, gas.mass, pressure, gas.sound_speed, *optional])
         energy, nu = NONE if u is None else rest[0], NONE if gas.nu is None else rest[-1]
@@ -289,19 +296,19 @@ class Sph:
         both.keep(gas.acc, acc)
         if u is not None:
             both.keep(gas.heating_rate, rate)
-        # That of conduction: in a step of 1 / it a particle would take the mean energy of those that it meets; in a
-        # longer one, beside heavier ones, more than there is.
+        # The rate of conduction: in a step of 1 / rate a particle reaches the mean energy of its neighbours. In a
+        # longer step, next to heavier neighbours, it exchanges more energy than there is.
         fastest = np.max(rates)
         return 1.0 / float(fastest) if fastest != 0.0 else np.inf
 
     def _columns(self, count: int, width: int) -> np.ndarray:
-        """Memory for the columns of forces, which is kept: new memory costs as much as what is written to it."""
+        """Return memory for the columns of forces, which is reused: allocation takes as much time as the writing."""
         if len(self.columns) < count:
-            spare = min(len(self.columns), count // 16)  # that it has to grow once will not be all
+            spare = min(len(self.columns), count // 16)  # if it had to grow once, it may grow again
             self.columns = room.aligned((count + spare, width))
         return self.columns[:count]
 
     def _uneven(self, gas: Gas) -> bool:
-        """Whether masses differ."""
+        """Return whether masses of gas particles differ."""
         most, least = float(gas.mass.max(initial=0.0)), float(gas.mass.min(initial=np.inf))
         return bool(world.together.most(most) > world.together.least(least))

@@ -1,4 +1,4 @@
-"""The state of a run: particles of each kind, the time, the grid. Data only; the physics is in the effects."""
+"""The state of a run: particles of each species, time and grid. Data only; the physics is in the effects."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = np.ndarray
 
 
 def read_only(array: Array) -> Array:
-    """A view of an array that cannot be written to."""
+    """Return a read-only view of an array."""
     view = array.view()
     view.flags.writeable = False
     return view
@@ -34,9 +34,20 @@ def read_only(array: Array) -> Array:
 
 @dataclass(kw_only=True, repr=False)
 class Particles(Summarised):
-    """Particles of one kind, in code units; every array has one entry a particle.
+    """Particles of one species in code units; every array has one entry per particle.
 
-    pos, vel, acc have shape (n, dimensions); mass and ids have shape (n,).
+    Attributes
+    ----------
+    pos, vel, acc : ndarray, shape (n, dimensions)
+        Positions, velocities and accelerations.
+    mass : ndarray, shape (n,)
+        Masses.
+    ids : ndarray, shape (n,)
+        Numbers that stay with particles when arrays are sorted.
+    immobile : ndarray or None, shape (n,)
+        Mask of boundary particles; None without any.
+    place : ndarray or None, shape (n,)
+        Keys of the order of all particles of a run on several processes; None on one.
     """
 
     pos: Array
@@ -44,18 +55,18 @@ class Particles(Summarised):
     acc: Array
     mass: Array
     ids: Array
-    immobile: Array | None = None  # boundary particles of a shock tube (mask); None where there are none
-    place: Array | None = None  # in the order of all particles of a run, where other processes have some of them
+    immobile: Array | None = None
+    place: Array | None = None
 
-    spare = 0  # entries for which arrays that are made anew have room behind them
-    loose = np.empty(0, np.int64)  # rows, some twice or gone, besides which places rise since arrays were sorted
+    spare = 0  # spare capacity of newly allocated arrays
+    loose = np.empty(0, np.int64)  # rows moved since the last sort, without which `place` rises; may have repeats
 
     @property
     def count(self) -> int:
         return len(self.mass)
 
     def arrays(self) -> dict[str, Array]:
-        """The arrays by name, without those that this run does not hold."""
+        """Return the arrays by name, without those that are None."""
         named = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: array for name, array in named.items() if array is not None}
 
@@ -64,17 +75,28 @@ class Particles(Summarised):
         return f"{type(self).__name__}: {self.count:,} particles", rows
 
     def to_pandas(self) -> Any:
-        """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
+        """Return the arrays as a pandas DataFrame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Copies in code units, with `ids` as index; vectors have a column per component: x, y, vx, vy, ax, ay.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
         return dataframe_of(self.arrays())
 
     def take(self, index: Array) -> None:
-        """Keep the particles `index` (whole numbers), in that order, in every array."""
+        """Keep the particles `index` (integers), in that order, in every array."""
         from discsim.kernels.common.move import take_rows
         from discsim.numerics.threads import share
 
         for name, array in self.arrays().items():
             taken = room.empty(len(index), array, self.spare)
-            # Bits are moved, whatever they mean: one kernel for all.
+            # Arrays are viewed as integers of the same width, so that one kernel serves all types.
             wide = math.prod(array.shape[1:])
             rows, out = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, taken))
             share(take_rows, len(index), rows, index, out)
@@ -82,26 +104,25 @@ class Particles(Summarised):
 
     @property
     def everywhere(self) -> int:
-        """How many particles all processes of the run have."""
+        """Number of particles on all processes."""
         return int(world.together.sum(self.count))
 
     def sort(self, key: Array, count: int) -> None:
         """Sort every array by `key` (n,) in [0, count), and by ids where keys are equal."""
         from discsim.numerics.sorting import by_ids
 
-        if self.place is not None:  # keys of all space, of which own ones are few
+        if self.place is not None:  # local keys are a small part of [0, count)
             self.place[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
             world.together.forget()
-            self.take(np.argsort(self.place, kind="stable"))  # places still rise in part: half the time
+            self.take(np.argsort(self.place, kind="stable"))  # runs of rising places make this twice as fast
             self.loose = self.loose[:0]
             return
         self.take(by_ids(key, count, self.ids))
 
     def remove(self, gone: Array) -> None:
-        """Drop the particles `gone`, a mask (n,) or their numbers in rising order; the last ones take their places, so
-        that little is moved.
+        """Remove the particles `gone`, a mask (n,) or rising indices, and move the last particles into the gaps.
 
-        Where other processes have some of the particles all call it, with what goes of theirs.
+        With several processes this is a collective call, with the local particles to remove.
         """
         gone = np.flatnonzero(gone) if gone.dtype == bool else gone
         if self.place is not None:
@@ -109,7 +130,10 @@ class Particles(Summarised):
         self.replace(gone)
 
     def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
-        """Put particles that `come`, arrays (m, ...) by name, in the places `leaving` (k,), and then the last ones."""
+        """Replace the rows `leaving` (k,) by particles that `come`, arrays (m, ...) by name.
+
+        Further new particles are appended; remaining gaps are filled with the last rows.
+        """
         more = 0 if come is None else min(len(come["ids"]), len(leaving))
         filled, gone = leaving[:more], leaving[more:]
         left = self.count - len(gone)
@@ -125,7 +149,7 @@ class Particles(Summarised):
             self.loose = np.concatenate([self.loose, filled, holes, np.arange(left, self.count)])
 
     def _with(self, array: Array, others: Array) -> Array:
-        """An array (n, ...) and others' entries behind it."""
+        """Return an array (n, ...) with the entries `others` (m, ...) appended, in its spare capacity if possible."""
         if len(others) == 0:
             return array
         count = len(array) + len(others)
@@ -137,7 +161,7 @@ class Particles(Summarised):
         return both
 
     def read_only(self) -> Self:
-        """Views that cannot be written to."""
+        """Return read-only views of the particles."""
         return type(self)(**{name: read_only(array) for name, array in self.arrays().items()})
 
     def copy(self) -> Self:
@@ -148,31 +172,35 @@ class Particles(Summarised):
 
 @dataclass(kw_only=True, repr=False)
 class Gas(Particles):
-    """SPH particles. `h` is the smoothing length, `gradh` the factor Omega of the grad-h terms."""
+    """SPH particles in code units, with the arrays of `Particles` and those below, all (n,) unless noted.
+
+    h is the smoothing length, gradh the factor Omega of the grad-h terms.
+    """
 
     h: Array
     density: Array
     gradh: Array
     pressure: Array
     sound_speed: Array
-    # Only what a scene calls for:
+    # None unless the scene needs them:
     u: Array | None = None  # specific internal energy (adiabatic gas)
     heating_rate: Array | None = None  # du/dt of pressure work, viscosity and conductivity
-    # Mean rates over the last kick, drag and its heat included (viscous or adiabatic gas; adiabatic gas).
+    # Mean acceleration (n, dimensions) and du/dt over the last kick, with drag and its heat (viscous or adiabatic gas;
+    # adiabatic gas).
     kick_acc: Array | None = None
     kick_rate: Array | None = None
-    # What pressure and viscosity gave, and the velocity at which their work was reckoned (gas that drag heats).
+    # Acceleration by pressure and viscosity, and velocity used for their work, (n, dimensions) (gas that drag heats).
     pressure_acc: Array | None = None
     pressure_vel: Array | None = None
-    radiated: Array | None = None  # what each has lost by cooling since the start, per mass (gas that cools)
+    radiated: Array | None = None  # energy per mass lost by cooling since the start (gas that cools)
     nu: Array | None = None  # kinematic viscosity (gas with a shear viscosity)
-    small: Array | None = None  # mass of small dust that each carries (where dust grows)
-    # Of quiet gas: density that follows the flow, div v, 1 in shocks, and the time of these (`effects/quiet.py`).
+    small: Array | None = None  # mass of small dust carried by each particle (if dust grows)
+    # Quiet gas: density that follows the flow, div v, 1 in shocks, and the time of these (`effects/quiet.py`).
     followed: Array | None = None
     divergence: Array | None = None
     shocked: Array | None = None
     followed_at: Array | None = None
-    h_before: Array | None = None  # from which the search for h began (where h is not fixed)
+    h_before: Array | None = None  # start value of the iteration for h (if h is not fixed)
 
 
 FOLLOWED = ("followed", "divergence", "shocked", "followed_at")  # arrays of quiet gas
@@ -180,16 +208,16 @@ FOLLOWED = ("followed", "divergence", "shocked", "followed_at")  # arrays of qui
 
 @dataclass(kw_only=True, repr=False)
 class Dust(Particles):
-    """Dust particles of one or several populations."""
+    """Dust particles of one or several populations in code units: the arrays of `Particles`, and those below (n,)."""
 
-    species: Array
-    size: Array | None = None  # radius of the grains, where they have sizes of their own
-    density: Array | None = None  # on a fixed grid
+    species: Array  # index of the population
+    size: Array | None = None  # radius of the grains, if particles have individual sizes
+    density: Array | None = None  # on a fixed grid only
 
 
 @dataclass
 class Ledger:
-    """What left the run through events, so that totals can be closed."""
+    """Masses and momenta that left the run by accretion and damping, for budgets of conserved totals."""
 
     accreted_gas: float = 0.0
     accreted_dust: float = 0.0
@@ -201,7 +229,7 @@ class Ledger:
 
 
 class Pace(NamedTuple):
-    """Of an effect that comes once in some steps: the time since it last did, and the fastest rate of change then."""
+    """Clock of a sub-cycled effect: time since its last call, and the fastest rate of change at that call."""
 
     since: float = 0.0
     rate: float = math.inf
@@ -209,34 +237,35 @@ class Pace(NamedTuple):
 
 @dataclass
 class State:
-    """Everything that a step reads and writes. `gas` or `dust` is None where the scene has none."""
+    """All variables that a step reads and writes. `gas` or `dust` is None if the scene has none."""
 
     scene: Scene
     gas: Gas | None
     dust: Dust | None
     grid: Grid | None
-    # Star and companions; None where there is a star alone, at the origin and of one mass, or none.
+    # Star and companions; None without a star, or for a star of constant mass that stays at the origin.
     bodies: Bodies | None = None
     time: float = 0.0
     step: int = 0
-    earlier: int = 0  # steps of the run that this one goes on from
-    lag: float = 0.0  # how far `vel` and `u` are behind `pos`: the closing kick still due, between steps
-    # Where an effect kicks both: what gas and dust at one place do not both feel; no entries where that is nothing.
+    earlier: int = 0  # steps of the run that this one continues
+    lag: float = 0.0  # time by which `vel` and `u` are behind `pos` between steps: the closing kick that is due
+    # If an effect kicks gas and dust together: accelerations (n, dimensions) of each species that the other one at the
+    # same position does not have; arrays without entries if there are none.
     own_acc: dict[str, Array] = field(default_factory=dict)
-    blank: set[str] = field(default_factory=set)  # species to whose `acc` nobody has written yet
+    blank: set[str] = field(default_factory=set)  # species whose `acc` is still uninitialised in this step
     ledger: Ledger = field(default_factory=Ledger)
-    pace: Pace | None = None  # of an effect that comes once in some steps
-    # Where gas cools: its energies (n,) after a time at `kick_rate`. Kicks of u, and foreseen ones, take it.
+    pace: Pace | None = None  # clock of a sub-cycled effect
+    # If gas cools: return its energies (n,) after a time at `kick_rate`, for kicks and predictions of u.
     cooled: Callable[[Gas, float], Array] | None = None
 
     def arrive(self, dt: float, until: float = math.inf) -> None:
-        """Count a step of dt, which ends at `until` itself where it does but for rounding."""
+        """Advance time and step count by a step of dt; a time within rounding of `until` is set to `until`."""
         left = until - self.time
         self.time = until if abs(dt - left) <= 1e-9 * dt else self.time + dt
         self.step += 1
 
     def read_only(self) -> State:
-        """The state in views that cannot be written to; what is set on it leaves this one as it is."""
+        """Return the state with read-only views of the arrays; assignments to its attributes do not change this one."""
         return replace(
             self,
             gas=self.gas and self.gas.read_only(),
@@ -249,40 +278,40 @@ class State:
 
     @property
     def species(self) -> dict[str, Particles]:
-        """The kinds of particles present, by name."""
+        """Particles of each species present, by name."""
         both = {"gas": self.gas, "dust": self.dust}
         return {name: particles for name, particles in both.items() if particles is not None}
 
     @property
     def unnoticed(self) -> bool:
-        """Whether the dust is one-way beside gas: the gas must not notice it, not even by the length of a step."""
+        """Whether dust has one-way drag in a scene with gas: it must not affect the gas, not even by the time step."""
         drag = self.scene.drag
         one_way = drag is not None and drag.direction == "one-way"
         return one_way and self.gas is not None and self.gas.everywhere > 0
 
     @property
     def limiting(self) -> list[Particles]:
-        """Whose motion may limit the step. One-way dust never does while there is gas."""
+        """Species whose motion may limit the step; not one-way dust while there is gas."""
         return [particles for name, particles in self.species.items() if name == "gas" or not self.unnoticed]
 
     @property
     def body_count(self) -> int:
-        """Number of the star and its companions in the scene."""
+        """Number of bodies in the scene, the star and its companions."""
         return len(self._central)
 
     @property
     def star_mass(self) -> float:
-        """Mass of the star now, of a scene that has one."""
+        """Present mass of the star; needs a scene with one."""
         return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[0])
 
     @property
     def star_pull(self) -> float:
-        """Mass that gas and dust feel at the star: its own, but about a barycentre during a ramp."""
+        """Mass that gas and dust feel at the star; it differs from `star_mass` about a barycentre during a ramp."""
         return self.star_mass if self.bodies is None else float(self.bodies.felt[0])
 
     @property
     def star_place(self) -> tuple[float, float]:
-        """Place at which gas and dust feel the star."""
+        """Position at which gas and dust feel the star."""
         if self.bodies is None:
             return 0.0, 0.0
         x, y = self.bodies.felt_pos[0].tolist()
@@ -290,28 +319,28 @@ class State:
 
     @property
     def central_mass(self) -> float:
-        """Mass that the disc turns about (`formulas/centre.py`), of a scene that has a star."""
+        """Central mass of the disc (`formulas/centre.py`); needs a scene with a star."""
         return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[self._central].sum())
 
     @cached_property
     def _central(self) -> Array:
-        """Bodies that the disc turns about (n,)."""
+        """Mask (n,) of the bodies that are part of the central mass."""
         return central(self.scene.star.centre, [c.eccentricity for c in self.scene.table("companion") or ()])
 
     @property
     def central(self) -> tuple[float, float]:
-        """Central mass and the softening of circles about it, as kernels take them; zeros without a star."""
+        """Central mass and its softening, arguments of kernels; zeros without a star."""
         star = self.scene.star
         return (0.0, 0.0) if star is None else (self.central_mass, star.softening)
 
     def kepler_omega(self, radius: Array) -> Array:
-        """Frequency of circles (n,) about the central mass."""
+        """Return the orbital frequency (n,) of circles of `radius` (n,) about the central mass."""
         mass, softening = self.central
         return omega(mass, radius, softening)
 
     @property
     def centre(self) -> tuple[Array, Array] | None:
-        """Place and velocity (2,) of the centre of the disc; None where it stays at the origin."""
+        """Position and velocity (2,) of the centre of the disc; None if it stays at the origin."""
         if self.bodies is None or self.scene.star.frame == "star":
             return None
         if self.scene.star.centre == "barycentre":
@@ -319,19 +348,19 @@ class State:
         return self.bodies.pos[0], self.bodies.vel[0]
 
     def from_centre(self, pos: Array) -> Array:
-        """Positions (n, 2) relative to the centre of the disc."""
+        """Return positions (n, 2) relative to the centre of the disc."""
         centre = self.centre
         return pos if centre is None else pos - centre[0]
 
     def from_star(self, pos: Array) -> Array:
-        """Positions (n, 2) relative to the star as gas and dust feel it."""
+        """Return positions (n, 2) relative to the position at which gas and dust feel the star."""
         return pos if self.bodies is None else pos - self.bodies.felt_pos[0]
 
     @contextmanager
     def about_centre(self, gas_vel: Array) -> Iterator[None]:
-        """Gas and dust, and velocities `gas_vel` (n, 2) of the gas, relative to the centre of the disc, for a while.
+        """Transform gas, dust and the velocities `gas_vel` (n, 2) to the frame of the disc's centre within the context.
 
-        What becomes of `gas_vel` and the dust's velocities stays; the gas's own, where they are others, stay theirs.
+        Changes of `gas_vel` and of the dust's velocities persist. `gas.vel`, if it is another array, is restored.
         """
         centre, gas, dust = self.centre, self.gas, self.dust
         if centre is None or gas is None or dust is None:

@@ -1,11 +1,11 @@
-"""Threads that share loops, and jobs that run at the same time.
+"""Thread pool for parallel loops and concurrent jobs.
 
-A loop is cut into pieces (`numerics/threads.py`). The thread that calls takes pieces, and so does each helper from a
-pool that is free; each begins with a part of its own, whose data it has at hand from the loops before, and goes on with
-what others have not begun. Which thread takes a piece changes no number.
+A loop is divided into chunks (`numerics/threads.py`), run by the calling thread and by free helpers from the pool. Each
+thread begins with its own part of the range, whose data its cache holds from earlier loops, and continues with chunks
+that no thread has begun. Results do not depend on which thread runs a chunk.
 
-Jobs that do not need each other run `beside` each other on a pool with as many threads, while their caller waits. Each
-may share its loops with threads that have no job left.
+Independent jobs run concurrently (`beside`) on a pool with as many threads, while their caller waits. Threads without a
+job help in the loops of the others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from discsim.parts import Lazy
 
 numba = Lazy("numba")
 
-allowed: ContextVar[int] = ContextVar("allowed", default=0)  # threads that loops may take; 0: numba's number
+allowed: ContextVar[int] = ContextVar("allowed", default=0)  # number of threads of loops; 0: numba's number
 _pool_of_job: ContextVar[ThreadPoolExecutor | None] = ContextVar("pool_of_job", default=None)
 
 
@@ -36,17 +36,17 @@ _helped = _Helped()
 
 
 def number_of_threads() -> int:
-    """Return how many threads loops of this Python thread may take."""
+    """Return the number of threads that loops of this Python thread may use."""
     return allowed.get() or int(numba.config.NUMBA_NUM_THREADS)
 
 
 def several_threads() -> bool:
-    """Return whether jobs of this thread run at the same time."""
+    """Return whether jobs started by this thread run concurrently."""
     return number_of_threads() > 1 and _pool_of_job.get() is None
 
 
 def cpu_time() -> float:
-    """Return the CPU seconds of this thread until now, with those of helpers in its loops."""
+    """Return the CPU seconds of this thread so far, including those of helpers in its loops."""
     return time.thread_time() + _helped.seconds
 
 
@@ -56,13 +56,13 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # a fork has none of the threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
 
 
 class Loop:
-    """A kernel and the pieces of its range; what they returned, and what they raised, by number.
+    """A kernel and the chunks of its range, with their results and exceptions by number.
 
-    runs: how many of the pieces each thread begins with.
+    runs: number of chunks in the part of each thread.
     """
 
     def __init__(
@@ -71,30 +71,30 @@ class Loop:
         self.kernel, self.parts, self.arguments = kernel, parts, arguments
         self.returned: list[Any] = [None] * len(parts)
         self.raised: dict[int, BaseException] = {}
-        # Numbers of the pieces that each thread begins with. An iterator gives each number to one thread.
+        # Numbers of the chunks in the part of each thread. An iterator yields each number to one thread only.
         self.left = [iter(range(end - run, end)) for run, end in zip(runs, accumulate(runs), strict=True)]
 
     def take(self, thread: int) -> float:
-        """Run pieces until none is left, those of a thread's own run first; return its CPU seconds."""
+        """Run chunks until none is left, those of the thread's own part first; return its CPU seconds."""
         begun = time.thread_time()
         for number in chain(*self.left[thread:], *self.left[:thread]):
-            if not self.raised or number < min(self.raised):  # the first to raise is the same on any threads
+            if not self.raised or number < min(self.raised):  # the first exception is the same on any threads
                 try:
                     self.returned[number] = self.kernel(*self.parts[number], *self.arguments)
-                except BaseException as fault:  # for the caller, Ctrl-C too
+                except BaseException as fault:  # re-raised in the caller, Ctrl-C too
                     self.raised[number] = fault
         return time.thread_time() - begun
 
 
 def share(loop: Loop, threads: int) -> list[Any]:
-    """Run a loop on this thread and helpers; return what its pieces returned, or raise what the first raised."""
+    """Run a loop on this thread and helpers; return the results of its chunks, or raise the first one's exception."""
     helpers: list[Future[float]] = []
     try:
         pool = _pool_of_job.get() or _pool(threads - 1)
         for thread in range(1, min(threads, len(loop.left))):
             helpers.append(pool.submit(copy_context().run, loop.take, thread))
         loop.take(0)
-    except BaseException as fault:  # Ctrl-C between two pieces
+    except BaseException as fault:  # Ctrl-C between two chunks
         loop.raised[-1] = fault
     finally:
         _end(helpers, loop.raised)
@@ -104,9 +104,9 @@ def share(loop: Loop, threads: int) -> list[Any]:
 
 
 def beside(*jobs: Callable[[], object]) -> None:
-    """Run jobs that do not need each other at the same time, and wait for all; raise what the first of them raised.
+    """Run independent jobs concurrently and wait for all; raise the exception of the first that failed.
 
-    On one thread, and within a job, they run one after another, until one raises.
+    On one thread, and within a job, they run one after another until one raises.
     """
     if len(jobs) < 2 or not several_threads():
         for work in jobs:
@@ -136,11 +136,11 @@ def _raise_first(raised: dict[int, Any]) -> None:
         if raised:
             raise raised[min(raised)]
     finally:
-        raised.clear()  # no circle of a fault and the frames that it came through
+        raised.clear()  # avoids a reference cycle of an exception and the frames of its traceback
 
 
 def _end(futures: list[Any], raised: dict[int, Any]) -> None:
-    """Cancel what has not begun and wait for the rest: nothing goes on that still changes arrays."""
+    """Cancel futures that have not begun and wait for the others, so that none changes arrays afterwards."""
     while True:
         try:
             wait([future for future in futures if not future.cancel()])

@@ -1,11 +1,11 @@
-"""Loops shared among threads: a kernel that frees the interpreter takes pieces of a range.
+"""Parallel loops: kernels that release the GIL run on chunks of a range.
 
     @njit(nogil=True, cache=True)
     def kernel(first, last, ...):      # for i in range(first, last)
 
-Pieces only divide independent work, so results are bitwise the same for any number of threads. One loop a
-kernel, without numba's own parallel lowering, also compiles in a fraction of the time. Who takes the pieces is in
-`numerics/teams.py`.
+Chunks only divide independent work, so results are bitwise the same for any number of threads. One loop per kernel,
+without numba's own parallel lowering, also compiles in a fraction of the time. `numerics/teams.py` assigns chunks to
+threads.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,13 +18,13 @@ from discsim.parts import Lazy
 
 numba, moves = Lazy("numba"), Lazy("discsim.kernels.common.move")
 
-BLOCK = 8192  # entries of an array that numpy goes through at once
-LIGHT = 65536  # fewest particles of a piece, of some nanoseconds each: waking a thread for fewer gains nothing
-SMALLEST = 8  # a thread has as many of the smallest pieces, or fewer: what others may wait for at the end
+BLOCK = 8192  # entries per block of numpy operations
+LIGHT = 65536  # least particles in a chunk of a cheap kernel (some ns each); waking a thread for fewer gains nothing
+SMALLEST = 8  # the smallest chunk is at least 1 / SMALLEST of a thread's share, which bounds the wait at the end
 
 
 def use_threads(number: int | None) -> None:
-    """Let loops of this Python thread take `number` threads, at most as many (None: as many) as NUMBA_NUM_THREADS."""
+    """Set the number of threads of loops of this Python thread, at most (None: equal to) NUMBA_NUM_THREADS."""
     most = int(numba.config.NUMBA_NUM_THREADS)
     teams.allowed.set(most if number is None else min(number, most))
 
@@ -33,10 +33,10 @@ def share(
     kernel: Callable[..., Any], count: int, *arguments: Any, least: int = 4096, light: bool = False,
     each: list[Any] | None = None,
 ) -> list[Any]:  # fmt: skip
-    """Run `kernel(first, last, *arguments)` over [0, count) in pieces of `least` or more, of LIGHT or more where it is
-    `light`; what each returned.
+    """Run `kernel(first, last, *arguments)` over [0, count) in chunks; return the list of their results.
 
-    With `each`, what this returned for the same count and `least`, its own part of that is the third argument.
+    least: least length of a chunk. light: the kernel is cheap, and LIGHT replaces `least`. each: list returned by an
+    earlier call with the same count and `least`, whose entry for a chunk becomes the third argument.
     """
     threads = teams.number_of_threads()
     runs = pieces(count, LIGHT if light else least, threads)
@@ -48,7 +48,7 @@ def share(
 def share_all(
     kernel: Callable[..., Any], several: list[tuple[Any, ...]], *, least: int = 4096, light: bool = False
 ) -> list[list[Any]]:
-    """`share` over some ranges as one loop, each a count and its own arguments; what each piece of each returned.
+    """Run `share` over several ranges, each a count and its arguments, as one loop; return the results for each range.
 
     Threads do not wait for each other between short ranges.
     """
@@ -63,7 +63,7 @@ def share_all(
         for first, last in run:
             for k, ((count, *given), begin) in enumerate(zip(several, begins, strict=True)):
                 low, high = max(first - begin, 0), min(last - begin, count)
-                if low < high or (count == 0 and k not in of):  # each is called, as by `share`
+                if low < high or (count == 0 and k not in of):  # called for empty ranges too, as in `share`
                     parts.append((low, max(low, high), *given))
                     of.append(k)
         lengths.append(len(parts) - before)
@@ -72,9 +72,9 @@ def share_all(
 
 
 def share_in_turn(kernels: list[tuple[Any, ...]], count: int, *, least: int = 4096) -> None:
-    """`share` of several kernels, each with its arguments, as one loop: pieces go through all of them in turn.
+    """Run `share` for several kernels, each with its arguments, as one loop: each chunk runs all kernels in turn.
 
-    Threads do not wait for each other between kernels: of what those before it have made each may read its own range.
+    Threads do not wait for each other between kernels. A kernel may read results of earlier ones in its own range only.
     """
     threads = teams.number_of_threads()
 
@@ -99,8 +99,9 @@ def _run(
 
 
 def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
-    """Pieces (first, last) of [0, count), by the thread that begins with them: half of its part, half of the rest, and
-    so on. Large ones first cost little, small ones last leave little to wait for.
+    """Return chunks (first, last) of [0, count) for each thread: half of its part, half of the rest, and so on.
+
+    Large chunks at first have little overhead, and small ones at the end a short wait.
     """
     parts = max(1, min(threads, count // least))
     smallest = max(least, -(-count // (SMALLEST * threads)))
@@ -117,14 +118,14 @@ def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
 
 
 def copied(array: np.ndarray) -> np.ndarray:
-    """A copy of an array (n, ...), with as much room behind it."""
+    """Return a copy of an array (n, ...) with the same spare capacity."""
     out = room.like(array)
     share(moves.assign, len(out), out, array, light=True)
     return out
 
 
 def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None:
-    """out[:] = values in pieces, each the values of a slice of the first axis."""
+    """Assign `values(slice)` to `out[slice]` for slices of the first axis, on several threads."""
 
     def part(first: int, last: int) -> None:
         for piece in blocks(first, last):
@@ -134,6 +135,6 @@ def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None
 
 
 def blocks(first: int, last: int) -> Iterator[slice]:
-    """[first, last) in slices so short that what numpy makes of one on the way to its result stays in the cache."""
+    """Yield slices of [first, last) that are short enough for numpy's temporary arrays to stay in the cache."""
     for begin in range(first, last, BLOCK):
         yield slice(begin, min(begin + BLOCK, last))

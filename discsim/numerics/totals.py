@@ -1,5 +1,6 @@
-"""Totals over particles that are exact sums, rounded once: the same bits in whatever order the particles are, and
-however they are divided, among threads or processes.
+"""Totals over particles as exact sums, rounded once.
+
+They have the same bits for any order of the particles, and on any number of threads and processes.
 """
 
 from __future__ import annotations
@@ -15,23 +16,23 @@ from discsim.parts import Lazy
 kernels = Lazy("discsim.kernels.common.totals")
 Array = np.ndarray
 UNIT = 1 << 1075  # limbs count in units of 1 / UNIT
-FEW = 256  # rows, of one process, whose sums Python makes as exactly before a kernel would begin
+FEW = 256  # rows, on one process, for which math.fsum, exact too, is faster than the call of a kernel
 
 
 def total(values: Array) -> float:
-    """The sum of values (n,)."""
+    """Return the sum of values (n,) of all processes."""
     return float(totals(values[:, None])[0])
 
 
 def totals(values: Array) -> Array:
-    """The sum (columns,) of each column of values (n, columns); NaN where an entry is not finite."""
+    """Return the sum (columns,) of each column of values (n, columns); NaN if an entry is not finite."""
     values = np.ascontiguousarray(values, float)
     few = None if len(values) > FEW or world.together.many else _sums_of_few(values)
     return rounded(sum(share(kernels.add_columns, len(values), values, light=True))) if few is None else few
 
 
 def _sums_of_few(values: Array) -> Array | None:
-    """The same, exact too; None where one is not finite, which limbs tell apart."""
+    """Return the sums by math.fsum; None if one is not finite, a case that only limbs handle."""
     try:
         found = np.array([math.fsum(column) for column in values.T.tolist()])
     except (OverflowError, ValueError):  # too large, or infinities of both signs
@@ -40,12 +41,12 @@ def _sums_of_few(values: Array) -> Array | None:
 
 
 def mean(values: Array) -> float:
-    """The mean of values (n,), of which there are some."""
+    """Return the mean of values (n,) of all processes, of which there has to be one at least."""
     return total(values) / int(world.together.sum(len(values)))
 
 
 def rounded(limbs: Array) -> Array:
-    """The sums (columns,) of limbs (columns, LIMBS), as kernels of `kernels/common/totals.py` fill them."""
+    """Return the sums (columns,) over processes of limbs (columns, LIMBS) from kernels of `kernels/common/totals.py`."""
     return np.array([_number(row) for row in world.together.sum(limbs).tolist()])
 
 

@@ -1,8 +1,8 @@
-"""What the processes of a run know together. A run is one process, for which all this is nothing at all, unless
-`discsim/ranks` has joined several.
+"""Interface of the communication between the processes of a run.
 
-Least, largest and sums of whole numbers are exact, and so the same however particles are divided among the processes;
-sums of other numbers go through `numerics/totals.py`. Each process has to ask, in the same order.
+In serial runs every method is a no-op (`Alone`); `discsim/ranks` installs an implementation for several MPI ranks.
+Minima, maxima and sums of integers are exact, and so independent of the division of particles among processes; sums of
+floats go through `numerics/totals.py`. All methods are collective: every process has to call them in the same order.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ Array = np.ndarray
 
 
 class Needed(NamedTuple):
-    """Which cells (cells,) of a process's own part are needed there, and what numbers each has among all: from `begin`
-    up to `end` (cells,), both rising.
+    """Cells (cells,) of the part of the grids about a process, and those whose particles it needs.
+
+    mask: whether the particles of a cell are needed. begin, end: range of numbers of the cell on the whole grids, both
+    rising.
     """
 
     mask: Array
@@ -30,9 +32,10 @@ class Needed(NamedTuple):
 
 
 class Joined(Protocol):
-    """Particles of a species, own ones and those of other processes that are needed here.
+    """Local particles of a species and ghosts, the particles of other processes that are needed here.
 
-    own: where in arrays of both its own are. place (n,): the order in which sums go through them; None: that of arrays.
+    own: index of local particles in arrays with ghosts. place (n,): keys of the order of summation; None: the order of
+    the arrays.
     """
 
     @property
@@ -42,32 +45,32 @@ class Joined(Protocol):
     def place(self) -> Array | None: ...
 
     def of(self, array: Array) -> Array:
-        """An array (n, ...) of own particles, with the same of the others."""
+        """Return an array (n, ...) of local particles extended by the entries of ghosts."""
         ...
 
     def keep(self, array: Array, both: Array) -> None:
-        """Let own entries be those of an array of both."""
+        """Copy the local entries of an array with ghosts, `both`, to `array` (n, ...)."""
         ...
 
 
 class Fetched(Joined, Protocol):
-    """The same, where what becomes of the particles goes on from one to the other."""
+    """Local particles and ghosts whose entries can be updated from their owners."""
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        """As `of`, of several arrays at once."""
+        """Extend several arrays by ghosts in one exchange, as `of` does for one."""
         ...
 
     def beside(self, array: Array) -> Array:
-        """An array of both with own entries, and others' that mean nothing yet."""
+        """Return an array with ghosts: local entries are those of `array`, ghost entries uninitialised."""
         ...
 
     def refresh(self, array: Array) -> None:
-        """Take the others' entries of an array of both, in place, from where they are own."""
+        """Update the ghost entries of an array from their owners, in place."""
         ...
 
 
 class Whole:
-    """`Fetched` of one process: its own."""
+    """`Fetched` without ghosts, for one process."""
 
     own: Any = slice(None)
     place: Array | None = None
@@ -89,58 +92,62 @@ class Whole:
 
 
 class Alone:
-    """One process."""
+    """Communication of a single process: no-ops, and the interface of the one for several."""
 
-    many = False
-    balance = 1.0  # how much the most loaded process has to do, over the mean
+    many = False  # whether there are several processes
+    balance = 1.0  # load of the most loaded process over the mean
 
     def least(self, values: Any) -> Any:
-        """The least of each of `values`, a number or an array."""
+        """Return the minimum over processes of each of `values`, a number or an array."""
         return values
 
     def most(self, values: Any) -> Any:
-        """The largest of each."""
+        """Return the maximum over processes of each of `values`."""
         return values
 
     def sum(self, values: Any) -> Any:
-        """The sum of each, of whole numbers."""
+        """Return the sum over processes of each of `values`, integers."""
         return values
 
     def alike(self, do: Callable[[], Any]) -> Any:
-        """What `do` returns, which asks no other process; raises what it raises on any of them."""
+        """Call `do`, which must not communicate, and return its result; raise on all processes if it raises on one."""
         return do()
 
     def forget(self) -> None:
-        """Let go of what was made of particles where they were, before they are put in another order or place."""
+        """Drop caches that depend on the order or the owners of particles, before these change."""
 
     def settle(self, state: State) -> None:
-        """Bring particles to the processes that they belong to, once they have moved."""
+        """Migrate particles to their owners after a move."""
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
-        """What `find` finds of this process's places (n, d): least and largest coordinates (2,)."""
+        """Return `find(pos)`, the least and largest coordinates (2,) of local positions (n, d), or a cached result."""
         return find(pos)
 
     def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
-        """Before the rows `gone` are removed, give their places to the last ones of all processes, as
-        `Particles.remove` does: `place` (n,), which rises but for the rows `loose`, becomes what it is then. Returns
-        the rows that got another one.
+        """Assign the keys of removed particles to the last ones of all processes, as `Particles.remove` moves these.
+
+        gone: local rows to be removed. place (n,): keys of the global order, changed in place; they rise except in the
+        rows `loose`. Return the rows with a new key.
         """
         raise NotImplementedError("one process has no places")
 
     def everyone(self, particles: Particles) -> Joined:
-        """All particles of a species, with arrays in the order of all."""
+        """Return all particles of a species on every process, with arrays in the global order."""
         return Whole()
 
     def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
-        """Own particles, whose cells are `key` (n,), and all in the cells that are `needed()`."""
+        """Return local particles, in cells `key` (n,), and as ghosts all particles in the cells of `needed()`."""
         return Whole()
 
     def sph(self, kind: Any, scene: Any) -> Any:
-        """SPH sums over the particles of all processes; `kind` makes those of one."""
+        """Return the SPH sums over particles of all processes; kind: class of the sums of one process."""
         return kind(scene)
 
     def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
-        """Rows (m, columns) of the particles `some` of `place`, of all processes, in the order of all."""
+        """Return the rows (m, columns) of a subset of the particles of all processes, in the global order.
+
+        columns (n, columns): local rows of this subset. place (n,): keys of local particles; some: the local subset.
+        """
         return columns
 
 
@@ -148,14 +155,14 @@ together: Any = Alone()
 
 
 def join(world: Any) -> None:
-    """Let `world` answer from now on."""
+    """Install `world` as the communication of this process."""
     global together
     together = world
 
 
 @contextmanager
 def apart() -> Iterator[None]:
-    """Within it this process asks no others: of what it has the whole of, as the others have."""
+    """Communicate with no other process within the context, for work that every process does in full."""
     joined = together
     join(Alone())
     try:
