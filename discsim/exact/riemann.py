@@ -5,8 +5,8 @@ A shock (p* > p_s) or a rarefaction connects each side s = L, R with the star st
     f_s = (p - p_s) sqrt(A_s/(p + B_s)),  A_s = 2/((g+1) rho_s),  B_s = p_s (g-1)/(g+1)     shock        (4.6)
     f_s = 2 c_s/(g-1) [(p/p_s)^((g-1)/2g) - 1]                                              rarefaction  (4.7)
 
-and p* is the root of f_L + f_R + u_R - u_L = 0. For isothermal gas of sound speed c these are functions of the density
-r,
+and p* is the root of f_L + f_R + u_R - u_L = 0. For isothermal gas of sound speed c, f_s is a function of the density
+r instead:
 
     f_s = c (r - r_s)/sqrt(r r_s)   shock          f_s = c ln(r/r_s)   rarefaction
 """

@@ -75,7 +75,7 @@ class Start:
     begins : callable (scene), optional
         Return the time at which a run begins. None: 0.
     under_way : callable (scene), optional
-        Return the star (0) and the companions that are already moving at t = 0, by number. None: all start afresh.
+        Return the star (0) and the companions that are already moving at t = 0, by number. None: none is.
     thermal_speed : callable (scene, r), optional
         Return sqrt(P / Sigma) (n,) of the start's own temperature, or None if `gas.eos` sets it.
     cells : callable (scene, x, dx), optional
@@ -103,7 +103,7 @@ class Start:
         Return the mass of gas in the region of a dust population, or of all gas if population is None. None: the
         density of `places` fills all space.
     spread : callable (scene), optional
-        Return points all over the gas, and relative masses (n,) of the gas there. None: `places` with equal weights.
+        Return points throughout the gas, and relative masses (n,) of the gas there. None: `places` with equal weights.
     on_lattice : bool
         Whether particles with even placement form a lattice, whose number is a product of rows and columns.
     edges : callable (scene), optional
@@ -167,7 +167,7 @@ class Start:
         return float(self.places(scene).density[0]) * math.prod(scene.space.size)
 
     def all_over(self, scene: Any) -> tuple[Places, Array]:
-        """Return points all over the gas, and relative masses (n,) of the gas there."""
+        """Return points throughout the gas, and relative masses (n,) of the gas there."""
         if self.spread is not None:
             return self.spread(scene)
         places = self.places(scene)

@@ -1,7 +1,7 @@
 """Refinement and thinning of particle sets: each particle split into several, or every k-th kept with the total mass.
 
-Refinement replaces a particle of mass m by k particles of m / k about its position, sum d_i = 0, as far apart as
-particles of m / k are at its density: mean |d|^2 = (1 - 1/k) m / (6 Sigma). Velocity and energy are continued
+Refinement replaces a particle of mass m by k particles of m / k at displacements d_i, sum d_i = 0. They are as far
+apart as particles of m / k are at its density: mean |d|^2 = (1 - 1/k) m / (6 Sigma). Velocity and energy are continued
 linearly, v + G d_i, with the gradient G of a least-squares fit to the neighbours; this conserves momentum and energy.
 The spread of positions and velocities changes the angular momentum by sum d_i x G d_i, which a rigid rotation of the
 whole set removes (some 1e-4 of Omega).

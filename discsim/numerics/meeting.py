@@ -1,4 +1,4 @@
-"""Neighbour lists between gas and grains, for sums over one at the other.
+"""Neighbour lists between gas and grains, for sums over gas at each grain and over grains at each gas particle.
 
 A grain is a neighbour of the gas particles whose support contains it, and they are its neighbours. With several
 processes, `Meeting.gas` and `Meeting.grains` extend arrays of local particles by ghosts (`world.Fetched`). Sums are

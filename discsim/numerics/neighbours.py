@@ -1,4 +1,8 @@
-"""Neighbour search: cells of particles and candidate lists, by `kernels/common/neighbours.py` and `candidates.py`."""
+"""Neighbour search by cells, with `kernels/common/neighbours.py` and `kernels/common/candidates.py`.
+
+Particles are sorted into size classes by their support, each with a grid of cells. A candidate list of a cell holds
+all particles that may be neighbours of a particle in the cell; kernels then test the distance of each pair.
+"""
 
 from __future__ import annotations
 

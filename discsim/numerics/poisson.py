@@ -6,9 +6,9 @@
 Plummer: the field of a razor-thin disc at the height softening (Binney & Tremaine 2008, eq. 5.161). Thin-disc: source
 and target columns are stratified, rho = Sigma exp(-z^2 / 2H^2) / (sqrt(2 pi) H), and the field is the mean over the
 target column (Rendon Restrepo et al. 2025, arXiv:2506.10812). As z - z' is Gaussian with variance 2H^2, w is the mean
-of -1 / sqrt(d^2 + (z - z')^2), and w_k that of -2 pi exp(-k |z - z'|) / k. The thickness reduces w_k by the factor
-1 - 2kH / sqrt(pi) for long waves, as a softening of 2H / sqrt(pi) = 1.13 H does, and 1 / (sqrt(pi) kH) for short
-waves, as in three dimensions. No softening reproduces both.
+of -1 / sqrt(d^2 + (z - z')^2), and w_k that of -2 pi exp(-k |z - z'|) / k. Thickness reduces long waves by the factor
+1 - 2kH / sqrt(pi), as a softening of 2H / sqrt(pi) = 1.13 H does. It reduces short waves by 1 / (sqrt(pi) kH), as in
+three dimensions. No softening reproduces both.
 
 Open edges: the grid is padded to twice its sides, so that the cyclic convolution is the sum over all pairs of
 nodes (Hockney & Eastwood 1988, ch. 6). Rows of padding alone are not transformed. Half of each column is padding, so

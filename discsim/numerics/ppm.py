@@ -31,7 +31,7 @@ STAGES = (1 / 3, 1 / 2, 1.0)
 
 
 class Tube:
-    """The cells of a scene. Raises ValueError if the particles of `state` are not at their centres."""
+    """The fixed 1D grid of a scene. Raises ValueError if the particles of `state` are not at cell centres."""
 
     def __init__(self, scene: Scene, state: State):
         assert state.gas is not None and state.dust is not None and scene.gas is not None

@@ -284,7 +284,7 @@ class State:
 
     @property
     def unnoticed(self) -> bool:
-        """Whether dust has one-way drag in a scene with gas: it must not affect the gas, not even by the time step."""
+        """True if dust has one-way drag in a scene with gas: it must not affect the gas, not even by the time step."""
         drag = self.scene.drag
         one_way = drag is not None and drag.direction == "one-way"
         return one_way and self.gas is not None and self.gas.everywhere > 0

@@ -1,6 +1,7 @@
 """Totals over particles as exact sums, rounded once.
 
-They have the same bits for any order of the particles, and on any number of threads and processes.
+They have the same bits for any order of the particles, and on any number of threads and processes. Kernels accumulate
+a sum as a fixed-point integer, in limbs of 32 bits and a last one that counts entries that are not finite.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from discsim.parts import Lazy
 
 kernels = Lazy("discsim.kernels.common.totals")
 Array = np.ndarray
-UNIT = 1 << 1075  # limbs count in units of 1 / UNIT
+UNIT = 1 << 1075  # the fixed-point integer counts units of 1 / UNIT
 FEW = 256  # rows, on one process, for which math.fsum, exact too, is faster than the call of a kernel
 
 
@@ -32,7 +33,7 @@ def totals(values: Array) -> Array:
 
 
 def _sums_of_few(values: Array) -> Array | None:
-    """Return the sums by math.fsum; None if one is not finite, a case that only limbs handle."""
+    """Return the sums (columns,) by math.fsum; None if one is not finite, which the kernels handle."""
     try:
         found = np.array([math.fsum(column) for column in values.T.tolist()])
     except (OverflowError, ValueError):  # too large, or infinities of both signs

@@ -64,7 +64,7 @@ class Columns(InputFile):
 
     @property
     def uneven(self) -> bool:
-        """Whether particles differ in mass, because the resolution varies with radius."""
+        """True if particles differ in mass, because the resolution varies with radius."""
         return self.has("resolution") and np.ptp(self.values["resolution"]) > 0.0
 
     def value(self, name: str, r: Array) -> Array:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 orbits = Lazy("discsim.physics.orbits")
 viscosity = Lazy("discsim.physics.viscosity")
-ANGLES = 2048  # angles of the average (1) over an orbit: some 12 within a softening of 2% of its length
+ANGLES = 2048  # angles of the average (1) over an orbit: 12 within a softening of 0.02 a
 RADII = 4096  # radii at which (1) is tabulated for linear interpolation
 PLANET = 0.03  # companion mass over that of the star from which on it counts as a star
 # Distance of the nearest particle beyond the accretion radius, in particle spacings of the disc: in streams to a

@@ -49,8 +49,8 @@ def cooling_time(scene: Scene, r: Array) -> Array:
 def light(scene: Scene) -> Array:
     """Return the constants (5,) of radiative cooling.
 
-    They are 2 sigma (T/u)^4 in code units, the code unit of volume density in g/cm3, c_T^2 / u of the isothermal
-    sound speed c_T, T/u in K, and 1 cm2/g in code units.
+    In order: 2 sigma (T/u)^4 in code units; the code unit of volume density in g/cm3; c_T^2 / u with the isothermal
+    sound speed c_T; T/u in K; 1 cm2/g in code units.
     """
     from discsim.scene.astropy_units import constants
 
@@ -72,5 +72,5 @@ def light(scene: Scene) -> Array:
 
 
 def depth(tau: Array) -> Array:
-    """tau_eff of a disc whose midplane is below an optical depth tau (Hubeny 1990, ApJ 351, 632)."""
+    """Return tau_eff (n,) of a disc with its midplane at optical depth `tau` (n,) (Hubeny 1990, ApJ 351, 632)."""
     return 0.375 * tau + 0.25 * math.sqrt(3.0) + 0.25 / tau

@@ -363,7 +363,7 @@ def _speed_of_start(scene: Scene, r: Array) -> Array | None:
 
 
 def _speed_of_temperature(scene: Scene, r: Array) -> Array:
-    """Return the sound speed (n,) of the table at radius `r`: c_s ~ r^(-q/2) by an aspect ratio, or uniform."""
+    """Return the sound speed (n,) of the table at radius `r`: c_s ~ r^(-q/2) if it gives aspect_ratio, else uniform."""
     eos: Any = scene.gas.eos
     r = np.asarray(r, dtype=float)
     if getattr(eos, "aspect_ratio", None) is None:

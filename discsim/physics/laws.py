@@ -60,7 +60,7 @@ class Law:
 
     @property
     def by_column(self) -> bool:
-        """Whether the stopping time depends on the gas's mean free path, and thereby on the slip."""
+        """True if the stopping time depends on the gas's mean free path, and thereby on the slip."""
         return self.form == formulas.EPSTEIN_STOKES
 
 

@@ -54,7 +54,7 @@ class Outlook:
     time, passed : float
         Time of the run, and time since its start.
     at : Local
-        Gas at points all over the disc or box (n,).
+        Gas at points throughout the disc or box (n,).
     inner, outer : float
         Radii of the particles that limit the step.
     nearest : float
@@ -87,7 +87,7 @@ class Local:
     step : ndarray or None
         Time-step limit of the gas.
     by_mass : callable ()
-        Return h/H all over the gas (m,), rising, and the mass fraction with a smaller one (m,).
+        Return the rising h/H (m,) of points throughout the gas, and the mass fraction of gas up to each (m,).
     in_drag_cells : callable ()
         Return the side of a drag cell at the start, and its mean numbers of gas and dust particles; None without cells.
     relative_mass : ndarray

@@ -116,7 +116,7 @@ class Outlooks:
         return replace(places, names=names, **some)
 
     def _spacings(self) -> tuple[Array, Array]:
-        """Return radii (n,) all over the gas, or without gas the dust, and the particle spacing there (n,)."""
+        """Return radii (n,) throughout the gas, or without gas the dust, and the particle spacing there (n,)."""
         scene, (places, _) = self.scene, self.start.all_over(self.scene)
         assert places.radius is not None
         if scene.gas is not None:
