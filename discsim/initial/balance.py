@@ -233,7 +233,8 @@ def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
 def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
     """Return radial and azimuthal velocities (kinds, n, 2) at `radius` (n,) of gas, if any, and each dust population.
 
-    A start with a radial profile has the velocities of equilibrium, any other its actual ones averaged over azimuth.
+    They are those of equilibrium for a given disc or a start with a radial profile, else the mean over azimuth of the
+    particles' velocities.
     """
     scene: Any = state.scene
     kinds = [("gas", 0)] if state.gas is not None else []

@@ -30,7 +30,7 @@ def of_viscosity(scene: Scene) -> bool:
 
 
 def constant(scene: Scene) -> float | None:
-    """Return D_g, or D if that is given, if it is uniform; None if it is alpha c_s H."""
+    """Return the given D, or the given uniform D_g; None if D_g is alpha c_s H."""
     keys: Any = scene.table("dust_diffusion")
     return scene.table("alpha_viscosity").nu if of_viscosity(scene) else keys.D
 
