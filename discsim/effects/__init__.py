@@ -1,4 +1,4 @@
-"""The effects a scene can name, each in its own module, imported only where its table is present."""
+"""Effects of a scene, one module each; a module is imported only if the scene has its table."""
 
 from __future__ import annotations
 
@@ -15,17 +15,20 @@ grids = Lazy("discsim.numerics.grid")
 
 
 def effect_classes(scene: Scene) -> dict[str, type[Effect]]:
-    """The effects that run, by the names of their tables, in the order of a step."""
+    """Return the effect classes that run in a scene, by the names of their tables, in the order of a step."""
     others = scene.model.stand_ins
     found = {name: found_at(others[name]) if name in others else EFFECTS[name] for name in scene.named}
     return {name: effect for name, effect in found.items() if effect.runs}
 
 
 def load_effects(scene: Scene, state: State) -> dict[str, Effect]:
-    """Make the effects of `scene`, and the state's grid where one needs it. Raises ValueError where they cannot be."""
+    """Create the effects of `scene`, and the grid of `state` if an effect needs one.
+
+    Raises ValueError if an effect cannot run with this scene and state.
+    """
     classes = effect_classes(scene)
     if any(effect.needs_grid for effect in classes.values()):
-        # As fine as the gas, where there is any: one-way dust must not change it.
+        # The first species, the gas if there is any, sets the number of cells: one-way dust must not change the grid.
         first = next(iter(state.species.values()))
         state.grid = grids.Grid.from_scene(scene, first.count)
     return {name: effect(scene, state) for name, effect in classes.items()}

@@ -1,4 +1,4 @@
-"""What star and companions take: the mass and the momentum of particles, at the barycentre of both."""
+"""Accretion: star and companions gain the mass and momentum of particles, at the barycentre of body and particles."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ growth = Lazy("discsim.physics.growth")
 
 
 class Taken(NamedTuple):
-    """Of particles all their mass, what of it is of their species, and small dust that they carry: with two-way drag
-    that is the rest, with one-way drag beside it.
+    """Mass of accreted particles and its parts.
+
+    mass: mass of the particles. own: mass that belongs to their species. small: mass of the small dust that accreted
+    gas carries. With two-way drag `mass` is the sum of `own` and `small`; with one-way drag `mass` excludes `small`.
     """
 
     mass: float
@@ -27,7 +29,7 @@ class Taken(NamedTuple):
 
 
 def taken_from(state: State, name: str, gone: np.ndarray) -> Taken:
-    """What the particles `gone` (their numbers) of a species have."""
+    """Return the `Taken` of the particles of species `name` with the indices `gone` (k,)."""
     particles = state.species[name]
     mass, small = total(particles.mass[gone]), 0.0
     if state.gas is not None and state.gas.small is not None and name == "gas":
@@ -38,10 +40,12 @@ def taken_from(state: State, name: str, gone: np.ndarray) -> Taken:
 
 
 def swallow(state: State, number: int, name: str, gone: np.ndarray, taken: Taken, grows: bool, moves: bool) -> None:
-    """Let the body `number` take the particles `gone` of a species, which have `taken`; they are still to be removed.
+    """Add the particles `gone` (indices) of a species, of masses `taken`, to the body `number`; the caller removes
+    them.
 
-    grows: whether their mass becomes its own, moves: and their momentum, at the barycentre of both. One-way dust beside
-    gas is counted and does neither, as the gas would notice.
+    grows: whether the body gains their mass. moves: whether the body also gains their momentum and moves to the
+    common barycentre. One-way dust in the presence of gas is only counted, as the heavier body would change the
+    motion of the gas.
     """
     bodies, particles = state.bodies, state.species[name]
     assert bodies is not None

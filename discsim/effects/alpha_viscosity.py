@@ -3,16 +3,19 @@
     dv_i/dt = (d + 2) sum_j m_j 4 / [(1 / mu_i + 1 / mu_j) rho_i rho_j] (v_ij . e_ij / r_ij) e_ij F_ij             (1)
     F_ij    = d / (2 (d + 2) <q^2>) [q_i^2 dW(h_i)/dr + q_j^2 dW(h_j)/dr],   q = r_ij / h                          (2)
 
-with e_ij = r_ij / |r_ij| and mu = rho nu of each particle (Espanol & Revenga 2003; of a viscosity that varies Lodato &
-Price 2010). Pairs pull along the line between them, so momentum and angular momentum are exact. In even gas (1) is
-nu (lap v + 2 grad div v): with the shear viscosity nu comes a bulk viscosity of 2 nu. Of a kernel's gradient itself the
-nearest neighbours would have so much of the sum that on a lattice nu is off by 12% and in a disc by 4 to 7%; with the
-q^2 of (2) it is right to 2%, and a step may be twice as long. The harmonic mean of mu keeps the stress continuous where
-nu has a step (Cleary & Monaghan 1999, of heat). Gas that holds heat takes what the pairs lose, in equal shares.
+with e_ij = r_ij / |r_ij| and mu = rho nu of each particle (Espanol & Revenga 2003; for a viscosity that varies,
+Lodato & Price 2010). The force acts along the line between two particles, so momentum and angular momentum are exact.
+In uniform gas eq. (1) is nu (lap v + 2 grad div v): a bulk viscosity of 2 nu accompanies the shear viscosity nu.
 
-The sum is made with those of pressure (`kernels/sph/forces.py`) and is part of the acceleration of [gas]; nu is that of
-`physics/viscosity.py`, by each particle's present sound speed. A [background] has its radial flow alone.
-Step limit: 1 / (25 W(0, h) nu), .088 h^2 / nu of the cubic kernel; from 1 / (20 W(0, h) nu) on velocities grow.
+Eq. (2) weights the kernel gradient with q^2. In a sum of plain gradients the nearest neighbours dominate, and nu is
+off by 12% on a lattice and by 4 to 7% in a disc. With the weights of (2), nu is right to 2%, and a step may be twice
+as long. The harmonic mean of mu keeps the stress continuous where nu has a step (Cleary & Monaghan 1999, for heat).
+Gas that holds heat gains the energy that the pairs lose, in equal shares.
+
+The sum is made together with the sum of pressure (`kernels/sph/forces.py`) and is part of the acceleration of [gas]. nu is
+that of `physics/viscosity.py`, by each particle's present sound speed. A [background] has only the radial flow of nu.
+
+Step limit: 1 / (25 W(0, h) nu), 0.088 h^2 / nu of the cubic kernel. From 1 / (20 W(0, h) nu) on velocities grow.
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
-PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step: of a particle, and of each of its neighbours
+PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step, per particle and per neighbour of a particle
 STEP = ("inner_alpha", "outer_alpha", "radius", "width")
 DEAD = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
 
@@ -59,6 +62,7 @@ class Keys(Table):
 
 
 def _one_law(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene with no viscosity or several, and of groups of keys that are incomplete."""
     keys = draft.alpha_viscosity
     given = [key for key in ("alpha", "nu") if getattr(keys, key) is not None]
     given += [key for key in STEP if getattr(keys, key) is not None][:1]
@@ -85,6 +89,7 @@ def _one_law(draft: Draft) -> Iterator[Problem]:
 
 
 def _of_logarithms(keys: Any) -> Iterator[Problem]:
+    """Yield problems of step = "logarithmic", which needs a positive inner_alpha and outer_alpha."""
     if None in (keys.inner_alpha, keys.outer_alpha):
         yield ("alpha_viscosity", "step"), "it is between inner_alpha and outer_alpha; expected both, or no step"
     for key in ("inner_alpha", "outer_alpha"):
@@ -93,12 +98,14 @@ def _of_logarithms(keys: Any) -> Iterator[Problem]:
 
 
 def _a_reference(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if alpha is a power of r and the start has no reference radius."""
     keys, start = draft.alpha_viscosity, draft.initial
     if keys.index != 0.0 and start is not None and not hasattr(start, "reference_radius"):
         yield ("alpha_viscosity", "index"), f"a {draft.kind} has no reference_radius; expected no index"
 
 
 def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene in 1D, without gas, or without a star that alpha refers to."""
     if draft.dimensions == 1:
         yield (
             ("alpha_viscosity",),
@@ -113,8 +120,8 @@ def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_one_law, _a_reference, _gas_that_shears)
-    grows_at = 1.25  # in longer steps velocities grow in any disorder
-    acts_on = ()  # its acceleration is in that of [gas]
+    grows_at = 1.25  # in longer steps velocities grow in a disordered arrangement
+    acts_on = ()  # the acceleration of [gas] contains the viscous one
 
     @classmethod
     def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -180,8 +187,10 @@ class Effect(base.Effect):
 
 
 def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.ndarray, np.ndarray]] | None:
-    """What is asked for, and the artificial viscosity's and the noise's, (n,) each at the places of `at`: as alpha,
-    or as nu where nothing turns. None where the scene does not define it there.
+    """Return the requested viscosity, the artificial viscosity and the viscosity of noise, (n,) each at the places of
+    `at`.
+
+    The name before them is "alpha", or "nu" where nothing rotates. Returns None where the scene does not define nu.
     """
     asked = viscosity.at_places(scene, at.radius, at.thermal_speed, at.density)
     if asked is None:
@@ -195,7 +204,7 @@ def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.nda
 
 
 def _held(scene: Scene, at: Local) -> np.ndarray | bool:
-    """Which places (n,) are in zones of [damping], whose flow is given whatever the viscosity there."""
+    """Return a mask (n,) of the places in zones of [damping], where the flow is prescribed at any viscosity."""
     damping = scene.table("damping")
     if damping is None or at.radius is None:
         return False

@@ -1,10 +1,14 @@
-"""The contract of an effect: what it may do in a step, and what it says of itself; each overrides what it needs.
+"""Interface of an effect: its part in a step, and its description for scenes, previews and outputs.
 
-A force adds to `acc` and moves nothing. The kick turns `acc` into velocities: each species by itself, or one effect
-for all (`is_kick`), which solves the relaxation of gas and dust with the accelerations inside. A species drifts, other
-moves change places too, and arrays are sorted now and then; an operator changes velocities or energies over dt by
-itself, around the move; an event runs once the particles have moved. Each effect may limit the step, and the loop knows
-which did.
+The methods of `Effect` do nothing, and an effect overrides the ones that it needs:
+
+- `accelerate` adds to `acc` and moves nothing.
+- `kick` turns `acc` into velocities. Each species has its own kick, or one effect with `is_kick` kicks gas and dust
+  together, which solves their relaxation with the accelerations inside.
+- `drift` moves a species along, `move` changes positions in other ways, and `sort` reorders arrays in some steps.
+- `operate` changes velocities or energies over dt, before and after the move.
+- `event` acts once the particles have moved.
+- `limit` bounds the step; the step loop records which effect sets the step.
 """
 
 from __future__ import annotations
@@ -27,21 +31,20 @@ if TYPE_CHECKING:
 
 kepler, moves = Lazy("discsim.kernels.gravity.kepler"), Lazy("discsim.kernels.common.move")
 
-NO_SPECIES = np.empty(0, np.int64)  # of gas, which has no populations
+NO_SPECIES = np.empty(0, np.int64)  # for gas, which has no populations
 
-# Steps between reorderings of a species' arrays, of which the first comes with the first step: a start is in no order
-# of use to a cache. A particle's place in memory decides the order of sums, so that reordering must depend on the
-# number of the step alone.
+# Steps between reorderings of a species' arrays. The first step reorders, as the order of a start makes poor use of the
+# cache. The order in memory decides the order of sums, so reordering must depend on the number of the step alone.
 SORT_EVERY = 16
 
 
 def to_sort(step: int) -> bool:
-    """Whether arrays are put in a new order at the end of this step."""
+    """Return whether arrays are reordered at the end of this step."""
     return step % SORT_EVERY == 1
 
 
 class Counts(NamedTuple):
-    """How many particles of gas and dust a scene has, and cells of its grid."""
+    """Numbers of gas particles, dust particles and grid cells of a scene."""
 
     gas: int
     dust: int
@@ -49,7 +52,7 @@ class Counts(NamedTuple):
 
 
 class Column(NamedTuple):
-    """An array (n,) or (n, d) for snapshots, in code units: its name in the file, its dimension, and what it is.
+    """Array (n,) or (n, d) for snapshots, in code units, with its name in the file, its dimension and its meaning.
 
     dimension: one of `discsim.scene.units`, or "" for a plain number.
     """
@@ -61,162 +64,237 @@ class Column(NamedTuple):
 
 
 class Effect:
-    """Base of the effects: does nothing and limits nothing. Numbers are in code units, arrays have a row a particle.
+    """Base class of effects; by itself an effect does nothing and limits nothing.
 
-    A registry (`discsim/parts.py`) gives the name of its table in a scene; `scene.table(name)` is the table.
+    The registry (`discsim/parts.py`) maps the name of a table to its effect; `scene.table(name)` returns that table.
+    All numbers are in code units, and arrays have one row per particle.
+
+    Parameters
+    ----------
+    scene : Scene
+        Validated scene.
+    state : State
+        State at the start of the run.
+
+    Raises
+    ------
+    ValueError
+        The effect cannot run with this scene and state.
     """
 
-    # What it says of its table.
+    # The table of the effect.
     keys: type[Table]
-    several = False  # whether the table may be a list of them
-    rules: tuple[Rule, ...] = ()  # what the table demands of the others
-    runs = True  # False: other effects act for it, and the table only says how
+    several = False  # whether the scene may have an array of these tables
+    rules: tuple[Rule, ...] = ()  # generators of the problems of a scene with this table
+    runs = True  # False: the table configures other effects, and this effect is not created
 
-    lists_schemes = False  # whether the reference has the drag schemes below its keys
-    marks_centre = False  # whether it makes the origin a centre, which figures mark
+    lists_schemes = False  # whether the reference lists the drag schemes below the keys
+    marks_centre = False  # whether the origin is a centre that figures mark
 
-    # What it says of its part in a step.
-    acts_on: tuple[str, ...] = ("gas", "dust")  # whom it accelerates
-    # Whether gas and dust at one place get the same acceleration from it: then it leaves their slip alone. What is not
-    # shared reaches the relaxation as `state.own_acc`.
+    # The part of the effect in a step.
+    acts_on: tuple[str, ...] = ("gas", "dust")  # species that it accelerates
+    # Whether gas and dust at one place get the same acceleration, so that their slip does not change. All other
+    # accelerations reach the relaxation of drag as `state.own_acc`.
     shared = False
-    # Whether its `accelerate` does not look at an `acc` that nobody has written, in `State.blank`, but writes to it.
+    # Whether `accelerate` overwrites the `acc` of species in `State.blank`, which is uninitialised.
     writes_first = False
-    is_kick = False  # whether it kicks gas and dust together, in place of each species' own; one in a scene at most
-    needs_grid = False  # whether `state.grid` has to be there
-    # Attributes that it has made of the particles of the start, in `__init__` or `begin`: other processes, which have
-    # none of these, take them from the one that has made them, in place of `begin`. All others need the scene alone.
+    is_kick = False  # whether `kick` kicks gas and dust, in place of each species' own kick; at most one in a scene
+    needs_grid = False  # whether the effect needs `state.grid`
+    # Attributes made from the particles of the start, in `__init__` or `begin`. On several processes one process makes
+    # them and sends them to the others, in place of `begin` there. All other attributes must need the scene alone.
     from_start: tuple[str, ...] = ()
-    # Times its limit: in longer steps what it limits grows without end. A leapfrog of a frequency of 1 over the limit
-    # does above 2, and limits are estimates.
+    # Factor on the limit, above which errors grow without end. A leapfrog of frequency 1 / limit is unstable above 2;
+    # 2.5 leaves a margin, as limits are estimates.
     grows_at = 2.5
-    softer = ""  # what to change so that `limit_of` is longer
+    softer = ""  # remedy in messages: a change of the scene that makes `limit_of` longer
 
     @property
     def uncoupled(self) -> float:
-        """Share of the dust mass that it should have coupled to gas at the last kick, and could not."""
+        """Share of the dust mass that the last kick should have coupled to gas and could not."""
         return 0.0
 
     def __init__(self, scene: Scene, state: State) -> None:
-        """The effect of a run of `scene` from the start `state`. Raises ValueError where the two make none."""
+        """Create the effect for a run of `scene` from the start `state`."""
 
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
-        """Keys of its table that mean nothing in this scene."""
+        """Return the keys of its table that have no meaning in this scene."""
         return ()
 
     @classmethod
     def warnings(cls, scene: Scene, at: Local) -> Iterable[str]:
-        """What will run, but perhaps not as meant: each with its number and what to change."""
+        """Yield warnings of a scene that runs, but perhaps not as meant.
+
+        Parameters
+        ----------
+        scene : Scene
+            Validated scene.
+        at : Local
+            Gas of the start at a few places.
+
+        Returns
+        -------
+        iterable of str
+            Warnings, each with its number and a remedy.
+        """
         return ()
 
     @classmethod
     def rows(cls, scene: Scene, at: Local) -> Iterable[tuple[str, str]]:
-        """Names and texts of numbers of its own, for `check` and the log of a run."""
+        """Return names and texts of derived numbers, for `check` and the log of a run."""
         return ()
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: Counts) -> float:
-        """CPU time of a step, in the measure of `preview/forecast.py`."""
+        """Return the CPU time of a step in nanoseconds, as `preview/forecast.py` defines it."""
         return 0.0
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        """About the longest step that it will allow at a time of the run, and where, for the forecast."""
+        """Estimate the step limit of the effect at a time of the run, for the forecast.
+
+        Parameters
+        ----------
+        scene : Scene
+            Validated scene.
+        outlook : Outlook
+            Expected state of the run at that time.
+
+        Returns
+        -------
+        Expected
+            The limit in code units, inf for none, and the place that sets the limit.
+        """
         return Expected()
 
     @classmethod
     def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
-        """What it keeps on a grid of this shape."""
+        """Return the memory in bytes that the effect holds on a grid of this shape."""
         return 0
 
     def begin(self, state: State, effects: Mapping[str, Effect]) -> None:
-        """What it has to know of the start, once that has its velocities; of a run that goes on it is called too."""
+        """Prepare the effect for the starting state, which has its velocities. The call is also made before a run is
+        resumed.
+
+        Parameters
+        ----------
+        state : State
+            State at the start.
+        effects : mapping of str to Effect
+            All effects of the run, by the names of their tables.
+        """
 
     def forget(self) -> None:
-        """The state is that of a checkpoint from now on: what it has found in another one means nothing any more."""
+        """Drop results of an earlier state: a checkpoint has replaced the state."""
 
     def prepare(self, state: State) -> None:
-        """Make what `accelerate` needs and no effect's `accelerate` changes: a field, the density of the gas.
+        """Compute what `accelerate` needs and no effect's `accelerate` changes, like a field or the density of the
+        gas.
 
-        Several threads call those of different effects at the same time: it changes nothing that another one reads.
-        Where nobody has called it, as on one thread, `accelerate` does so itself.
+        Several threads call `prepare` of different effects at the same time, so it must not change what another
+        effect reads. Without such a call, as on one thread, `accelerate` has to call it first.
         """
 
     def prepare_kick(self, state: State) -> None:
-        """Make what the next `kick` needs and no effect's `accelerate` changes: of places, velocities, masses and
-        smoothing lengths. Several threads call it while effects accelerate: it changes nothing of the state.
+        """Compute what the next `kick` needs and no effect's `accelerate` changes.
+
+        Inputs are positions, velocities, masses and smoothing lengths. Another thread accelerates at the same time,
+        so the method must not change the state.
         """
 
     def discard(self) -> None:
-        """Let go of what has been prepared: the state may be another one since."""
+        """Drop what `prepare` and `prepare_kick` have computed, as the state may have changed since."""
 
     def accelerate(self, state: State) -> None:
-        """Add its accelerations to `acc` (n, dimensions) of those it acts on (and rates (n,) to `heating_rate`)."""
+        """Add the accelerations of the effect to `acc` (n, dimensions) of the species that it acts on.
+
+        Gas that holds heat has rates (n,) in `heating_rate`, to which the method may add too.
+        """
 
     def acceleration(self, state: State) -> None:
-        """Add to `acc` all that it does to its species, also what the step has in their drift."""
+        """Add to `acc` (n, dimensions) all accelerations of the effect, including those that the drift contains."""
         self.accelerate(state)
 
     def limit(self, state: State) -> float:
-        """The longest step that it allows, before the Courant factor; asked after `accelerate`."""
+        """Return the longest step that the effect allows, before the Courant factor. The call follows `accelerate`."""
         return float("inf")
 
     def limit_of(self, state: State, name: str) -> float:
-        """The longest step in which the species `name` keeps its orbits in this effect's field."""
+        """Return the longest step in which particles of the species `name` keep their orbits in the field of the
+        effect.
+        """
         return float("inf")
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        """Which of the particles sets `limit_of`, from what this effect gives them, `acc` (n, dimensions)."""
+        """Return the index of the particle that sets `limit_of`.
+
+        Parameters
+        ----------
+        particles : Particles
+            Particles of one species.
+        acc : array (n, dimensions)
+            Their accelerations by this effect, in code units.
+        """
         return int((acc**2).sum(axis=1).argmax())
 
     def kick(self, state: State, dt: float) -> None:
-        """Turn accelerations into velocities over dt: of its species, or of all where it `is_kick`."""
+        """Turn accelerations into velocities over dt: those of its species, or of all species if `is_kick`."""
 
     def operate(self, state: State, dt: float) -> None:
-        """Change velocities or energies over dt, exactly if it can: as a force cannot, being stiff or no acceleration.
+        """Change velocities or energies over dt, for changes that are stiff or no acceleration, exactly if possible.
 
-        The step calls it for half of it before the move, and for half after (`run/integrators.py`): what composes, as
-        exp(-dt/t) does, is of second order. Velocities are then ahead of the places (`state.lag` below 0), and behind:
-        on a circle of frequency Omega they have turned by asin(Omega lag) against it, unless the drift turns them.
-        Effects that leave it as it is are not called.
+        A step calls the method over half of its length before the move, and over half after it
+        (`run/integrators.py`). A change that composes, like exp(-dt/t), is then of second order. Velocities are ahead
+        of positions in the first call (`state.lag` below 0) and behind in the second. On a circle of frequency Omega
+        they are rotated against positions by asin(Omega lag), unless the drift rotates them. Effects that do not
+        override the method are not called.
         """
 
     def drift(self, state: State, dt: float) -> None:
-        """Move particles of its own at their velocities over dt. Several threads call those of different effects at the
-        same time: neither it nor `sort` looks at others' particles.
+        """Move particles of the effect's own species at their velocities over dt.
+
+        Several threads call `drift` of different effects at the same time, so neither `drift` nor `sort` may read
+        other species.
         """
 
     def move(self, state: State, dt: float) -> None:
-        """Move particles over dt in other ways, once they have drifted."""
+        """Move particles over dt in other ways, after the drift."""
 
     def sort(self, state: State) -> None:
-        """Put the arrays of its own particles in the order of their places, now and then."""
+        """Sort the arrays of the effect's own species by position; called in some steps."""
 
     def event(self, state: State) -> None:
-        """Act on the particles after they have moved, and may have been sorted; `state.step` and `state.time` are those
-        they have reached.
+        """Act on particles after they have moved and perhaps were sorted.
+
+        `state.step` and `state.time` are those at the end of the step.
         """
 
     def potential_energy(self, state: State) -> float:
-        """The potential energy that it holds."""
+        """Return the potential energy of particles in the field of the effect."""
         return 0.0
 
     def columns(self, state: State) -> Mapping[str, Mapping[str, np.ndarray | Column]]:
-        """What snapshots hold beside the arrays of the state, by species and name; velocities are closed.
+        """Return additional arrays for a snapshot, at a state with its closing kick made.
 
-        Arrays (n,) of names that the layout knows (`output/layout.py`), and a `Column` of any other.
+        Returns
+        -------
+        mapping of str to mapping
+            By species and name: arrays (n,) of names in the snapshot layout (`output/layout.py`), or a `Column` for any
+            other name.
         """
         return {}
 
 
 def doing(effects: Mapping[str, Effect], what: str) -> list[str]:
-    """Names of the effects that have a method of their own in place of that of `Effect`."""
+    """Return the names of the effects that override the method `what` of `Effect`."""
     return [name for name, effect in effects.items() if getattr(type(effect), what) is not getattr(Effect, what)]
 
 
 def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | None = None) -> None:
-    """Move at constant velocity over dt, or on orbits about central `masses`, one a population; immobile ones stay."""
+    """Move particles over dt: along straight lines, or on orbits about central `masses` (populations,).
+
+    Immobile particles stay. Positions are wrapped into a periodic space.
+    """
     species = getattr(particles, "species", NO_SPECIES)
     if particles.immobile is None:
         _drift(particles.pos, particles.vel, dt, masses, species)

@@ -1,7 +1,7 @@
 """Drag between gas and dust on a fixed 1D grid, in one operator with their motion (`discsim/numerics/ppm.py`).
 
-Fluxes and drag are solved together by the schemes sios-ppm and emsi-ppm, so that the move is the whole step and
-there is nothing to kick. It limits no step.
+The schemes sios-ppm and emsi-ppm solve fluxes and drag together. The move is therefore the whole step, and there is
+no kick. The drag limits no step.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ppm = Lazy("discsim.numerics.ppm")
 
 
 class Effect(base.Effect):
-    is_kick = True  # of nothing: fluxes and drag are one
+    is_kick = True  # an empty kick: the move contains fluxes and drag
     acts_on = ()
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -50,7 +50,7 @@ class Effect(base.Effect):
         self.tube.write(state, self.advance(self, self.tube, self.tube.read(state), dt))
 
     def current_stopping_times(self, state: State) -> np.ndarray:
-        """Stopping times of the dust in each cell (n,)."""
+        """Return the stopping time of the dust in each cell (n,)."""
         gas, dust = state.gas, state.dust
         sound = thermal_speed(state.scene, gas)
         return kernels.stopping_times(self.law.code, self.law.grains[0], gas.density, dust.density, sound)

@@ -1,4 +1,6 @@
-"""Pressureless dust in the cells of a fixed 1D grid: density, and the step dx / |u|; the drag's scheme moves it."""
+"""Pressureless dust in the cells of a fixed 1D grid: density, and step limit dx / |u|. The drag scheme moves the
+dust.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Gas in the cells of a fixed 1D grid: density, pressure, and the step dx / (|v| + c_s); the drag's scheme moves it."""
+"""Gas in the cells of a fixed 1D grid: density, pressure, and step limit dx / (|v| + c_s).
+
+The drag scheme moves the gas.
+"""
 
 from __future__ import annotations
 

@@ -1,15 +1,19 @@
-"""Companions of the star: planets, a second star, a body that flies by; G m d / (d^2 + eps^2)^(3/2) on gas and dust.
+"""Companions of the star: planets, a second star, a flyby; G m d / (d^2 + eps^2)^(3/2) on gas and dust.
 
-orbit = "fixed"   Kepler's orbit about GM = M + m in closed form of the time
-orbit = "live"    feels star, companions, gas and dust, each by choice; exact while nothing but the star pulls
-                  (`physics/orbits.py`), and the pull on a particle is the particle's on it, turned round
+    orbit = "fixed"   Kepler's orbit about GM = M + m in closed form of the time
+    orbit = "live"    responds to star, companions, gas and dust, each optional; exact while only the star pulls
+                      (`physics/orbits.py`), and companion and particle exert opposite forces on each other
 
-What gas and dust feel of it grows as m sin^2(pi t / 2 ramp), and what it feels of them too (`physics/orbits.py`); its
-orbit has its whole mass from the start. Within accretion_radius particles are taken, all at once or each with the
-chance 1 - exp(-rate dt / P) of a step, P = 2 pi / Omega of the companion where it is; their mass and momentum go to a
-live companion, their mass to one on a fixed orbit. Step limit: half of ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the
-nearest particle, of (d^2 + eps^2)^(1/2) / |v| of each at its relative velocity, of 1/Omega about the star, and of that
-of two live companions about each other.
+The pull on gas and dust grows as m sin^2(pi t / 2 ramp), and so does the pull of the disc on the companion
+(`physics/orbits.py`). The orbit has the whole mass from the start.
+
+Particles within accretion_radius are accreted: all at once, or each with the probability 1 - exp(-rate dt / P) in a
+step, P = 2 pi / Omega of the companion at its present distance. A live companion gains their mass and momentum, a
+companion on a fixed orbit their mass.
+
+Step limit: half of the least of ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the nearest particle, (d^2 + eps^2)^(1/2) / |v|
+of each particle at its relative velocity, 1/Omega about the star, and 1/Omega of each pair of companions, one of them
+live.
 """
 
 from __future__ import annotations
@@ -45,12 +49,12 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.gravity.point_masses")
 
-CLOSE = 0.2  # of the inner radius of the disc: a companion within is a star together with the star
-PULL = 12.0  # CPU nanoseconds of a particle in a step, for each companion
+CLOSE = 0.2  # in inner radii of the disc: for the disc a closer companion and the star are one central mass
+PULL = 12.0  # CPU nanoseconds in a step, per particle and companion
 
 
 class Softening(NamedTuple):
-    """A Plummer length: a length in code units, or a number of scale heights."""
+    """Plummer length: a length in code units, or a number of scale heights."""
 
     value: float
     in_heights: bool
@@ -60,7 +64,7 @@ class Softening(NamedTuple):
 
 
 def _softening(value: Any, info: ValidationInfo) -> Softening:
-    """A bare number counts the local H, a text is a length."""
+    """Return the softening of a value of the scene: a number is in local H, a text is a length."""
     if not isinstance(value, str):
         found = Softening(number(value), True)
     elif units_of(info).system == "code":
@@ -124,6 +128,7 @@ def _its_ramp(draft: Draft) -> Iterator[Problem]:
 
 
 def _what_it_feels(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of `feels`, the list of what pulls a live companion."""
     for k, companion in enumerate(draft.companion or ()):
         where, names = ("companion", k, "feels"), companion.feels
         if names is None:
@@ -156,12 +161,15 @@ def _its_softening(draft: Draft) -> Iterator[Problem]:
 
 
 def _has_height(eos: Any) -> bool:
+    """Return whether an equation of state gives a scale height that is a function of the radius alone."""
     return getattr(eos, "sound_speed", None) is not None or getattr(eos, "aspect_ratio", None) is not None
 
 
 class _Near(NamedTuple):
-    """Lengths of a companion's surroundings at its semi-major axis: its softening, H, and h as other kernels mean it;
-    None where the scene has none there.
+    """Length scales at a companion's semi-major axis: its softening, H, and h in the convention of
+    `Local.resolution`.
+
+    A length is None where the scene has none.
     """
 
     units: Units
@@ -176,6 +184,7 @@ class _Near(NamedTuple):
 
 
 def _near(scene: Scene, at: Local, companion: Any) -> _Near:
+    """Return the length scales at the semi-major axis of a companion."""
     r = companion.semi_major_axis
     gas: Any = scene.gas
     known = scene.background is not None or (gas is not None and _has_height(gas.eos))
@@ -188,7 +197,7 @@ def _near(scene: Scene, at: Local, companion: Any) -> _Near:
 
 
 def _density(scene: Scene, r: float) -> float:
-    """Sigma of the start's gas at a radius, 0 where it has none."""
+    """Return Sigma of the starting gas at a radius; 0 where there is none."""
     places = start_of(scene).all_over(scene)[0]
     if places.radius is None:
         return 0.0
@@ -196,15 +205,15 @@ def _density(scene: Scene, r: float) -> float:
 
 
 def _relative_mass(scene: Scene, r: float) -> float:
-    """Of the start's gas particles at a radius, over their mean."""
+    """Return the mass of the starting gas particles at a radius over their mean."""
     places = start_of(scene).all_over(scene)[0]
     return 1.0 if places.relative_mass is None else float(np.interp(r, places.radius, places.relative_mass))
 
 
 def quadrupole_of_pair(scene: Scene, companion: Any) -> float | None:
-    """Return the part of one star's pull by which a close pair differs from it at the inner edge of the disc.
+    """Return how much the pull of a close pair differs from one star's at the inner edge of the disc, as a fraction.
 
-    None where the companion is not on a bound fixed orbit far within the disc.
+    Returns None unless the companion is on a bound fixed orbit far within the disc.
     """
     star, edges = scene.star, start_of(scene).edges
     if edges is None or companion.orbit != "fixed" or companion.eccentricity >= 1.0:
@@ -220,7 +229,9 @@ def _named(k: int, what: str) -> str:
 
 
 class Effect(base.Effect):
-    """The pull of companions on particles, the particles' on them, and what they take; their motion is the star's."""
+    """Pull between companions and particles, and accretion by companions; the effect of the star moves the
+    companions.
+    """
 
     keys = Keys
     several = True
@@ -233,7 +244,7 @@ class Effect(base.Effect):
         self.scene = scene
         self.companions = scene.table("companion")
         self.orbits = Orbits(scene)
-        self._near: dict[str, np.ndarray] = {}  # (companions, 2), as `kernels.attract_moving`
+        self._near: dict[str, np.ndarray] = {}  # (companions, 2), least values of `kernels.attract_moving`
         self._lengths = np.zeros(len(self.companions))  # softenings
         self._places = np.zeros((len(self.companions), 2))
         self._dt = 0.0
@@ -277,7 +288,7 @@ class Effect(base.Effect):
             if near.resolution is None:
                 continue
             hill = formulas.hill_radius(scene, companion)
-            # Within its softening, that of a light one, nothing is to be seen of it.
+            # A Hill radius within the softening has no effect on the gas, so it needs no resolution.
             seen = not formulas.is_star(scene, companion) and hill > near.softening
             lengths = [("the Hill radius", hill, "")] if seen else []
             if companion.accretion_radius < near.resolution:
@@ -314,7 +325,7 @@ class Effect(base.Effect):
 
     def limit_of(self, state: State, name: str) -> float:
         felt = _bodies(state).felt[1:]
-        there = felt > 0.0  # a ramp begins with 0
+        there = felt > 0.0  # a ramp begins with 0, which sets no limit
         near, crossing = self._near[name][there].T
         squared = (near + self._lengths[there] ** 2) ** 1.5 / felt[there]
         return IN_KICKS * float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
@@ -348,14 +359,14 @@ class Effect(base.Effect):
             p.remove(gone)
 
     def _share(self, state: State, k: int) -> float:
-        """Of what is within the radius, taken in the step that has been made."""
+        """Return the share of the particles within the radius that is accreted in the step just made."""
         bodies = _bodies(state)
         r = math.dist(bodies.pos[k + 1], bodies.pos[0])
         period = 2.0 * math.pi * math.sqrt(r**3 / (bodies.mass[0] + bodies.mass[k + 1]))
         return -math.expm1(-self.companions[k].accretion_rate * self._dt / period)
 
     def potential_energy(self, state: State) -> float:
-        """That of gas and dust in the field of the companions."""
+        """Return the energy of gas and dust in the field of the companions."""
         bodies, energy = _bodies(state), 0.0
         for p in state.species.values():
             for k in range(len(self.companions)):
@@ -370,7 +381,10 @@ def _bodies(state: State) -> Bodies:
 
 
 def _chances(seed: int, step: int, companion: int, ids: np.ndarray) -> np.ndarray:
-    """Numbers in [0, 1) (n,) of particles, of nothing but these: a hash (splitmix64; Steele et al. 2014) by counter."""
+    """Return numbers in [0, 1) (n,) that depend on seed, step, companion and particle ids alone.
+
+    A counter-based hash makes them (splitmix64; Steele et al. 2014).
+    """
     golden = np.uint64(0x9E3779B97F4A7C15)
     z = ids.astype(np.uint64)
     for word in (seed, step, companion):

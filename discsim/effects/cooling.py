@@ -1,4 +1,4 @@
-"""Cooling of adiabatic gas: du/dt = heating - (u - u_eq) / t_cool, or the light of a grey disc's two surfaces.
+"""Cooling of adiabatic gas: du/dt = heating - (u - u_eq) / t_cool, or the radiation of a grey disc's two surfaces.
 
     kind = "beta"         t_cool = beta / Omega_K about the central mass
     kind = "constant"     t_cool the same everywhere
@@ -6,7 +6,8 @@
                           tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau), tau = kappa Sigma / 2 (Hubeny 1990)
 
 u_eq and T_irr are those of a passive disc, u_eq = (H/r)^2 (G M / r) / (gamma - 1). Cooling is part of the kick of u,
-solved there with the heat of everything else (`kernels/sph/cooling.py`): right at any step, so it limits none.
+which solves cooling and all heating together (`kernels/sph/cooling.py`). The solution is right at any step, so cooling
+limits no step.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.sph.cooling")
 
-KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key that each kind has
+KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key of each kind
 TABLE = "bell-lin"
-# CPU nanoseconds of a particle in a step, whose energy is kicked once and foreseen once.
+# CPU nanoseconds in a step, per particle: one kick of its energy and one prediction.
 NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
 
 
 class Keys(Table):
-    """Only gas with eos.kind = "adiabatic" has heat to lose."""
+    """Cooling of the gas, which needs eos.kind = "adiabatic"."""
 
     kind: Literal["beta", "constant", "radiative"] = Field(description="by what law")
     beta: Number | None = Field(None, gt=0, description='kind "beta": t_cool Omega_K')
@@ -92,6 +93,7 @@ def _star(draft: Draft) -> Iterator[Problem]:
 
 
 def _passive_temperature(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the passive disc, whose temperature [cooling] or gas.eos has to give."""
     own, gas = draft.cooling, draft.gas
     if not gas or not draft.eos.holds_heat or own.aspect_ratio is not None or gas.eos.aspect_ratio is not None:
         return
@@ -128,7 +130,11 @@ class Effect(base.Effect):
         return NANOSECONDS[scene.cooling.kind] * counts.gas
 
     def cooled(self, gas: Gas, dt: float) -> np.ndarray:
-        """Energies (n,) of the gas where it is after dt of heating at its `kick_rate`; immobile gas keeps its own."""
+        """Return energies (n,) of the gas at its present positions, after dt of cooling and of heating at its
+        `kick_rate`.
+
+        The energy of immobile gas does not change.
+        """
         if dt == 0.0:
             return gas.u.copy()
         own, rate, out = self.own, gas.kick_rate, np.empty_like(gas.u)

@@ -1,9 +1,11 @@
-"""Calm edges: in zones velocities relax to the local equilibrium, dv/dt = -(v - v*(r)) R(r), exactly at any step.
+"""Wave damping at the edges: in zones velocities relax to local equilibrium, dv/dt = -(v - v*(r)) R(r), exactly at
+any dt.
 
-R = x^2 / tau, with x from 0 at the end of a zone that faces the disc to 1 at its far end, and tau `time` orbits there
-(de Val-Borro et al. 2006, sec. 3.2). v* is that of the start at each radius: the velocities of its balance, of dust its
-drift, or where a start has none (a snapshot, own particles) the mean over azimuth of the particles that it begins with.
-What it takes of momentum and angular momentum goes to the ledger. It limits no step.
+R = x^2 / tau, with x from 0 at the end of a zone that faces the disc to 1 at its far end, and tau = `time` orbits at
+the far end (de Val-Borro et al. 2006, sec. 3.2). v* is the velocity of the start at each radius: its balance for gas,
+its drift for dust. A start that has none (a snapshot, own particles) gives the mean over azimuth of its particles.
+
+The ledger records the momentum and angular momentum that damping removes. Damping limits no step.
 """
 
 from __future__ import annotations
@@ -31,15 +33,15 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.common.damping")
-DAMPED = 12.0  # CPU nanoseconds of a particle in a step
-NODES, BEYOND = 4096, 8.0  # of the table in ln r, which goes on to this factor beyond the zones
+DAMPED = 12.0  # CPU nanoseconds in a step, per particle
+NODES, BEYOND = 4096, 8.0  # nodes of the table in ln r, and the factor in r by which it extends beyond the zones
 NONE = np.zeros(0, np.int64)
 
 Zone = Annotated[tuple[Length, Length], Words("two lengths: [from, to]")]
 
 
 class Keys(Table):
-    """Velocities relax to the local equilibrium in zones at the edges."""
+    """Zones at the edges in which velocities relax to the local equilibrium."""
 
     inner: Zone | None = Field(None, description="zone at the inner edge: all of it at the first radius and within")
     outer: Zone | None = Field(None, description="zone at the outer edge: all of it at the second radius and beyond")
@@ -103,7 +105,9 @@ class Effect(base.Effect):
         )
 
     def _in_drift(self, state: State) -> np.ndarray:
-        """Share (kinds,) of the star's pull that the drift contains: of the gas, then of each population of dust."""
+        """Return the share (kinds,) of the star's pull that the drift contains: for the gas, then for each population
+        of dust.
+        """
         found = []
         for name in state.species:
             masses = masses_in_drift(self.scene, name)
@@ -113,7 +117,7 @@ class Effect(base.Effect):
 
     def operate(self, state: State, dt: float) -> None:
         ahead = 0.0 if self.scene.model.given is not None else -state.lag
-        zones = self.zones._replace(star=state.central_mass)  # a star that grows speeds circles up
+        zones = self.zones._replace(star=state.central_mass)  # a growing star speeds up circular orbits
         for name, p in state.species.items():
             kind = 0 if name == "gas" else int(state.gas is not None)
             species = NONE if name == "gas" else p.species  # type: ignore[attr-defined]
@@ -123,6 +127,6 @@ class Effect(base.Effect):
             state.ledger.damped_angular_momentum += float(lost[2])
 
     def centre(self, state: State) -> np.ndarray:
-        """Place and velocity (4,) of the centre of the disc, about which the zones lie."""
+        """Return the position and velocity (4,) of the centre of the disc, about which the zones lie."""
         centre = state.centre
         return np.zeros(4) if centre is None else np.concatenate(centre)

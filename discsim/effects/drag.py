@@ -1,8 +1,8 @@
 """Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved together.
 
-Where a scene has drag, drag is the kick: the relaxation is solved with the accelerations inside, so the slip is
-right at any step. Schemes are in `discsim/drag`, laws in `formulas/laws.py`. Two-way drag of an explicit scheme limits
-the step to about t_stop / max(1, eps); any other drag limits none.
+In a scene with drag this effect is the kick. The relaxation is solved with the accelerations inside, so the slip is
+right at any step. Schemes are in `discsim/drag`, laws in `formulas/laws.py`. Two-way drag of an explicit scheme
+limits the step to about t_stop / max(1, eps). All other drag limits no step.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ OF_CELLS = (
     "class_width",
     "heating",
     "integration",
-)  # keys that only particles' gas has a use for
+)  # keys that apply to SPH gas only
 
 NOBODY = np.empty(0, np.int64)
-OF_A_CLASS = 0.12  # of a kick's time, that one class of grains more costs
+OF_A_CLASS = 0.12  # additional cost of each further class of grains, in costs of a kick
 
 
 class Keys(Table):
@@ -81,7 +81,7 @@ class Keys(Table):
         Number | None, Default("1D: 1, at most 2 gas spacings; 2D: 2, at most 2.7 gas spacings and 0.7 H")
     ] = Field(None, gt=0, description="side of a drag cell in local mean h; or a length")
     cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
-    # The mean slip of a class is right in a steady drift, and in steps of less than t_stop to (ln 1.4)^2 / 12.
+    # The mean slip of a class is exact in steady drift; in steps below t_stop its error is at most (ln 1.4)^2 / 12.
     class_width: Number = Field(
         1.4, gt=1, description="of grains of many sizes: ratio of stopping times in one class, which relaxes as one"
     )
@@ -101,6 +101,7 @@ def _partners(draft: Draft) -> Iterator[Problem]:
 
 
 def _width_of_classes(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of drag.class_width if no grains have sizes of their own."""
     grows = draft.has("growth")
     if draft.gives("drag", "class_width") and not grows and not any(map(has_sizes, draft.dust or ())):
         yield (
@@ -110,6 +111,7 @@ def _width_of_classes(draft: Draft) -> Iterator[Problem]:
 
 
 def _words(laws: list[str]) -> str:
+    """Return names in quotes, joined by "or"."""
     return " or ".join(f'"{name}"' for name in laws)
 
 
@@ -175,21 +177,21 @@ class Effect(base.Effect):
         self.exponential = self.drag.integration == "exponential"
         self.law, self.width = SceneLaw(scene), Width(scene)
         self.classes = Classes(scene, self.law)
-        # A number of wanted sides up to which cells grow for want of particles, or of a species.
+        # Limits in wanted sides, up to which cells grow that lack particles (soft) or a species (hard).
         self.soft, self.hard = SOFT, 8.0 if self.dim == 1 else 4.0
         self.star = state.central
         self.size = np.ones(2)
         self.size[: self.dim] = scene.space.size
-        self.alone = NOBODY  # numbers of the dust in enlarged cells or without gas, at the last kick
-        self._masses_alone = np.empty(0)  # what these have
-        self.buffers: dict[str, np.ndarray] = {}  # arrays that a scheme keeps from kick to kick
-        self.samples: Samples = {}  # whom the frame looks at
+        self.alone = NOBODY  # indices of the dust in enlarged cells or without gas, at the last kick
+        self._masses_alone = np.empty(0)  # masses of that dust
+        self.buffers: dict[str, np.ndarray] = {}  # scratch arrays that a scheme reuses in every kick
+        self.samples: Samples = {}  # sampled particles that the frame is made from
         self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
         self.agree = Known()
         self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
         self._kicked = (-1, 0.0)  # step and time of the last kick
-        self._places: Any = None  # what the next kick needs of places
-        self._vel_before: np.ndarray | None = None  # velocities of the gas before it
+        self._places: Any = None  # result of the scheme's `places` for the next kick
+        self._vel_before: np.ndarray | None = None  # velocities of the gas before the next kick
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -207,12 +209,15 @@ class Effect(base.Effect):
     def stopping_time(
         self, population: int, density: np.ndarray, sound: np.ndarray, omega: np.ndarray, ratio: float
     ) -> np.ndarray:
-        """Stopping time of a population in gas of given density, thermal speed and Omega (n,)."""
+        """Return stopping times (n,) of a population in gas of given density, thermal speed and Omega, (n,) each.
+
+        ratio: dust-to-gas mass ratio of the population.
+        """
         return self.law.stopping_time(population, density, sound, omega, ratio)
 
     @property
     def stopping_times(self) -> np.ndarray:
-        """Stopping times of the dust at the last kick (n,), inf where it had no gas; made when they are looked at."""
+        """Stopping times of the dust at the last kick (n,), inf without gas; computed at the first access."""
         self.found_times = times = self.found_times() if callable(self.found_times) else self.found_times
         return times
 
@@ -222,8 +227,9 @@ class Effect(base.Effect):
 
     @property
     def uncoupled(self) -> float:
-        """Share of the dust mass in enlarged cells or without gas, at the last kick. Exact sums: not in each step,
-        which would pay a hundredth of its time for them.
+        """Share of the dust mass in enlarged cells or without gas, at the last kick.
+
+        Its exact sums cost 1% of a step, so they are not made in each step.
         """
         alone = total(self._masses_alone)
         whole = total(_moving_mass(self.state.dust)) if alone > 0.0 else 0.0
@@ -236,7 +242,7 @@ class Effect(base.Effect):
         self.discard()
         if self.scheme.places is None:
             return
-        if state.centre is not None:  # the kick shifts places, which others read meanwhile
+        if state.centre is not None:  # the kick shifts positions, which other threads read at the same time
             return
         if state.gas.everywhere == 0 or state.dust.everywhere == 0:
             return
@@ -245,14 +251,16 @@ class Effect(base.Effect):
         self._vel_before = copied(state.gas.vel)
 
     def places(self, state: State) -> Any:
-        """What the scheme's `places` makes, once: for one kick."""
+        """Return the result of the scheme's `places` for one kick, from `prepare_kick` if it was called."""
         assert self.scheme.places is not None
         there, self._places = self._places, None
         return self.scheme.places(self, state) if there is None else there
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        """The shortest stopping time with an explicit scheme, or that of the gas in more dust than gas."""
+        """Estimate the limit of an explicit scheme: the shortest stopping time, divided by the dust-to-gas ratio if
+        above 1.
+        """
         at, drag = outlook.at, scene.drag
         if not SCHEMES[drag.scheme].explicit or drag.direction == "one-way" or not scene.gas:
             return Expected()
@@ -274,7 +282,7 @@ class Effect(base.Effect):
         before, self._vel_before = copied(gas.vel) if self._vel_before is None else self._vel_before, None
         heat = np.zeros(gas.count if self.drag.heating else 0)
         if gas.everywhere > 0 and dust.everywhere > 0:
-            # One-way: the gas is kicked below as it is without dust, to the last bit.
+            # One-way: `kick_gas` below kicks the gas, with the same bits as without dust.
             self._relax(state, dt, gas.vel if two_way else before, heat)
         else:
             share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
@@ -289,7 +297,8 @@ class Effect(base.Effect):
         if gas.u is not None:
             gas.kick_rate[:] = gas.heating_rate
             if len(heat) > 0:
-                # Beside the work that pressure and viscosity were said to do, so that the total stays what it is.
+                # `heating_rate` has the work of pressure and viscosity at predicted velocities. The difference from
+                # the work at actual velocities is heat, so that the total energy is conserved.
                 heat += dt * np.einsum("ij,ij->i", gas.pressure_acc, gas.pressure_vel - 0.5 * (before + gas.vel))
                 heat_of_drag.pay_losses(gas, mean(gas.h), heat)
                 gas.kick_rate += heat / dt
@@ -298,9 +307,10 @@ class Effect(base.Effect):
             gas.vel[gas.immobile] = before[gas.immobile]
 
     def current_stopping_times(self, state: State) -> np.ndarray:
-        """Stopping times of the dust where it is now (n,), inf where it has no gas; changes no velocity.
+        """Return the stopping times of the dust at its present positions (n,), inf without gas. Velocities do not
+        change.
 
-        Those of the last kick, where nothing has moved since, and they do not depend on the velocities that it changed.
+        The times of the last kick are returned if nothing has moved since and they do not depend on velocities.
         """
         gas, dust = state.gas, state.dust
         if self._kicked == (state.step, state.time) and not self.law.nonlinear:
@@ -308,7 +318,7 @@ class Effect(base.Effect):
         if gas.everywhere == 0 or dust.everywhere == 0:
             return np.full(dust.count, np.inf)
         vel, dust.vel = dust.vel, dust.vel.copy()
-        self.discard()  # who looks may have changed places
+        self.discard()  # the caller may have changed positions
         self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
         dust.vel = vel
         return self.stopping_times
@@ -317,7 +327,7 @@ class Effect(base.Effect):
         return stopping_columns(state, self.current_stopping_times(state))
 
     def _sort(self, state: State) -> None:
-        """Classes of the dust, and what it turns about, as they are now."""
+        """Sort the dust into classes, and update the mass and softening of the centre."""
         self.classes.sort(state.dust)
         self.star = state.central
 
@@ -334,5 +344,7 @@ class Effect(base.Effect):
             dust.vel[dust.immobile] = resting
 
     def _let_alone(self, dust: Dust, alone: np.ndarray) -> None:
-        """Note which dust a kick has left alone, by its numbers; its mass is that of now."""
+        """Record the indices `alone` of the dust that a kick did not couple to gas, and the present masses of that
+        dust.
+        """
         self.alone, self._masses_alone = alone, _moving_mass(dust)[alone]

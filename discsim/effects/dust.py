@@ -1,4 +1,4 @@
-"""Collisionless dust: dx/dt = v, dv/dt = a; particles of one or several populations, each of one size or of many."""
+"""Collisionless dust: dx/dt = v, dv/dt = a; one or several populations of particles, each of one grain size or many."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 moves = Lazy("discsim.kernels.common.move")
 
-MOVED = 2.0  # CPU nanoseconds of a particle in a step
+MOVED = 2.0  # CPU nanoseconds in a step, per particle
 
 
 class Sizes(Table):
-    """Grains of many sizes, n(s) ~ s^-index: as many particles in each of some bins of one width in ln s, or each
-    particle with a size of its own; their masses follow.
+    """Grains of many sizes, n(s) ~ s^-index: bins of equal width in ln s with equal numbers of particles, or one size
+    per particle. The masses of the particles follow.
     """
 
     smallest: Length = Field(gt=0, description="of the grains' radii")
@@ -65,7 +65,9 @@ def _within_radii(draft: Draft) -> Iterator[Problem]:
 
 
 def _sizes(draft: Draft) -> Iterator[Problem]:
-    """What grains of many sizes need: a law that knows them, and a drag that keeps them apart."""
+    """Yield problems of grains of many sizes, which need a law that depends on the size and a drag scheme for many
+    sizes.
+    """
     for i, dust in enumerate(draft.dust or ()):
         sizes, where = dust.grain_size, ("dust", i, "grain_size")
         if not isinstance(sizes, Sizes):

@@ -1,18 +1,19 @@
 """Turbulent diffusion of dust: dx = (grad D + D grad ln Sigma_g) dt + sqrt(2 D dt) xi, D = alpha c_s H / (1 + St^2).
 
-A random walk of the grains whose density obeys d Sigma_d/dt = div [D Sigma_g grad(Sigma_d / Sigma_g)] (Ciesla 2010;
-Zsom et al. 2011): without drift it ends where Sigma_d / Sigma_g is the same everywhere. alpha is that of
-[alpha_viscosity], dead zone and all, or a number; St that of each grain's drag at the last kick (Youdin & Lithwick
-2007). A given D is the grains' own diffusivity, whatever their St. In one dimension Sigma is the density, and Omega
+The grains make a random walk, and their density obeys d Sigma_d/dt = div [D Sigma_g grad(Sigma_d / Sigma_g)] (Ciesla
+2010; Zsom et al. 2011). Without drift the walk ends with the same Sigma_d / Sigma_g everywhere. alpha is a number, or
+that of [alpha_viscosity] with its dead zone. St is that of each grain's drag at the last kick (Youdin & Lithwick
+2007). A given D is the diffusivity of the grains at any St. In one dimension Sigma is the density, and Omega is
 `external.vertical_frequency`.
 
-Each grain walks once a step, after its move. xi comes of the seed, its id and the step (`kernels/common/philox.py`). Where
-sqrt(2 D dt) is beyond half an h (in a given disc H/6) the walk is made in shorter steps; it limits no step of the run.
+Each grain walks once a step, after its move. xi depends on the seed, the grain's id and the step
+(`kernels/common/philox.py`). Where sqrt(2 D dt) exceeds h/2 (H/6 in a given disc) the walk takes shorter steps. It limits no
+step of the run.
 
-Velocities stay what they are, and momentum with them; about a star they stay so relative to the circle of each place
-(`kernels/dust/diffusion.py`), and what a grain's angular momentum gains by that the gas about the middle of its way loses
-where drag is two-way: then turbulence makes none, and gas moves against the dust that diffuses. One-way it is
-turbulence that gives it.
+The walk keeps velocities, and so momentum. About a star it keeps velocities relative to the circular orbit at each
+position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag the gas about the
+middle of the grain's way loses what the grain gains. Turbulence then makes no angular momentum, and gas moves against
+the diffusing dust. With one-way drag the turbulence supplies the angular momentum.
 """
 
 from __future__ import annotations
@@ -47,14 +48,14 @@ neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
-WALKED, PAIR = 250.0, 7.5  # CPU nanoseconds of a grain in a step, and of each gas particle about it and pass
-REACH = 0.5  # of the length over which the gas changes: sqrt(2 D dt) of a step of the walk, at most
-MOST, MANY = 2000, 10  # steps of the walk in one of the run: at all, and without a warning
-WALK = 0xD1FF  # of the generator's key: no other random number of a run is of it
+WALKED, PAIR = 250.0, 7.5  # CPU nanoseconds in a step: per grain, and per gas neighbour of a grain and pass
+REACH = 0.5  # largest sqrt(2 D dt) of a step of the walk, in lengths over which the gas changes
+MOST, MANY = 2000, 10  # steps of the walk within one of the run: the maximum, and the maximum without a warning
+WALK = 0xD1FF  # part of the generator's key that no other random number of a run shares
 
 
 class Keys(Table):
-    """Turbulence stirs the dust."""
+    """Turbulent diffusion of the dust."""
 
     alpha: Annotated[Number | None, Default("alpha_viscosity's")] = Field(
         None, gt=0, description="D = alpha c_s H / (1 + St^2)"
@@ -63,6 +64,7 @@ class Keys(Table):
 
 
 def _one_strength(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene with no strength of the turbulence, or two."""
     own = draft.dust_diffusion
     if own.alpha is not None and own.D is not None:
         yield ("dust_diffusion", "D"), "alpha is there too; expected one of the two"
@@ -71,6 +73,7 @@ def _one_strength(draft: Draft) -> Iterator[Problem]:
 
 
 def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene without dust particles."""
     if not draft.has("dust"):
         yield ("dust_diffusion",), "there is no dust to stir; expected a table [dust] too"
     elif draft.drag and SCHEMES[draft.drag.scheme].on_grid:
@@ -78,6 +81,7 @@ def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
 
 
 def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene that derives D from the gas and lacks gas, drag or orbits."""
     if draft.dust_diffusion.D is not None or not draft.has("dust"):
         return
     if not draft.has("gas") and not draft.has("background"):
@@ -176,7 +180,10 @@ class Effect(base.Effect):
         lag: float,
         step: int,
     ) -> None:
-        """One step of the walk, and what the gas loses by it; velocities are `lag` behind the places."""
+        """Make one step of the walk and give its recoil to the gas; velocities are `lag` behind positions.
+
+        found: strengths (n,) and drifts (n, d) of the walk. field: columns of `_Surroundings.about`.
+        """
         dust, centre, star = state.dust, self._centre(state), state.central
         lag = 0.0 if velocities_turn(self.scene) else lag
         circles = kernels.Circles(*star, lag, centre)
@@ -192,7 +199,9 @@ class Effect(base.Effect):
             gas.lose(gained * dust.mass, before, dust.pos, field[:, kernels.DENSITY], centre)
 
     def _turbulence(self, state: State) -> tuple[np.ndarray, Any]:
-        """The row (n,) of each grain in what kernels take of the law, and all that they take of turbulence."""
+        """Return the row (n,) of each grain in the parameters of the law, and all parameters of turbulence for the
+        kernels.
+        """
         law, dust = self.drag.law if self.inert else None, state.dust
         row, grains = dust.species, law.grains if law else np.empty((0, 5))
         if law and dust.size is not None:
@@ -203,20 +212,20 @@ class Effect(base.Effect):
         )  # fmt: skip
 
     def _centre(self, state: State) -> np.ndarray:
-        """Place and velocity (4,) of the centre of the disc."""
+        """Return the position and velocity (4,) of the centre of the disc."""
         centre = state.centre
         return np.zeros(4) if centre is None else np.concatenate(centre)
 
 
 class _Surroundings:
-    """The gas about grains: sums over its particles, a given disc, or nothing."""
+    """Gas at the positions of grains: sums over gas particles, a given disc, or none."""
 
     def __init__(self, effect: Effect, state: State) -> None:
         self.effect, self.state = effect, state
         self.gas = meeting.Surroundings(effect.sph, state.gas) if effect.sph is not None else None
 
     def about(self, pos: np.ndarray) -> np.ndarray:
-        """Columns (n, 3 + 2 d) of the gas at places (n, d), as `kernels/dust/diffusion.py` has them."""
+        """Return columns (n, 3 + 2 d) of the gas at positions (n, d), in the order of `kernels/dust/diffusion.py`."""
         effect, state, columns = self.effect, self.state, 3 + 2 * self.effect.dim
         if effect.sph is None:
             field = np.zeros((len(pos), columns))
@@ -238,8 +247,10 @@ class _Surroundings:
     def lose(
         self, given: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
     ) -> None:
-        """Take angular momenta (n,) that grains were `given` from the gas about the middle of their ways, or, where
-        none is there, about their start, where it has that `density` (n,).
+        """Subtract from the gas the angular momenta (n,) that grains were `given`.
+
+        The gas at the middle of a grain's way from `start` to `end`, (n, d) each, loses it. Where there is none, the
+        gas at the start of the way loses it, which has the `density` (n,) there.
         """
         effect, gas = self.effect, self.state.gas
         middle = 0.5 * (start + end)
@@ -256,7 +267,7 @@ class _Surroundings:
 
 
 def _steps(wanted: float) -> int:
-    """Steps of the walk within one of the run. Raises FloatingPointError where there would be no end of them."""
+    """Return the number of steps of the walk within one of the run. Raises FloatingPointError above MOST."""
     if not wanted <= MOST:
         raise FloatingPointError(
             f"dust_diffusion would walk in {wanted:.2g} steps within one of the run, each over half the length over "

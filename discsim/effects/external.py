@@ -1,4 +1,4 @@
-"""Given accelerations: a constant one for gas and one for dust, and -Omega_z^2 z towards the midplane on both."""
+"""Prescribed accelerations: a constant one for gas and one for dust, and -Omega_z^2 z towards the midplane on both."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Effect(base.Effect):
         for name, particles in state.species.items():
             particles.acc += self.constant[name]
             if self.frequency > 0.0:
-                # The last axis is z: the only one in one dimension.
+                # The last axis is z, in one dimension the only axis.
                 particles.acc[:, -1] -= self.frequency**2 * particles.pos[:, -1]
 
     def limit(self, state: State) -> float:

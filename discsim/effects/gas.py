@@ -1,8 +1,8 @@
-"""SPH gas: dv/dt = -grad P / rho, with artificial viscosity and conductivity where named; transport.
+"""SPH gas: dv/dt = -grad P / rho, with optional artificial viscosity and conductivity; transport.
 
-Summation density, adaptive h with grad-h terms and the conservative force are eqs. (1-5) of `kernels/sph/forces.py`.
-Step limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where
-h is a third of quintic-h's.
+`kernels/sph/forces.py` has the density sum, adaptive h with grad-h terms and the conservative force, eqs. (1-5). Step limit:
+h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where h is a
+third of that of kernel quintic-h.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ sums = Lazy("discsim.numerics.sph")
 AnyEos: Any = kinds_of(EOS.values())
 
 
-# CPU nanoseconds in a step: of a particle, and of each of its neighbours by the precision of sums over them.
+# CPU nanoseconds in a step: per particle, and per neighbour of a particle by the precision of the sums.
 PARTICLE, NEIGHBOUR = 300.0, {"double": 27.0, "single": 15.0}
-QUIETED = ("isothermal", "locally-isothermal")  # kinds of gas that may be quiet
-SLOPES, QUIET = 1.2, 150.0  # times that where velocities are reconstructed; of a particle of quiet gas
-MOST_ETA = 30.0  # thousands of neighbours
+QUIETED = ("isothermal", "locally-isothermal")  # kinds of eos that allow quiet gas
+SLOPES, QUIET = 1.2, 150.0  # factor on NEIGHBOUR for reconstructed velocities; CPU nanoseconds per quiet particle
+MOST_ETA = 30.0  # gives thousands of neighbours
 
 
 class Viscosity(Table):
@@ -69,7 +69,7 @@ class Viscosity(Table):
 
     @property
     def acts_in_shear(self) -> bool:
-        """True where viscosity brakes a smooth shear; a switch only weakens it there."""
+        """True if viscosity brakes a smooth shear; a switch only weakens it there."""
         return self.pairs != "reconstructed"
 
     @property
@@ -84,7 +84,7 @@ class Viscosity(Table):
 
 
 class Quiet(Table):
-    """Pressure without the noise that shear makes of it (`effects/quiet.py`); true: all as below."""
+    """Pressure with less noise in shear (`effects/quiet.py`); true stands for the defaults below."""
 
     share: Number = Field(0.9, ge=0, le=1, description="of the mean pressure that no pair of particles feels")
     time: Number = Field(10.0, gt=0, description="in discs, in which the density becomes the summed one, in 1 / Omega")
@@ -92,6 +92,7 @@ class Quiet(Table):
 
 
 def _true_or_table(given: Any) -> Any:
+    """Return an empty table for true, None for false, and any other value as it is."""
     return {True: {}, False: None}[given] if isinstance(given, bool) else given
 
 
@@ -152,12 +153,16 @@ def _neighbours(draft: Draft) -> Iterator[Problem]:
 
 
 def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of conductivity in gas that holds no heat."""
     if draft.gas.conductivity and not draft.eos.holds_heat:
         words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
         yield ("gas", "conductivity"), f'conducts heat, but the gas is "{draft.eos_kind}"; expected kind = {words}'
 
 
 def _quiet(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of quiet gas, which needs rings or a periodic plane, isothermal gas and reconstructed
+    velocities.
+    """
     gas, where = draft.gas, ("gas", "quiet")
     if gas.quiet is None:
         return
@@ -172,18 +177,20 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
 
 
 def _switched_twice(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of a switch and reconstruction that both remove viscosity from shear."""
     viscosity = draft.gas.viscosity
     if viscosity and not viscosity.acts_in_shear and viscosity.switch != "none":
         twice = f'"{viscosity.switch}" takes viscosity out of shear, and so does pairs = "{viscosity.pairs}"'
         yield ("gas", "viscosity", "switch"), f"{twice}; expected one of them"
 
 
-# h over H: sound, and viscosity in shear, want half of one. Of a disc's edge, where h/H is largest and what is near it
-# spreads and falls in whatever h is, a tenth of the gas may do with less, but none with an h above H.
+# Largest h/H. Sound, and viscosity in shear, need h/H below FINE. At the edge of a disc h/H is largest, and gas spreads
+# and falls in at any h. So a share EDGE of the gas may have a larger h/H, but not above COARSE.
 FINE, COARSE, EDGE = 0.5, 1.0, 0.1
 
 
 def _coarse(scene: Scene, at: Local) -> Iterator[str]:
+    """Yield a warning of gas with a smoothing length too large for its scale height."""
     if at.resolution is None or at.scale_height is None:
         return
     ratio = at.resolution / at.scale_height
@@ -203,7 +210,7 @@ def _coarse(scene: Scene, at: Local) -> Iterator[str]:
 
 
 def _long_step(scene: Scene, at: Local) -> Iterator[str]:
-    """A step of the scene's own that is beyond the gas's."""
+    """Yield a warning of a run.timestep beyond the step limit of the gas."""
     dt = scene.run.timestep
     if dt is None or at.step is None:
         return
@@ -217,8 +224,8 @@ def _long_step(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
-# The largest -div v: that of noise over the frequency of the nearest gas about the star, of gas that gathers about a
-# companion over its frequency, and of a shock over its jump of the velocity over h. Fitted to the steps of the setups
+# Largest -div v: of noise, in orbital frequencies of the innermost gas; of gas that gathers about a companion, in its
+# frequencies there; of a shock, in velocity jumps over h. Fitted to the steps of the setups
 # (`analysis/forecast_steps.py`, table in docs/cost.md).
 NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
 
@@ -236,7 +243,7 @@ class Effect(base.Effect):
         if scene.gas.quiet is not None:
             self.quiet = quiet.Box(scene) if scene.star is None else quiet.Disc(scene)
         self._limit = np.inf
-        self._predicted: tuple[np.ndarray, np.ndarray | None] | None = None  # with which `prepare` made the density
+        self._predicted: tuple[np.ndarray, np.ndarray | None] | None = None  # velocity and energy, from `prepare`
 
     @classmethod
     def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
@@ -274,7 +281,7 @@ class Effect(base.Effect):
 
     def prepare(self, state: State) -> None:
         gas = state.gas
-        if gas.everywhere == 0:  # the star has it all
+        if gas.everywhere == 0:  # all gas is accreted
             return
         vel, u = self.predicted(state)
         if gas.h_before is not None:
@@ -315,14 +322,14 @@ class Effect(base.Effect):
     def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         gas, pos = state.gas, state.from_centre(state.gas.pos)
         out, roots = (room.like(gas.pressure), room.like(gas.sound_speed)), eos_of(self.scene).roots(self.scene)
-        if roots is not None and gas.small is None:  # the usual disc, in half of the time
+        if roots is not None and gas.small is None:  # the usual disc, which this kernel makes twice as fast
             share(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out, light=True)
             return out
 
         def part(first: int, last: int) -> None:
             for within in blocks(first, last):
                 energy, density = None if u is None else u[within], gas.density[within]
-                if gas.small is not None and energy is None:  # which has no pressure; energies are of all the mass
+                if gas.small is not None and energy is None:  # small dust has no pressure; u is per total mass
                     density = density * growth.gas_share(self.scene, gas, within)
                 out[0][within], out[1][within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
 
@@ -330,10 +337,11 @@ class Effect(base.Effect):
         return out
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
-        """Velocity and energy at the time of the positions, which viscosity and pressure need.
+        """Return velocity (n, d) and energy (n,) at the time of the positions, which viscosity and pressure need.
 
-        `vel` and `u` await their closing kick: it is foreseen with the mean rates of the last one, drag and
-        its heat included, which keeps the step second order. Cooling is foreseen as the kick will make it.
+        `vel` and `u` await their closing kick. The prediction uses the mean rates of the last kick, including drag
+        and its heat, which keeps the step second order. Cooling is predicted as the kick computes it. The energy of
+        gas that holds no heat is None.
         """
         gas = state.gas
         vel = gas.vel
@@ -343,7 +351,7 @@ class Effect(base.Effect):
         return vel, None if gas.u is None else _energy_after(state, state.lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
-        """The part of the acceleration that artificial viscosity gives (n, d)."""
+        """Return the acceleration (n, d) by artificial viscosity and, with [alpha_viscosity], shear viscosity."""
         gas = state.gas.copy()
         gas.acc[:] = 0.0
         vel, u = self.predicted(state)
@@ -366,7 +374,7 @@ class Effect(base.Effect):
 
 
 def kick_gas(state: State, dt: float) -> None:
-    """Velocities and energies over dt at constant rates."""
+    """Advance velocities and energies over dt at constant rates."""
     gas = state.gas
     share(moves.add_scaled, gas.count, gas.vel, gas.acc, dt, light=True)
     if gas.kick_acc is not None:
@@ -377,7 +385,7 @@ def kick_gas(state: State, dt: float) -> None:
 
 
 def kick_energy(state: State, dt: float) -> None:
-    """Energies over dt at the rate `kick_rate`, and of gas that cools what it has lost by that."""
+    """Advance energies over dt at the rate `kick_rate`, and record what cooling gas has radiated."""
     gas = state.gas
     after = _energy_after(state, dt)
     if gas.radiated is not None:
@@ -386,5 +394,6 @@ def kick_energy(state: State, dt: float) -> None:
 
 
 def _energy_after(state: State, dt: float) -> np.ndarray:
+    """Return energies (n,) after dt at the rate `kick_rate`, with cooling."""
     gas = state.gas
     return gas.u + dt * gas.kick_rate if state.cooled is None else state.cooled(gas, dt)

@@ -1,9 +1,9 @@
-"""The gas as a given disc (`[background]`), and dust in it with one-way drag: no SPH, no cells, no grid.
+"""Gas as a given disc (`[background]`), with dust in one-way drag: no SPH, no cells, no grid.
 
-Sigma and temperature are functions of the radius (`physics/given_disc.py`), and the gas turns in balance, Omega_g^2 r =
-GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick relaxes each particle exactly to its steady drift there
-(`kernels/dust/background.py`), and limits no step. Dust moves with its radial velocity and angular momentum (eq. 1), so
-that circles stay circles.
+Sigma and temperature are functions of the radius (`physics/given_disc.py`), and the gas turns in balance, Omega_g^2 r
+= GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick relaxes each particle exactly to its steady drift there
+(`kernels/dust/background.py`), and limits no step. Dust moves with constant radial velocity and angular momentum (eq. 1
+there), so that circles stay circles.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.background")
-KICKED = 150.0  # CPU nanoseconds of a particle in a step
+KICKED = 150.0  # CPU nanoseconds in a step, per particle
 EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat)
 
 
@@ -47,7 +47,7 @@ class Bump(Table):
 
 
 class Gap(Table):
-    """Less gas about a radius, as a planet leaves: Sigma times 1 - depth exp(-(r - radius)^2 / (2 width^2))."""
+    """Less gas about a radius, like the gap of a planet: Sigma times 1 - depth exp(-(r - radius)^2 / (2 width^2))."""
 
     radius: Length = Field(gt=0, description="where it is deepest")
     width: Length = Field(gt=0, description="standard deviation of the Gaussian")
@@ -55,7 +55,7 @@ class Gap(Table):
 
 
 class Keys(Table):
-    """The gas as a given disc in balance about the star, instead of [gas]; it drags the dust and nothing moves it."""
+    """Gas as a given disc in balance about the star, in place of [gas]; it drags the dust, and nothing changes it."""
 
     surface_density: SurfaceDensity | None = Field(None, gt=0, description="Sigma at reference_radius")
     file: ColumnsFile = Field(
@@ -101,7 +101,7 @@ def _one_density(draft: Draft) -> Iterator[Problem]:
 
 
 class Background(base.Effect):
-    """The table alone: it says of what the drag is made, and moves nothing."""
+    """Table of the given disc, which configures the drag; the effect itself does nothing."""
 
     keys = Keys
     rules = (_alone_about_a_star, _one_density)
@@ -109,11 +109,15 @@ class Background(base.Effect):
 
 
 class Dust(dust.Effect):
+    """Dust that moves with constant radial velocity and angular momentum."""
+
     def drift(self, state: State, dt: float) -> None:
         share(kernels.drift_dust, state.dust.count, state.dust.pos, state.dust.vel, dt)
 
 
 class Drag(base.Effect):
+    """One-way drag of the dust by the given disc."""
+
     is_kick = True
     acts_on = ()
 
@@ -142,15 +146,17 @@ class Drag(base.Effect):
         self.stopping_times = self._relax(state, state.dust.vel, dt)
 
     def current_stopping_times(self, state: State) -> np.ndarray:
-        """Stopping times of the dust where it is now (n,); changes no velocity."""
+        """Return the stopping times of the dust at its present positions (n,). Velocities do not change."""
         return self._relax(state, state.dust.vel.copy(), 0.0)
 
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))
 
     def steady_drift(self, pos: np.ndarray, species: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
-        """Radial and azimuthal velocity (n, 2) of the steady drift of populations `species` (n,), the latter beyond
-        Kepler's; about the star as it is at the start. size (n,): of grains that have sizes of their own.
+        """Return velocities (n, 2) of the steady drift: the radial one, and the azimuthal one less Kepler's.
+
+        pos (n, 2): positions. species (n,): populations. size (n,): grain sizes, if grains have sizes of their own.
+        The mass of the star is that at the start.
         """
         out = np.empty_like(pos)
         row, disc = self._of_grains(central_mass(self.scene), species, size)
@@ -158,12 +164,17 @@ class Drag(base.Effect):
         return out
 
     def kernel_disc(self, central_mass: float) -> Any:
-        """What kernels take of the law, the star and the gas, law and light by population."""
+        """Return the parameters of law, star and gas for the kernels; law and radiation pressure have a row per
+        population.
+        """
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
         return kernels.Disc(*law, central_mass, self.star.softening, *self.gas)
 
     def _of_grains(self, central_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
-        """The same, and the row of each grain in what is by population, or by grain where grains have sizes."""
+        """Return the row (n,) of each grain in the parameters for the kernels, and these parameters.
+
+        A row belongs to a population or, where grains have sizes of their own, to a grain.
+        """
         disc = self.kernel_disc(central_mass)
         if size is None:
             return species, disc
@@ -171,6 +182,7 @@ class Drag(base.Effect):
         return np.arange(len(size)), disc._replace(grains=grains, ratios=self.ratios[species], pull=self.pull[species])
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
+        """Kick velocities `vel` (n, 2) in place over dt, and return the stopping times (n,)."""
         p = state.dust
         times = np.empty(p.count)
         row, disc = self._of_grains(state.central_mass, p.species, p.size)

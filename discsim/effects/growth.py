@@ -1,16 +1,16 @@
-"""Dust that grows: two populations, da_r/dt = rho_d v_rel / rho_s, n(a) ~ a^-3.5 from a_min to a_r.
+"""Dust growth with two populations: da_r/dt = rho_d v_rel / rho_s, n(a) ~ a^-3.5 from a_min to a_r.
 
-As in FEoSaD (Stoyanovskaya et al. 2017; Vorobyov et al. 2018, arXiv:1801.06898): small dust, below a_*, moves with the
-gas, here as `small`, a mass that each gas particle carries; grown dust is the particles of [dust], each with a size a_r
-of its own. Sizes grow along the paths of the grains up to the size at which they break (`formulas/growth.py` has the
-equations), and with them small dust becomes grown dust such that n(a) is continuous at a_*, or the other way round
-where sizes fall (`kernels/dust/growth.py` says who takes what from whom).
+The model is that of FEoSaD (Stoyanovskaya et al. 2017; Vorobyov et al. 2018, arXiv:1801.06898). Small dust, below
+a_*, moves with the gas: each gas particle carries a mass `small` of it. Grown dust is the particles of [dust], each
+with a size a_r of its own. Sizes grow along the paths of the grains up to the size at which they break
+(`formulas/growth.py` has the equations). With rising sizes small dust becomes grown dust such that n(a) is continuous
+at a_*; with falling sizes grown dust becomes small dust (`kernels/dust/growth.py` has the exchange).
 
-At the end of a step, once the grains that grow fastest have had the time to do so by SHARE: sizes by sub-steps with a
-relative error of 1e-10 each, so that growth limits no step. Between them sizes and masses stay what they were.
-Mass that changes hands keeps its velocity, and gas the sum of its energies; mass and momentum are exact, and angular
-momentum where gas is on all sides of the grains. With one-way drag the gas notices none of it: small dust is then no
-part of `mass`.
+Growth acts at the end of a step, once the fastest-growing grains may have grown by SHARE since the last time. Sizes
+advance in sub-steps with a relative error of 1e-10 each, so growth limits no step. In between, sizes and masses do
+not change. Exchanged mass keeps its velocity, and gas the sum of its energies. Mass and momentum are exact; angular
+momentum is exact where gas is on all sides of the grains. With one-way drag growth has no effect on the gas: small
+dust is then no part of `mass`.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
-SHARE = 0.03  # of a size, by which it may be behind
-STEPS = 6  # about, in which grains grow once
-GROWN, PAIR = 1000.0, 6.0  # CPU nanoseconds of a grain that grows, and of each gas particle about it and pass
+SHARE = 0.03  # largest relative change of a size between two calls
+STEPS = 6  # typical number of steps from one call to the next
+GROWN, PAIR = 1000.0, 6.0  # CPU nanoseconds in a call: per grain, and per gas neighbour of a grain and pass
 PASSES = 4
 
 
 def _usual(length: str) -> BeforeValidator:
-    """Puts a length where none is given, in a scene in which lengths have units."""
+    """Return a validator that gives a key a default length in scenes whose lengths have units."""
 
     def fill(value: Any, info: ValidationInfo) -> Any:
         return length if value is None and units_of(info).system == "physical" else value
@@ -62,7 +62,7 @@ def _usual(length: str) -> BeforeValidator:
 
 
 class Keys(Table):
-    """Dust grows, and breaks."""
+    """Growth and fragmentation of dust."""
 
     fragmentation_speed: Velocity = Field(ge=0, description="at which grains break; 0: all dust becomes small")
     alpha: Annotated[Number | None, Default("alpha_viscosity's")] = Field(
@@ -80,6 +80,7 @@ class Keys(Table):
 
 
 def _who_grows(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene that lacks a table which growth needs."""
     here = ("growth",)
     if draft.has("background"):
         yield here, "small dust is carried by gas particles, which a [background] has not; expected [gas] instead"
@@ -119,6 +120,7 @@ def _one_population(draft: Draft) -> Iterator[Problem]:
 
 
 def _of_grains(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a drag law or scheme that does not depend on the size of each grain."""
     if draft.drag is None:
         return
     if not LAWS[draft.drag.law].of_grains:
@@ -130,6 +132,7 @@ def _of_grains(draft: Draft) -> Iterator[Problem]:
 
 
 def _brings_masses(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of growth.small_ratio if the particles come with their small dust."""
     if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
         yield ("growth", "small_ratio"), "particles that are given bring their small dust; expected no such key"
 
@@ -187,7 +190,9 @@ class Effect(base.Effect):
             state.pace = Pace(rate=self._grow(state, since))
 
     def _grow(self, state: State, dt: float) -> float:
-        """Let grains grow over dt. Returns the fastest rate, of growth or, where nothing grows, of orbits."""
+        """Grow the grains over dt. Returns the fastest rate of change: of growth, or SHARE per orbit where growth is
+        slower.
+        """
         dust = state.dust
         centre = np.zeros(2) if state.centre is None else state.centre[0]
         met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.place)
@@ -195,21 +200,21 @@ class Effect(base.Effect):
         about = field[met.grains.own]
         wanted = np.empty(dust.count)
         r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
-        # Grains at the centre of the star are left out by the kernel.
+        # The kernel skips grains at the centre of the star.
         omega = state.kepler_omega(r)
         alpha = growth.alpha(self.scene, r, about[:, kernels.SPEED2], omega)
-        dust.size = dust.size.copy()  # a new array: who sorts grains by size looks for one
+        dust.size = dust.size.copy()  # a new array, by which `Classes.sort` recognises changed sizes
         rates = share(
             kernels.grow, dust.count, dt, *state.central, dust.pos, centre, about, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
         self._hand_over(state, met, field, wanted)
-        # What is about a grain may be another one after an orbit, however slowly it grows.
+        # Within an orbit the gas about a grain may change, however slowly the grain grows.
         fastest = max(*rates, float(omega.max(initial=0.0)) * SHARE / (2.0 * math.pi))
         return float(world.together.most(fastest))
 
     def _about(self, state: State, met: Meeting, centre: np.ndarray) -> np.ndarray:
-        """Columns (n, COLUMNS) of what is about the dust particles, own ones and others that are met."""
+        """Return columns (n, COLUMNS) of the surroundings of dust particles, local ones and ghosts."""
         gas, dust = state.gas, state.dust
         deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
         share(
@@ -226,12 +231,13 @@ class Effect(base.Effect):
         return field
 
     def _carriers(self, state: State, met: Meeting) -> Any:
+        """Return the gas, local particles and ghosts, with the small dust that it carries."""
         gas = state.gas
         mass = gas.mass - gas.small if self.laden else gas.mass
         return sums.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
     def _hand_over(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
-        """Let each dust particle gain the mass `wanted` (n,), as far as the gas about it has that as small dust."""
+        """Transfer the mass `wanted` (n,) to each dust particle, as far as the gas about it has that much small dust."""
         gas, dust, own = state.gas, state.dust, met.gas.own
         taken, spread = np.empty((2, len(met.pos)))
         got = np.empty((len(met.pos), 3))

@@ -1,4 +1,4 @@
-"""What the gas of a scene is made of, and what follows for the effects that run and for all that looks at the gas."""
+"""Models of the gas, and the effects that replace those of SPH particles in each model."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GasModel:
-    """A model of the gas; a scene without gas is of the last one, SPH, too.
+    """Model of the gas. A scene without gas has the last model, SPH, too.
 
-    is_of: whether it is that of a scene. stand_ins: table -> "module:object" of the effect that runs there in place of
-    the one for particles. table: which one has the gas's equation of state. given: the gas as functions of the radius,
-    where nothing moves it and no particle is of it. cells: whether gas and dust are fluids on a fixed grid, and their
-    particles its cells.
+    is_of: whether a scene has this model. stand_ins: for a table, the "module:object" of the effect that replaces the
+    one for particles. table: the table with the equation of state of the gas. given: the gas as functions of the
+    radius, for gas that nothing moves and that has no particles. cells: whether gas and dust are fluids on a fixed
+    grid, and their particles its cells.
     """
 
     is_of: Callable[[Scene], bool]

@@ -1,23 +1,26 @@
-"""Quiet gas: SPH of isothermal discs without the noise that its own pressure makes in shear (`gas.quiet`).
+"""Quiet gas: SPH of isothermal discs without the pressure noise of disordered particles in shear (`gas.quiet`).
 
     d ln rho / dt = -div v + (ln rho_sum - ln rho) (1 / tau + 10 s c_s / h),   P = c_s^2 rho                (1)
     B    = c_s^2 Sigma(r) min(share, 1 - guard sigma) n^2 / (n^2 + 30^2)                                    (2)
     pairs feel P - B, and each particle a = -grad B / rho from the centre of the disc                       (3)
 
-Shear changes how particles lie. The conservative force of the pressure resists this, moves particles, and viscosity
-turns the motion into heat: an alpha of about .004 at h/H = .5, which no viscosity causes. The shear acts through the
-noise of the summed density, and through the part 2 P sum V grad W of the force, which disorder leaves even where P is
-uniform. Eq. (1) removes the first: the density follows the flow, with div v of eq. (7) of `kernels/sph/forces.py`, becomes the
-summed one in tau = time / Omega, and is within a factor of 3 of it. Eq. (3) removes the second: the mean pressure B of
-a ring acts on the ring as a whole. One of the two alone leaves the noise.
+Shear changes the arrangement of particles. The conservative pressure force resists this change and moves particles,
+and viscosity turns the motion into heat. This acts like an alpha of about 0.004 at h/H = 0.5, which no viscosity
+causes. There are two causes: the noise of the summed density, and the part 2 P sum V grad W of the force. In a
+disordered arrangement this part does not vanish, even where P is uniform.
 
-Rings are .4 H wide. Sigma, the number n of particles and the scatter sigma of ln(r P / c_s^2) are sums to which each
-particle contributes in three rings (TSC), smoothed over neighbouring rings by 1/4, 1/2, 1/4 twice; B is a cubic spline
-between them. `guard` keeps B below the pressure of nearly all particles, as pairs with P < B are under tension and
-clump. s is 1 in shocks, which have no slopes (`kernels/sph/quiet.py`), and falls behind them.
+Eq. (1) removes the first cause. The density follows the flow, with div v of eq. (7) of `kernels/sph/forces.py`. It becomes
+the summed density within tau = time / Omega, and stays within a factor of 3 of it. Eq. (3) removes the second cause:
+the mean pressure B of a ring acts on the ring as a whole. Either alone leaves the noise.
 
-Densities of eq. (1) settle some per cent below the mass of their ring, where summed densities of disordered particles
-lie up to 25% above it. Drag and snapshots take a density with the mass of its ring, where the ring is even:
+Rings are 0.4 H wide. Sigma, the number n of particles and the scatter sigma of ln(r P / c_s^2) are sums over
+particles. Each particle contributes to three rings (TSC), and sums are smoothed twice over neighbouring rings by 1/4,
+1/2, 1/4. B is a cubic spline between rings. Pairs with P < B are under tension and clump, so `guard` keeps B below
+the pressure of nearly all particles. s is 1 in shocks, which have no slopes (`kernels/quiet.py`), and falls behind
+them.
+
+Densities of eq. (1) settle a few per cent below the mass of their ring, where summed densities of disordered
+particles are up to 25% above it. Drag and snapshots take a density with the mass of its ring, where the ring is even:
 
     rho' = rho (r Sigma(r) / exp<ln r rho>)^max(0, 1 - 4 sigma)                                             (4)
 
@@ -26,10 +29,11 @@ The mean pressure of a periodic plane has no gradient. There the density is the 
     pairs feel P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                                (5)
 
 with the mean surface density and the scatter of all gas. A lattice of SPH particles resists shear like a crystal, by
-the same part of the force, and (5) lowers its stiffness by `share`. Sound of kh = .56 is 2.6% slow, and else 3.7% fast.
+the same part of the force, and eq. (5) reduces this stiffness by `share`. With eq. (5) sound of kh = 0.56 is 2.6%
+slow, without it 3.7% fast.
 
-Forces of pairs conserve momentum and angular momentum, and the push has no torque about the centre. Where bodies move,
-the small net force of the push is taken off all gas like that on a rigid body, so that both are conserved.
+Forces of pairs conserve momentum and angular momentum, and the push of eq. (3) has no torque about the centre. Where
+bodies move, its small net force is subtracted from all gas, like a force on a rigid body, so that both are conserved.
 """
 
 from __future__ import annotations
@@ -55,17 +59,19 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-WIDTH = 0.4  # of a ring, in H
-SPARSE = 30.0  # particles in a ring of which half its pressure is taken
-UNEVEN = 4.0  # over it: the scatter of ln(r Sigma) in rings whose mass says nothing of their density
+WIDTH = 0.4  # width of a ring in H
+SPARSE = 30.0  # number of particles in a ring at which B is half of its largest value, eq. (2)
+UNEVEN = 4.0  # the exponent of eq. (4) vanishes from a scatter of 1 / UNEVEN on
 MOST_RINGS = 1 << 14
-TINY, FARTHEST = 1e-300, 200.0  # FARTHEST: ln of radii, so that areas of rings beyond all gas are numbers
-BITS = 61  # of sums of whole numbers, which are the same in any order
+TINY, FARTHEST = 1e-300, 200.0  # FARTHEST: largest |ln r|, so that areas of rings beyond all gas are finite
+BITS = 61  # bits of integer sums, which are independent of the order
 
 
 class Rings(NamedTuple):
-    """Means over rings (count,): their radii, surface density, number of particles, scatter of ln(r P / c_s^2), and by
-    how much the mean of that lacks what their mass has.
+    """Means over rings, (count,) each.
+
+    radius, density: radius and surface density. number: number of particles. uneven: scatter of ln(r P / c_s^2).
+    lacking: ln(r density), from the mass of the ring, less the mean of ln(r P / c_s^2).
     """
 
     radius: Array
@@ -83,7 +89,7 @@ class Box:
 
     @contextmanager
     def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
-        """The pressure (n,) that the forces of pairs have."""
+        """Yield the pressure (n,) in the forces of pairs."""
         gas = state.gas
         assert gas is not None
         logs = np.log(gas.density)
@@ -101,7 +107,7 @@ class Disc:
         self.scene, self.keys = scene, scene.gas.quiet
         eos: Any = scene.gas.eos
         self.reference = float(getattr(eos, "reference_radius", 1.0))
-        # H ~ r^(1 + flaring), exactly so in a disc of power laws; rings elsewhere are somewhat narrower or wider.
+        # H ~ r^(1 + flaring) is exact for power laws. In other discs rings are somewhat narrower or wider than WIDTH.
         self.flaring = 0.5 * (1.0 - eos_of(scene).temperature_slope(eos))
         at = np.array([self.reference])
         speed = eos_of(scene).thermal_speed(scene, at)
@@ -109,9 +115,9 @@ class Disc:
 
     @contextmanager
     def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
-        """The pressure (n,) that the forces of pairs have; the push comes to `acc` after them.
+        """Yield the pressure (n,) in the forces of pairs; after the context add the push to `acc`.
 
-        Density and pressure of the gas become those of eqs. (1, 4); `sph` has the slopes of the velocity.
+        Density and pressure of the gas become those of eqs. (1, 4). `sph` has the slopes of the velocity.
         """
         gas = _gas(state)
         self._follow(state, sph)
@@ -122,6 +128,7 @@ class Disc:
         gas.pressure *= mass_over_mean
 
     def _follow(self, state: State, sph: Sph) -> None:
+        """Advance the density of the gas to the time of the state, eq. (1)."""
         gas = _gas(state)
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
         share(
@@ -131,7 +138,7 @@ class Disc:
         )  # fmt: skip
 
     def split(self, state: State) -> tuple[Array, Array, Array]:
-        """The pressure (n,) that pairs feel, the push (n, 2) of the rest, and rho' / rho (n,), eqs. (2 - 4)."""
+        """Return the pressure (n,) of pairs, the push (n, 2) of the mean pressure, and rho' / rho (n,), eqs. (2 - 4)."""
         gas, pos = _gas(state), state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
         pressure, acc = copied(gas.pressure), np.zeros_like(gas.acc)
@@ -149,18 +156,19 @@ class Disc:
         return pressure, acc, np.exp(np.interp(at, np.arange(count), even * rings.lacking))
 
     def _places(self, r: Array) -> Array:
-        """Radii (n,) in widths of rings from the reference radius."""
+        """Return ring coordinates (n,) of radii (n,): distances from the reference radius in widths of rings."""
         log = np.log(r / self.reference)
         return (log if self.flaring == 0.0 else -np.expm1(-self.flaring * log) / self.flaring) / self.width
 
     def _radii(self, place: Array) -> Array:
-        """Radii (n,) of places."""
+        """Return the radii (n,) of ring coordinates (n,)."""
         log = self.width * place
         if self.flaring != 0.0:
             log = -np.log(np.maximum(1.0 - self.flaring * log, TINY)) / self.flaring
         return self.reference * np.exp(np.clip(log, -FARTHEST, FARTHEST))
 
     def _rings(self, state: State, at: Array, r: Array, low: float, count: int) -> Rings:
+        """Return the means over `count` rings from the ring `low` on; `at` (n,) is relative to `low`."""
         gas = _gas(state)
         pressing = gas.pressure / gas.sound_speed**2
         mass = gas.mass * pressing / gas.followed
@@ -179,7 +187,7 @@ class Disc:
         return Rings(radius, density, sums[NUMBER], uneven, np.where(sums[NUMBER] > SPARSE, lacking, 0.0))
 
     def _cubics(self, rings: Rings) -> Array:
-        """Coefficients (4, count - 1) of B between rings, eq. (2), the highest power first."""
+        """Return coefficients (4, count - 1) of the spline B between rings, eq. (2), highest power first."""
         from scipy.interpolate import CubicSpline
 
         number2 = rings.number**2
@@ -194,14 +202,14 @@ def _gas(state: State) -> Gas:
 
 
 def _range(place: Array) -> tuple[float, int]:
-    """The first ring, and how many hold the gas of all processes with some to spare."""
+    """Return the first ring, and the number of rings that hold the gas of all processes, with a margin."""
     least, most = world.together.least(place.min(initial=np.inf)), world.together.most(place.max(initial=-np.inf))
     low = np.floor(max(least, most - MOST_RINGS)) - 3.0
     return float(low), int(most - low) + 5
 
 
 def _as_rigid(mass: Array, pos: Array, acc: Array) -> Array:
-    """Accelerations (n, 2) of a rigid body with the force of others, `acc` (n, 2), and no torque about the origin."""
+    """Return accelerations (n, 2) of a rigid body by the net force of `acc` (n, 2), without torque about the origin."""
     x, y = pos.T
     columns = np.column_stack([np.ones_like(x), x, y, acc, x * x + y * y])
     whole, mx, my, fx, fy, inertia = totals(mass[:, None] * columns).tolist()

@@ -1,8 +1,9 @@
-"""Light of the star pushes dust: a = beta G M r / (r^2 + s^2)^(3/2), beta = F_rad / F_grav of a population.
+"""Radiation pressure on dust: a = beta G M r / (r^2 + s^2)^(3/2), beta = F_rad / F_grav of a population.
 
-The gas does not feel it, so that drag has it in its relaxation; what pushes is the star. s is the star's softening.
-Without drag grains that drift on orbits do so about (1 - beta) M. Step limit else: half of sqrt((r^2 + s^2)^(3/2) /
-(beta G M)) of the innermost grain.
+s is the star's softening, and the star alone is the source. The gas does not feel the push, so the relaxation of drag
+contains it. Without drag, dust that drifts on Kepler orbits has orbits about (1 - beta) M, and there is no step
+limit. The step limit else is half of sqrt((r^2 + s^2)^(3/2) / (beta G M)) of the innermost grain; in a given disc all
+of it.
 """
 
 from __future__ import annotations
@@ -30,10 +31,11 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.dust.radiation")
 stars = Lazy("discsim.kernels.gravity.point_masses")
-PUSH = 6.0  # CPU nanoseconds of a grain in a step
+PUSH = 6.0  # CPU nanoseconds in a step, per grain
 
 
 def _each(value: Any) -> Any:
+    """Return beta as a list."""
     if isinstance(value, list | tuple) and not value:
         raise fault("an empty list; expected a number, or one a population of dust")
     return list(value) if isinstance(value, list | tuple) else [value]
@@ -66,7 +68,7 @@ def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
 
 
 def _has_orbits(draft: Draft) -> Iterator[Problem]:
-    """Grains that start on circles without drag have some."""
+    """Yield a problem of grains that start on circles without drag, with a beta that allows none."""
     most = max(draft.radiation_pressure.beta)
     if most < 1.0 or not draft.start or draft.start.radial is None:
         return
@@ -142,7 +144,7 @@ class Effect(base.Effect):
 
 
 def _step(scene: Scene) -> float:
-    """Step limit over 1/Omega in light's field: none of what is in the drift, all of paths in a given disc."""
+    """Return the step limit over 1/Omega in the radiation field: inf if the drift contains it, 1 in a given disc."""
     if in_drift(scene):
         return float("inf")
     return IN_KICKS if scene.model.given is None else 1.0

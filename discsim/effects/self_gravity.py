@@ -3,11 +3,11 @@
     kernel = "plummer"     w(d) = -1 / sqrt(d^2 + softening^2)
     kernel = "thin-disc"   w(d) = -exp(x) K_0(x) / (2 sqrt(pi) H), x = d^2 / 8H^2, H = thickness
 
-The second is the mean over height of a disc that is Gaussian in height, of constant H, without approximation (Rendon
-Restrepo et al. 2025, arXiv:2506.10812).
+The kernel "thin-disc" is, without approximation, the mean over height of a disc that is Gaussian in height, of
+constant H (Rendon Restrepo et al. 2025, arXiv:2506.10812).
 
-By a particle mesh (`numerics/mesh.py`), with a centred difference of fourth order. A particle off an open grid
-attracts nothing, and feels the mass on the grid as one point with that kernel.
+A particle mesh computes the field (`numerics/mesh.py`), with a centred difference of fourth order. A particle off an
+open grid attracts nothing, and feels the mass on the grid as one point with that kernel.
 """
 
 from __future__ import annotations
@@ -50,26 +50,31 @@ class Keys(Table):
     sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
 
 
-CELL, MOVED = 50.0, 18.0  # CPU nanoseconds in a step: of a cell, and of a particle that it deposits and pulls
-KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # the length that each kernel has
+CELL, MOVED = 50.0, 18.0  # CPU nanoseconds in a step: per grid cell, and per particle (deposit and pull)
+KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # key of the length of each kernel
 
 
 def kernel_length(scene: Scene) -> float:
-    """Return the length within which self-gravity is softened: that of its kernel."""
+    """Return the length within which self-gravity is softened, by the kernel of the scene."""
     return float(getattr(scene.self_gravity, KERNEL_KEYS[scene.self_gravity.kernel]))
 
 
 def _boundary_of_a_line(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of open boundaries in 1D."""
     if draft.dimensions == 1 and draft.space and draft.space.boundary == "open":
         yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
 
 
 def _sheets(draft: Draft) -> Iterator[Problem]:
-    """In code units a number may stand for either density, and own particles bring whatever they are meant to."""
+    """Yield a problem of 1D gravity for a start with a volume density.
+
+    Exempt are scenes in code units, whose numbers may be either density, and own particles, whose masses may be
+    either.
+    """
     start = draft.start
     if draft.dimensions != 1 or draft.in_code_units or not start or start.column:
         return
-    if 1 in start.dimensions and start.boundary == "periodic":  # what does not go with either is told already
+    if 1 in start.dimensions and start.boundary == "periodic":  # other rules report the remaining starts
         wrong = (
             f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
         )
@@ -107,12 +112,13 @@ def _enough_cells(draft: Draft) -> Iterator[Problem]:
         )
 
 
-HEAVY = 3.0  # Toomre's Q, above which nothing is amplified (Toomre 1981), and a softening cannot change that
-CLUMP = 6  # kernels' particles that a collapsing mass wants (Nelson 2006, abstract)
-CELLS = 4  # of the grid, that it is to span
+HEAVY = 3.0  # Toomre's Q above which nothing is amplified (Toomre 1981), with any softening
+CLUMP = 6  # least particles of a collapsing mass, in neighbour numbers of the kernel (Nelson 2006, abstract)
+CELLS = 4  # least width of a collapsing region in grid cells
 
 
 def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
+    """Yield warnings of a softening that is unused, below a grid cell or above the scale height."""
     kernel = scene.self_gravity.kernel
     name, length = KERNEL_KEYS[kernel], kernel_length(scene)
     shown = scene.units.show(length, "length")
@@ -127,7 +133,7 @@ def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
             f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
         )
     if at.scale_height is not None and at.toomre_q is not None:
-        # A softening is to be below H wherever self-gravity counts; a thickness is to be H somewhere.
+        # A softening has to be below H wherever self-gravity matters, a thickness only below the largest H.
         counts = at.toomre_q <= max(HEAVY, at.toomre_q.min())
         softest = np.where(counts, at.scale_height, np.inf).argmin()
         worst = int(softest if kernel == "plummer" else at.scale_height.argmax())
@@ -140,7 +146,10 @@ def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
 
 
 def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
-    """What collapses, 2 c_s^2 / (G Sigma) wide and pi c_s^4 / (G^2 Sigma) heavy (Nelson 2006, sec. 2), where Q < 2."""
+    """Yield warnings of collapsing regions with too few particles or grid cells, where Q < 2.
+
+    A collapsing region is 2 c_s^2 / (G Sigma) wide and has a mass of pi c_s^4 / (G^2 Sigma) (Nelson 2006, sec. 2).
+    """
     if not scene.gas or at.sound_speed is None or at.h is None or scene.space.dimensions == 1:
         return
     length = 2 * at.sound_speed**2 / at.density
@@ -166,10 +175,10 @@ def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
 
 
 class Effect(base.Effect):
-    """Adds the attraction of the species in `self_gravity.sources` to every species.
+    """Attraction of every species by the species in `self_gravity.sources`.
 
-    Raises ValueError for open boundaries in one dimension or with fewer than five cells a side. `outside`
-    is how many particles were off the grid when forces were last made.
+    `outside` is the number of particles off the grid when forces were last made. Raises ValueError for open
+    boundaries in one dimension or with fewer than five cells a side.
     """
 
     keys = Keys
@@ -184,13 +193,13 @@ class Effect(base.Effect):
         self.kernel: Kernel = poisson.Plummer(scene.self_gravity.softening)
         self.smallest = scene.self_gravity.softening  # length over which the force changes
         if scene.self_gravity.kernel == "thin-disc":
-            # In its plane this kernel is as sharp as the grid.
+            # In the plane of the disc this kernel is as sharp as the grid.
             self.kernel, self.smallest = poisson.ThinDisc(scene.self_gravity.thickness), grid.cell
             self.softer = "fewer space.cells"
         self.mesh: Mesh = meshes.Mesh(grid, self.kernel)
         self.outside = 0
-        self._made = False  # whether that has made forces
-        self._prepared = False  # whether the potential is that of forces to be made
+        self._made = False  # whether the mesh holds the potential of the last forces
+        self._prepared = False  # whether the mesh holds the potential of the next forces
         self._strongest: dict[str, float] = {}
 
     @classmethod
@@ -204,7 +213,7 @@ class Effect(base.Effect):
 
     @classmethod
     def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
-        """Density, potential and its gradient, and their transforms."""
+        """Return the memory in bytes of density, potential and its gradient, and of their transforms."""
         pad = 1 if scene.space.boundary == "periodic" else 2
         columns = pad * shape[-1] // 2 + 1
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
@@ -239,8 +248,8 @@ class Effect(base.Effect):
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        """With the pull 2 pi G Sigma of a thin sheet at the densest place."""
-        if outlook.at.radius is None:  # a uniform sheet, which pulls nowhere
+        """Estimate the limit with the pull 2 pi G Sigma of a thin sheet at the densest place."""
+        if outlook.at.radius is None:  # a uniform sheet, which has no pull
             return Expected()
         keys, densest = scene.self_gravity, int(np.argmax(outlook.at.density))
         length = keys.softening if keys.kernel == "plummer" else outlook.at.cell
@@ -248,17 +257,19 @@ class Effect(base.Effect):
         return Expected(math.sqrt(length / pull), outlook.at.where(densest))
 
     def limit(self, state: State) -> float:
-        """The least `limit_of` of the limiting particles."""
+        """Return the least `limit_of` of the species that may limit the step."""
         limiting = {id(particles) for particles in state.limiting}
         return min(self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting)
 
     def limit_of(self, state: State, name: str) -> float:
-        """The least sqrt(length / |a|) of a species: softening, or cell of a thin-disc."""
+        """Return the least sqrt(length / |a|) of a species; length is the softening, or the grid cell for a thin
+        disc.
+        """
         largest = self._strongest.get(name, 0.0)
         return float(np.sqrt(self.smallest / largest)) if largest > 0 else float("inf")
 
     def potential_energy(self, state: State) -> float:
-        """Half the sum of m phi over the sources, in the potential that last made forces."""
+        """Return half the sum of m phi over the sources, in the potential of the last forces."""
         if not self._made:
             self.mesh.solve(state.species, self.sources)
         return 0.5 * sum(self._energy(state.species[name]) for name in self.sources)
@@ -271,8 +282,8 @@ class Effect(base.Effect):
         return float(totals.total(particles.mass * potential))
 
     def _monopole(self) -> _Monopole:
-        """Of the mass that was on the grid when the potential was made."""
-        # Cloud in cell keeps the mass and its first moments, so the grid gives those of the deposited particles.
+        """Return the monopole of the mass that was on the grid when the potential was made."""
+        # Cloud-in-cell deposition conserves mass and first moments, so the grid has those of the deposited particles.
         along = self.mesh.sums()
         total = float(along[0].sum())
         if total == 0.0:
@@ -282,7 +293,7 @@ class Effect(base.Effect):
 
 
 class _Monopole(NamedTuple):
-    """The mass on the grid as one point at its centre."""
+    """Mass on the grid as one point at its barycentre."""
 
     mass: float
     centre: Array

@@ -1,15 +1,16 @@
-"""A star: a = -G M d / (d^2 + s^2)^(3/2), s its softening, d the way from it; optional accretion radius.
+"""Star: a = -G M d / (d^2 + s^2)^(3/2), with the softening s and the vector d from the star; optional accretion
+radius.
 
-What comes within the accretion radius is removed at the end of the step; its mass, momentum and angular momentum go
-to the ledger, and with grows = true its mass, and where the star moves its momentum, to the star.
+Particles within the accretion radius are removed at the end of the step. Their mass, momentum and angular momentum go
+to the ledger. With grows = true the star gains their mass and, where it moves, their momentum.
 
 About a star without softening that stays at the origin, and which nothing moves, gas and dust drift on their Kepler
-orbits, at any step exactly (`kernels/gravity/kepler.py`). Else its pull is in the kick: to the momentum of a star that moves
-that adds what the particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest
-particle, and half of it in kicks.
+orbits, at any step exactly (`kernels/gravity/kepler.py`). About any other star its pull is in the kick, where a moving star
+gains the momentum that the particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the
+nearest particle, and half of it in kicks.
 
-frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that `indirect` lists
-frame = "inertial"   the star moves with A_0; with its companions its barycentre starts at rest at the origin
+    frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that `indirect` lists
+    frame = "inertial"   the star moves with A_0; with its companions its barycentre starts at rest at the origin
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
 kernels, moves = Lazy("discsim.kernels.gravity.point_masses"), Lazy("discsim.kernels.common.move")
 
-PULL = 5.0  # CPU nanoseconds of a particle in a step, and again of one whose pull on the star counts
+PULL = 5.0  # CPU nanoseconds in a step, per particle; twice if its pull on the star counts
 
 
 class Keys(Table):
@@ -60,6 +61,7 @@ class Keys(Table):
 
 
 def _at_the_centre(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a space that has no centre for a star."""
     if draft.dimensions == 1:
         yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
     elif draft.space and draft.space.boundary == "periodic" and not (draft.start and draft.start.edges):
@@ -67,6 +69,7 @@ def _at_the_centre(draft: Draft) -> Iterator[Problem]:
 
 
 def _who_pulls(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of `indirect`, the list of what pulls the star."""
     names = draft.star.indirect or ()
     if len(set(names)) < len(names):
         yield ("star", "indirect"), "a name is there twice; expected each once"
@@ -80,6 +83,7 @@ def _who_pulls(draft: Draft) -> Iterator[Problem]:
 
 
 def _frame(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the frame, of the centre of the disc, and of a star that grows without an accretion radius."""
     star = draft.star
     if star.frame == "inertial" and draft.has("background"):
         yield ("star", "frame"), 'a [background] turns about a star at the origin; expected "star"'
@@ -109,14 +113,15 @@ class Effect(base.Effect):
         self.star = scene.star
         self.orbits = Orbits(scene)
         self.counted = [name for name in pulling(scene) if name in self.orbits.felt_by_star]
-        # Drag by a given disc has to know the whole acceleration; else the star's drift is undone by one of particles.
+        # Drag by a given disc needs the whole acceleration in the kick. Otherwise a drift of all particles cancels the
+        # drift of the star.
         self.all_in_kick = scene.model.given is not None
         self.in_drift, self.step = in_drift(scene), step_of_circle(scene)
         self.grows_at = math.inf if self.in_drift else base.Effect.grows_at / self.step
         self._place = 0.0, 0.0
-        # How far gas and dust go with the frame in a drift, and the change of their velocity.
+        # Displacement and change of velocity of gas and dust by the motion of the frame in a drift.
         self._of_frame = np.zeros(2), np.zeros(2)
-        self._nearest: dict[str, float] = {}  # squared distances that an event has found for the limit after it
+        self._nearest: dict[str, float] = {}  # least squared distances of the last event, for the limit after it
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -199,7 +204,7 @@ class Effect(base.Effect):
                 self._accrete(state, name, particles, np.concatenate([inside for _, inside in near]))
             if state.bodies is not None and self.star.grows:
                 if self.orbits.inertial:
-                    self._nearest = {}  # it may have moved
+                    self._nearest = {}  # the star may have moved
                 self.orbits.place(state.bodies, state.time)
 
     def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:

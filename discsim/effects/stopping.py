@@ -1,4 +1,4 @@
-"""What snapshots say of the drag, however the gas is modelled."""
+"""Columns of the drag in snapshots, for any model of the gas."""
 
 import numpy as np
 
@@ -6,7 +6,9 @@ from discsim.numerics.state import State
 
 
 def stopping_columns(state: State, times: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-    """Stopping times (n,) and, about a star, Stokes numbers t_stop Omega_K of the dust."""
+    """Return stopping times (n,) of the dust and, about a star, Stokes numbers t_stop Omega_K (n,), by species and
+    name.
+    """
     found = {"stopping_time": times}
     if state.scene.star is not None and state.dust is not None:
         away = np.sqrt((state.from_centre(state.dust.pos) ** 2).sum(axis=1))
