@@ -1,1 +1,3 @@
-"""Drag schemes, one a file, each with its `SCHEME` (`discsim/drag/base.py`), and what several of them share."""
+"""Drag schemes, one file each, with its `SCHEME` (`discsim/drag/base.py`), and the modules that several schemes
+share.
+"""

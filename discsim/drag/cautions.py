@@ -1,4 +1,4 @@
-"""Warnings of drag: what will run, but perhaps not as meant, each with its number and what to change."""
+"""Warnings of drag: scenes that run, but perhaps not as meant, each with its number and a remedy."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from discsim.drag.base import Scheme
     from discsim.scene import Scene
 
-# In one dimension cells grow by eight for want of dust: gas between grains that are farther apart is not dragged along.
-# One grain in a cell cures that.
+# Least gas and dust particles of a cell in one dimension. Cells without dust grow by a factor of 8 at most, and gas
+# between grains farther apart feels no drag. One grain in a cell prevents this.
 LONELY = (0, 0.25)
-WIDE = 1.4  # H: of a drag cell of `tsc`, in which the drift is off by .2
+WIDE = 1.4  # width in H of a drag cell of `tsc` in which the drift is off by 20%
 
 
 def warnings(scene: Scene, at: Local) -> Iterator[str]:
-    """Of a scene with [drag], whatever its gas is made of."""
+    """Yield the warnings of a scene with [drag], for any model of the gas."""
     yield from _of_slip(scene, at)
     yield from _of_wide_cells(scene, at)
     yield from _of_cells(scene, at)
@@ -32,12 +32,14 @@ def warnings(scene: Scene, at: Local) -> Iterator[str]:
 
 
 def _times(scene: Scene, at: Local) -> list[np.ndarray]:
-    """Stopping time of each population at the places of `at`; no entry where it is not defined."""
+    """Return the stopping times (n,) of each population at the places of `at`; an empty list where they are
+    undefined.
+    """
     return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
 def _of_slip(scene: Scene, at: Local) -> Iterator[str]:
-    """Grains that gas hardly drags."""
+    """Yield a warning of grains that gas hardly drags."""
     for i, time in enumerate(_times(scene, at)):
         if at.omega is not None and (time * at.omega).max() > 10:
             stokes = time * at.omega
@@ -50,7 +52,7 @@ def _of_slip(scene: Scene, at: Local) -> Iterator[str]:
 
 
 def _of_wide_cells(scene: Scene, at: Local) -> Iterator[str]:
-    """Cells that average over more of the disc than the pressure's scale."""
+    """Yield a warning of cells wider than the scale of the pressure."""
     found, drag = at.in_drag_cells(), scene.drag
     if drag.scheme != USUAL_SCHEME or found is None or at.scale_height is None:
         return
@@ -73,7 +75,7 @@ def _of_wide_cells(scene: Scene, at: Local) -> Iterator[str]:
 
 
 def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
-    """Cells with too few particles."""
+    """Yield warnings of cells with too few particles."""
     strong = sum(dust.ratio for dust in scene.dust or ()) > LOADED
     if not strong or scene.drag.direction == "one-way":
         return
@@ -84,7 +86,7 @@ def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
     cells = SCHEMES[scene.drag.scheme].cells
     wanted = (cells.few if even else cells.few_random) if dim == 2 else LONELY
     for name, count, few in zip(("gas", "dust"), found[1:], wanted, strict=True):
-        least = count[count > 0].min(initial=few)  # where a population is absent nothing is to be counted
+        least = count[count > 0].min(initial=few)  # places without any dust do not count
         if least < few:
             where = at.where(int(np.flatnonzero(count == least)[0]))
             more, wider = few / least, (max(few, 1) / least) ** (1 / dim)
@@ -95,7 +97,7 @@ def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
 
 
 def _of_scheme(scene: Scene, at: Local) -> Iterator[str]:
-    """Explicit steps, and schemes that compare velocities at the places of the particles."""
+    """Yield warnings of explicit schemes with short steps, and of schemes that damp waves too much."""
     drag = scene.drag
     if drag is None or at.step is None or at.resolution is None or at.sound_speed is None:
         return

@@ -1,4 +1,4 @@
-"""Drag cells: gas and dust sorted into blocks of a lattice, and the schemes that relax each block by itself."""
+"""Drag cells: sorting of gas and dust into blocks of a lattice, and relaxation of each block by itself."""
 
 from __future__ import annotations
 
@@ -31,20 +31,23 @@ growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
 NONE = np.empty(0)
 NOBODY = np.empty(0, np.int64)
-ABOUT_GRAINS = "about grains"  # the name of what is agreed on
-# A leaf's h are added in whole units of 2^-H_BITS of the largest, without rounding for 2^23 of them: sums then hang
-# on no order, and say to 9 digits whether a block is large enough.
+ABOUT_GRAINS = "about grains"  # key of `about_grains` in `drag.agree`
+# The h of a leaf are added in whole units of 2^-H_BITS of the largest, exactly for up to 2^23 of them. The sums are
+# independent of the order, and accurate to 9 digits.
 H_BITS = 30
 
 # Steps of the cells' origin, in fractions of the largest block: n a 2^k mod 1 is well spread for k = 0..5 (for
-# n <= 60, n |n a 2^k - nearest whole number| >= .17; found by search).
+# n <= 60, n |n a 2^k - nearest whole number| >= 0.17; found by search).
 SHIFT_STEP = np.array([0.70493075, 0.64794019])
 
 
 class Lattice(NamedTuple):
-    """Leaves that blocks are made of: whole grid cells in two dimensions. They cover the grid from `origin` on over
-    `extent` leaves, and a `margin` of as many on every side of it; beyond that nobody is coupled. Of the `whole` of
-    them there are here those of a `shape` from the `first` on: all, unless other processes have some.
+    """Lattice of leaves, of which blocks are made; in two dimensions a leaf is a whole number of grid cells wide.
+
+    The lattice covers the grid from `origin` (2,) on over `extent` (2,) leaves of width `side`, with a `margin` of
+    leaves on every side. Particles beyond the margin are uncoupled. `whole` is the number of leaves along each axis.
+    This process has a part of the lattice, `shape` leaves from the leaf `first` on; in serial runs the part is the
+    whole.
     """
 
     origin: Array
@@ -58,13 +61,16 @@ class Lattice(NamedTuple):
 
     @property
     def joined(self) -> Array:
-        """Whether it joins itself along each axis (2,)."""
+        """True along each axis (2,) on which this part is periodic."""
         return self.periodic & (np.array(self.shape) == self.whole)
 
 
 class Merged(NamedTuple):
-    """Blocks of leaves: the `number` of that which each leaf is in, with one entry more, and of each block its first
-    leaf (ix, iy) in this part of the lattice, level and whether want of particles `enlarged` it.
+    """Blocks of leaves.
+
+    number (leaves + 1,): block of each leaf; the last entry is for particles outside. Of each block: `first_leaf`
+    (blocks, 2), its first leaf (ix, iy) in this part of the lattice; `level` (blocks,), log2 of its width in leaves;
+    `enlarged` (blocks,), whether it has grown for lack of particles.
     """
 
     number: Array
@@ -74,8 +80,9 @@ class Merged(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Where blocks are, on a lattice with the origin of this step, and the leaf of each particle, the last of those
-    outside.
+    """Blocks of a lattice with the origin of this step, and the leaf (n,) of each particle.
+
+    Particles outside the lattice have the last leaf.
     """
 
     lattice: Lattice
@@ -85,7 +92,8 @@ class Layout(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Members of each block: order[start[block] : start[block + 1]] of the gas, and of the dust by population.
+    """Members of each block: order[start[block] : start[block + 1]] of the gas, and of the dust by block and
+    population.
 
     The last two blocks hold the gas and the dust outside the lattice.
     """
@@ -94,17 +102,17 @@ class Blocks(NamedTuple):
     gas_start: Array
     dust_order: Array
     dust_start: Array
-    first_leaf: Array  # (blocks, 2), as of `Merged`
+    first_leaf: Array  # (blocks, 2), as in `Merged`
     level: Array  # (blocks,)
     enlarged: Array  # (blocks,)
     lattice: Lattice  # with the origin of this step
 
     def period(self, size: Array) -> Array:
-        """The period of a space of this size (2,), inf where it is open."""
+        """Return the period of a space of this size (2,); inf where it is open."""
         return size if self.lattice.periodic else np.full(2, np.inf)
 
     def squares(self) -> tuple[Array, Array]:
-        """The lower corner (blocks, 2) and the side (blocks,) of each block."""
+        """Return the lower corner (blocks, 2) and the side (blocks,) of each block."""
         lattice, corners, sides = self.lattice, np.empty((len(self.level), 2)), np.empty(len(self.level))
         share(
             kernels.squares_of, len(sides), self.first_leaf, self.level, lattice.origin, lattice.first, lattice.side,
@@ -114,22 +122,23 @@ class Blocks(NamedTuple):
 
 
 def lattice(drag: Drag, state: State, lengths: Array) -> Lattice:
-    """Leaves at least as large as is wanted of smoothing `lengths` (n,), of a lattice that has room to move where it is
-    not periodic.
+    """Return a lattice of leaves wide enough for the smoothing `lengths` (n,) of the gas.
+
+    An open lattice has room for shifts of its origin by up to one largest block.
     """
     grid, dim = state.grid, drag.dim
     wanted, count = drag.agree("wanted leaf", lambda: (wanted_leaf(drag, state, lengths), state.gas.everywhere))
     side, numbers = leaves(drag.width.rounded * wanted, grid.cell, grid.shape[:dim], grid.periodic, count)
     extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
-        # Whole largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
+        # A whole number of largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
         numbers = [(-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in numbers]
     whole = numbers[0], numbers[1] if dim == 2 else 1
     return Lattice(np.array(grid.origin), extent, 0, side, whole, grid.periodic, (0, 0), whole)
 
 
 def wanted_leaf(drag: Drag, state: State, lengths: Array) -> float:
-    """Side that leaves are to have at least, as the scheme or the scene has it."""
+    """Return the least side of leaves, from the scene or the scheme."""
     if drag.drag.cell_length is not None:
         return drag.drag.cell_length
     least = world.together.least(float(lengths.min(initial=np.inf)))
@@ -147,15 +156,17 @@ def lay_blocks(
     shifted: bool,
     mirrored: bool = False,
 ) -> Layout:
-    """Make blocks of `leaves`; `least`, `size` and `dust_wanted` as `merge` has them, `lengths` (n,) of the gas.
+    """Build blocks of `leaves`.
 
-    The lattice moves with every step where it is `shifted`; `mirrored`, to where y -> -y takes the other's cells.
+    lengths (n,): smoothing lengths of the gas. least, size, dust_wanted: the fields (gas, dust), size and dust_in of
+    `kernels.Wanted`. shifted: whether the lattice moves with every step. mirrored: whether it moves to its mirror
+    image by y -> -y.
     """
     shift, part, keys, (n_gas, n_dust, outside) = _placed(drag, state, leaves, shifted, mirrored)
     if not leaves.periodic and outside > 0:
-        leaves = _widened(leaves, drag.dim)  # somebody is off the grid: cells go on, on every side alike
+        leaves = _widened(leaves, drag.dim)  # for particles off the grid, by the same number of leaves on every side
         shift, part, keys, (n_gas, n_dust, _) = _placed(drag, state, leaves, shifted, mirrored)
-    # A length's whole cells are the wanted side; a number of h is met by doubling leaves.
+    # With drag.cell_length a leaf has the wanted side; with a number of h leaves double up to it.
     length = leaves.side if drag.drag.cell_length else 0.0
     wanted = leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
     merged = drag.agree(
@@ -166,9 +177,9 @@ def lay_blocks(
 
 
 def sort_into_blocks(drag: Drag, state: State, layout: Layout) -> Blocks:
-    """Sort gas and dust into blocks; the leaves of particles are overwritten."""
+    """Sort gas and dust into blocks. Overwrites the leaves of particles in `layout`."""
     lattice, (number, first_leaf, level, enlarged), gas_key, dust_key = layout
-    # What lies outside the lattice meets nobody: a block of its own for each species.
+    # Particles outside the lattice are uncoupled: a block of its own for each species.
     count, population = len(level), drag.classes.number
     number[-1] = count
     share(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1, light=True)
@@ -180,8 +191,8 @@ def sort_into_blocks(drag: Drag, state: State, layout: Layout) -> Blocks:
 
 
 def _placed(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Any, ...]:
-    """By how many leaves a lattice has moved, the part of it that this process has, the leaves of its gas and dust, and
-    what `_numbers` has of them.
+    """Return the shift (2,) of a lattice, the part of this process, the leaves of its gas and dust, and their
+    `_numbers`.
     """
     both = state.gas, state.dust
     shift = _shift(drag, state, leaves, shifted, mirrored)
@@ -193,7 +204,7 @@ def _placed(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: 
 
 
 def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
-    """Own gas and dust in each leaf, and how many particles of all processes lie outside the lattice."""
+    """Return the local gas and dust in each leaf, and the number of particles of all processes outside the lattice."""
     count = math.prod(part.shape) + 1
     gas, dust = (counts(key, count) for key in keys)
     return gas, dust, int(world.together.sum(int(gas[-1]) + int(dust[-1])))
@@ -202,7 +213,7 @@ def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
 def _in_leaves(
     drag: Drag, part: Lattice, n_gas: Array, n_dust: Array, key: Array, h: Array
 ) -> tuple[Array, Array, Array]:
-    """Gas and dust in each leaf (leaves,) and the sum of the gas's h, of all processes."""
+    """Return the gas and dust in each leaf (leaves,) and the sum of the gas's h, over all processes."""
     unit = 2.0 ** (math.frexp(world.together.most(float(h.max(initial=0.0))))[1] - H_BITS)
     held = np.zeros(len(n_gas))
     kernels.add_in_units(key, h, 1.0 / unit, held)
@@ -212,7 +223,7 @@ def _in_leaves(
 
 
 def _widened(leaves: Lattice, dim: int) -> Lattice:
-    """With room for a margin of the largest block on both sides."""
+    """Return the lattice with a margin of the largest block on every side."""
     nx, ny = leaves.whole
     more = 2 * 2**LEVELS
     whole = nx + more, ny + more if dim == 2 else 1
@@ -220,7 +231,7 @@ def _widened(leaves: Lattice, dim: int) -> Lattice:
 
 
 def _shift(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> Array:
-    """By how many leaves (2,) the lattice has moved."""
+    """Return the shift (2,) of the lattice in leaves."""
     shift = np.zeros(2)
     if shifted:
         shift[: drag.dim] = (((state.step + state.earlier) * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
@@ -231,7 +242,7 @@ def _shift(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: b
 
 
 def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
-    """The leaf of each of places (n, d), the last of those outside the lattice."""
+    """Return the leaf (n,) of each position (n, d); the last leaf for positions outside the lattice."""
     low, high = shift - part.margin, shift + part.extent + part.margin
     key = room.like(pos, np.uint32)
     share(
@@ -242,9 +253,9 @@ def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
 
 
 def merge(gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted: Any) -> Merged:
-    """The blocks of leaves.
+    """Merge leaves into blocks.
 
-    `gas`, `dust`, `h_sum` (leaves,): particles in each leaf and the sum of the gas's h; `wanted`: `kernels.Wanted`.
+    gas, dust, h_sum (leaves,): particles in each leaf and the sum of the gas's h. wanted: fields of `kernels.Wanted`.
     """
     width, height = ((side - 1 >> np.arange(LEVELS + 1)) + 1 for side in shape)
     begin = np.append(0, np.cumsum(width * height))
@@ -260,14 +271,15 @@ def merge(gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted
 
 
 def law_of(drag: Drag, dt: float) -> Law:
+    """Return the parameters of a kick over dt for the kernels."""
     return Law(drag.law.code, drag.classes.grains, drag.two_way, dt, drag.exponential)
 
 
 def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
-    """Gas, of velocities `gas_vel`, and dust as kernels take them."""
+    """Return gas, of velocities `gas_vel` (n, d), and dust in the form that the kernels take."""
     gas, dust, own = state.gas, state.dust, state.own_acc
     about = drag.agree(ABOUT_GRAINS, lambda: about_grains(drag, state))
-    # Small dust that gas carries drags no grains.
+    # Small dust that gas carries exerts no drag on grains.
     density = gas.density if gas.small is None else gas.density * growth.gas_share(state.scene, gas)
     return (
         Species(
@@ -282,12 +294,16 @@ def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tupl
 
 
 def about_grains(drag: Drag, state: State) -> Array:
-    """What kernels take of each grain (n,) beside its mass; it may have no entries."""
+    """Return the kernels' further input of each grain (n,), or an empty array.
+
+    The input is a density of sparse dust or, where grains have sizes, the stopping time relative to that of the
+    class.
+    """
     return densities_of_sparse_dust(drag, state) if state.dust.size is None else drag.classes.relative
 
 
 def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
-    """The blocks of `relax_in_blocks`, and the frame."""
+    """Return the blocks of `relax_in_blocks`, and the frame."""
     about_star = frame(drag, state)
     lengths = drag.width.counted(state.gas.pos, state.gas.h)
     layout = lay_blocks(
@@ -298,13 +314,15 @@ def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
 
 
 def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:
-    """The members of the blocks of `layout_of`, and the frame."""
+    """Return the members of the blocks of `layout_of`, and the frame."""
     layout, about_star = layout_of(drag, state, linear)
     return sort_into_blocks(drag, state, layout), about_star
 
 
 def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
-    """Relax each block by itself (`kernels/drag/cells.py`), with a velocity linear in it or its mean alone."""
+    """Relax each block by itself (`kernels/drag/cells.py`), with a velocity linear in position (`linear`) or its mean
+    alone.
+    """
     blocks, about_star = drag.places(state)
     gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.squares()[0], np.zeros((2, 2))])

@@ -1,8 +1,9 @@
-"""Which grains relax together: a population, or where grains have sizes of their own those of nearly one stopping time.
+"""Classes of grains that relax together: a population or, where grains have their own sizes, one range of stopping
+times.
 
-Classes divide the stopping times that the same gas gives to grains at equal ratios. A class has its mean stopping
-time; kernels take it times the mean, by mass, of `relative` over those of the class at a place, so that a grain alone
-there has its own.
+The ranges have equal ratios of the stopping times in the same gas. A class has its mean stopping time. Kernels
+multiply it by a mean of `relative`, weighted by mass, over the grains of the class at a place. A single grain at a
+place therefore has its own stopping time.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NONE = np.empty(0)
-GROWN = 8  # classes, about, of grains that have grown to sizes of one to two decades in the whole of a disc
-MOST = 32  # classes: there are sums of each at every node of tsc
+GROWN = 8  # typical number of classes of grown grains, whose sizes span one to two decades in a disc
+MOST = 32  # largest number of classes: tsc has sums of each at every node
 
 
 def classes_of(scene: Scene) -> int:
-    """How many classes there will be, about, before any particle is made."""
+    """Estimate the number of classes, before any particle exists."""
     sizes = [dust.grain_size for dust in scene.dust or () if has_sizes(dust)]
     width = math.log(scene.drag.class_width)
     if scene.table("growth") is not None:
@@ -38,10 +39,11 @@ def classes_of(scene: Scene) -> int:
 
 
 class Classes:
-    """The classes of a run's grains: their `number`, the law's `grains` (number, 5) of each, the class `of` each grain
-    (n,), and its stopping time over that of the class, `relative` (n,), without entries where populations are classes.
+    """Classes of a run's grains.
 
-    several: True where there may be more than one, else None (kernels leave out what is for many then).
+    number: number of classes. grains (number, 5): parameters of the law of each class. of (n,): class of each grain.
+    relative (n,): stopping time of each grain over that of its class; empty where populations are classes. several:
+    True if there may be more than one class, else None, for which kernels compile without the code for many.
     """
 
     def __init__(self, scene: Scene, law: SceneLaw):
@@ -52,20 +54,20 @@ class Classes:
         self._sorted: Array | None = None
 
     def sort(self, dust: Dust) -> None:
-        """Make the classes of the dust as it is now, of which there is some, and sort that of this process."""
+        """Make the classes of the dust as it is now, and sort the grains of this process. The run must have dust."""
         if dust.size is None:
             self.of = dust.species
-        # A new array wherever particles or their sizes have changed.
+        # Particles or sizes that have changed are in a new array.
         elif world.together.most(dust.size is not self._sorted):
             self._sorted = dust.size
-            everyone = world.together.everyone(dust)  # whose order decides the last bits of means
+            everyone = world.together.everyone(dust)  # in the order of all, which decides the last bits of means
             self._divide(self.law.rows(everyone.of(dust.species), everyone.of(dust.size)))
             self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
 
     def _divide(self, rows: Array) -> None:
         place = np.log(rows[:, VALUE])
         reach = place.max() - place.min()
-        # Whole multiples of the width, so that classes stay what they are while grains grow.
+        # Edges at whole multiples of the width, so that classes persist while grains grow.
         bins = np.floor(place / (self.width * max(1.0, math.ceil(reach / (self.width * (MOST - 1))))))
         bins = (bins - bins.min()).astype(np.int64)
         count = np.bincount(bins)

@@ -1,4 +1,4 @@
-"""Dust of one population as SPH sees it: smoothing length and density by sums over its own particles."""
+"""SPH smoothing length and density of one dust population, by sums over its own particles."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NONE = np.empty(0)
-SMALLEST = 0.01  # h over that of evenly mixed dust: particles in one place have none of their own
-SPARSE = 0.5  # dust over gas particles, below which counts in a drag cell say little of the dust's density
+SMALLEST = 0.01  # least h over that of evenly mixed dust: particles at one place have no h of their own
+SPARSE = 0.5  # dust over gas particles below which counts in a drag cell are a poor estimate of the dust's density
 
 
 @dataclass
 class Cloud:
-    """Dust of one population as SPH sees it; `members` are its numbers in the state's arrays."""
+    """One dust population with its SPH sums; `members` are its indices in the state's arrays."""
 
     members: Array
     pos: Array
     mass: Array
-    own: Array  # accelerations that gas does not share, or no entries
+    own: Array  # accelerations that gas does not share (n, d), or empty
     h: Array
     density: Array
     gradh: Array
     sph: Sph
-    place: Array | None = None  # as `Particles` have it
+    place: Array | None = None  # as in `Particles`
 
     @property
     def count(self) -> int:
@@ -42,6 +42,7 @@ class Cloud:
 
 
 def cloud_of(state: State, members: Array, sph: Sph) -> Cloud:
+    """Return the dust with the indices `members` as a cloud whose h and density are uninitialised."""
     dust, own = state.dust, state.own_acc["dust"]
     empty = np.empty(len(members))
     return Cloud(
@@ -51,14 +52,14 @@ def cloud_of(state: State, members: Array, sph: Sph) -> Cloud:
 
 
 def guess_h(cloud: Cloud, density: Array | float) -> Array:
-    """Smoothing lengths (n,) at a density that is given, or known to be about right."""
-    with np.errstate(divide="ignore", over="ignore"):  # a density of none asks for the longest
+    """Return smoothing lengths (n,) at a given or estimated density."""
+    with np.errstate(divide="ignore", over="ignore"):  # a density of 0 gives the longest h
         h = cloud.sph.eta * (cloud.mass / density) ** (1.0 / cloud.sph.dim)
     return np.minimum(h, cloud.sph.h_most)
 
 
 def settle_density(cloud: Cloud) -> None:
-    """Solve for h, from the guess that it holds, and the density."""
+    """Solve for h and density, from the guess in `cloud.h`."""
     sph, guess = cloud.sph, cloud.h.copy()
     sph.density(cloud, np.empty((0, sph.dim)))
     if not sph.fixed and world.together.most(bool((cloud.h < SMALLEST * guess).any())):
@@ -69,9 +70,10 @@ def settle_density(cloud: Cloud) -> None:
 
 
 def densities_of_sparse_dust(drag: Drag, state: State) -> Array:
-    """Density (n,) of dust that is too sparse to be counted in cells, where the law asks for it; 0 of other dust.
+    """Return the density (n,) of dust that is too sparse to be counted in cells; 0 of other dust.
 
-    No entries where all is counted. With few particles t_stop = rho_d / K would be that of a lone one's own cell.
+    The array is empty if the law needs no density or no dust is sparse. With few particles in cells t_stop = rho_d /
+    K would be that of a single particle in its own cell.
     """
     gas, dust = state.gas, state.dust
     if drag.law.code != CONSTANT:

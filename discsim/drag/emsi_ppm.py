@@ -1,15 +1,17 @@
 """emsi-ppm: gas and dust as fluids on a fixed 1D grid; the slip relaxes implicitly, momentum is exact.
 
-Each stage of a step (`discsim/numerics/ppm.py`) ends with the relaxation of every cell from its velocities at its
-start, with what advection and pressure changed as accelerations inside, a = (v* - v^n) / dt:
+Each stage of a step (`discsim/numerics/ppm.py`) ends with the relaxation of every cell from its velocities at the
+start of the step. The changes by advection and pressure are accelerations inside the relaxation, a = (v* - v^n) / dt:
 
     ds/dt = a_d - a_g - (1 + eps) s / t_stop,   s = u - v
     rho_g v = (rho_g v)* + J,   rho_d u = (rho_d u)* - J,   J = rho_g rho_d / (rho_g + rho_d) (s* - s)
 
-by the exact exponential, or with integration = "implicit" by backward Euler. So the fluxes know how heavy the dust
-makes the gas, and the step is second order at any stiffness. Momentum-conserving scheme of the comparison of
-Stoyanovskaya et al. 2018 (arXiv:1811.06522), from its abstract and name: drag implicit in both velocities. What
-differs from a splitting is ours, as are the stages and the exponential. Frictional heat closes the energy of a cell.
+The solution is the exact exponential, or with integration = "implicit" backward Euler. The fluxes thus include the
+inertia of the dust, and the step is second order at any stiffness. Frictional heat closes the energy of a cell.
+
+This is the momentum-conserving scheme of the comparison of Stoyanovskaya et al. 2018 (arXiv:1811.06522), from its
+abstract and name: drag implicit in both velocities. The differences from a splitting are ours, and so are the stages
+and the exponential.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
 """esph: explicit drag towards interpolated velocities. Momentum is not conserved.
 
-dv_a/dt = a_a + (U(x_a) - v_a) eps(x_a) / t_stop,   du_j/dt = a_j + (V(x_j) - u_j) / t_stop
+    dv_a/dt = a_a + (U(x_a) - v_a) eps(x_a) / t_stop,   du_j/dt = a_j + (V(x_j) - u_j) / t_stop
 
-with the velocities U of the dust and V of the gas that SPH interpolates to the other's places, and eps from the
-interpolated dust density (`kernels/drag/interpolation.py`). ESPH of Stoyanovskaya et al. 2018 (arXiv:1811.06522), with
-interpolants divided by the sum of their weights. Forward Euler: its step is limited to about t_stop, and it damps
-waves, by about (k h)^2 a t_stop. One-way drag takes its short steps within the kick, as dust must not limit the gas.
+SPH interpolates the velocities U of the dust and V of the gas to the positions of the other species. eps is that of the
+interpolated dust density (`kernels/drag/interpolation.py`). ESPH of Stoyanovskaya et al. 2018
+(arXiv:1811.06522), with interpolants divided by the sum of their weights. Forward Euler: its step is limited to about
+t_stop, and it damps waves, by about (k h)^2 a t_stop. One-way drag takes its short steps within the kick, as dust
+must not limit the gas.
 """
 
 from __future__ import annotations
@@ -37,5 +38,5 @@ def limit(drag: Drag, state: State) -> float:
 
 
 UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
-# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+# Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
 SCHEME = Scheme(relax, limit=limit, conserves=False, damps=True, unused=UNUSED)

@@ -1,4 +1,4 @@
-"""What the schemes of a fixed grid demand of a scene: one column of cells, and nothing that is made for particles."""
+"""Rules of the schemes on a fixed grid: one line of cells, and no table or key that needs particles."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ OF_SPH = (
     "viscosity",
     "conductivity",
     "quiet",
-)  # keys of the gas that only particles use
+)  # keys of the gas that apply to SPH particles only
 
 
 def _tables(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of tables and keys that do not go with a fixed grid."""
     scheme = _named(draft)
     if draft.space and draft.dimensions != 1:
         yield ("space", "dimensions"), f"{scheme} is a fixed grid along a line; expected 1"
@@ -40,6 +41,7 @@ def _tables(draft: Draft) -> Iterator[Problem]:
 
 
 def _cells(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of gas and dust that are not in the same cells."""
     if not draft.gas:
         return
     scheme, cells = _named(draft), draft.gas.particles

@@ -1,10 +1,11 @@
-"""The common motion that drag cells leave out of velocities: circles about the star, in the sense of gas and dust.
+"""Frame of drag cells: circular motion about the star, in the direction of gas and dust, subtracted from velocities.
 
     w(x) = sigma(r) Omega_K(r) (-y, x)                                                                     (1)
 
-sigma is 1 or -1, as the whole turns, by the mass-weighted mean of v_phi / v_K of both species; the other way in those
-of some rings of even width in ln r whose own mean is beyond half of v_K, that way; in between only between the middles
-of two such rings, as it has to be smooth over cells. A field of the place alone, so that momentum stays what it is.
+sigma is 1 or -1, the sign of the mass-weighted mean of v_phi / v_K of both species. A ring, of even width in ln r,
+has the opposite sign if its own mean is beyond half of v_K in that direction. sigma has to be smooth over cells, so
+it is interpolated between the centres of rings. The frame depends on the position alone, so that momentum is
+conserved.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ if TYPE_CHECKING:
 Array = np.ndarray
 RINGS = 16
 NOBODY = np.empty(0, np.int64)
-SAMPLE = 1024  # particles of a species, of whom a few tell the sense: of ids that are whole multiples of a power of two
+SAMPLE = 1024  # most sampled particles of a species: those with ids that are multiples of a power of two
 
 
 class Sample(NamedTuple):
-    """The rows of those of `ids` (n,) that are whole multiples of a `power` of two, and how many rows were loose."""
+    """Sample of a species: the `rows` of `ids` (n,) that are multiples of `power`; number of loose rows."""
 
     ids: Array
     power: int
@@ -39,7 +40,7 @@ Samples = dict[str, Sample]  # by species
 
 
 def frame(drag: Drag, state: State) -> Frame:
-    """The frame of a state; without a star, one that has no motion."""
+    """Return the frame of a state; without a star it is at rest."""
     mass, softening = drag.star
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
@@ -47,6 +48,7 @@ def frame(drag: Drag, state: State) -> Frame:
 
 
 def _about_star(samples: Samples, state: State, mass: float, softening: float) -> Frame:
+    """Return the frame about a star of a mass and softening, from samples of both species."""
     few = [_sample(samples, name, p) for name, p in state.species.items()]
     parts = [
         world.together.sample(np.column_stack([p.mass[part], p.pos[part], p.vel[part]]), p.place, part)
@@ -57,11 +59,11 @@ def _about_star(samples: Samples, state: State, mass: float, softening: float) -
     r2 = np.maximum(np.einsum("ij,ij->i", pos, pos), 1e-300)
     log = np.log(r2)
     low, high = log.min(), log.max()
-    if not np.isfinite(low + high):  # the check of what the kick makes of such a place names the particle
+    if not np.isfinite(low + high):  # the check after the kick reports the particle
         return Frame(mass, softening, 0.0, 0.0, np.ones(1))
     per_ring = RINGS / max(high - low, 1e-9)
     ring = np.minimum(((log - low) * per_ring).astype(np.int64), RINGS - 1)
-    # v_phi / v_K = L / (r^2 Omega_K), of equal softening.
+    # v_phi / v_K = L / (r^2 Omega_K), with the softening of the star.
     d2 = r2 + softening**2
     turns = (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) / (r2 * np.sqrt(mass / (d2 * np.sqrt(d2))))
     total, moving = np.bincount(ring, weight, RINGS), np.bincount(ring, weight * turns, RINGS)
@@ -73,7 +75,7 @@ def _about_star(samples: Samples, state: State, mass: float, softening: float) -
 
 
 def _sample(samples: Samples, name: str, particles: Particles) -> Array:
-    """Which particles of a species to look at; noted in `samples` until its rows are others."""
+    """Return the rows of the sample of a species, and record them in `samples` until rows change."""
     ids, count = particles.ids, particles.everywhere
     every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
     known = samples.get(name, Sample(NOBODY, 0, NOBODY, 0))
@@ -90,15 +92,19 @@ def _sample(samples: Samples, name: str, particles: Particles) -> Array:
 
 
 def _only_loose_changed(known: Sample, particles: Particles, every: int) -> bool:
-    """Whether only rows noted as loose since then, and rows at the end, can hold other ids: so it is while the array
-    begins at the same place in memory, as sorting makes a new one.
+    """Return whether ids can differ only in rows that became loose since the sample, and in rows at the end.
+
+    This holds while the array begins at the same place in memory, as sorting makes a new one.
     """
     return known.power == every and world.together.many and room.begin_alike(known.ids, particles.ids)
 
 
 def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
-    """Whether the multiples among `ids` are in the rows that they had `before` some went, or all were sorted: where as
-    many are still in these, none is in another. Not so where particles of other processes may have come.
+    """Return whether the sampled `rows` of `before` are still those of `ids`, after some rows went or all were
+    sorted.
+
+    If all these rows hold multiples, no other row does. On several processes particles of another process may have
+    come, so the result is then False.
     """
     if world.together.many or len(ids) > len(before):
         return False
@@ -106,5 +112,5 @@ def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
 
 
 def clockwise(about_star: Frame) -> bool:
-    """Whether more of it turns clockwise: then cells lie where those of the mirror image would."""
+    """Return whether most of the frame turns clockwise. Cells then lie where those of the mirror image would."""
     return bool(about_star.sense.sum() < 0.0)

@@ -1,7 +1,7 @@
-"""Heat of drag that is less than nothing, paid by the gas around.
+"""Negative heat of drag, compensated by the gas around.
 
-Drag's heat is the kinetic energy that is lost beside the work of the other forces. Its sum over a front is right; that
-of a single particle may be below zero, and in cold gas by more than there is.
+The heat of drag is the kinetic energy lost beyond the work of the other forces. Its sum over a front is right. The
+heat of a single particle may be negative, and in cold gas exceed the energy of the particle.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-MOST = 0.25  # of its energy is what a particle can lose in a kick: foreseen, as much again leaves it half
-SIDES = 1024  # squares along the longest side, at most
+MOST = 0.25  # largest loss of a particle in a kick, in its energies; the prediction may repeat it, which leaves half
+SIDES = 1024  # most squares along the longest side
 
 
 def pay_losses(gas: Gas, width: float, heat: Array) -> None:
-    """`share_losses` among the gas of all processes, where any would lose too much."""
+    """Apply `share_losses` to the gas of all processes if any particle would lose too much."""
     if not world.together.most(bool((heat + MOST * gas.u < 0.0).any())):
         return
     everyone = world.together.everyone(gas)
@@ -32,8 +32,9 @@ def pay_losses(gas: Gas, width: float, heat: Array) -> None:
 
 
 def share_losses(pos: Array, mass: Array, u: Array, width: float, heat: Array) -> None:
-    """Make up, in `heat` (n,) per mass, what particles would lose above a quarter of their energy `u` (n,), out of what
-    those around them have to spare: in squares of side `width`, then of twice that, and so on. The sum stays.
+    """Compensate losses above a quarter of a particle's energy `u` (n,) in `heat` (n,), per mass, and keep the sum.
+
+    Particles around with energy to spare give it: in squares of side `width`, then of twice that side, and so on.
     """
     spare = mass * (heat + MOST * u)
     if spare.min() >= 0.0:
@@ -45,7 +46,7 @@ def share_losses(pos: Array, mass: Array, u: Array, width: float, heat: Array) -
         short = spare < 0.0
         need = np.bincount(index, np.where(short, -spare, 0.0))
         given = np.bincount(index, np.where(short, 0.0, spare))
-        with np.errstate(over="ignore"):  # where the other one is taken
+        with np.errstate(over="ignore"):  # in the one of the two that is not used below
             left = np.where(need > given, 1.0 - given / np.maximum(need, 1e-300), 0.0)[index]
             kept = np.where(given > need, 1.0 - need / np.maximum(given, 1e-300), 0.0)[index]
         spare *= np.where(short, left, kept)

@@ -1,9 +1,10 @@
 """idic: implicit drag in cell as published; every particle relaxes towards its cell's mean of the other species.
 
-dv_i/dt = a_i + e (U - v_i) / t_stop,  du_j/dt = a_j + (V - u_j) / t_stop,  V and U relaxing together.
-Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.3. Momentum is exact in each cell. Error on waves:
-k h_cell / sqrt(24), whatever K; in a Keplerian shear it is a viscosity. Its cells stand still: moving ones would
-smear its staircase over the particles.
+    dv_i/dt = a_i + e (U - v_i) / t_stop,  du_j/dt = a_j + (V - u_j) / t_stop,  V and U relaxing together.
+
+Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.3. Momentum is exact in each cell. The error on waves is k h_cell
+/ sqrt(24), at any K; in a Keplerian shear it is a viscosity. The cells do not move: moving cells would smear their
+staircase over the particles.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ def members(drag: Drag, state: State) -> Any:
 
 
 def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: float) -> float:
+    """Return the least side of leaves, as `Cells.leaf`."""
     assert scene.gas is not None
     # A cell of this size holds the least number of gas particles; finer leaves would be merged again.
     fewest = least(scene)[0] ** (1.0 / scene.space.dimensions) / scene.gas.eta
@@ -43,7 +45,7 @@ def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: floa
 
 
 def least(scene: Scene) -> tuple[int, int]:
-    """Gas and dust particles below which a cell grows."""
+    """Return the numbers of gas and dust particles below which a cell grows."""
     assert scene.drag is not None and scene.dust is not None
     if scene.space.dimensions == 1:
         return 4, 4

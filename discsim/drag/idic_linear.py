@@ -1,9 +1,10 @@
 """idic-linear: implicit drag in cell with a linear velocity field per cell and species.
 
-Means and slopes of the two species relax exactly with the accelerations inside, compared at one common point;
-what is left of a particle is damped towards its own species' line (equations in `kernels/drag/cells.py`). The cells'
-origin moves with every step, which removes what is left of their lattice: first-order errors at t_stop ~ dt. About
-a star velocities are taken relative to circular orbits (`drag/frame.py`). Momentum is exact in each cell.
+Means and slopes of the two species relax exactly with the accelerations inside, compared at one common point. The
+rest of a particle's velocity is damped towards the line of its own species (equations in `kernels/drag/cells.py`). The
+origin of the cells moves with every step. This removes the remaining errors of the lattice, which are of first order
+at t_stop ~ dt. About a star velocities are relative to circular orbits (`drag/frame.py`). Momentum is exact in each
+cell.
 """
 
 from __future__ import annotations

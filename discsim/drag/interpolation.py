@@ -1,7 +1,8 @@
-"""Drag of each particle towards the interpolated velocity of the other species, for the schemes that have it so.
+"""Drag of each particle towards the interpolated velocity of the other species, for esph and isph.
 
-Momentum is that of the interpolation: what dust takes from gas and gas from dust are sums over different particles,
-equal only where fields are smooth. Heat is the work of the drag on the gas, right to first order in the step.
+Momentum is as good as the interpolation. The impulses that dust takes from gas and gas from dust are sums over
+different particles, which are equal only where fields are smooth. Heat is the work of the drag on the gas, right to
+first order in the step.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ NONE = np.empty(0)
 def follow(
     drag: Drag, state: State, found: list[Pairs], dt: float, gas_vel: Array, heat: Array, implicit: bool
 ) -> None:
-    """Kick gas and dust over dt, each towards what it sees of the other (`kernels/drag/interpolation.py`).
+    """Kick gas and dust over dt, each towards the interpolated velocity of the other (`kernels/drag/interpolation.py`).
 
-    Implicitly: of velocities that have the accelerations already, but for those that gas and dust share.
+    With `implicit` the interpolated velocities include the accelerations that gas and dust do not share.
     """
     gas, dust, own = state.gas, state.dust, state.own_acc
     gas_now, dust_now = gas_vel, dust.vel
@@ -42,7 +43,7 @@ def follow(
 
 
 def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array, Array]:
-    """Rate (n,) of the drag of each dust particle, and the gas's velocity (n, d) there."""
+    """Return the drag rate (n,) of each dust particle, and the velocity (n, d) of the gas at its position."""
     rate, other = np.zeros(dust.count), np.zeros_like(dust.vel)
     for pairs in found:
         there = np.empty_like(pairs.cloud.pos)
@@ -52,7 +53,9 @@ def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array,
 
 
 def seen_by_gas(drag: Drag, gas: Gas, found: list[Pairs], dust_vel: Array) -> tuple[Array, Array]:
-    """Rate (n,) of the drag of each gas particle, and the dust's velocity (n, d) there, weighed with each rate."""
+    """Return the drag rate (n,) of each gas particle, and the velocity (n, d) of the dust there, weighted by the
+    rates.
+    """
     rate, pull = np.zeros(gas.count), np.zeros_like(gas.vel)
     for pairs in found if drag.two_way else ():
         cloud = pairs.cloud
@@ -64,6 +67,6 @@ def seen_by_gas(drag: Drag, gas: Gas, found: list[Pairs], dust_vel: Array) -> tu
 
 
 def fastest(drag: Drag, state: State, found: list[Pairs]) -> float:
-    """The largest rate of drag on a particle: explicit steps up to its inverse are stable (Gershgorin)."""
+    """Return the largest drag rate of a particle; explicit steps up to its inverse are stable (Gershgorin)."""
     gas_rate, _ = seen_by_gas(drag, state.gas, found, state.dust.vel)
     return max(gas_rate.max(), *(pairs.rate.max() for pairs in found))

@@ -1,11 +1,11 @@
-"""isph: drag towards interpolated velocities, implicit in a particle's own one. Momentum is not conserved.
+"""isph: drag towards interpolated velocities, implicit in a particle's own velocity. Momentum is not conserved.
 
-(v_a' - v_a*) / dt = (U*(x_a) - v_a') eps(x_a) / t_stop,   (u_j' - u_j*) / dt = (V*(x_j) - u_j') / t_stop
+    (v_a' - v_a*) / dt = (U*(x_a) - v_a') eps(x_a) / t_stop,   (u_j' - u_j*) / dt = (V*(x_j) - u_j') / t_stop
 
-with v* = v + a dt, u* likewise, and the velocities U* of the dust and V* of the gas that SPH interpolates to the
-other's places (`kernels/drag/interpolation.py`). ISPH of Stoyanovskaya et al. 2018 (arXiv:1811.06522), with interpolants
-divided by the sum of their weights. First order and stable at any step, but a step far above t_stop swaps the
-velocities of gas and dust at eps = 1, and damps waves, by about (k h)^2 a step.
+with v* = v + a dt, and u* likewise. U* of the dust and V* of the gas are velocities that SPH interpolates to the
+positions of the other species (`kernels/drag/interpolation.py`). ISPH of Stoyanovskaya et al. 2018 (arXiv:1811.06522),
+with interpolants divided by the sum of their weights. First order and stable at any step. A step far above t_stop
+swaps the velocities of gas and dust at eps = 1, and damps waves, by about (k h)^2 a step.
 """
 
 from __future__ import annotations
@@ -27,5 +27,5 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
 
 UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
-# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+# Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
 SCHEME = Scheme(relax, conserves=False, damps=True, unused=UNUSED)

@@ -1,4 +1,4 @@
-"""What a kick knows of the particles of all processes. One process has them all; for ranks see `ranks/drag.py`."""
+"""Collective quantities of a kick, the same on all processes, in serial runs; for MPI ranks see `ranks/drag.py`."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ Array = np.ndarray
 
 
 class Known:
-    """own_grains: where the process's own ones are in the dust that a kick is given."""
+    """Collective quantities of a serial run: local values are those of all.
+
+    own_grains: index of the local grains in the dust of a kick.
+    """
 
     own_grains: Any = slice(None)
 
     def __call__(self, name: str, find: Callable[[], Any]) -> Any:
-        """What `find` finds, by asking all processes; a kick has it under one `name`."""
+        """Return `find()`, which may be collective. On several processes a kick computes it once per `name`."""
         return find()
 
     def own_blocks(self, count: int) -> int:
-        """How many of the blocks of a kick, the first ones of `count`, hold any of the process's own particles."""
+        """Return how many of the `count` blocks of a kick have local particles. They are the first ones."""
         return count
 
     def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
-        """The part of a lattice that the process has; `shift` (2,) of it in leaves."""
+        """Return the part of a lattice that this process has; `shift` (2,) is in leaves."""
         return lattice
 
     def leaves(self, name: str, pos: Array, find: Callable[[Array], Array]) -> Array:
-        """What `find` makes of places (n, d), the leaf of each; a kick has that of a species under one `name`."""
+        """Return `find(pos)`, the leaf of each position (n, d). On several processes a kick keeps it under `name`."""
         return find(pos)
 
     def summed(self, lattice: Lattice, *held: Array) -> Sequence[Array]:
-        """What all processes have in the leaves of a part, of what own particles make there (leaves + 1,), in whole
-        numbers.
-        """
+        """Return the sums over all processes in the leaves of a part, from local sums (leaves + 1,) of integers."""
         return held

@@ -1,26 +1,26 @@
 """lab14: drag between pairs along their line of sight; the slip of each pair relaxes exactly by itself.
 
-m_j du_j = sum_a d w_a m_j [rho_a / (rho_a + rho_j)] (f y + g b) r^,   w_a = V_a W(r, h_a) / sum_a V_a W(r, h_a)
-f y + g b = (y - b t) (exp(-dt/t) - 1) - b dt,   y = (u_j - v_a) . r^,   b = (a_j - a_a) . r^
-1/t = (1 + rho_j / rho_a) / t_stop
+    m_j du_j = sum_a d w_a m_j [rho_a / (rho_a + rho_j)] (f y + g b) r^,   w_a = V_a W(r, h_a) / sum_a V_a W(r, h_a)
+    f y + g b = (y - b t) (exp(-dt/t) - 1) - b dt,   y = (u_j - v_a) . r^,   b = (a_j - a_a) . r^
+    1/t = (1 + rho_j / rho_a) / t_stop
 
 with the number d of dimensions; the gas of a pair gets exactly the opposite. Loren-Aguilar & Bate 2014
-(arXiv:1406.3250) have b = 0 after a kick; with b inside, as in their second paper (2015, arXiv:1509.08374), the slip
-is right at steps beyond t_stop. Momentum and angular momentum are exact, at any step. It damps waves, by about
-(k h)^2 a step. `drag.kernel = "double-hump"` gives distant pairs more weight.
+(arXiv:1406.3250) have b = 0 after a kick. With b inside, as in their second paper (2015, arXiv:1509.08374), the slip
+is right at steps beyond t_stop. Momentum and angular momentum are exact, at any step. The scheme damps waves, by
+about (k h)^2 a step. `drag.kernel = "double-hump"` gives distant pairs more weight.
 
-Where dust is much sparser than gas, all that a dust particle gives would throw the gas particles near it beyond its own
-velocity, so the impulses of a pair are scaled down together, by
+Where dust is much sparser than gas, the whole impulse of a dust particle would accelerate the gas particles near it
+beyond its own velocity. So the impulses of a pair are scaled down together, by
 
-2 / max(2, e_j, e_a),   e_i = max over the pairs (j, a) of i of l_j + l_a                                        (1)
+    2 / max(2, e_j, e_a),   e_i = max over the pairs (j, a) of i of l_j + l_a                                        (1)
 
 with the largest eigenvalue l_i of sum c r^ r^T / m_i over the pairs of i, whose slip y loses c y to each other. As
 |sum c y r^|^2 <= m_i l_i sum c y^2 for both particles of each pair, the energy of motion then changes by
 
-dE = -sum c y^2 + sum_i |sum c y r^|^2 / (2 m_i) <= 0.
+    dE = -sum c y^2 + sum_i |sum c y r^|^2 / (2 m_i) <= 0.
 
-Where gas and dust have similar numbers l_j + l_a is about 1 - exp(-dt/t), and nothing is scaled. Where it is, gas and
-dust are held together less than they should be.
+Where gas and dust have similar numbers l_j + l_a is about 1 - exp(-dt/t), and nothing is scaled. Where impulses are
+scaled, the coupling of gas and dust is weaker than it should be.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.pairs")
 
 FLAT = np.empty((0, 0, 0))
-IN_TURN = np.empty(0, np.uint32)  # the order of the pairs by dust particle
+IN_TURN = np.empty(0, np.uint32)  # stands for the order of the pairs by dust particle
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
@@ -54,7 +54,10 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
 
 def relax_each_pair(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, slopes: Slopes) -> None:
-    """Relax the slip of each pair; `slopes(sph, points, vel)` of each species take it to a common point."""
+    """Relax the slip of each pair, taken at a common point.
+
+    slopes(sph, points, vel): velocity slopes (n, d, d) of a species, which take its velocities there, or no entries.
+    """
     gas = state.gas
     found = between.pair_up(drag, state, whole=True, hump=drag.drag.kernel == "double-hump")
     between.note_times(drag, state.dust, found)
@@ -77,7 +80,7 @@ def relax_each_pair(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
 
 
 def hold_back(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
-    """Scale the impulses of pairs, eq. (1); `pull` (pairs,) is their c."""
+    """Scale the impulses of pairs in place, eq. (1); `pull` (pairs,) is their c."""
     cloud = pairs.cloud
     one, other = np.empty(cloud.count), np.empty(gas.count)
     both, gas_both = np.empty(cloud.count), np.empty(gas.count)
@@ -89,5 +92,5 @@ def hold_back(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
     share(kernels.hold_back, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)
 
 
-# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+# Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
 SCHEME = Scheme(relax, damps=True, unused=NO_CELLS)

@@ -1,13 +1,13 @@
 """mk: explicit drag between pairs of gas particles a and dust particles j, along their line of sight.
 
-dv_a/dt = a_a + d sum_j m_j K / (rho_a rho_j) (w . r) r / (r^2 + .001 h^2) W(r, h_a),   w = u_j - v_a, r = x_j - x_a
-du_j/dt = a_j - d sum_a m_a (the same)
+    dv_a/dt = a_a + d sum_j m_j K / (rho_a rho_j) (w . r) r / (r^2 + 0.001 h^2) W(r, h_a),  w = u_j - v_a, r = x_j - x_a
+    du_j/dt = a_j - d sum_a m_a (the same)
 
-with the number d of dimensions, K = rho_j / t_stop, the dust's sum density rho_j and each particle's own acceleration.
-Monaghan & Kocharyan 1995; Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.2. Forward Euler: its step is limited
-to about t_stop, and it damps waves where h > c_s t_stop. A pair at one place has no line of sight and no drag.
-Momentum and angular momentum are exact. One-way drag takes its short steps within the kick, as dust must not limit
-the gas.
+with the number d of dimensions, K = rho_j / t_stop, the dust's sum density rho_j and each particle's own
+acceleration. Monaghan & Kocharyan 1995; Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.2. Forward Euler: its
+step is limited to about t_stop, and it damps waves where h > c_s t_stop. A pair at one place has no line of sight and
+no drag. Momentum and angular momentum are exact. One-way drag takes its short steps within the kick, as dust must not
+limit the gas.
 """
 
 from __future__ import annotations
@@ -51,5 +51,5 @@ def limit(drag: Drag, state: State) -> float:
         return 1.0 / np.float64(between.fastest(drag, state.gas, found))
 
 
-# Too much where h > c_s t_stop: Laibe & Price (2012), sec. 4.
+# Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
 SCHEME = Scheme(relax, limit=limit, damps=True, unused=NO_CELLS | OWN_INTEGRATION)

@@ -34,16 +34,16 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NONE = np.empty(0)
-FEW = 6  # grains of a class in a cell, above which sums of the cell are cheaper than its grains
-LEAST = 64  # blocks or nodes in a piece of a loop
+FEW = 6  # grains of a class in a cell from which on a sum over the cell is cheaper than its single grains
+LEAST = 64  # least blocks or nodes in a chunk of a loop
 
 
 class Places(NamedTuple):
-    """Where a kick is made: members of blocks, and as in `Cells` and `Nodes` what they are to each other; there are as
-    many `slots` as species in blocks.
+    """Position data of a kick: members of blocks, and the stencil of every cell and node.
 
-    rows (blocks times populations + 1,), of gas and of dust: how many rows of LANES particles come before those of each
-    population in each block; gas is one.
+    Arrays are as in `Cells` and `Nodes` of `kernels/nodes.py`. slots: total number of slots, one for each species
+    that is present in a block. rows (blocks times populations + 1,), of gas and of dust: number of rows of LANES
+    particles before those of each population in each block; the gas is one population.
     """
 
     blocks: Blocks
@@ -60,18 +60,19 @@ class Places(NamedTuple):
 
 
 def layout_of(drag: Drag, state: State) -> tuple[Layout, Frame]:
-    """The blocks whose particles have nodes, and the frame."""
+    """Return the blocks whose particles have nodes, and the frame."""
     about_star = frame(drag, state)
     lengths = drag.width.counted(state.gas.pos, state.gas.h)
     layout = lay_blocks(
         drag, state, lattice(drag, state, lengths), lengths, (1, 0), drag.scheme.cells.share * drag.width.number,
-        NEAR if drag.two_way else IGNORE,  # a node has the dust of nine cells
+        NEAR if drag.two_way else IGNORE,  # dust in a neighbour will do, as a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip
     return layout, about_star
 
 
 def places(drag: Drag, state: State) -> Places:
+    """Return the position data of the next kick."""
     layout, about_star = layout_of(drag, state)
     blocks = sort_into_blocks(drag, state, layout)
     grid, lattices = blocks.lattice, levels.lattices(*blocks.lattice.shape, blocks.lattice.joined, LEVELS + 1)
@@ -85,6 +86,7 @@ def places(drag: Drag, state: State) -> Places:
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
+    """Kick gas and dust over dt, as `Scheme.relax`."""
     there: Places = drag.places(state)
     blocks, about_star = there.blocks, there.about_star
     few = drag.classes.number > 1 and _are_few(drag, blocks, state.dust.count)
@@ -93,21 +95,21 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     cells, nodes = _sums(drag, there, few and len(state.own_acc["dust"]) == 0)
     rows_of_gas, rows_of_dust = there.rows
     gas_columns, collect_gas = _gather(drag, gas, cells, nodes, rows_of_gas, about_star, law.code)
-    share_in_turn([collect_gas], len(nodes.near), least=LEAST)  # dust asks which nodes have gas
+    share_in_turn([collect_gas], len(nodes.near), least=LEAST)  # sums of dust depend on which nodes have gas
     dust_columns, collect_dust = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
     sharp = _relax_nodes(drag, state, blocks, gas, cells, nodes, collect_dust, law, about_star, len(heat) > 0)
     packed = gas_columns, dust_columns
     met = [np.empty((len(cells.home), kind.number)) for kind in (gas, dust)]
-    # Heat goes on from what others' particles lose.
+    # With heat the blocks of ghosts are kicked too, as the heat of their losses passes on to local gas.
     kicked = len(cells.home) if len(heat) > 0 else drag.agree.own_blocks(len(cells.home))
     kinds = list(zip((gas, dust), packed, met, strict=True))
     if not drag.two_way:
-        del kinds[0]  # the gas feels nothing, and is kicked elsewhere
+        del kinds[0]  # the gas feels no drag, and `kick_gas` kicks it
     passes = [
         (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, drag.exponential, rate)
         for kind, columns, rate in kinds
     ]
-    share_in_turn(passes, kicked, least=LEAST)  # the heat of a node is that of the gas and then of the dust
+    share_in_turn(passes, kicked, least=LEAST)  # in this order: both add to the heat of a node
     for kind, *_ in kinds:
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
     if len(heat) > 0:
@@ -118,7 +120,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
 
 def _kept(drag: Drag, name: str, *shape: int) -> Array:
-    """An array that is kept from kick to kick, as it was left: fresh memory costs as much as what is done with it."""
+    """Return a scratch array with the contents of the last kick, since allocation costs as much as the loops on it."""
     size, buffer = math.prod(shape), drag.buffers.get(name, NONE)
     if len(buffer) < size:
         buffer = drag.buffers[name] = aligned((size + size // 16,))
@@ -126,23 +128,23 @@ def _kept(drag: Drag, name: str, *shape: int) -> Array:
 
 
 def _outside(kind: Species, cells: Cells) -> Array:
-    """Numbers of the particles outside the lattice."""
+    """Return the indices of the particles outside the lattice."""
     return kind.order[kind.start[len(cells.home) * kind.number] :]
 
 
 def _are_few(drag: Drag, blocks: Blocks, grains: int) -> bool:
-    """Whether cells have too few grains of a class, of all processes, for sums of the cell to be worth while."""
+    """Return whether cells have too few grains of a class, over all processes, for sums over a cell to pay."""
     own = np.zeros(grains, bool)
     own[drag.agree.own_grains] = True
     start = blocks.dust_start[: len(blocks.level) * drag.classes.number + 1]
     filled = np.flatnonzero(np.diff(start))
-    cells = np.count_nonzero(own[blocks.dust_order[start[filled]]])  # those whose first grain this process has
+    cells = np.count_nonzero(own[blocks.dust_order[start[filled]]])  # cells whose first grain is local
     held = np.count_nonzero(own[blocks.dust_order[: start[-1]]])
     return bool(world.together.sum(held) < FEW * world.together.sum(cells))
 
 
 def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
-    """Cells and nodes, with room for what they will hold."""
+    """Return cells and nodes, with uninitialised arrays for their sums."""
     blocks, _, _, corners, sides, home, slot, slots, about, near, centre = there
     species = drag.classes.number + 1
     count = len(home)
@@ -160,8 +162,11 @@ def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
 def _gather(
     drag: Drag, kind: Species, cells: Cells, nodes: Nodes, rows: Array, about_star: Frame, law: int
 ) -> tuple[tuple[Array, Array], tuple[Any, ...]]:
-    """What cells have of some particles. Returns where the columns of each population in a block begin and these, or
-    rows of grains taken one by one; and a kernel that sums up what nodes have, with its arguments.
+    """Gather the particles of a species to cells.
+
+    Returns two tuples. The first has the start of the columns of each population in each block, and the columns; for
+    single grains it has no starts, and the rows of the grains. The second has a kernel that sums at nodes, and its
+    arguments.
     """
     name, count = ("gas", "dust")[kind.first], len(cells.home)
     if kind.first > 0 and len(cells.total) > 0:
@@ -180,7 +185,7 @@ def _gather(
 
 
 def _mean_thermal_speed(gas: Species, blocks: Blocks) -> Array:
-    """Mean thermal speed of the gas in each block (blocks,)."""
+    """Return the mean thermal speed of the gas in each block (blocks,)."""
     number = np.diff(blocks.gas_start[: len(blocks.level) + 1])
     of_block = np.repeat(np.arange(len(number)), number)
     speeds = gas.sound[blocks.gas_order[: len(of_block)]]
@@ -191,7 +196,9 @@ def _relax_nodes(
     drag: Drag, state: State, blocks: Blocks, gas: Species, cells: Cells, nodes: Nodes, collect: tuple[Any, ...],
     law: Law, about_star: Frame, heating: bool,
 ) -> Sharp:  # fmt: skip
-    """Relax the slip at nodes, once `collect` has summed up what these have of the dust."""
+    """Relax the slip at nodes, after `collect` has summed the dust there, and return the changes that particles
+    receive.
+    """
     total, species = nodes.sums.shape[:2]
     sourced = np.array([len(state.own_acc["gas"]) > 0] + [len(state.own_acc["dust"]) > 0] * (species - 1))
     slopes = Slopes(aligned((total, 4)), aligned((total, species, 4)), np.zeros((total, species), bool))
@@ -215,6 +222,7 @@ def _relax_nodes(
 
 
 def _stopping_times(dust: Species, cells: Cells, nodes: Nodes, sharp: Sharp, packed: tuple[Array, Array]) -> Array:
+    """Return the stopping time (n,) of each dust particle; inf without gas."""
     time = np.full(len(dust.mass), np.inf)
     share(nodes_scatter.stopping_times, len(cells.home), dust, cells, nodes, sharp.value, *packed, time, least=LEAST)
     return time

@@ -1,10 +1,12 @@
-"""Pairs of gas and dust particles, and the schemes that exchange momentum between them.
+"""Pairs of gas and dust particles, for the schemes that exchange momentum between them.
 
-Gas and dust are a pair within the support of the gas particle's own h. The density of a population is an SPH sum
-over its own particles, whose smoothing lengths follow the gas's rule. A scheme gives the impulse of each pair; the
-gas gets the opposite. Populations go one after the other, as many stiff ones at once would overshoot, or all from
-the same velocities, as an explicit scheme has it. Energy of motion that a kick loses beside the work of the
-accelerations is the heat of the gas of the pair.
+Gas and dust are a pair within the support of the gas particle's own h. The density of a population is an SPH sum over
+its own particles, whose smoothing lengths follow the gas's rule. A scheme computes the impulse of each pair, and the
+gas gets the opposite.
+
+Populations are kicked one after the other, as many stiff ones at once would overshoot. An explicit scheme kicks all
+from the same velocities. The kinetic energy that a kick loses beyond the work of the accelerations is heat of the gas
+of the pair.
 """
 
 from __future__ import annotations
@@ -32,12 +34,12 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Dust, Gas, State
 
 Array = np.ndarray
-IN_A_CELL = 16.0  # dust particles that look for gas together
-MOST_STEPS = 20_000  # explicit ones within a kick
+IN_A_CELL = 16.0  # dust particles in a cell of the neighbour search
+MOST_STEPS = 20_000  # most explicit steps within a kick
 
 
 class Pairs(NamedTuple):
-    """Pairs of one population: those of dust particle j are start[j] to start[j + 1]."""
+    """Pairs of one population; those of dust particle j are start[j] to start[j + 1]."""
 
     cloud: Cloud
     start: Array
@@ -45,15 +47,18 @@ class Pairs(NamedTuple):
     gas: Array
     offset: Array  # x_dust - x_gas (pairs, d)
     weight: Array
-    by_gas: Array  # pairs by gas particle
-    begin: Array  # where in it those of each start
-    part: Array  # of the dust particle's drag that the pair has
-    time: Array  # stopping time in the pair's gas
-    rate: Array  # of each dust particle, one over its stopping time
+    by_gas: Array  # indices of pairs, sorted by gas particle
+    begin: Array  # start of the pairs of each gas particle in `by_gas` (gas + 1,)
+    part: Array  # share of the dust particle's drag (pairs,)
+    time: Array  # stopping time in the gas of the pair (pairs,)
+    rate: Array  # inverse stopping time of each dust particle (n,)
 
 
 def pair_up(drag: Drag, state: State, whole: bool, hump: bool = False) -> list[Pairs]:
-    """The pairs of every population; with `whole` the parts of a dust particle's drag sum to one."""
+    """Return the pairs of every population.
+
+    whole: whether the shares of a dust particle's drag sum to one. hump: whether the kernel is "double-hump".
+    """
     gas, dust = state.gas, state.dust
     sph = Sph(state.scene)
     sph.ignore_velocities()
@@ -93,7 +98,7 @@ def _pairs_of(
 
 
 def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
-    """Where the pairs of each dust particle start, their gas particles and offsets."""
+    """Return the start of the pairs of each dust particle (n + 1,), and the gas index and offset of each pair."""
     low, width = cloud.sph.box_of(cloud)
     area = np.prod(width[width > 1e-300])
     side = (IN_A_CELL * area / cloud.count) ** (1.0 / max(1, (width > 1e-300).sum()))
@@ -104,7 +109,7 @@ def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
     radius = cloud.sph.support * gas.h
     start = np.zeros(cloud.count + 1, np.int64)
     index, offset = np.empty(0, np.uint32), np.empty((0, cloud.sph.dim))
-    for _ in range(2):  # their number, then themselves
+    for _ in range(2):  # count pairs, then list them
         share(
             kernels.list_pairs, len(dust_cells.filled), dust_cells, cells, cloud.pos, radius, start, index,
             offset, least=LEAST, each=lists,
@@ -118,7 +123,7 @@ def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
 
 
 def _settle_density(cloud: Cloud, gas: Gas, start: Array, index: Array, weight: Array, ratio: float) -> None:
-    """Smoothing length and density of the dust; the first guess is dust that is mixed evenly with the gas."""
+    """Solve for smoothing length and density of the dust; the first guess is dust mixed evenly with the gas."""
     sph = cloud.sph
     if sph.fixed:
         cloud.h[:] = gas.h[0]
@@ -129,7 +134,7 @@ def _settle_density(cloud: Cloud, gas: Gas, start: Array, index: Array, weight: 
     settle_density(cloud)
 
 
-Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of dust and gas, impulses to write
+Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of dust and gas, output of impulses
 
 
 def exchange(
@@ -142,7 +147,7 @@ def exchange(
     impulse: Impulse,
     at_once: bool,
 ) -> None:
-    """Kick gas and dust over dt with the impulses of all pairs; with `at_once` all from the velocities now."""
+    """Kick gas and dust over dt with the impulses of all pairs; with `at_once` all from the initial velocities."""
     gas, dust = state.gas, state.dust
     gas_before, dust_before = gas_vel.copy(), dust.vel.copy()
     given = []
@@ -168,7 +173,7 @@ def exchange(
 
 
 def note_times(drag: Drag, dust: Dust, found: list[Pairs]) -> None:
-    """Write the dust's stopping times, and what has no gas."""
+    """Set the stopping times of the dust, and the indices of dust without gas."""
     drag.stopping_times = np.full(dust.count, np.inf)
     for pairs in found:
         coupled = pairs.rate > 0.0
@@ -177,9 +182,9 @@ def note_times(drag: Drag, dust: Dust, found: list[Pairs]) -> None:
 
 
 def short_steps(drag: Drag, dt: float, rate: float) -> int:
-    """Explicit steps that a kick over dt needs at the largest rate of drag; two-way drag limits the run's instead.
+    """Return the number of explicit steps within a kick over dt, at the largest drag rate.
 
-    Raises FloatingPointError where there would be no end of them.
+    Two-way drag limits the step of the run instead. Raises FloatingPointError above MOST_STEPS.
     """
     if drag.two_way or dt == 0.0:
         return 1
@@ -192,9 +197,10 @@ def short_steps(drag: Drag, dt: float, rate: float) -> int:
 
 
 def fastest(drag: Drag, gas: Gas, found: list[Pairs]) -> float:
-    """The largest rate at which the drag changes a particle's velocity: explicit steps up to its inverse are stable.
+    """Return the largest rate at which drag changes the velocity of a particle.
 
-    A row of the drag's matrix sums to zero, so that no eigenvalue is above twice its diagonal (Gershgorin).
+    Explicit steps up to its inverse are stable: a row of the drag's matrix sums to zero, so that no eigenvalue is
+    above twice its diagonal (Gershgorin).
     """
     rates = np.zeros(gas.count)
     if drag.two_way:

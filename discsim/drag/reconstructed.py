@@ -1,12 +1,13 @@
-"""reconstructed: drag between pairs, as lab14's, with the slip of a pair taken at one common point.
+"""reconstructed: drag between pairs, as in lab14, with the slip of a pair taken at one common point.
 
-y = (u_j - v_a) . r^ - r L(r^.G_j.r^, r^.G_a.r^)      in place of lab14's slip along r^ = (x_j - x_a) / r
+    y = (u_j - v_a) . r^ - r L(r^.G_j.r^, r^.G_a.r^)      in place of lab14's slip along r^ = (x_j - x_a) / r
 
-with the slopes G of each species' own velocity (`kernels/drag/slopes.py`) and L the monotonised central limiter of van Leer:
-0 for slopes of opposite signs, otherwise the smallest of |a + b| / 2, 2 |a| and 2 |b| with their sign. Price & Laibe
-2020 (arXiv:2005.06562). As both slopes are limited to one, each point between the two gives the same. What lab14 damps,
-differences of velocity along r, stays. Momentum and angular momentum are exact, at any step. Sparse dust is held back
-as in lab14, whose bound on the energy is one for slips that are alike at both places.
+with the slopes G of each species' own velocity (`kernels/drag/slopes.py`) and L the monotonised central limiter of van
+Leer: 0 for slopes of opposite signs, otherwise the smallest of |a + b| / 2, 2 |a| and 2 |b| with their sign. Price &
+Laibe 2020 (arXiv:2005.06562). L gives both slopes one value, so each point between the two particles gives the same
+slip. Differences of velocity along r, which lab14 damps, stay. Momentum and angular momentum are exact, at any step.
+Impulses of sparse dust are scaled down as in lab14. The bound on the energy there holds for slips that are equal at
+both places.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
 
 def slopes_of(sph: Sph, points: Gas | Cloud, vel: Array) -> Array:
-    """Slopes (n, d, d) of a velocity that gas or a cloud of dust has."""
+    """Return the slopes (n, d, d) of a velocity `vel` (n, d) of gas or of a cloud of dust."""
     cells = sph.cells_of(points)
     slope, fit = np.empty((points.count, sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)
     share(

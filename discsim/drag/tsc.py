@@ -1,11 +1,13 @@
 """tsc: drag between nodes of a lattice with the weights of a triangular-shaped cloud.
 
 The slip at a node, from velocities of nine cells and slopes within each species, relaxes exactly with the
-accelerations inside; its change is scattered with the weights that gathered it, so that momentum and, but for nodes
-with next to no gas, angular momentum are exact; what is left of a particle decays towards its own species' line
-(equations in `kernels/drag/tsc/nodes.py`). About a star velocities are taken relative to circular orbits (`drag/frame.py`).
-Cells are those of `drag/cells.py` at the power of two nearest to the wanted side, each side a lattice of its own, whose
-origin moves with every step.
+accelerations inside. Its change is scattered with the weights of the gather, so that momentum is exact. Angular
+momentum is exact too, but for nodes with next to no gas. The rest of a particle's velocity decays towards the line of
+its own species (equations in `kernels/drag/tsc/nodes.py`). About a star velocities are relative to circular orbits
+(`drag/frame.py`).
+
+Cells are those of `drag/cells.py`, with the power of two nearest to the wanted side. Each side has a lattice of its
+own, whose origin moves with every step.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 nodes = Lazy("discsim.drag.nodes")
-NEAREST = 0.5**0.5  # of the wanted side: what the power of two nearest to it has at least
+NEAREST = 0.5**0.5  # least ratio of the nearest power of two to the wanted side
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
@@ -40,15 +42,17 @@ def members(drag: Drag, state: State) -> Any:
 
 
 def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: float) -> float:
-    """Such that the side nearest to `number` mean h is a power of two of them; so is that in the densest gas."""
+    """Return a side of leaves such that powers of two of it are next to `number` mean h, and to that in the densest
+    gas.
+    """
     wanted = number * h_mean()
     return wanted * 0.5 ** max(0.0, np.ceil(np.log2(wanted / number / h_least) - 0.5))
 
 
-# A node has the particles of nine cells: with two of each kind in a cell, placed evenly, the drift is right to .4%
-# (analysis/drift_cost.py). Of dust placed at random its clouds are as good as (1/.55)^2 = 3.3 cells.
+# A node has the particles of nine cells: with two of each kind in a cell, placed evenly, the drift is right to 0.4%
+# (analysis/drift_cost.py). For dust placed at random a cloud is as good as (1/0.55)^2 = 3.3 cells.
 CELLS = Cells(leaf, few=(2, 2), few_random=(3, 9), share=NEAREST)
-# A node's change is sharpened by those of its neighbours, which hang on slopes about theirs.
+# Two rings: a node's change is sharpened by those of its neighbours, which depend on slopes about the neighbours.
 SCHEME = Scheme(
     relax,
     sizes=True,

@@ -1,13 +1,13 @@
-"""Side that drag cells are wanted to have where the gas is, whatever the scheme.
+"""Wanted side of drag cells as a function of position, for any scheme.
 
 A scene may give it as a length, or as a number of smoothing lengths h. By default it is
 
     s = min(2 h, 2.7 d, max(0.7 H, sqrt(n) d))     in a plane,      s = min(h, 2 d)     on a line,
 
-d = h / eta the mean spacing of the gas, H its scale height about the star by the temperature of the scene, and n the
-particles of gas that a cell of the scheme needs, 4 at least. h alone is no measure: at one spacing it differs by a
-factor of 2 between kernels. A node of `tsc` averages over the gas of nine cells; where cells are wider than H, the
-drift is wrong (docs/accuracy.md).
+with the mean spacing d = h / eta of the gas, and its scale height H about the star by the temperature of the scene. n
+is the number of gas particles that a cell of the scheme needs, 4 at least. h alone is no measure: at one spacing it
+differs by a factor of 2 between kernels. A node of `tsc` averages over the gas of nine cells. Where cells are wider
+than H, the drift is wrong (docs/accuracy.md).
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.drag.width")
 Array = np.ndarray
-LENGTHS, SPACINGS = (1.0, 2.0), (2.0, 2.7)  # in h and in d, by dimensions
-HEIGHTS = 0.7  # in H: cells are powers of two of each other, so that some are 1.4 times as wide
-FEWEST = 4.0  # particles of gas that H leaves a cell: with fewer too many are empty, and merge
-NODES, BEYOND = 4096, 1.5  # of the table of H, from the centre to so many sides of space
+LENGTHS, SPACINGS = (1.0, 2.0), (2.0, 2.7)  # largest side in h and in d, by dimensions
+HEIGHTS = 0.7  # largest side in H: sides are powers of two of each other, so that some cells are 1.4 times as wide
+FEWEST = 4.0  # least gas particles of a cell that H limits: with fewer, too many cells are empty and merge
+NODES, BEYOND = 4096, 1.5  # nodes of the table of H, and its end in sides of space from the centre
 
-# How far the drift is off at St = 0.01 in cells as wide as H, the power of their width that it rises with, and what it
-# is off in narrow ones (`analysis/drift_cells.py`).
+# Relative error of the drift at St = 0.01 in cells as wide as H, its power of the width, and its value in narrow cells
+# (`analysis/drift_cells.py`).
 OFF, POWER, LEAST_OFF = 0.02, 7, 0.004
 
 
 def drift_error(width: float) -> float:
-    """How far the drift of grains of St = 0.01 is off with `tsc`, in cells of this width in H."""
+    """Return the relative error of the drift of grains of St = 0.01 with `tsc`, in cells of this width in H."""
     return max(LEAST_OFF, OFF * float(width) ** POWER)
 
 
 def in_lengths(scene: Scene) -> float:
-    """Wanted side in smoothing lengths, before H limits it; 0 where the scene gives it as a length."""
+    """Return the wanted side in smoothing lengths, before H limits it; 0 if the scene gives it as a length."""
     drag, dim = scene.drag, scene.space.dimensions
     assert drag is not None and scene.gas is not None
     if drag.cell_length is not None:
@@ -55,22 +55,22 @@ def in_lengths(scene: Scene) -> float:
 
 
 class Width:
-    """The wanted side of a scene's drag cells, `number` times what `counted` makes of smoothing lengths."""
+    """Wanted side of a scene's drag cells: `number` times the smoothing lengths that `counted` returns."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.number = scene, in_lengths(scene)
         cells = SCHEMES[scene.drag.scheme].cells if scene.drag else None
         by_default = scene.drag is not None and scene.drag.cell is None and scene.drag.cell_length is None
-        self.least = 1.0  # of h
+        self.least = 1.0  # least share of h to which H may limit it
         if by_default and cells is not None and scene.space.dimensions == 2 and self._has_heights:
             self.least = max(cells.few[0], FEWEST) ** 0.5 / scene.gas.eta / self.number
         self.limited = self.least < 1.0
-        # Leaves are whole cells of the grid: rounded up, those of a narrow part of the disc would be too wide.
+        # Leaves are whole cells of the grid. Without this factor, leaves rounded up would be too wide where H is small.
         self.rounded = cells.share if cells is not None and self.limited else 1.0
 
     @property
     def _has_heights(self) -> bool:
-        """True where the scene gives a temperature about a star; a polytrope gives none."""
+        """True if the scene gives a temperature about a star; a polytrope gives none."""
         scene = self.scene
         given = (getattr(scene.gas.eos, key, None) for key in ("aspect_ratio", "sound_speed"))
         brings = getattr(scene.initial, "brings_temperature", False)
@@ -78,7 +78,7 @@ class Width:
 
     @cached_property
     def table(self) -> tuple[Array, float]:
-        """HEIGHTS times H over `number`, at even radii from 0 (NODES,), and how many nodes there are per unit."""
+        """HEIGHTS times H over `number` at even radii from 0 (NODES,), and the number of nodes per unit of length."""
         end = BEYOND * max(self.scene.space.size)
         r = np.linspace(0.0, end, NODES)
         r[0] = 1e-3 * r[1]
@@ -86,7 +86,7 @@ class Width:
         return HEIGHTS / self.number * height, (NODES - 1) / end
 
     def counted(self, pos: Array, h: Array) -> Array:
-        """Smoothing lengths (n,) that count at positions (n, 2): h, or less where H limits cells."""
+        """Return effective smoothing lengths (n,) at positions (n, 2): h, or less where H limits cells."""
         if not self.limited:
             return h
         out = room.like(h)
@@ -94,7 +94,7 @@ class Width:
         return out
 
     def counted_at(self, radius: Array, h: Array) -> Array:
-        """The same at radii (n,), by numpy alone."""
+        """Return effective smoothing lengths (n,) at radii (n,), by numpy alone."""
         if not self.limited:
             return h
         table, nodes = self.table

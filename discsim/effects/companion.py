@@ -11,9 +11,11 @@ Particles within accretion_radius are accreted: all at once, or each with the pr
 step, P = 2 pi / Omega of the companion at its present distance. A live companion gains their mass and momentum, a
 companion on a fixed orbit their mass.
 
-Step limit: half of the least of ((d^2 + eps^2)^(3/2) / G m)^(1/2) of the nearest particle, (d^2 + eps^2)^(1/2) / |v|
-of each particle at its relative velocity, 1/Omega about the star, and 1/Omega of each pair of companions, one of them
-live.
+Step limit, half of the least of
+
+    ((d^2 + eps^2)^(3/2) / G m)^(1/2)   of the nearest particle
+    (d^2 + eps^2)^(1/2) / |v|           of each particle, at its relative velocity
+    1/Omega                             about the star, and of each pair of companions of which one is live
 """
 
 from __future__ import annotations

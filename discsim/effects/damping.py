@@ -1,8 +1,8 @@
 """Wave damping at the edges: in zones velocities relax to local equilibrium, dv/dt = -(v - v*(r)) R(r), exactly at
 any dt.
 
-R = x^2 / tau, with x from 0 at the end of a zone that faces the disc to 1 at its far end, and tau = `time` orbits at
-the far end (de Val-Borro et al. 2006, sec. 3.2). v* is the velocity of the start at each radius: its balance for gas,
+R = x^2 / tau (de Val-Borro et al. 2006, sec. 3.2). x rises from 0 at the end of a zone that faces the disc to 1 at its
+far end, and tau is `time` orbits at the far end. v* is the velocity of the start at each radius: its balance for gas,
 its drift for dust. A start that has none (a snapshot, own particles) gives the mean over azimuth of its particles.
 
 The ledger records the momentum and angular momentum that damping removes. Damping limits no step.

@@ -237,7 +237,7 @@ class Effect(base.Effect):
         return sums.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
     def _hand_over(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
-        """Transfer the mass `wanted` (n,) to each dust particle, as far as the gas about it has that much small dust."""
+        """Transfer the mass `wanted` (n,) to each dust particle, as far as the gas about it has small dust."""
         gas, dust, own = state.gas, state.dust, met.gas.own
         taken, spread = np.empty((2, len(met.pos)))
         got = np.empty((len(met.pos), 3))

@@ -138,7 +138,7 @@ class Disc:
         )  # fmt: skip
 
     def split(self, state: State) -> tuple[Array, Array, Array]:
-        """Return the pressure (n,) of pairs, the push (n, 2) of the mean pressure, and rho' / rho (n,), eqs. (2 - 4)."""
+        """Return the pressure (n,) of pairs, the push (n, 2) of the mean pressure and rho' / rho (n,), eqs. (2-4)."""
         gas, pos = _gas(state), state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
         pressure, acc = copied(gas.pressure), np.zeros_like(gas.acc)

@@ -4,10 +4,10 @@ radius.
 Particles within the accretion radius are removed at the end of the step. Their mass, momentum and angular momentum go
 to the ledger. With grows = true the star gains their mass and, where it moves, their momentum.
 
-About a star without softening that stays at the origin, and which nothing moves, gas and dust drift on their Kepler
-orbits, at any step exactly (`kernels/gravity/kepler.py`). About any other star its pull is in the kick, where a moving star
-gains the momentum that the particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the
-nearest particle, and half of it in kicks.
+Without softening, and with nothing that moves the star, gas and dust drift on Kepler orbits about it, exactly at any
+step (`kernels/gravity/kepler.py`). Otherwise its pull is in the kick, where a moving star gains the momentum that the particles
+lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest particle, and half of it in
+kicks.
 
     frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that `indirect` lists
     frame = "inertial"   the star moves with A_0; with its companions its barycentre starts at rest at the origin
