@@ -1,6 +1,6 @@
 """Wanted side of drag cells as a function of position, for any scheme.
 
-A scene may give it as a length, or as a number of smoothing lengths h. By default it is
+A scene may give the side as a length, or as a number of smoothing lengths h. The default is
 
     s = min(2 h, 2.7 d, max(0.7 H, sqrt(n) d))     in a plane,      s = min(h, 2 d)     on a line,
 

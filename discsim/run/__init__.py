@@ -1,1 +1,1 @@
-"""A scene in motion: the step loop, and a run with its directory, progress and costs."""
+"""Simulation of a scene with its step loop, and a run with its directory, progress and costs."""

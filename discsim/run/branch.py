@@ -1,7 +1,7 @@
-"""A new run from a snapshot of a run, with other physics: its scene, and what it changes.
+"""New run from a snapshot of an earlier run, with other physics: its scene, and the changes.
 
-The scene is that of the run, with its comments, but for [initial]: the snapshot, whose time goes on. So outputs of both
-are of the same times.
+The scene is that of the earlier run with its comments, but [initial] is the snapshot. The time continues from that of
+the snapshot, so that outputs of both runs are at the same times.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from discsim.scene.reading import parsed, read
 
 
 class BranchError(UserError):
-    """There is no such snapshot, or no run can begin with it; the message says why."""
+    """Missing snapshot, or one that no run can begin with; the message says why."""
 
 
 class Branch(NamedTuple):
-    """The scene of a new run, the snapshot that it begins with, and what changes, a line each."""
+    """Scene of a new run, its first snapshot, and its changes, one line each."""
 
     scene: Scene
     snapshot: Path
@@ -35,7 +35,7 @@ class Branch(NamedTuple):
 
     @property
     def words(self) -> str:
-        """From where and when, and with what changed, in lines."""
+        """Snapshot, time and changes, as lines of text."""
         when = self.scene.initial.file.time_words
         return "\n  ".join(
             [f"branch of {printable(self.snapshot)} at t = {when}, with", *(self.changes or ["nothing changed"])]
@@ -43,7 +43,11 @@ class Branch(NamedTuple):
 
 
 def branch(run: Path, number: int | None, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Branch:
-    """The branch of the run in a directory at a snapshot, the last one by default. Raises BranchError, SceneError."""
+    """Return the branch of the run in a directory at a snapshot, by default the last one.
+
+    settings: changes of keys, like "gas.particles=1000". without: tables to leave out. Raises BranchError,
+    SceneError.
+    """
     snapshot = _snapshot(run, number)
     path = run / "scene.toml"
     before = load_scene(path)
@@ -57,6 +61,7 @@ def branch(run: Path, number: int | None, settings: Sequence[str] = (), without:
 
 
 def _snapshot(run: Path, number: int | None) -> Path:
+    """Return the path of a snapshot, by default the last one. Raises BranchError."""
     found = {int(path.stem): path for path in (run / "snapshots").glob("*.h5") if path.stem.isdecimal()}
     if not found:
         raise BranchError(f"{run}: no snapshots here; expected the directory of a run")
@@ -67,17 +72,17 @@ def _snapshot(run: Path, number: int | None) -> Path:
 
 
 def _initial(path: Path, file: str, refers: bool) -> str:
-    """The table [initial] as TOML, with the radius that laws of the run refer to."""
+    """Return the table [initial] as TOML, with the radius that laws of the run refer to."""
     entries: dict[str, Any] = {"kind": KIND, "file": file, "keep_time": True}
     was = value_at(parsed(path, read(path)), "initial") or {}
-    radius = was.get("reference_radius", was.get("radius"))  # that of a ring is its own
+    radius = was.get("reference_radius", was.get("radius"))  # a ring refers to its own radius
     if refers and radius is not None:
         entries["reference_radius"] = radius
     return "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in entries.items()) + "}"
 
 
 def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
-    """Where the start brings the temperature of all times, a start from a snapshot cannot know it."""
+    """Raise BranchError if the temperature comes from the start alone, as no snapshot holds it."""
     brings = before.initial is not None and start_of(before).thermal_speed
     if not brings or before.gas is None or not getattr(before.initial, "brings_temperature", False):
         return
@@ -88,6 +93,7 @@ def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
 
 
 def _changes(before: Scene, after: Scene) -> Iterator[str]:
+    """Yield the changes of tables and keys, one line each."""
     old, new = (tomllib.loads(scene.text) for scene in (before, after))
     for key in differences(before, after):
         path = [int(part) if part.isdecimal() else part for part in key.split(".")]

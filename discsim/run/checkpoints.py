@@ -1,4 +1,4 @@
-"""The two checkpoints of a run, the last and the one before it: it goes on from the newest that is whole."""
+"""Two checkpoints of a run, the last one and the one before it; a run resumes from the newest intact one."""
 
 from __future__ import annotations
 
@@ -15,14 +15,20 @@ from discsim.run.directory import CHECKPOINTS
 
 
 class Checkpoints:
-    """Those of a directory; `chosen` is the one to go on from, `fault` why it is not the last."""
+    """Checkpoints of a directory.
+
+    chosen: the checkpoint to resume from. fault: why that is not the last one.
+    """
 
     def __init__(self, directory: Path) -> None:
         self.last, self.before = (directory / name for name in CHECKPOINTS)
         self.chosen, self.fault = self.last, ""
 
     def newest(self) -> tuple[dict[str, Any], Values]:
-        """Arrays by group, but for particles, and values of the newest that can be read. Raises CheckpointError."""
+        """Return arrays by group, except those of particles, and values of the newest readable checkpoint.
+
+        Raises CheckpointError.
+        """
         try:
             return checked_checkpoint(self.last)
         except CheckpointError as fault:
@@ -34,8 +40,11 @@ class Checkpoints:
             raise CheckpointError(both) from None
 
     def refuse_to_lose(self, folder: Path, number: int, put_out: float) -> None:
-        """Raise CheckpointError where a snapshot from `number` on is not later than `put_out`, the time of the last one
-        that the checkpoint counts: it would be removed, and not made again."""
+        """Raise CheckpointError if a snapshot would be removed and not made again.
+
+        number: snapshots that the checkpoint counts. put_out: time of the last of them. Snapshots from `number` on
+        are removed at a resume, so each has to be later than `put_out`.
+        """
         for path in later_snapshots(folder, number):
             with suppress(SnapshotError), hdf5.reading(path, SnapshotError, "snapshot") as file:
                 if time_of(file) <= put_out:
@@ -43,12 +52,12 @@ class Checkpoints:
                     raise CheckpointError(f"{self.chosen}: {wrong}; expected all until it to be counted")
 
     def settle(self) -> None:
-        """Have the chosen one as the last: the next one would take the place of the one before it."""
+        """Rename the chosen checkpoint to the last one, so that the next one does not replace it."""
         if self.chosen != self.last:
             renamed(self.chosen, self.last)
             self.chosen = self.last
 
 
 def later_snapshots(folder: Path, number: int) -> list[Path]:
-    """The snapshots in a folder from `number` on."""
+    """Return the snapshots in a folder from `number` on."""
     return [path for path in folder.glob("*.h5") if path.stem.isdecimal() and int(path.stem) >= number]

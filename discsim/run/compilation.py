@@ -1,4 +1,4 @@
-"""What a run shows while kernels compile."""
+"""Report of the kernels that compile in a run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from discsim.run.progress import Progress
 
 
 class Compilation(event.Listener):
-    """Counts the kernels that compile, as they are not on disk yet, and tells of them."""
+    """Listener that counts and reports the kernels that compile because they are not on disk."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress, self.count = progress, 0
@@ -24,6 +24,6 @@ class Compilation(event.Listener):
 
 
 def of_numba_cache(fault: BaseException) -> bool:
-    """True if an exception was raised while numba wrote its cache."""
+    """Return whether an exception was raised while numba wrote its cache."""
     frames = traceback.walk_tb(fault.__traceback__)
     return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)

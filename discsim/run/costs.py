@@ -1,4 +1,4 @@
-"""CPU seconds by effect, of all threads, and the table of their shares."""
+"""CPU seconds by effect, over all threads, and the table of their shares."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from discsim.output.files import written
 
 
 class Costs:
-    """Adds up calls and CPU seconds by name."""
+    """Calls and CPU seconds by name."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self.calls = dict.fromkeys(names, 0)
@@ -21,7 +21,7 @@ class Costs:
 
     @contextmanager
     def __call__(self, name: str, calls: int = 1) -> Iterator[None]:
-        """Add what this thread and those that help it do within to `name`, and count it as `calls` calls."""
+        """Add the CPU time within the context, of this thread and its helpers, to `name`, and count `calls` calls."""
         start = cpu_time()
         yield
         spent = cpu_time() - start  # before the sum is read: another thread may add to it at the same time
@@ -34,7 +34,7 @@ class Costs:
 
     @property
     def shares(self) -> dict[str, float]:
-        """What each name took of the total."""
+        """Share of each name in the total."""
         return {name: seconds / (self.total or 1.0) for name, seconds in self.seconds.items()}
 
     def copy(self) -> Costs:
@@ -44,22 +44,22 @@ class Costs:
         return same
 
     def forget(self, start: Costs, end: Costs) -> None:
-        """Take out what was added between two copies: steps in which kernels compiled."""
+        """Subtract the costs between two copies: steps in which kernels compiled."""
         for name in self.calls:
             self.calls[name] -= end.calls[name] - start.calls[name]
             self.seconds[name] -= end.seconds[name] - start.seconds[name]
 
     def agree(self) -> None:
-        """Hear before `write` what other processes of the run have spent: here there are none."""
+        """Collect the costs of all processes before `write`; does nothing in serial runs."""
 
     def rows(self) -> Iterator[list[str]]:
-        """The lines of the table, the first of which names its columns."""
+        """Yield the rows of the table; the first one has the names of the columns."""
         shares = self.shares
         yield [*COLUMNS]
         for name, seconds in self.seconds.items():
             yield [name, str(self.calls[name]), f"{seconds:.4f}", f"{shares[name]:.4f}"]
 
     def write(self, path: Path) -> None:
-        """The table as CSV; it appears at `path` whole."""
+        """Write the table as CSV; the file appears at `path` only when it is complete."""
         with written(path) as temporary, temporary.open("w", newline="") as file:
             csv.writer(file).writerows(self.rows())

@@ -1,4 +1,4 @@
-"""The directory of a run: what it holds already, and the one process that writes there."""
+"""Directory of a run: its contents, and the lock that admits one process."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ except ImportError:  # a system without flock
 parts = Lazy("discsim.output.parts")  # imports h5py
 CHECKPOINTS = ("checkpoint.h5", "checkpoint_before.h5")  # the last one, and the one before it
 LEFT_BY_A_RUN = ("scene.toml", *CHECKPOINTS, "snapshots")
-# What flock answers where a file system has no locks.
+# Errors of flock on file systems without locks.
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
-# What open answers where there is a link, a directory or a socket in place of a lock.
+# Errors of open on a link, a directory or a socket in place of a lock.
 NO_LOCK_FILE = (errno.ELOOP, errno.EISDIR, errno.ENXIO)
 NO_LOCK = "is no plain file, where a run keeps its lock; expected another directory, or that to be removed"
 
-_locks: set[int] = set()  # descriptors that this process holds
+_locks: set[int] = set()  # descriptors of the locks that this process holds
 
 
 def _let_go() -> None:
-    """A child that lives on after its killed parent must not keep the lock."""
+    """Close inherited locks, as a child that outlives its killed parent must not keep them."""
     while _locks:
         os.close(_locks.pop())
 
@@ -49,11 +49,11 @@ if fcntl is not None:
 
 
 class DirectoryError(UserError):
-    """A run cannot use its directory as it is; the message says why."""
+    """Directory that a run cannot use as it is; the message says why."""
 
 
 def directory_fault(directory: Path, resume: bool) -> str | None:
-    """Why a run cannot write to `directory`; None where it can."""
+    """Return why a run cannot write to `directory`; None if it can."""
     try:
         nearest = next(parent for parent in (directory, *directory.absolute().parents) if parent.exists())
         if not nearest.is_dir():
@@ -76,14 +76,14 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
 
 
 def refuse_directory(directory: Path, resume: bool) -> None:
-    """Raise DirectoryError where a run cannot write to a directory."""
+    """Raise DirectoryError if a run cannot write to a directory."""
     fault = directory_fault(directory, resume)
     if fault:
         raise DirectoryError(fault)
 
 
 def scene_there(directory: Path) -> bytes:
-    """Read the scene that a run has left in a directory. Raises DirectoryError."""
+    """Return the contents of the scene file that a run has left in a directory. Raises DirectoryError."""
     path = directory / "scene.toml"
     try:
         return read_plain(path)
@@ -102,12 +102,13 @@ def with_own_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
     directory
         Directory of the run.
     made
-        Gets what was not there before, each before it is made. What raises leaves them to the caller.
+        Receives the paths that were absent before, each before its file is made. After an exception the caller has to
+        remove them.
 
     Returns
     -------
     Scene
-        The scene that names the copies.
+        Scene that names the copies.
 
     Raises
     ------
@@ -134,9 +135,9 @@ def with_own_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
 
 
 def remove_copies(made: list[Path]) -> None:
-    """Remove the copies for a run that did not begin, and the folder that was made for their parts."""
+    """Remove the copies of a run that did not begin, and the folder that was made for their parts."""
     for path in reversed(made):
-        with suppress(OSError):  # the fault that ended the run is the one to tell
+        with suppress(OSError):  # the fault that ended the run is reported instead
             if path.is_dir():
                 path.rmdir()
             else:
@@ -144,7 +145,7 @@ def remove_copies(made: list[Path]) -> None:
 
 
 def only_begun(directory: Path) -> bool:
-    """Whether the run there ended before its first checkpoint: it has the start at most, which is made again."""
+    """Return whether the run there ended before its first checkpoint, with the start as its only snapshot."""
     if any((directory / name).exists() for name in CHECKPOINTS) or not (directory / "scene.toml").exists():
         return False
     return {path.name for path in directory.glob("snapshots/*.h5")} <= {"0000.h5"}
@@ -152,9 +153,10 @@ def only_begun(directory: Path) -> bool:
 
 @contextmanager
 def held(directory: Path) -> Iterator[bool]:
-    """Keep other processes from `directory`, which is made where it is absent; False where it cannot be locked.
+    """Lock `directory` against other processes, and yield False if it cannot be locked.
 
-    The lock ends with its process, however that ends. Raises DirectoryError where another process holds it, OSError.
+    The directory is made if it is absent. The lock ends with its process, however the process ends. Raises
+    DirectoryError if another process holds the lock, and OSError.
     """
     absent = [folder for folder in (directory, *directory.parents) if not folder.exists()]
     directory.mkdir(parents=True, exist_ok=True)
@@ -165,17 +167,17 @@ def held(directory: Path) -> Iterator[bool]:
     try:
         yield file is not None
     finally:
-        with suppress(OSError):  # as of a disk that is gone: the process that ends lets go anyway
+        with suppress(OSError):  # the disk may be gone; the end of the process releases the lock anyway
             if file in _locks:
                 _locks.remove(file)
                 path.unlink(missing_ok=True)
                 os.close(file)
-            for folder in absent:  # only those that are empty still: a run that wrote nothing leaves nothing
+            for folder in absent:  # empty ones alone: a run that wrote nothing leaves nothing
                 folder.rmdir()
 
 
 def _locked(path: Path) -> int | None:
-    """The descriptor of the locked file at `path`, with this process's name in it; None where nothing can be locked."""
+    """Return the descriptor of the locked file at `path`, which names this process; None if nothing can be locked."""
     while fcntl is not None:
         file, is_ours = _opened(path)
         try:
@@ -201,9 +203,9 @@ def _locked(path: Path) -> int | None:
 
 
 def _opened(path: Path) -> tuple[int, bool]:
-    """A descriptor of the lock at `path`, and whether it may be written. Raises DirectoryError, OSError.
+    """Return a descriptor of the lock at `path`, and whether the file can be written. Raises DirectoryError, OSError.
 
-    Another user's lock that a run has left behind can be held as well. A link is not followed: what it leads to would
+    A lock that a run of another user has left behind can be held as well. A link is not followed, as its target would
     be emptied.
     """
     flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
@@ -226,6 +228,7 @@ def _opened(path: Path) -> tuple[int, bool]:
 
 
 def _is_at(file: int, path: Path) -> bool:
+    """Return whether an open file is still the one at `path`."""
     try:
         return os.path.samestat(os.fstat(file), path.stat())
     except FileNotFoundError:
@@ -233,7 +236,7 @@ def _is_at(file: int, path: Path) -> bool:
 
 
 def sweep(directory: Path) -> None:
-    """Remove what killed runs left half-written; only for who holds the directory."""
+    """Remove half-written files of killed runs. The caller has to hold the directory's lock."""
     places = directory, directory / "snapshots"
     for folder in (*places, *(place / PARTS for place in places)):
         for part in (*folder.glob(".*.part"), *folder.glob(".*.part.png")):

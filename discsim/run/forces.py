@@ -1,4 +1,4 @@
-"""What the effects give to the particles where these are: accelerations, and the longest steps that they allow."""
+"""Forces of all effects on the particles at their present positions, and the least of the effects' step limits."""
 
 from __future__ import annotations
 
@@ -24,15 +24,14 @@ Effects = Mapping[str, Effect]
 
 
 class PhysicsError(UserError):
-    """The run cannot go on: something is not finite, or the step has collapsed."""
+    """End of a run by its physics: a number is not finite, or the step has collapsed."""
 
 
 class Limits(NamedTuple):
-    """The longest step, and the effect that sets it.
+    """Longest step, and the effect that sets it.
 
     dust, dust_by: the longest step in which one-way dust keeps its orbits, and the effect that sets it. One-way dust
-    does not limit the step.
-    growing: in longer steps something grows without end.
+    does not limit the step. growing: the step above which errors grow without end.
     """
 
     step: float = math.inf
@@ -43,16 +42,16 @@ class Limits(NamedTuple):
 
 
 def kick_owner(effects: Effects) -> str | None:
-    """The effect that kicks gas and dust together; None where each species kicks itself."""
+    """Return the effect that kicks gas and dust together; None if each species has its own kick."""
     return next((name for name, effect in effects.items() if effect.is_kick), None)
 
 
 def accelerate(state: State, effects: Effects, costs: Costs) -> None:
-    """Accelerations of all effects; and, apart, what gas and dust at one place do not both feel, for the kick's owner.
+    """Compute the accelerations of all effects and, for the owner of the kick, those that gas and dust do not share.
 
-    On several threads effects first prepare at the same time; then the kick's owner prepares its kick while all others
-    accelerate. On one thread nothing is prepared early: it would have left the caches before it is used. On several
-    processes neither, as what they ask each other has to come in one order.
+    On several threads all effects prepare at the same time. Then the owner of the kick prepares its kick while all
+    effects accelerate. On one thread nothing is prepared early, as it would leave the caches before its use. On
+    several processes nothing is prepared early either, as collective calls have to come in one order.
     """
     try:
         if not several_threads() or world.together.many:
@@ -75,8 +74,10 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
 
 
 def _add_all(state: State, effects: Effects, costs: Costs) -> None:
-    """What gas and dust feel alike comes first: on several threads one of them is still at the kick's places, and loops
-    of few nanoseconds a particle are then no use to two. The sums of the gas's forces, which are, come last.
+    """Add the accelerations of all effects, those that gas and dust share first.
+
+    On several threads one of them still makes the position data of the kick, and short loops gain nothing from two
+    threads. The sums of the gas's forces, which do gain, come last.
     """
     alike = [name for name, effect in effects.items() if effect.shared]
     own = [name for name in effects if name not in alike]
@@ -98,12 +99,14 @@ def _add_all(state: State, effects: Effects, costs: Costs) -> None:
 
 
 def _acted_on(effects: Effects, names: list[str]) -> set[str]:
-    """Species that some effects accelerate."""
+    """Return the species that the effects `names` accelerate."""
     return {species for name in names for species in effects[name].acts_on}
 
 
 def _blank(state: State, effects: Effects, order: list[str], species: Iterable[str]) -> None:
-    """Zeros in `acc` of some species, unless the first effect in `order` that accelerates one writes to it first."""
+    """Set `acc` of the given species to 0, unless the first effect in `order` that accelerates a species overwrites
+    it.
+    """
     for name in species:
         p = state.species[name]
         first = next((effects[one] for one in order if name in effects[one].acts_on), None)
@@ -114,7 +117,10 @@ def _blank(state: State, effects: Effects, order: list[str], species: Iterable[s
 
 
 def _lay_aside(state: State, species: set[str], effects: Effects, left: list[str]) -> dict[str, np.ndarray]:
-    """What species feel that both feel alike; their `acc` begins anew."""
+    """Return the shared accelerations of the given species, and give the species a new `acc`.
+
+    left: effects still to accelerate.
+    """
     found = {name: p.acc for name, p in state.species.items() if name in species}
     for name in found:
         state.species[name].acc = room.like(found[name])
@@ -123,7 +129,10 @@ def _lay_aside(state: State, species: set[str], effects: Effects, left: list[str
 
 
 def _join(state: State, alone: set[str], common: dict[str, np.ndarray]) -> None:
-    """What each species feels alone is kept apart, and what is `common` comes to it."""
+    """Store the unshared accelerations in `own_acc`, and add the shared ones, `common`, to `acc`.
+
+    alone: species with unshared accelerations.
+    """
     state.own_acc = {name: p.acc if name in alone else p.acc[:0] for name, p in state.species.items()}
     for name, p in state.species.items():
         if name in common:
@@ -134,6 +143,7 @@ def _join(state: State, alone: set[str], common: dict[str, np.ndarray]) -> None:
 
 
 def _do(what: Callable[[State], None], state: State, name: str, costs: Costs, calls: int = 1) -> None:
+    """Call `what(state)` at the cost of `name`; a FloatingPointError becomes a PhysicsError."""
     try:
         with costs(name, calls):
             what(state)
@@ -151,7 +161,10 @@ def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
 
 
 def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
-    """What one effect gives now, (n, dimensions) by species; made on copies, since some settle more than `acc`."""
+    """Return the present accelerations by one effect, (n, dimensions) by species.
+
+    The effect acts on copies, since some effects change more than `acc`.
+    """
     gas, dust, bodies = state.gas, state.dust, state.bodies
     try:
         state.gas, state.dust, state.bodies = gas and gas.copy(), dust and dust.copy(), bodies and bodies.copy()
@@ -164,11 +177,11 @@ def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
 
 
 def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:
-    """What each effect allows, and the least of it."""
+    """Return the step limit of each effect, and the least of all."""
     limits = _least_of_all({name: effect.limit(state) for name, effect in effects.items()})
     least = Limits(*_least(limits), growing=min(_growing(effects[name], limit) for name, limit in limits.items()))
     if state.unnoticed:
-        # 1 over the frequency: a circular orbit keeps its energy to 12% in such steps, to 1% in half of them.
+        # The limit of dust is 1 / frequency. A circular orbit keeps its energy to 12% in such steps, to 1% in half.
         of_dust = _least_of_all(
             {
                 name: _growing(effect, effect.limit_of(state, "dust")) / Effect.grows_at
@@ -181,12 +194,15 @@ def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]
 
 
 def _growing(effect: Effect, limit: float) -> float:
-    """The step above which what an effect limits grows without end; inf where nothing does, for a limit of 0 too."""
+    """Return the step above which errors grow without end in what an effect limits.
+
+    The result is inf if they grow at no step, even for a limit of 0.
+    """
     return effect.grows_at * limit if effect.grows_at < math.inf else math.inf
 
 
 def _least_of_all(limits: dict[str, float]) -> dict[str, float]:
-    """The least that any process of the run has found."""
+    """Return the least limits over all processes."""
     return dict(zip(limits, world.together.least(np.array([*limits.values()])).tolist(), strict=True))
 
 

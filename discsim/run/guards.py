@@ -1,4 +1,4 @@
-"""What stops a run before it makes numbers without a meaning: each guard raises a PhysicsError with the culprit."""
+"""Guards that stop a run before its numbers lose their meaning; each raises a PhysicsError that names the cause."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
 
 finite = Lazy("discsim.kernels.common.finite")
 
-INPUTS = ("pos", "vel", "mass", "u", "h")  # of a step
+INPUTS = ("pos", "vel", "mass", "u", "h")  # arrays that a step reads
 
-# Gas that is torn apart by long steps: at least so many particles are sampled, every so many steps, and these values
-# are too much for half of them.
+# Detection of gas that long steps tear apart: least number of sampled particles, interval in steps, and values that
+# half of the sample must not exceed.
 SAMPLE, EVERY = 512, 16
 REVERSED = -0.2  # cosine between two changes of acceleration, one after the other
 KICKED = 0.25  # change of a kick, in sound speeds
 
 
 class Sample(NamedTuple):
-    """Some particles at a time: ids in ascending order and sound speeds (n,), accelerations (n, d)."""
+    """Sample of particles at a time: ids in ascending order and sound speeds, (n,) each, and accelerations (n, d)."""
 
     time: float
     ids: np.ndarray
@@ -40,23 +40,23 @@ class Sample(NamedTuple):
 
 
 class Reversals:
-    """Watch for gas whose acceleration swings back and forth from one step to the next.
+    """Detector of gas whose acceleration swings back and forth from one step to the next.
 
-    Sound between neighbours changes its sign with each step where a leapfrog is unstable, and grows. No physics does
-    that to most of the gas, as a step resolves its motion. Some particles have accelerations a1, a2, a3 in three steps,
-    without the pull of the central mass; d1 = a2 - a1 and d2 = a3 - a2. cos(d1, d2) is near 1 on smooth paths, -1 where
-    one mode grows, and -1/2 where each step has its own noise; |d2| dt is the velocity that a step gives.
+    In an unstable leapfrog sound between neighbours changes its sign with each step, and grows. No physics does this
+    to most of the gas, as a step resolves its motion. Sampled particles have accelerations a1, a2, a3 in three steps,
+    without the pull of the central mass; d1 = a2 - a1 and d2 = a3 - a2. cos(d1, d2) is near 1 on smooth paths, -1
+    where one mode grows, and -1/2 where each step has noise of its own. |d2| dt is the change of velocity by a step.
     """
 
     def __init__(self) -> None:
-        self.seen: list[Sample] = []  # of the last steps
+        self.seen: list[Sample] = []  # samples of the last steps
 
     def forget(self) -> None:
-        """Drop what was seen, as before steps that do not follow it."""
+        """Drop all samples, before steps that do not continue them."""
         self.seen.clear()
 
     def check(self, state: State, effects: Effects) -> None:
-        """Raise PhysicsError on every process where half of the sampled gas is thrown back and forth."""
+        """Raise PhysicsError on every process if the acceleration of half of the sampled gas swings back and forth."""
         gas, turn = state.gas, state.step % EVERY
         if gas is None or gas.everywhere == 0 or not 1 <= turn <= 3:
             self.forget()
@@ -84,7 +84,9 @@ class Reversals:
 
 
 def _sample(state: State) -> Sample:
-    """The gas whose id is a multiple of a power of two, without the pull of the central mass."""
+    """Return a sample of the gas, with ids that are multiples of a power of two, without the pull of the central
+    mass.
+    """
     gas = state.gas
     every = 1 << max(gas.everywhere // SAMPLE, 1).bit_length() - 1
     rows = np.flatnonzero((gas.ids & (every - 1)) == 0)
@@ -97,12 +99,12 @@ def _sample(state: State) -> Sample:
 
 
 def coupled(state: State) -> bool:
-    """Whether particles feel each other, so that what is wrong with one spreads."""
+    """Return whether particles interact, so that a fault of one spreads."""
     return state.gas is not None or state.grid is not None
 
 
 def check_entries(state: State, effects: Effects) -> None:
-    """Check arrays that a caller may have set, before a kernel takes them. Raises ValueError, and as `check_inputs`."""
+    """Check arrays that a caller may have set, before a kernel reads them. Raises ValueError, and as `check_inputs`."""
     dimensions = state.scene.space.dimensions
     for name, p in state.species.items():
         held = p.arrays()
@@ -122,7 +124,7 @@ def check_entries(state: State, effects: Effects) -> None:
 
 
 def check_inputs(state: State, effects: Effects) -> None:
-    """That what somebody may have changed is finite, before a kick or a search for neighbours spreads it."""
+    """Raise PhysicsError if an input of a step is not finite, before a kick or a neighbour search spreads the fault."""
     species = state.species.items()
     arrays = [
         (name, values, f"in its {key} before the step")
@@ -132,7 +134,7 @@ def check_inputs(state: State, effects: Effects) -> None:
 
 
 def check_kicked(state: State, effects: Effects) -> None:
-    """That velocities and energies are finite after a kick."""
+    """Raise PhysicsError if a velocity or an energy is not finite after a kick."""
     arrays = [(name, p.vel, "in its vel after a kick") for name, p in state.species.items()]
     if state.gas is not None and state.gas.u is not None:
         arrays.append(("gas", state.gas.u, "in its u after a kick"))
@@ -141,7 +143,7 @@ def check_kicked(state: State, effects: Effects) -> None:
 
 
 def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> None:
-    """That accelerations are finite, and that each effect allows a step."""
+    """Raise PhysicsError if an acceleration is not finite, or an effect allows no step."""
     _check_all(state, effects, [(name, p.acc, "in its acceleration") for name, p in state.species.items()])
     _check_bodies(state)
     for name, limit in limits.items():
@@ -150,7 +152,7 @@ def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> No
 
 
 def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -> None:
-    """That one-way dust, which may not shorten the step, keeps its orbits in one of dt."""
+    """Raise PhysicsError if one-way dust, which may not shorten the step, cannot keep its orbits in a step of dt."""
     if dt <= limits.dust:
         return
     dust, name, which = state.dust, limits.dust_by, "a dust particle"
@@ -166,7 +168,7 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
 
 
 def _check_bodies(state: State) -> None:
-    """That the star and its companions are somewhere, and move."""
+    """Raise PhysicsError if a position, velocity or acceleration of star or companions is not finite."""
     bodies = state.bodies
     if bodies is None:
         return
@@ -178,7 +180,7 @@ def _check_bodies(state: State) -> None:
 
 
 def _without_heat(state: State) -> str:
-    """The coldest gas, where it has lost more heat within a step than it had."""
+    """Return a remark on the coldest gas if it has lost more heat in a step than it had, else an empty text."""
     gas = state.gas
     if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
         return ""
@@ -189,7 +191,7 @@ def _without_heat(state: State) -> str:
 def _check_all(
     state: State, effects: Effects, arrays: list[tuple[str, np.ndarray, str]], made_here: bool = True
 ) -> None:
-    """`_check_finite` of several: species, values and where these are."""
+    """Apply `_check_finite` to several arrays; entries of `arrays` are species, values and where these are."""
     if not _are_finite([values for _, values, _ in arrays]):
         for name, values, where in arrays:
             _check_finite(state, effects, name, values, where, made_here)
@@ -198,7 +200,10 @@ def _check_all(
 def _check_finite(
     state: State, effects: Effects, name: str, values: np.ndarray, where: str, made_here: bool = True
 ) -> None:
-    """That all `values` (n, ...) are finite; `made_here` says that it was an effect that made them."""
+    """Raise PhysicsError unless all `values` (n, ...) of species `name` are finite.
+
+    made_here: whether an effect has made the values.
+    """
     if _are_finite([values]):
         return
     particles = state.species[name]
@@ -213,8 +218,9 @@ def _check_finite(
 
 
 def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
+    """Return a remark on the first effect whose acceleration of particle `i` of a species is not finite."""
     if world.together.many:
-        return ""  # effects ask all processes, and this one alone has found something
+        return ""  # effects make collective calls, and other processes have not found a fault
     for name, effect in effects.items():
         try:
             with np.errstate(all="ignore"):
@@ -227,6 +233,9 @@ def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
 
 
 def _are_finite(arrays: list[np.ndarray]) -> bool:
-    """Whether all entries of arrays (n, ...) are. In one loop: few are so long that threads gain by one each."""
+    """Return whether all entries of arrays (n, ...) are finite.
+
+    All arrays share one loop, as few are long enough for threads to be faster with a loop for each.
+    """
     rows = [(len(array), array.reshape(len(array), -1)) for array in arrays if array.size > 0]
     return all(chain(*share_all(finite.are_finite, rows, light=True)))

@@ -1,12 +1,12 @@
-"""How a step is put together, one function an integrator, named in `run.integrator`.
+"""Integrators: the order of operators in a step, one function each, named in `run.integrator`.
 
     kdk     kick(dt/2)  operate(dt/2)  drift(dt)  operate(dt/2)  events  forces  kick(dt/2)
     euler   kick(dt)  operate(dt)  drift(dt), with the velocities before the kick  events  forces
 
-A kick turns accelerations into velocities; where an effect owns it, as drag does, it is the exact relaxation of gas and
-dust with the accelerations inside. The closing kick of a step and the opening kick of the next have the same sources,
-and the relaxation composes exactly, so kdk does both at once: between steps `state.lag` says how much of a kick the
-velocities still await. `euler` is the papers' first-order scheme.
+A kick turns accelerations into velocities. If an effect owns the kick, as drag does, it is the exact relaxation of
+gas and dust with the accelerations inside. The closing kick of a step and the opening kick of the next have the same
+sources, and the relaxation composes exactly. So kdk makes both as one kick: between steps `state.lag` is the length
+of the kick that velocities still await. `euler` is the papers' first-order scheme.
 """
 
 from typing import TYPE_CHECKING
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 def kdk(step: "Operators", dt: float, until: float) -> None:
-    """From an open closing kick to the next."""
+    """Advance by dt, from an open closing kick to the next one. A step that reaches `until` but for rounding ends
+    there.
+    """
     state = step.state
     step.kick(state.lag + 0.5 * dt)
     state.lag = -0.5 * dt
@@ -32,7 +34,9 @@ def kdk(step: "Operators", dt: float, until: float) -> None:
 
 
 def euler(step: "Operators", dt: float, until: float) -> None:
-    """Velocities with the forces at the old places, places with the old velocities: both of first order."""
+    """Advance by dt, velocities with forces at the old positions and positions with the old velocities: of first
+    order.
+    """
     state = step.state
     moving: list[Particles | Bodies] = [*state.species.values(), *([state.bodies] if state.bodies is not None else [])]
     before = [m.vel.copy() for m in moving]
@@ -43,7 +47,7 @@ def euler(step: "Operators", dt: float, until: float) -> None:
         m.vel = vel.copy()
     step.move(dt)
     for m, vel, old in zip(moving, kicked, before, strict=True):
-        m.vel = vel + (m.vel - old)  # on its orbit a companion turns, and with it what the star is the origin of
+        m.vel = vel + (m.vel - old)  # add the turn of a companion on its orbit, and of the frame of the star
     state.arrive(dt, until)
     step.events()
     step.forces()

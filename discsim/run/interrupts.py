@@ -1,4 +1,4 @@
-"""How somebody ends a run from outside."""
+"""Signals that end a run."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ ANNOUNCED = (signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2, signal.SIGXCPU)
 
 
 class Interrupts:
-    """Signals that end a run: the first is noted, for the end of a step; the second raises KeyboardInterrupt.
+    """Signal handlers of a run: the first signal is recorded for the end of a step, the second raises
+    KeyboardInterrupt.
 
-    They are Ctrl-C, SIGTERM, the end of the terminal, and those with which batch systems announce the end of a job.
-    What a parent process has its children ignore, as nohup does, stays ignored.
+    Signals are Ctrl-C, SIGTERM, the end of the terminal, and those with which batch systems announce the end of a
+    job. Signals that a parent process makes its children ignore, as nohup does, stay ignored.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The operators that a step is made of: kick, what acts around the move, move, events and forces of all effects."""
+"""Operators of a step: kick, operations around the move, move, events and forces of all effects."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from discsim.run.forces import Limits, PhysicsError
 
 
 class Operators:
-    """What the effects of a run do to its state, each at its cost, with a guard behind what they make.
+    """Operators of the effects of a run on its state, with costs by effect and guards behind their results.
 
-    limits: the steps that the last forces allow. shown: whether somebody had the arrays since the last kick.
+    limits: step limits by the last forces. shown: whether a caller had access to the arrays since the last kick.
     """
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
@@ -30,7 +30,7 @@ class Operators:
         self.shown = True
 
     def kick(self, dt: float) -> None:
-        """Velocities and energies over dt, by the effect that owns the kick, or by each species' own."""
+        """Advance velocities and energies over dt, by the owner of the kick or by each species' own kick."""
         # Results of forces and kicks are checked where they are made. This check takes 2% of a step.
         if self.shown:
             self.take_back()
@@ -48,7 +48,7 @@ class Operators:
         self._check(guards.check_kicked)
 
     def take_back(self) -> None:
-        """Check arrays that a caller had, and drop what was found of their earlier values. Raises ValueError."""
+        """Check arrays that a caller had access to, and drop results from their earlier values. Raises ValueError."""
         self._check(guards.check_entries)
         world.together.forget()
         owner = forces.kick_owner(self.effects)
@@ -63,7 +63,7 @@ class Operators:
             self.state.lag = 0.0
 
     def operate(self, dt: float, backwards: bool = False) -> None:
-        """What changes velocities or energies by itself over dt, one after another, or in the opposite order."""
+        """Call `operate` of the effects over dt, one after another, or in the opposite order if `backwards`."""
         for name in self.operating[:: -1 if backwards else 1]:
             with self.costs(name):
                 self.effects[name].operate(self.state, dt)
@@ -86,7 +86,10 @@ class Operators:
                 effect.event(self.state)
 
     def _at_once(self, what: str, *given: float) -> None:
-        """What effects do with particles of their own alone; several processes ask each other in one order."""
+        """Call a method that uses an effect's own species alone for all effects, on several threads at the same time.
+
+        Several processes call effects one after another, as collective calls have to come in one order.
+        """
 
         def do(name: str) -> None:
             with self.costs(name, calls=0):
@@ -97,7 +100,7 @@ class Operators:
             beside(*(partial(do, name) for name in together))
 
     def forces(self) -> None:
-        """Accelerations of all effects at the present positions, and the steps that they allow."""
+        """Compute the accelerations of all effects at the present positions, and their step limits."""
         world.together.settle(self.state)
         forces.accelerate(self.state, self.effects, self.costs)
         limits, self.limits = forces.limits_of(self.state, self.effects)
@@ -105,5 +108,5 @@ class Operators:
         self._check(self.reversals.check)
 
     def _check(self, guard: Callable[..., None], *more: Any) -> None:
-        """Have all processes stop where one of them has found something."""
+        """Call a guard, and raise its exception on all processes if it raises on one."""
         world.together.alike(lambda: guard(self.state, self.effects, *more))

@@ -1,4 +1,4 @@
-"""When a run puts out snapshots."""
+"""Times of the snapshots of a run."""
 
 from fractions import Fraction
 
@@ -8,24 +8,24 @@ from discsim.scene.tables import Run
 
 
 def output_times(run: Run) -> list[float]:
-    """Times of the snapshots after the initial one; the last is the end of the run.
+    """Return the times of the snapshots after the initial one; the last is the end of the run.
 
-    Multiples are taken of the decimal numbers, so that runs of different lengths meet at the same floats.
+    Multiples are taken of the decimal numbers, so that runs of different lengths share the same floats.
     """
     until = Fraction(repr(run.until))
     if run.every is None:
         return [float(until * k / run.snapshots) for k in range(1, run.snapshots + 1)]
     every = Fraction(repr(run.every))
-    # An end that is a multiple but for rounding is that multiple: a longer run would land there as well.
+    # An end that is a multiple but for rounding is that multiple, as a longer run would land there as well.
     whole = int(until / every + Fraction(1, 10**9))
     times = [float(every * k) for k in range(1, whole + 1)]
     return times if times and np.isclose(times[-1], run.until, rtol=1e-9, atol=0.0) else [*times, run.until]
 
 
 def due_times(run: Run, reached: float, put_out: float) -> list[float]:
-    """Times of the snapshots still to come at time `reached`, where that of `put_out` was the last.
+    """Return the times of the snapshots still to come at time `reached`; `put_out` is the time of the last one.
 
-    A checkpoint may be of the very step that landed on one, before its snapshot: that is due at once.
+    A checkpoint may be of the step that landed on an output, before its snapshot. That snapshot is then due at once.
     """
     near = 1e-9 * reached
     later = [t for t in output_times(run) if t >= reached - near and t > put_out * (1.0 + 1e-9)]

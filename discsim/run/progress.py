@@ -1,4 +1,4 @@
-"""What a run shows: a live display on a terminal, plain lines elsewhere; the lines always go to run.log."""
+"""Progress of a run: a live display on a terminal, plain lines elsewhere; run.log always has the lines."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 LINE_EVERY = 10.0  # wall-clock seconds between plain lines
-FRAME_EVERY = 0.25  # and between frames of the live display
+FRAME_EVERY = 0.25  # wall-clock seconds between frames of the live display
 
 
 class Progress:
-    """Tells of a run. Errors go to stderr, all else to stdout; `quiet` leaves only the errors and the log."""
+    """Reporter of a run. Errors go to stderr, everything else to stdout; `quiet` leaves only errors and the log."""
 
     def __init__(self, scene: Scene, quiet: bool) -> None:
         self.scene, self.quiet = scene, quiet
         self.screen = Screen()
         self._log: TextIO | None = None
-        self._early: list[str] = []  # said before there was a log
+        self._early: list[str] = []  # lines from before the log was open
         self._next_line = self._next_frame = 0.0
-        # Wall-clock time, time and step after the first step: kernels compile in that, so it tells no speed.
+        # Wall-clock time, time and step after the first step, in which kernels compile and which counts for no speed.
         self._since: tuple[float, float, int] | None = None
 
     def open_log(self, path: Path, resume: bool) -> None:
-        """Keep the log at `path`, with what was said until now first."""
+        """Open the log at `path`, and write earlier lines there first."""
         refuse_special(path)
         self._log = path.open("a" if resume else "w", encoding="utf-8", errors="backslashreplace")
         early, self._early = self._early, []
@@ -43,23 +43,23 @@ class Progress:
             self.note(line)
 
     def say(self, text: str) -> None:
-        """A line for the screen and the log."""
+        """Write a line to the screen and the log."""
         self.note(printable(text))
         if not self.quiet:
             self.screen.line(printable(text))
 
     def fail(self, *lines: str) -> None:
-        """Print an error, one message of one or more lines, on stderr, and keep it in the log."""
+        """Print an error, one message of one or more lines, on stderr, and write it to the log."""
         text = "\n".join(map(printable, lines))
         self.screen.clear()
-        with suppress(OSError):  # of a terminal that is gone
+        with suppress(OSError):  # the terminal may be gone
             print(text, file=sys.stderr)
         if self._log is not None:
-            with suppress(OSError):  # perhaps the log itself is what failed
+            with suppress(OSError):  # the log itself may have failed
                 self.note(text)
 
     def compiling(self, count: int, name: str) -> None:
-        """Before the compilation of a kernel, the `count`-th of the run: a frame or a line, when one is due."""
+        """Report the compilation of a kernel, the `count`-th of the run, if a frame or a line is due."""
         now = time.monotonic()
         if count == 1:
             self.say("compiling kernels that are not on disk yet: once, up to a minute for a scene with drag")
@@ -73,7 +73,7 @@ class Progress:
             self.say(f"compiling kernel {count}: {name}")
 
     def step(self, state: State, dt: float, set_by: str) -> None:
-        """After each step: a frame or a line, when one is due."""
+        """Report a step, if a frame or a line is due."""
         now = time.monotonic()
         if self._since is None:
             self._since = (now, state.time, state.step)
@@ -86,7 +86,10 @@ class Progress:
             self._frame(state, dt, set_by)
 
     def line(self, state: State, dt: float, set_by: str, end: str = "") -> None:
-        """One plain line about the present step; under a live display only that of a snapshot stays."""
+        """Write a plain line about the present step.
+
+        Under a live display only lines of snapshots appear on the screen; the log has all.
+        """
         facts = [*self._facts(state, dt, set_by).values(), end]
         text = "  ".join(fact for fact in facts if fact)
         if end or not self.screen.has_frames:
@@ -97,12 +100,12 @@ class Progress:
     def close(self) -> None:
         self.screen.clear()
         if self._log is not None:
-            with suppress(OSError):  # of lines that found no room: told already
+            with suppress(OSError):  # a full disk was reported before
                 self._log.close()
             self._log = None
 
     def note(self, text: str) -> None:
-        """Lines for the log alone."""
+        """Write lines to the log alone."""
         if self._log is None:
             self._early.append(text)
         else:
@@ -110,6 +113,7 @@ class Progress:
             self._log.flush()
 
     def _facts(self, state: State, dt: float, set_by: str) -> dict[str, str]:
+        """Return the texts of a line or frame by name; those without a value are absent or empty."""
         show, until = self.scene.units.show_time, self.scene.run.until
         facts = {
             "step": f"step {state.step}",

@@ -1,4 +1,4 @@
-"""The tables that a run writes as it goes: history.csv and, with companions, companions.csv."""
+"""Tables that a run writes as it goes: history.csv and, with companions, companions.csv."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from discsim.output.checkpoint import Values
 from discsim.output.history import History, columns_of, history_row, rows_until
 from discsim.scene import Scene
 
-# By the name of the number of their rows in a checkpoint: file and columns.
+# For each table: name of its number of rows in a checkpoint, file and columns.
 COMPANIONS = ("companion_rows", "companions.csv", companions.COLUMNS)
 HISTORY = "rows", "history.csv"
 
 
 class Records:
-    """Each file starts with the rows until the checkpoint that a run goes on from."""
+    """Tables of a run. After a resume each file starts with its rows up to the checkpoint."""
 
     def __init__(self, scene: Scene, directory: Path) -> None:
         self.directory = directory
@@ -31,10 +31,10 @@ class Records:
         return ", ".join(file for _, file, _ in self.tables)
 
     def take_up(self, step: int, values: Values) -> list[str]:
-        """Read the rows up to `step` of a checkpoint with these values; what is lost of them, in words."""
+        """Read the rows up to `step` of a checkpoint with these values, and return remarks on lost rows."""
         remarks = []
         for name, file, columns in self.tables:
-            digest = values.text(f"{name}_digest") if f"{name}_digest" in values else ""  # of an earlier version
+            digest = values.text(f"{name}_digest") if f"{name}_digest" in values else ""  # absent in earlier versions
             found = rows_until(self.directory / file, step, values.whole(name), digest, columns)
             self._rows[name] = found.rows
             remarks += found.remarks
@@ -46,7 +46,7 @@ class Records:
 
     @property
     def counts(self) -> dict[str, int | str]:
-        """The number of rows of each and their digest, for a checkpoint."""
+        """Number of rows and digest of each table, for a checkpoint."""
         numbers = {name: file.count for name, file in self._files.items()}
         return {**numbers, **{f"{name}_digest": file.digest for name, file in self._files.items()}}
 
@@ -55,7 +55,7 @@ class Records:
         history.add(history_row(state, effects, dt, set_by, history.last))
 
     def add_companions(self, state: State, dt: float) -> None:
-        """The rows that are due after a step of dt."""
+        """Add the rows of companions that are due after a step of dt."""
         if COMPANIONS[0] in self._files:
             self._files[COMPANIONS[0]].add(*companions.companion_rows(state, dt))
 

@@ -1,16 +1,17 @@
-"""Before t = 0 the gas settles: every ring of particles finds the radius at which its forces are in balance.
+"""Relaxation of the gas before t = 0: every ring of particles finds the radius at which its forces are in balance.
 
     dv_r/dt = <a_r> - g(r) + l^2 / r^3 - 2 Omega v_r,    dr/dt = v_r,    d(phi)/dt = l / r^2                     (1)
 
-for `initial.relax` orbits at the reference radius. <a_r> is the mean over a ring of the pull of pressure and viscosity,
-as SPH sums it; g the mean inward pull of star, companions and self-gravity (`initial/balance.py`); l = r v_phi, that of
-the start, stays. So edges spread until rotation holds them, and what SPH's forces err by is balanced too. Rings stay
-rings: particles that each move by themselves in the shear lose within some orbits the quiet order that the start has
-put them in, damped or not.
+for `initial.relax` orbits at the reference radius. <a_r> is the mean over a ring of the SPH acceleration by pressure
+and viscosity. g is the mean inward pull of star, companions and self-gravity (`initial/balance.py`). l = r v_phi is
+that of the start and constant. Edges spread until rotation holds them, and errors of the SPH forces are balanced too.
 
-Temperatures are held at those of the start; dust stays where it is and has no part, nor have accretion, cooling and
-conduction. Afterwards gas turns as its ring has found to turn, and has beside it what its viscosity, and its drag on
-dust, give to a disc in balance.
+Rings stay rings. Particles that each move by themselves in the shear lose the quiet order of the start within a few
+orbits, with damping or without.
+
+Temperatures are those of the start. Dust does not move and has no part, nor have accretion, cooling and conduction.
+Afterwards gas has the rotation of its ring, and the flow that its viscosity, and its drag on dust, give to a disc in
+balance.
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ from discsim.physics.eos import initial_energy
 from discsim.run.forces import PhysicsError
 
 Array = np.ndarray
-DAMPING = 2.0  # of Omega: epicycles neither swing nor creep
-SAME = 1e-9  # of a radius, that particles of a ring differ by
+DAMPING = 2.0  # damping rate in Omega: critical for epicycles, which neither swing nor creep
+SAME = 1e-9  # largest relative difference of radii within a ring
 
 
 class Relaxed(NamedTuple):
-    """What a relaxation took, and how large forces out of balance were: rms over particles, over c_s Omega."""
+    """Report of a relaxation: its cost, and its forces out of balance before and after, rms over particles, over c_s
+    Omega.
+    """
 
     orbits: float
     steps: int
@@ -50,7 +53,7 @@ class Relaxed(NamedTuple):
 
 
 def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
-    """Let the gas of a start settle, if its scene wants it to; dust, bodies and the time stay as they are."""
+    """Let the gas of a start settle if its scene has `initial.relax`. Dust, bodies and the time do not change."""
     scene, gas = state.scene, state.gas
     orbits = getattr(scene.initial, "relax", 0.0)
     if orbits == 0.0 or gas is None:
@@ -73,7 +76,7 @@ def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
 
 
 class _Rings:
-    """The rings that the gas of a start is made of; arrays (rings,), and the particles of `alone`."""
+    """Rings of the gas of a start: arrays (rings,), and in `alone` the particles."""
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         gas = state.gas
@@ -94,11 +97,11 @@ class _Rings:
         self.forces()
 
     def mean(self, values: Array) -> Array:
-        """Over the particles of each ring."""
+        """Return the mean of `values` (n,) over the particles of each ring (rings,)."""
         return np.asarray(np.bincount(self.ring, values) / self.held)
 
     def forces(self) -> None:
-        """`acc`, the radial acceleration of eq. (1) but for its damping."""
+        """Set `acc`, the radial acceleration of eq. (1) except its damping."""
         alone, gas = self.alone, self.alone.gas
         angle = self.angle + self.turned[self.ring]
         outwards = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -121,6 +124,7 @@ class _Rings:
         return kepler_omega(self.scene, self.radius)
 
     def step(self, dt: float) -> None:
+        """Advance the rings by dt, eq. (1)."""
         self.radial += 0.5 * dt * self.acc
         self.radius += dt * self.radial
         if self.radius.min() <= 0.0:
@@ -131,12 +135,14 @@ class _Rings:
         self.radial *= np.exp(-DAMPING * self.omega * dt)  # eq. (1)
 
     def unbalanced(self) -> float:
-        """The rms of forces out of balance, over c_s Omega."""
+        """Return the rms of forces out of balance, over c_s Omega."""
         unit = self.mean(self.alone.gas.sound_speed) * self.omega
         return float(np.sqrt(np.average((self.acc / unit) ** 2, weights=self.held)))
 
     def velocities(self) -> Array:
-        """Of the particles (n, 2), with the flow that viscosity and dust give to the nearest gas of the start."""
+        """Return velocities (n, 2) of the particles, with the flow by viscosity and dust of the nearest gas of the
+        start.
+        """
         disc = profile.radial(self.balance.scene)
         inside = np.clip(self.radius, disc.inner, disc.outer)
         at = np.stack([inside, np.zeros_like(inside)], axis=1)

@@ -1,7 +1,7 @@
-"""The state of a checkpoint, checked against the scene that is to go on from it, before anything is taken from it.
+"""Check of a checkpoint against the scene that resumes from it, before the state changes.
 
-A file may hold anything: each array has to have the type, shape and range that kernels count on. Raises EntryError, and
-CheckpointError for a single value.
+A file may hold anything, so each array must have the type, shape and range that kernels rely on. Raises EntryError,
+and CheckpointError for a single value.
 """
 
 from __future__ import annotations
@@ -23,12 +23,15 @@ from discsim.run.forces import Effects, Limits, kick_owner
 
 Array = np.ndarray
 Groups = Mapping[str, Any]
-LIMITS = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))  # of `Limits`, in a checkpoint
+LIMITS = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))  # names of entries of `Limits` in a checkpoint
 GROWING = "growing_limit"
 
 
 class Restored(NamedTuple):
-    """particles: arrays by species and name. of_state: the state's other attributes."""
+    """Checked contents of a checkpoint.
+
+    particles: arrays by species and name. of_state: the other attributes of the state.
+    """
 
     particles: dict[str, dict[str, Array]]
     of_state: dict[str, Any]
@@ -37,7 +40,7 @@ class Restored(NamedTuple):
 
 
 def restored(state: State, effects: Effects, groups: Groups, values: Values) -> Restored:
-    """Check what a checkpoint holds for a state of its scene."""
+    """Check the contents of a checkpoint for a state of its scene, and return them."""
     particles = {name: _particles(state, name, groups[name]) for name in state.species}
     time = values.number("time", start_time(state.scene))
     of_state = {
@@ -68,7 +71,7 @@ def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Arr
 
 
 def _own_acc(state: State, effects: Effects, held: dict[str, Array], particles: Groups) -> dict[str, Array]:
-    """Accelerations of each species alone: of all its particles, or none."""
+    """Return the checked accelerations that gas and dust do not share: of all particles of a species, or of none."""
     wanted = set(particles) if kick_owner(effects) is not None else set()
     if held.keys() != wanted:
         raise EntryError(
@@ -98,7 +101,7 @@ def _bodies(own: Bodies, held: dict[str, Array], time: float) -> Bodies:
 
 
 def _limit(values: Values, effects: Effects, length: str, by: str) -> tuple[float, str]:
-    """The longest step, and the effect that sets it; "" where none does."""
+    """Return the longest step, and the effect that sets it; "" if none does."""
     found, name = values.number(length, 0.0, may_be_infinite=True), values.text(by)
     if found == 0.0:
         values.refuse(length, "a number above 0")

@@ -1,4 +1,4 @@
-"""A run, from a validated scene to the files of its directory: outputs, checkpoints, interrupts, messages."""
+"""Run of a validated scene, with the files of its directory: outputs, checkpoints, interrupts, messages."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ from discsim.scene.units import clock
 from discsim.userfiles import NO_HANDLES, system_message
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
-SMALL = 20_000  # particles: below it history has a row for every step
-LONG_RUN = 100  # steps, after which it is known what one takes
+SMALL = 20_000  # particles below which history.csv has a row for every step
+LONG_RUN = 100  # steps from which on the cost of a run is recorded for forecasts
 ROW_EVERY = 16  # steps between rows of a larger run
 
 
 def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool = False) -> int:
-    """Run `scene` with its files in `directory`, or go on with the run there; returns the exit status.
+    """Run `scene` with its files in `directory`, or resume the run there, and return the exit status.
 
-    0 done, or stopped by run.walltime; 1 a file cannot be written; 2 cannot start, or be resumed; 3 stopped
-    by the physics; 128 + signal interrupted. What is wrong is one message on stderr.
+    0: done, or stopped by run.walltime. 1: a file cannot be written. 2: the run cannot start, or be resumed. 3:
+    stopped by the physics. 128 + signal: interrupted. An error is one message on stderr.
     """
     return ended(Run(scene, Path(directory), quiet), resume)
 
 
 def ended(run: Run, resume: bool) -> int:
-    """Let a run go to its end; returns the exit status, as `run_scene`."""
+    """Complete a run, and return its exit status as `run_scene`."""
     directory = run.directory
     fail = run.progress.fail
     with run.interrupts, event.install_listener("numba:compile", run.compilation):
@@ -90,7 +90,7 @@ def ended(run: Run, resume: bool) -> int:
 
 
 class Run:
-    """One run: the simulation, and the files of its directory."""
+    """Run of a scene: its simulation, and the files of its directory."""
 
     sim: Simulation
     records: Records
@@ -102,15 +102,16 @@ class Run:
         self.checkpoints, self.figure = Checkpoints(directory), directory / "last_state.png"
         self.begun = self.saved = time.monotonic()
         self.saved_time: float | None = None
-        self.snapshots = self.steps = 0  # written; made by this process
+        self.snapshots = self.steps = 0  # snapshots written; steps made by this process
         self.put_out = start_time(scene)  # time of the last snapshot
         self.dt, self.set_by = 0.0, ""  # of the last step
         self.held = ExitStack()
-        self.copied: list[Path] = []  # files that the run is given before it begins
+        self.copied: list[Path] = []  # copies of the scene's files, made before the run begins
         count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
         self.rows_every = 1 if count < SMALL else ROW_EVERY
 
     def go(self, resume: bool) -> int:
+        """Start or resume the run, step to its end, and return the exit status."""
         locked, resume, reached = self._enter(resume)
         times = due_times(self.scene.run, reached, self.put_out)
         if not times:
@@ -133,17 +134,17 @@ class Run:
             self.sim.evolve(t, self._after_step, only_looks=True)
             if self.sim.time >= t:
                 self._output()
-        self._save()  # the closing kick is still open: a longer run goes on as if it had not stopped here
+        self._save()  # the closing kick is still open: a longer run continues as if it had not stopped here
         return self._finish() if self.put_out >= times[-1] else self._stopped()
 
     def where(self) -> str:
-        """The time and step, for messages."""
+        """Return the time and step, for messages."""
         if not hasattr(self, "sim"):
             return "before the first step"
         return f"at t = {self._show(self.sim.time)}, step {self.sim.state.step}"
 
     def way_back(self) -> str:
-        """How to go on from the last checkpoint."""
+        """Return how to resume from the last checkpoint, for messages."""
         if self.saved_time is None:
             return "There is no checkpoint yet."
         command = f"discsim run {self.directory / 'scene.toml'} -o {self.directory} --resume"
@@ -152,7 +153,7 @@ class Run:
     def close(self) -> None:
         self.progress.close()
         if hasattr(self, "records"):
-            with suppress(OSError):  # of a row that found no room: told already
+            with suppress(OSError):  # a full disk was reported before
                 self.records.close()
         remove_copies(self.copied)
         self.held.close()
@@ -163,16 +164,19 @@ class Run:
     # Starting
 
     def _enter(self, resume: bool) -> tuple[bool, bool, float]:
-        """Take hold of the directory: whether it is locked, whether there is a run to go on with, and its time."""
+        """Lock the directory; return whether it is locked, whether there is a run to resume, and the time of that
+        run.
+        """
         locked = self.held.enter_context(held(self.directory))
         refuse_directory(self.directory, resume)
         resume = resume and self._can_go_on()
         return locked, resume, self._time_to_resume() if resume else self.put_out
 
     def _nothing_left(self, reached: float) -> int:
+        """Tidy up after a run that was at its end already, and return the exit status."""
         sweep(self.directory)
         if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
-            self._draw()  # the run was killed before that
+            self._draw()  # the run was killed before it drew the figure
         self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
         return DONE
 
@@ -180,7 +184,7 @@ class Run:
         self.scene = with_own_files(self.scene, self.directory, self.copied)
 
     def _can_go_on(self) -> bool:
-        """Whether there is a checkpoint; without one the scene must be that of the run, which begins anew."""
+        """Return whether there is a checkpoint; without one the scene must be that of the run, which begins again."""
         if not only_begun(self.directory):
             return True
         refuse_another(self.directory / "scene.toml", scene_there(self.directory), self.scene)
@@ -188,7 +192,10 @@ class Run:
         return False
 
     def _time_to_resume(self) -> float:
-        """Time of the checkpoint, and when it was put out last. Raises SceneError where it is of another scene."""
+        """Return the time of the checkpoint, and read the number and the last time of its snapshots.
+
+        Raises SceneError if the checkpoint is of another scene.
+        """
         groups, values = self.checkpoints.newest()
         refuse_another(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
         reached = values.number("time")
@@ -220,13 +227,13 @@ class Run:
         say("loading kernels")
 
     def _open(self, resume: bool) -> None:
-        """Open the directory's files, and take up the state where the run goes on."""
+        """Open the directory's files, and restore the state if the run is resumed."""
         sim = self.sim
         self.records = self._tables()
         remarks = self._take_up() if resume else []
         self._open_files(resume)
         self.costs_before = self.costs_after_first = sim.costs.copy()
-        with sim.closed():  # makes the first forces, which say what sets the first step
+        with sim.closed():  # computes the first forces, which set the first step
             self.time, self.next_set_by = sim.time, self._limiter()
         self.set_by = self.set_by or self.next_set_by
         if resume:
@@ -243,7 +250,7 @@ class Run:
         self.checkpoints.settle()
         with written(self.directory / "scene.toml") as temporary:
             temporary.write_text(self.scene.text, encoding="utf-8")
-        self.copied.clear()  # the scene there names them
+        self.copied.clear()  # the scene file in the directory refers to the copies now
         folder.mkdir(exist_ok=True)
         for path in later_snapshots(folder, self.snapshots):
             path.unlink()
@@ -253,9 +260,12 @@ class Run:
         self.records.open()
 
     def _take_up(self) -> list[str]:
-        """Take up the state of the checkpoint and the rows until there; what is to be told of these. Writes nothing."""
+        """Restore the state of the checkpoint and the rows up to it, and return remarks on lost rows.
+
+        Writes no file.
+        """
         with python_warnings.catch_warnings():
-            python_warnings.simplefilter("ignore", OtherVersionWarning)  # told already
+            python_warnings.simplefilter("ignore", OtherVersionWarning)  # reported before
             values = self._restore(self.checkpoints.chosen)
         self.saved_time = self.sim.time
         self.dt, self.set_by = values.number("dt", 0.0), values.text("set_by")
@@ -270,7 +280,7 @@ class Run:
     # Stepping
 
     def _after_step(self) -> bool:
-        """Rows, progress and checkpoints that are due; whether the run must stop."""
+        """Write the rows, progress and checkpoints that are due, and return whether the run must stop."""
         state = self.sim.state
         self.dt, self.time, self.set_by = state.time - self.time, state.time, self.next_set_by
         self.next_set_by = self._limiter()
@@ -285,20 +295,20 @@ class Run:
         return self._must_stop()
 
     def _limiter(self) -> str:
-        """What sets the next step; to land on an output it may be cut."""
+        """Return what sets the next step, which may be shorter to land on an output."""
         return self.sim.limited_by if self.scene.run.timestep is None else "run.timestep"
 
     def _must_save(self) -> bool:
         return time.monotonic() - self.saved >= self.scene.run.checkpoint_every
 
     def _must_stop(self) -> bool:
-        """Whether somebody, or run.walltime, asks the run to end."""
+        """Return whether a signal or run.walltime ends the run."""
         walltime = self.scene.run.walltime
         late = walltime is not None and time.monotonic() - self.begun >= walltime
         return late or self.interrupts.number > 0
 
     def _forget_compilation(self) -> None:
-        """At the second step take the first, in which kernels compiled, out of the costs."""
+        """Remove the first step, in which kernels compiled, from the costs once the second is made."""
         self.steps += 1
         if self.steps == 1:
             self.costs_after_first, self.cpu_after_first = self.sim.costs.copy(), time.process_time()
@@ -308,7 +318,7 @@ class Run:
     # Writing
 
     def _output(self) -> None:
-        """The next snapshot, with its row and the costs until now."""
+        """Write the next snapshot, with its row and the costs so far."""
         sim = self.sim
         open_step = left_open(sim.state, kick_owner(sim.effects) is not None)
         with sim.closed() as state:
@@ -339,7 +349,7 @@ class Run:
         self.records.sync()
         notes: dict[str, Scalar] = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
         sim, costs = self.sim, self.sim.costs
-        if self.steps < 2:  # what follows forgets the first step, in which kernels compiled
+        if self.steps < 2:  # without the first step, in which kernels compiled
             sim.costs = self.costs_before
         try:
             groups, values = sim.contents()
@@ -373,16 +383,18 @@ class Run:
         return DONE
 
     def _draw(self) -> None:
-        """The figure of the last snapshot, which appears whole."""
+        """Draw the figure of the last snapshot; the file appears only when it is complete."""
         from discsim.output.figure import last_state_figure  # slow to import, and needed only here
 
         with written(self.figure, ".png") as temporary:
             last_state_figure(self._snapshot(self.snapshots - 1), temporary)
 
     def _cost(self) -> str:
-        """Shares of the effects and of all else in the CPU time since the first step; they sum to 1."""
+        """Return the shares of the effects and of everything else in the CPU time since the first step; they sum to
+        1.
+        """
         costs, words = self.sim.costs, "of all CPU time"
-        if self.steps < 2:  # the first step compiles, and a run that was at its end makes none
+        if self.steps < 2:  # kernels compile in the first step, and a run that was at its end makes no step
             shares, words = costs.shares, "of the effects' CPU time"
         else:
             before, cpu = self.costs_before.seconds, time.process_time() - self.cpu_after_first

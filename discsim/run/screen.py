@@ -1,7 +1,7 @@
-"""Lines on a screen, and on a terminal a frame under them that is drawn over and over.
+"""Output on a screen: lines, and on a terminal a frame below them that is redrawn.
 
-After each frame the cursor waits at its first character. There terminals keep it when they are resized, whether they
-wrap long lines anew or cut them, so that "erase to the end of the screen" takes away the whole of the frame.
+After each frame the cursor waits at the first character of the frame. Terminals keep it there when they are resized,
+whether they wrap long lines again or cut them. Erasing to the end of the screen therefore removes the whole frame.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"  # the cursor
 
 
 class Screen:
-    """Standard output. Where nobody can read it any longer, as of a closed pipe or terminal, a run goes on without."""
+    """Standard output. A run continues without it once it cannot be written, like a closed pipe or terminal."""
 
     def __init__(self) -> None:
         self.out: TextIO | None = sys.stdout
@@ -29,15 +29,15 @@ class Screen:
 
             self.console = Console(file=self.out, markup=False, highlight=False, emoji=False)
             self.has_frames = self.console.is_terminal and not self.console.is_dumb_terminal
-        self._shown = False  # a frame
+        self._shown = False  # whether a frame is on the screen
 
     def line(self, text: str) -> None:
-        """A line that stays, above the frame."""
+        """Write a line that stays, above the frame."""
         self.clear()
         self._write(text + "\n")
 
     def frame(self, content: RenderableType) -> None:
-        """A frame in place of the one before; lines that have no room are cut."""
+        """Draw a frame in place of the last one; lines that do not fit are cut."""
         width, height = self.console.size
         with self.console.capture() as drawn:
             self.console.print(content, width=max(width - 1, 1), height=None, overflow="crop", no_wrap=True)
@@ -47,7 +47,7 @@ class Screen:
         self._shown = True
 
     def clear(self) -> None:
-        """Take the frame away."""
+        """Erase the frame."""
         if self._shown:
             self._shown = False
             self._write(TO_THE_START + ERASE + SHOW)

@@ -1,4 +1,4 @@
-"""What snapshots show beside the arrays of a state."""
+"""Arrays of snapshots besides those of a state."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Array | Column]]:
-    """What effects add to a snapshot of a synchronised state, by species and name."""
+    """Return the arrays that effects add to a snapshot of a synchronised state, by species and name."""
     extra: dict[str, dict[str, Array | Column]] = {}
     for effect in effects:
         for species, arrays in effect.columns(state).items():
@@ -24,7 +24,7 @@ def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Arra
 
 
 def with_present_pressure(state: State) -> Gas | None:
-    """The gas with the pressure of its present energy: the forces had to foresee that."""
+    """Return the gas with the pressure of its present energy; forces used a predicted energy."""
     gas = state.gas
     if gas is None or gas.u is None:
         return gas

@@ -1,7 +1,7 @@
-"""A scene in motion: what `Simulation` gives to who uses discsim from Python, and to `run/runner.py`.
+"""Simulation of a scene, for users of discsim from Python and for `run/runner.py`.
 
-A step is put together by `run/integrators.py` from the operators of `run/operators.py`. Where a caller looks at the
-state (`synchronised`), the closing kick is made and undone again: looking never changes a bit of what follows.
+`run/integrators.py` composes a step of the operators in `run/operators.py`. When a caller reads the state
+(`synchronised`), the closing kick is made and undone again, so that reading never changes a bit of the run.
 """
 
 from __future__ import annotations
@@ -54,12 +54,30 @@ __all__ = ["PhysicsError", "Simulation"]
 
 
 class Simulation(Summarised):
-    """A scene in motion.
+    """Simulation of a scene, one step or many at a time, with access to all arrays.
 
-    scene: path of a TOML file, dict, or validated Scene. particles: own particles by species, in place of [initial]:
-    dict(pos (n, d), vel (n, d), mass (n,)[, u, species, size]), Quantities or in code units. to_restore: its state will
-    be that of a checkpoint (`restore`), so that the start need not settle before t = 0. begun: its start, where that is
-    made. Raises SceneError.
+    Parameters
+    ----------
+    scene : Scene, str, Path or dict
+        Validated scene, path of a TOML file, or dict with the same tables, whose values may be Quantities.
+    particles : dict of dict, optional
+        Own particles by species ("gas", "dust"), in place of [initial]: `pos` (n, d), `vel` (n, d) and `mass` (n,); for
+        adiabatic gas `u` (n,), for several populations of dust `species` (n,), for grains of many sizes `size` (n,).
+        Values are Quantities or in code units, and are copied.
+    to_restore : bool, optional
+        Whether `restore` will replace the state, so that the gas need not settle before t = 0.
+    begun : Begun, optional
+        Start of the scene, if it is already made.
+
+    Raises
+    ------
+    SceneError
+        The scene or the particles are wrong; its `problems` has a message for each fault.
+
+    Notes
+    -----
+    Arrays are in code units, in which G = 1, with one row per particle. They may be changed between steps, and are
+    checked before the next step uses them.
     """
 
     def __init__(
@@ -92,25 +110,29 @@ class Simulation(Summarised):
 
     @property
     def time(self) -> float:
+        """Time of the positions, in code units."""
         return self.state.time
 
     @property
     def effects(self) -> dict[str, Effect]:
-        """The effects that run, by the names of their tables."""
+        """Effects that run, by the names of their tables."""
         return self.operators.effects
 
     @property
     def limit(self) -> float:
-        """The longest step that effects allow, before the Courant factor."""
+        """Longest step that the effects allow, before the Courant factor, in code units."""
         return self.operators.limits.step
 
     @property
     def limited_by(self) -> str:
-        """The effect that allows no longer one."""
+        """Name of the effect that sets `limit`."""
         return self.operators.limits.by
 
     @property
     def costs(self) -> Costs:
+        """CPU seconds (`seconds`), calls (`calls`) and shares (`shares`) of the effects, by the names of their
+        tables.
+        """
         return self.operators.costs
 
     @costs.setter
@@ -119,25 +141,49 @@ class Simulation(Summarised):
 
     @property
     def units(self) -> Units:
+        """Units of the scene, which convert code units."""
         return self.scene.units
 
     @property
     def gas(self) -> Gas | None:
+        """Gas particles with their arrays; None if the scene has none."""
         return self.state.gas
 
     @property
     def dust(self) -> Dust | None:
+        """Dust particles with their arrays; None if the scene has none."""
         return self.state.dust
 
     @property
     def bodies(self) -> Bodies | None:
-        """Star and companions; None where there is a star alone, at the origin and of one mass, or none."""
+        """Star and companions; None without a star, or with a single star of constant mass at the origin."""
         return self.state.bodies
 
     def step(self, most: float = math.inf) -> float:
-        """One whole step, of `most` at most, velocities and positions at the same time after it; returns its length.
+        """Make one whole step, after which velocities and positions are at the same time.
 
-        Ctrl-C waits for its end. Raises ValueError where nothing limits it.
+        Parameters
+        ----------
+        most : float, optional
+            Longest length of the step, in code units.
+
+        Returns
+        -------
+        float
+            Length of the step, in code units.
+
+        Raises
+        ------
+        ValueError
+            `most` is not positive, nothing limits the step, or an array that was set is wrong.
+        PhysicsError
+            A number is not finite, or the step has collapsed.
+        RuntimeError
+            The state is being read, in a callback or `synchronised`, or an interrupt has left a step half-made.
+
+        Notes
+        -----
+        Ctrl-C waits for the end of the step.
         """
         if not most > 0.0:
             raise ValueError(f"most = {most} is no length of a step; expected a positive time in code units")
@@ -159,25 +205,46 @@ class Simulation(Summarised):
         every: Any = None,
         callback: Callable[[Simulation], object] | None = None,
     ) -> None:
-        """Step to time `until` (code units or a Quantity; default that of the scene) and land on it.
+        """Step to the time `until` and land on it.
 
-        progress: tell of it as the command does. callback(sim): called after each step, which changes nothing of the
-        run; with `every`, a time, instead where that is at multiples of it, and at the end. It sees velocities at the
-        time of places, in read-only views as of `synchronised`. The run ends early where it returns True.
+        Parameters
+        ----------
+        until : float or Quantity, optional
+            Time of the end; a number is in code units. The default is `run.until` of the scene.
+        progress : bool, optional
+            Whether to show the progress, as the command does.
+        every : float or Quantity, optional
+            Interval of calls of `callback`. The run lands on multiples of it.
+        callback : callable, optional
+            ``callback(sim)`` is called after each step or, with `every`, at multiples of `every` and at the end. It
+            sees read-only views with velocities at the time of positions, as in `synchronised`, and has no effect on
+            the run. If it returns True, the run ends early.
 
-        Ctrl-C ends it after a step; to run on gives the same bits as never to have stopped. Velocities then await the
-        closing kick of that step: `synchronised` shows them with it. Raises ValueError.
+        Raises
+        ------
+        ValueError
+            `until` is not finite; `every` is not positive, has no callback or gives too many calls; or an array that
+            was set is wrong.
+        PhysicsError
+            A number is not finite, or the step has collapsed.
+        RuntimeError
+            The state is being read, in a callback or `synchronised`, or an interrupt has left a step half-made.
+
+        Notes
+        -----
+        Ctrl-C ends the run after the present step. Another `run` then continues with the same bits as without the
+        interruption. Until then velocities await the closing kick of that step; `synchronised` shows them with it.
         """
         end = self.scene.run.until if until is None else self._in_code(until)
         watch = Watch(self, end, progress, None if every is None else self._in_code(every), callback)
         with watch:
             for time in watch.times:
                 try:
-                    if not self.evolve(time, watch.after_step, only_looks=True):  # a callback in `synchronised`
+                    if not self.evolve(time, watch.after_step, only_looks=True):  # callbacks get read-only views
                         break
                 except KeyboardInterrupt:
                     if not self._in_midst:
-                        watch.after_step()  # of the step that the interrupt has waited for
+                        watch.after_step()  # for the step whose end the interrupt has waited for
                     raise
         with self._whole():
             self.operators.close()
@@ -186,13 +253,35 @@ class Simulation(Summarised):
         return float(self.units.in_code(time, "time") if hasattr(time, "unit") else time)
 
     def summary(self) -> tuple[str, Rows]:
+        """Return the title of the scene, and names and values of its main facts."""
         now = self.units.show_time(self.time)
         return self.scene.title or "A simulation", [("time", now), ("step", self.state.step), *self.scene.facts]
 
     def evolve(self, until: float, after_step: Callable[[], bool] | None = None, only_looks: bool = False) -> bool:
-        """Step to `until`, leaving the closing kick open; ends early (False) where `after_step` returns True.
+        """Step to the time `until`, and leave the closing kick open.
 
-        only_looks: `after_step` changes nothing, so that what it was shown need not be checked before the next step.
+        Parameters
+        ----------
+        until : float
+            Time of the end, in code units.
+        after_step : callable, optional
+            ``after_step()`` is called after each step. If it returns True, the run ends early.
+        only_looks : bool, optional
+            Whether `after_step` changes nothing, so that arrays need no check before the next step.
+
+        Returns
+        -------
+        bool
+            False if `after_step` ended the run early.
+
+        Raises
+        ------
+        ValueError
+            An array that was set is wrong.
+        PhysicsError
+            A number is not finite, or the step has collapsed.
+        RuntimeError
+            The state is being read, in a callback or `synchronised`, or an interrupt has left a step half-made.
         """
         self._prepare()
         while self.state.time < until:
@@ -210,10 +299,17 @@ class Simulation(Summarised):
 
     @contextmanager
     def synchronised(self) -> Iterator[State]:
-        """The state with its closing kick made, in read-only views, for looking at; what follows is unaffected.
+        """Yield the state with its closing kick made, in read-only views, without an effect on the run.
 
-        Meanwhile `sim.gas`, `sim.dust` and `sim.state` are these views. An attribute that is set on them is lost at
-        the end. `step`, `run`, `evolve` and `restore` raise RuntimeError; `save` writes the state as the run has it.
+        Yields
+        ------
+        State
+            State whose velocities are at the time of positions.
+
+        Notes
+        -----
+        Within the context `sim.gas`, `sim.dust` and `sim.state` are these views. An attribute that is set on them is
+        lost at the end. `step`, `run`, `evolve` and `restore` raise RuntimeError; `save` writes the state of the run.
         """
         if self._open is not None:
             yield self.state
@@ -227,7 +323,9 @@ class Simulation(Summarised):
 
     @contextmanager
     def closed(self) -> Iterator[State]:
-        """The state itself with its closing kick made, for outputs, which only read it. What follows is unaffected."""
+        """Yield the state itself with its closing kick made, for outputs that only read it, without an effect on the
+        run.
+        """
         self._prepare()
         state = self._open = self.state
         try:
@@ -256,7 +354,25 @@ class Simulation(Summarised):
             self._open = None
 
     def acceleration(self, effect: str) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """What one effect gives now to (gas, dust), each (n, dimensions) or None where there is no such species."""
+        """Return the present accelerations by one effect.
+
+        Parameters
+        ----------
+        effect : str
+            Name of the effect's table.
+
+        Returns
+        -------
+        gas, dust : array (n, d) or None
+            Accelerations of the gas and of the dust in code units; None if the scene has none.
+
+        Raises
+        ------
+        KeyError
+            The scene has no such effect.
+        ValueError
+            An array that was set is wrong.
+        """
         if effect not in self.effects:
             raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
         use_threads(self.scene.run.threads)
@@ -268,16 +384,33 @@ class Simulation(Summarised):
     def save(
         self, path: str | Path, notes: Mapping[str, Scalar] | None = None, before: str | Path | None = None
     ) -> None:
-        """Write a checkpoint from which `restore` goes on, bit for bit, with `notes` in it. Raises OSError.
+        """Write a checkpoint from which `restore` continues, bit for bit.
 
-        Raises PhysicsError where the state is not finite: it would take the place of one that can go on.
-        before: where the one that was at `path` stays; else it is replaced.
+        Parameters
+        ----------
+        path : str or Path
+            File of the checkpoint.
+        notes : mapping of str to scalar, optional
+            Further values for the checkpoint.
+        before : str or Path, optional
+            File that keeps an earlier checkpoint at `path`. Without it that checkpoint is replaced.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        PhysicsError
+            The state is not finite; such a checkpoint must not replace a good one.
+        RuntimeError
+            An interrupt has left a step half-made.
         """
         groups, values = self.contents()
         write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
     def contents(self) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Scalar]]:
-        """Arrays by group and single values of a checkpoint of now. Raises PhysicsError as `save`."""
+        """Return arrays by group and single values of a checkpoint of the present state. Raises PhysicsError as
+        `save`.
+        """
         if self._open is None and not self._fresh:
             self._prepare()
         self._refuse_half_made()
@@ -298,11 +431,37 @@ class Simulation(Summarised):
         return groups, values
 
     def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> Values:
-        """Go on from a checkpoint of this scene; returns its single values. Raises CheckpointError, SceneError.
+        """Continue from a checkpoint of this scene.
 
-        The scene may differ from that of the checkpoint as with --resume. What raises leaves all as it was. share: of
-        the particles only some, as `read_checkpoint`, for who has the others elsewhere. A checkpoint of another version
-        of discsim is taken with an OtherVersionWarning.
+        Parameters
+        ----------
+        path : str or Path
+            File of the checkpoint. Its scene may differ from this one as far as --resume allows.
+        share : tuple of int, optional
+            Part of the particles to read, as in `read_checkpoint`, for runs on several processes.
+
+        Returns
+        -------
+        Values
+            Single values of the checkpoint, such as `notes` of `save`.
+
+        Raises
+        ------
+        CheckpointError
+            The checkpoint cannot be read, or is damaged.
+        SceneError
+            The checkpoint is of another scene.
+        RuntimeError
+            The state is being read, in a callback or `synchronised`.
+
+        Warns
+        -----
+        OtherVersionWarning
+            The checkpoint is of another version of discsim.
+
+        Notes
+        -----
+        After an exception the simulation is unchanged.
         """
         self._refuse_within()
         groups, values = read_checkpoint(path, share)
@@ -311,7 +470,7 @@ class Simulation(Summarised):
             found = restored(self.state, self.effects, groups, values)
         except EntryError as fault:
             raise CheckpointError(f"{path}: a damaged checkpoint, or of another version of discsim: {fault}") from None
-        if remark := other_version(values):  # before anything is set: a filter may make an exception of it
+        if remark := other_version(values):  # before anything is set, as a filter may raise it as an exception
             warnings.warn(remark, OtherVersionWarning, stacklevel=2)
         for name, arrays in found.particles.items():
             for array_name, array in arrays.items():
@@ -323,17 +482,18 @@ class Simulation(Summarised):
             effect.discard()
             effect.forget()
         self.operators.reversals.forget()
-        self._fresh, self._in_midst = True, False  # forces are among the arrays
+        self._fresh, self._in_midst = True, False  # the arrays contain the forces
         return values
 
     # The step
 
     @contextmanager
     def _whole(self) -> Iterator[None]:
-        """What must not be left half-made: the first Ctrl-C waits for its end, unless somebody handles it otherwise.
+        """Protect a step from interruption: the first Ctrl-C waits for the end, unless the caller has its own
+        handler.
 
-        A second one ends it as an exception does, once other threads have ended what they are in. The state is then of
-        no time, and nothing goes on from it.
+        A second Ctrl-C raises KeyboardInterrupt at once, or after other threads have ended their loops. The state is
+        then between two times, and nothing can continue from it.
         """
         use_threads(self.scene.run.threads)
         noted: list[int] = []
@@ -358,6 +518,7 @@ class Simulation(Summarised):
             raise KeyboardInterrupt
 
     def _prepare(self) -> None:
+        """Refuse a state that cannot advance, check arrays that a caller may have set, and compute the first forces."""
         use_threads(self.scene.run.threads)
         self._refuse_within()
         self._refuse_half_made()
@@ -383,7 +544,7 @@ class Simulation(Summarised):
         guards.check_dust_step(self.state, self.effects, self.operators.limits, dt)
 
     def _advance(self, dt: float, until: float = math.inf) -> None:
-        """From an open closing kick to the next."""
+        """Advance by dt, from an open closing kick to the next one."""
         self._integrate(self.operators, dt, until)
 
 

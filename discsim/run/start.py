@@ -1,4 +1,4 @@
-"""How a simulation begins: the state of its start, and the effects that have seen it."""
+"""Start of a simulation: its state before the first step, and its effects."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from discsim.run.relaxation import Relaxed, relax
 from discsim.scene import Scene, SceneError
 
 Given = dict[str, dict[str, Any]]
-OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # of a start
+OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # numpy's error handling in a start
 
 
 class Begun(NamedTuple):
-    """A state before its first step, its effects by name, and what relaxing it took."""
+    """State before its first step, effects by name, and the report of its relaxation."""
 
     state: State
     effects: dict[str, Effect]
@@ -27,9 +27,9 @@ class Begun(NamedTuple):
 
 
 def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False) -> Begun:
-    """The start of a scene, or own particles. Raises SceneError.
+    """Return the start of a scene, or of own particles. Raises SceneError.
 
-    to_restore: the state will be that of a checkpoint, so that it need not settle.
+    to_restore: whether a checkpoint will replace the state, so that the gas need not settle.
     """
     try:
         return _begin(scene, particles, to_restore)

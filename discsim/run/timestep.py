@@ -1,4 +1,4 @@
-"""How long the next step is: the share of the limit, or the fixed step, cut so as to land on a given time."""
+"""Length of the next step: a share of the limit or the fixed step, cut so as to land on a given time."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from discsim.initial import start_of
 from discsim.numerics.state import State
 from discsim.run.forces import Limits, PhysicsError
 
-GROWN = 8.0  # powers of ten that rounding, of 1e-16, may grow by before it is seen
+GROWN = 8.0  # powers of ten by which rounding errors, of 1e-16, may grow
 
 
 def next_step(state: State, limits: Limits, until: float) -> float:
-    """The step from here. Raises PhysicsError where it has collapsed, or is fixed far above what is stable."""
+    """Return the length of the next step. Raises PhysicsError if it has collapsed, or is fixed far above the stable
+    one.
+    """
     run, left = state.scene.run, until - state.time
     _check_fixed(state, limits, left)
     dt = run.timestep if run.timestep is not None else run.courant * limits.step
@@ -32,6 +34,7 @@ def next_step(state: State, limits: Limits, until: float) -> float:
 
 
 def _check_fixed(state: State, limits: Limits, left: float) -> None:
+    """Raise PhysicsError if a fixed step is so long that errors grow without end."""
     fixed = state.scene.run.timestep
     if fixed is None or min(fixed, left) <= limits.growing or _over_before_it_grows(state, limits, left):
         return
@@ -43,10 +46,10 @@ def _check_fixed(state: State, limits: Limits, left: float) -> None:
 
 
 def _over_before_it_grows(state: State, limits: Limits, left: float) -> bool:
-    """Whether rounding errors stay small in the few steps of uniform gas, whose drag is exact at any length."""
+    """Return whether rounding errors stay small in the few steps of uniform gas, whose drag is exact at any length."""
     run = state.scene.run
     if state.scene.initial is None or not start_of(state.scene).uniform or run.timestep is None:
         return False
     steps = math.ceil((run.until if left == math.inf else state.time + left) / run.timestep - 1e-9)
-    # A step of x times the limit multiplies them by x^2 at most.
+    # A step of x times the limit multiplies rounding errors by x^2 at most.
     return steps <= 1 or 2 * steps * math.log10(run.timestep / limits.step) < GROWN

@@ -1,4 +1,4 @@
-"""Who watches a simulation that runs from Python: a display of its progress, and a function of the caller's."""
+"""Observation of a simulation that runs from Python: a display of its progress, and the caller's callback."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 
 class Watch:
-    """As `Simulation.run` has it, in code units; the display goes when the context ends. Raises ValueError."""
+    """Progress display and callback of `Simulation.run`, with times in code units.
+
+    The display closes with the context. Raises ValueError.
+    """
 
     def __init__(
         self,
@@ -49,7 +52,9 @@ class Watch:
 
     @property
     def times(self) -> Iterator[float]:
-        """The times to land on: multiples of `every` as decimal numbers, the same for parts as for a whole."""
+        """Times to land on, and the end: multiples of `every` as decimal numbers, the same for a run in parts as in
+        one.
+        """
         if self.every is not None:
             every = Fraction(repr(self.every))
             number = Fraction(repr(self.time)) // every + 1
@@ -61,7 +66,7 @@ class Watch:
         yield self.until
 
     def after_step(self) -> bool:
-        """Show the state, unless it was seen already; whether the run is to end after this step."""
+        """Report a new step, and return whether the run has to end after it."""
         sim = self.sim
         if sim.time <= self.time:
             return False
@@ -75,7 +80,7 @@ class Watch:
 
 
 def _check_interval(every: float, span: float, callback: Callable[[Simulation], object] | None) -> None:
-    """Raise ValueError for an interval of calls that is no time, has no call, or would have calls without end."""
+    """Raise ValueError for an interval that is no time, has no callback, or gives too many calls."""
     if callback is None or not 0.0 < every < math.inf:
         raise ValueError(f"every = {every}; expected a positive time, and a callback that is called then")
     if span > MOST_SNAPSHOTS * every:
