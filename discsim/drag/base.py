@@ -94,7 +94,8 @@ class Scheme:
         ``members(drag, state)`` returns the `Layout` (`drag/cells.py`) of the blocks that relax, for runs on several
         MPI ranks. Without it each rank makes the whole kick.
     rings : int
-        Number of rings of nodes beyond those about a block on which its particles depend; below 0 they depend on none.
+        Number of rings of nodes, beyond those about a block, on which the particles of the block depend; below 0 for
+        no nodes at all.
     reads : tuple of str
         With `members`: particle arrays that the kick of other particles depends on. With heat `acc` is one of them too.
     """

@@ -303,7 +303,7 @@ def about_grains(drag: Drag, state: State) -> Array:
 
 
 def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
-    """Return the blocks of `relax_in_blocks`, and the frame."""
+    """Return the blocks of `relax_in_blocks`, and the Keplerian frame for velocities."""
     about_star = frame(drag, state)
     lengths = drag.width.counted(state.gas.pos, state.gas.h)
     layout = lay_blocks(
@@ -314,7 +314,7 @@ def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
 
 
 def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:
-    """Return the members of the blocks of `layout_of`, and the frame."""
+    """Return the members of the blocks of `layout_of`, and the Keplerian frame for velocities."""
     layout, about_star = layout_of(drag, state, linear)
     return sort_into_blocks(drag, state, layout), about_star
 

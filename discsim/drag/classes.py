@@ -65,6 +65,7 @@ class Classes:
             self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
 
     def _divide(self, rows: Array) -> None:
+        """Make the classes of grains with the parameters `rows` (n, 5)."""
         place = np.log(rows[:, VALUE])
         reach = place.max() - place.min()
         # Edges at whole multiples of the width, so that classes persist while grains grow.

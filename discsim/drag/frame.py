@@ -40,7 +40,7 @@ Samples = dict[str, Sample]  # by species
 
 
 def frame(drag: Drag, state: State) -> Frame:
-    """Return the frame of a state; without a star it is at rest."""
+    """Return the Keplerian frame of a state; without a star it is at rest."""
     mass, softening = drag.star
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-MOST = 0.25  # largest loss of a particle in a kick, in its energies; the prediction may repeat it, which leaves half
+MOST = 0.25  # largest loss in a kick over a particle's energy; the prediction may add as much, which leaves half
 SIDES = 1024  # most squares along the longest side
 
 

@@ -60,12 +60,12 @@ class Places(NamedTuple):
 
 
 def layout_of(drag: Drag, state: State) -> tuple[Layout, Frame]:
-    """Return the blocks whose particles have nodes, and the frame."""
+    """Return the blocks whose particles have nodes, and the Keplerian frame for velocities."""
     about_star = frame(drag, state)
     lengths = drag.width.counted(state.gas.pos, state.gas.h)
     layout = lay_blocks(
         drag, state, lattice(drag, state, lengths), lengths, (1, 0), drag.scheme.cells.share * drag.width.number,
-        NEAR if drag.two_way else IGNORE,  # dust in a neighbour will do, as a node has the dust of nine cells
+        NEAR if drag.two_way else IGNORE,  # dust in the next cell suffices, as a node has the dust of nine cells
         True, clockwise(about_star),
     )  # fmt: skip
     return layout, about_star

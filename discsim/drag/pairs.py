@@ -76,6 +76,7 @@ def pair_up(drag: Drag, state: State, whole: bool, hump: bool = False) -> list[P
 def _pairs_of(
     drag: Drag, gas: Gas, cloud: Cloud, vel: Array, cells: Cells, ratio: float, grain: Array, whole: bool, hump: bool
 ) -> Pairs:
+    """Return the pairs of one population, with density, shares and rates of its drag."""
     sph, n = cloud.sph, cloud.count
     start, index, offset = _list(cloud, gas, cells)
     by_gas, begin = counting_sort(index, gas.count)

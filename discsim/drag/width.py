@@ -86,7 +86,9 @@ class Width:
         return HEIGHTS / self.number * height, (NODES - 1) / end
 
     def counted(self, pos: Array, h: Array) -> Array:
-        """Return effective smoothing lengths (n,) at positions (n, 2): h, or less where H limits cells."""
+        """Return the smoothing lengths (n,) at positions (n, 2) that set the side of cells: h, or less where H limits
+        cells.
+        """
         if not self.limited:
             return h
         out = room.like(h)
@@ -94,7 +96,7 @@ class Width:
         return out
 
     def counted_at(self, radius: Array, h: Array) -> Array:
-        """Return effective smoothing lengths (n,) at radii (n,), by numpy alone."""
+        """Return smoothing lengths (n,) at radii (n,) that are limited as in `counted`, by numpy alone."""
         if not self.limited:
             return h
         table, nodes = self.table

@@ -109,6 +109,7 @@ class Keys(Table):
 
 
 def _about_a_star(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of companions without a star, and of orbits that do not exist."""
     if not draft.has("star"):
         yield ("companion",), "there is no star to have companions; expected a table [star] too"
     for k, companion in enumerate(draft.companion or ()):
@@ -121,6 +122,7 @@ def _about_a_star(draft: Draft) -> Iterator[Problem]:
 
 
 def _its_ramp(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of a ramp on an unbound companion if the disc turns about the barycentre."""
     if draft.star is None or draft.star.centre == "star":
         return
     for k, companion in enumerate(draft.companion or ()):
@@ -148,6 +150,7 @@ def _what_it_feels(draft: Draft) -> Iterator[Problem]:
 
 
 def _its_softening(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of softening and accretion, like a softening in H in gas without a fixed H."""
     gas = draft.gas or draft.background
     for k, companion in enumerate(draft.companion or ()):
         where, wanted = ("companion", k, "softening"), "expected a length in quotes"
@@ -349,6 +352,7 @@ class Effect(base.Effect):
         self.orbits.place(bodies, state.time)
 
     def _accrete(self, state: State, k: int, name: str, place: list[float]) -> None:
+        """Remove the particles of species `name` that companion `k`, at `place`, accretes in the step just made."""
         companion, p = self.companions[k], state.species[name]
         found = share(kernels.divide, p.count, p.pos, companion.accretion_radius**2, *place)
         gone = np.concatenate([inside for _, inside in found])

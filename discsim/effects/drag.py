@@ -332,6 +332,7 @@ class Effect(base.Effect):
         self.star = state.central
 
     def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
+        """Kick dust in place and the gas in `gas_vel` (n, d) by the scheme, and record the uncoupled dust."""
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
         assert self.relax_by is not None

@@ -199,7 +199,7 @@ class Effect(base.Effect):
             gas.lose(gained * dust.mass, before, dust.pos, field[:, kernels.DENSITY], centre)
 
     def _turbulence(self, state: State) -> tuple[np.ndarray, Any]:
-        """Return the row (n,) of each grain in the parameters of the law, and all parameters of turbulence for the
+        """Return the index (n,) of each grain's row of law parameters, and the parameters of turbulence for the
         kernels.
         """
         law, dust = self.drag.law if self.inert else None, state.dust

@@ -320,6 +320,7 @@ class Effect(base.Effect):
                 gas.heating_rate[gas.immobile] = 0.0
 
     def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return pressure and sound speed, (n,) each, at the energies `u` (n,)."""
         gas, pos = state.gas, state.from_centre(state.gas.pos)
         out, roots = (room.like(gas.pressure), room.like(gas.sound_speed)), eos_of(self.scene).roots(self.scene)
         if roots is not None and gas.small is None:  # the usual disc, which this kernel makes twice as fast

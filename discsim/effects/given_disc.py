@@ -71,6 +71,7 @@ class Keys(Table):
 
 
 def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a given disc with [gas], without dust, star or drag, or in an unsuitable space."""
     if draft.has("gas"):
         yield ("background",), "[gas] is there too; expected one of the two: SPH gas, or gas as a given disc"
     for table, why in (("dust", "moves in it"), ("star", "it turns about"), ("drag", "couples dust to it")):
@@ -85,6 +86,7 @@ def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
 
 
 def _one_density(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a given disc with no density or two, and of columns that do not fit."""
     given = draft.background
     if given.file is None and given.surface_density is None:
         yield ("background",), "the gas has no density; expected surface_density, or file"
@@ -171,7 +173,7 @@ class Drag(base.Effect):
         return kernels.Disc(*law, central_mass, self.star.softening, *self.gas)
 
     def _of_grains(self, central_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
-        """Return the row (n,) of each grain in the parameters for the kernels, and these parameters.
+        """Return the index (n,) of each grain's row of parameters, and the parameters for the kernels.
 
         A row belongs to a population or, where grains have sizes of their own, to a grain.
         """

@@ -46,7 +46,7 @@ neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
-SHARE = 0.03  # largest relative change of a size between two calls
+SHARE = 0.03  # relative change of the fastest-growing size between two calls
 STEPS = 6  # typical number of steps from one call to the next
 GROWN, PAIR = 1000.0, 6.0  # CPU nanoseconds in a call: per grain, and per gas neighbour of a grain and pass
 PASSES = 4

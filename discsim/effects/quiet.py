@@ -63,7 +63,7 @@ WIDTH = 0.4  # width of a ring in H
 SPARSE = 30.0  # number of particles in a ring at which B is half of its largest value, eq. (2)
 UNEVEN = 4.0  # the exponent of eq. (4) vanishes from a scatter of 1 / UNEVEN on
 MOST_RINGS = 1 << 14
-TINY, FARTHEST = 1e-300, 200.0  # FARTHEST: largest |ln r|, so that areas of rings beyond all gas are finite
+TINY, FARTHEST = 1e-300, 200.0  # FARTHEST: largest |ln(r / reference)|, so that areas of rings are finite
 BITS = 61  # bits of integer sums, which are independent of the order
 
 

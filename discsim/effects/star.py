@@ -208,6 +208,9 @@ class Effect(base.Effect):
                 self.orbits.place(state.bodies, state.time)
 
     def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:
+        """Remove the particles `gone` (indices) of a species, record them in the ledger, and give them to a growing
+        star.
+        """
         if world.together.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]

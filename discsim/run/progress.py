@@ -31,7 +31,7 @@ class Progress:
         self._log: TextIO | None = None
         self._early: list[str] = []  # lines from before the log was open
         self._next_line = self._next_frame = 0.0
-        # Wall-clock time, time and step after the first step, in which kernels compile and which counts for no speed.
+        # Wall-clock time, time and step after the first step. Kernels compile in that step, so the speed excludes it.
         self._since: tuple[float, float, int] | None = None
 
     def open_log(self, path: Path, resume: bool) -> None:

@@ -60,6 +60,7 @@ def restored(state: State, effects: Effects, groups: Groups, values: Values) -> 
 
 
 def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Array]:
+    """Return the checked arrays of a species."""
     own = state.species[name].arrays()
     arrays = {key: held[key] for key in own}
     if others := held.keys() - own.keys():

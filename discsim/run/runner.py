@@ -184,7 +184,10 @@ class Run:
         self.scene = with_own_files(self.scene, self.directory, self.copied)
 
     def _can_go_on(self) -> bool:
-        """Return whether there is a checkpoint; without one the scene must be that of the run, which begins again."""
+        """Return whether the directory has a checkpoint.
+
+        Without one the scene must be that of the run there, which then starts again.
+        """
         if not only_begun(self.directory):
             return True
         refuse_another(self.directory / "scene.toml", scene_there(self.directory), self.scene)
@@ -245,6 +248,7 @@ class Run:
         return Records(self.scene, self.directory)
 
     def _open_files(self, resume: bool) -> None:
+        """Remove what the run would make again, and open the files that it appends to."""
         folder = self.directory / "snapshots"
         sweep(self.directory)
         self.checkpoints.settle()
@@ -346,6 +350,7 @@ class Run:
         self.saved, self.saved_time = time.monotonic(), self.sim.time
 
     def _write_checkpoint(self, into: Any) -> None:
+        """Write a checkpoint of the present state, and keep the one before it."""
         self.records.sync()
         notes: dict[str, Scalar] = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
         sim, costs = self.sim, self.sim.costs
