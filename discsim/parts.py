@@ -90,7 +90,7 @@ def found_at(home: str) -> Any:
 
 
 class Lazy:
-    """A module that is imported when something of it is first asked for: `kernels = Lazy("discsim.kernels.common.move")`.
+    """A module that is imported at the first use of one of its names: `moves = Lazy("discsim.kernels.common.move")`.
 
     numba and what it compiles are slow to import, and nothing that only looks at a scene needs them.
     """

@@ -12,10 +12,12 @@ off by 12% on a lattice and by 4 to 7% in a disc. With the weights of (2), nu is
 as long. The harmonic mean of mu keeps the stress continuous where nu has a step (Cleary & Monaghan 1999, for heat).
 Gas that holds heat gains the energy that the pairs lose, in equal shares.
 
-The sum is made together with the sum of pressure (`kernels/sph/forces.py`) and is part of the acceleration of [gas]. nu is
-that of `physics/viscosity.py`, by each particle's present sound speed. A [background] has only the radial flow of nu.
+The sum is made together with the sum of pressure (`kernels/sph/forces.py`) and is part of the acceleration of [gas].
+nu is that of `physics/viscosity.py`, by each particle's present sound speed. A [background] has only the radial flow
+of nu.
 
-Step limit: 1 / (25 W(0, h) nu), 0.088 h^2 / nu of the cubic kernel. From 1 / (20 W(0, h) nu) on velocities grow.
+Step limit: 1 / (18 W(0, h) nu), 0.122 h^2 / nu of the cubic kernel. Velocities of disordered particles grow in steps
+above 1 / (14 W(0, h) nu), so `run.courant` is at most 0.72.
 """
 
 from __future__ import annotations

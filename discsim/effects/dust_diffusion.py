@@ -7,12 +7,12 @@ that of [alpha_viscosity] with its dead zone. St is that of each grain's drag at
 `external.vertical_frequency`.
 
 Each grain walks once a step, after its move. xi depends on the seed, the grain's id and the step
-(`kernels/common/philox.py`). Where sqrt(2 D dt) exceeds h/2 (H/6 in a given disc) the walk takes shorter steps. It limits no
-step of the run.
+(`kernels/common/philox.py`). Where sqrt(2 D dt) exceeds h/2 (H/6 in a given disc) the walk takes shorter steps. It
+limits no step of the run.
 
 The walk keeps velocities, and so momentum. About a star it keeps velocities relative to the circular orbit at each
-position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag the gas about the
-middle of the grain's way loses what the grain gains. Turbulence then makes no angular momentum, and gas moves against
+position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag the gas about
+the middle of the grain's way loses what the grain gains. Turbulence then makes no angular momentum, and gas moves against
 the diffusing dust. With one-way drag the turbulence supplies the angular momentum.
 """
 

@@ -1,7 +1,7 @@
 """SPH gas: dv/dt = -grad P / rho, with optional artificial viscosity and conductivity; transport.
 
-`kernels/sph/forces.py` has the density sum, adaptive h with grad-h terms and the conservative force, eqs. (1-5). Step limit:
-h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where h is a
+`kernels/sph/forces.py` has the density sum, adaptive h with grad-h terms and the conservative force, eqs. (1-5). Step
+limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where h is a
 third of that of kernel quintic-h.
 """
 

@@ -5,8 +5,8 @@ Particles within the accretion radius are removed at the end of the step. Their 
 to the ledger. With grows = true the star gains their mass and, where it moves, their momentum.
 
 Without softening, and with nothing that moves the star, gas and dust drift on Kepler orbits about it, exactly at any
-step (`kernels/gravity/kepler.py`). Otherwise its pull is in the kick, where a moving star gains the momentum that the particles
-lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest particle, and half of it in
+step (`kernels/gravity/kepler.py`). Otherwise its pull is in the kick, where a moving star gains the momentum that the
+particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest particle, and half of it in
 kicks.
 
     frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that `indirect` lists

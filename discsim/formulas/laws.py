@@ -12,7 +12,8 @@ c_s = sqrt(P / rho_g) is the isothermal sound speed of any gas. c is the mean sp
 c_s with the convention "papers". rho_s is the grain's material density. The mean free path is lambda = (mean free
 column) / rho_g. In two dimensions rho_g = Sigma Omega / (sqrt(2 pi) c_s).
 Sources: (1), (3) and (4) Weidenschilling 1977, with the drag coefficients 24/Re, 24/Re^0.6 and 0.44 (Whipple 1972),
-each where it is the largest, so that the drag is continuous; (2) Kwok 1975. `kernels/drag/laws.py` compiles these functions.
+each where it is the largest, so that the drag is continuous; (2) Kwok 1975. `kernels/drag/laws.py` compiles
+these functions.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Constants of smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, by name; `kernels/sph/smoothing.py` has the w(q)."""
+"""Constants of smoothing kernels W(r, h) = sigma h^-d w(q), q = r/h, by name; w(q) is in `kernels/sph/smoothing.py`."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def mean(values: Array) -> float:
 
 
 def rounded(limbs: Array) -> Array:
-    """Return the sums (columns,) over processes of limbs (columns, LIMBS) from kernels of `kernels/common/totals.py`."""
+    """Return the sums (columns,) over processes of limbs (columns, LIMBS) made by `kernels/common/totals.py`."""
     return np.array([_number(row) for row in world.together.sum(limbs).tolist()])
 
 
