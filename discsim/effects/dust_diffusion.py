@@ -12,8 +12,8 @@ limits no step of the run.
 
 The walk keeps velocities, and so momentum. About a star it keeps velocities relative to the circular orbit at each
 position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag the gas about
-the middle of the grain's way loses what the grain gains. Turbulence then makes no angular momentum, and gas moves against
-the diffusing dust. With one-way drag the turbulence supplies the angular momentum.
+the middle of the grain's way loses what the grain gains. Turbulence then makes no angular momentum, and gas moves
+against the diffusing dust. With one-way drag the turbulence supplies the angular momentum.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ causes. There are two causes: the noise of the summed density, and the part 2 P 
 disordered arrangement this part does not vanish, even where P is uniform.
 
 Eq. (1) removes the first cause. The density follows the flow, with div v of eq. (7) of `kernels/sph/forces.py`. It
-becomes the summed density within tau = time / Omega, and stays within a factor of 3 of it. Eq. (3) removes the second cause:
-the mean pressure B of a ring acts on the ring as a whole. Either alone leaves the noise.
+becomes the summed density within tau = time / Omega, and stays within a factor of 3 of it. Eq. (3) removes the second
+cause: the mean pressure B of a ring acts on the ring as a whole. Either alone leaves the noise.
 
 Rings are 0.4 H wide. Sigma, the number n of particles and the scatter sigma of ln(r P / c_s^2) are sums over
 particles. Each particle contributes to three rings (TSC), and sums are smoothed twice over neighbouring rings by 1/4,

@@ -38,8 +38,8 @@ LEAST = 64  # least number of cells in a chunk
 class Grids(NamedTuple):
     """Grids of all size classes of particles, one grid for each class.
 
-    table (grids, 10): columns FIRST, NX, ... of `kernels/common/neighbours.py`. cells: total number of cells. edges: largest
-    support of each class. extent: support radius in h. low, width (2,): the box.
+    table (grids, 10): columns FIRST, NX, ... of `kernels/common/neighbours.py`. cells: total number of cells. edges:
+    largest support of each class. extent: support radius in h. low, width (2,): the box.
     """
 
     table: Array
