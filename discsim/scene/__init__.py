@@ -1,4 +1,4 @@
-"""What a user writes: units, tables of keys, the rules between them, and the validated scene."""
+"""Scenes: units, tables of keys, rules between tables, and the validated `Scene`."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ __all__ = ["Scene", "SceneError", "load_scene", "near"]
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: the files of effects and starts take the types of their keys from here, and loading takes keys from them.
+    # Imported lazily against a cycle: effects and starts import key types from here, and `loading` imports their keys.
     if name in __all__:
         return getattr(import_module("discsim.scene.loading"), name)
     raise AttributeError(f"module 'discsim.scene' has no attribute {name!r}")

@@ -1,7 +1,7 @@
-"""astropy's units and constants, also where the user's home directory cannot be found or read, as in containers.
+"""Import of astropy's units and constants that also works without a readable home directory, as in containers.
 
-astropy looks for its configuration in the home directory while it is imported, and ends with an exception where that
-cannot be done. Then it is imported with an empty configuration.
+astropy searches the home directory for its configuration at import, and raises an exception if the search fails. In
+that case this module imports astropy with an empty configuration.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-NAMED = ("ASTROPY_CONFIG_DIR", "XDG_CONFIG_HOME")  # variables that name the place of the configuration
-PLACES = ("", ".config", ".config/astropy", ".astropy", ".astropy/config")  # else, in the home directory
+NAMED = ("ASTROPY_CONFIG_DIR", "XDG_CONFIG_HOME")  # environment variables with the configuration directory
+PLACES = ("", ".config", ".config/astropy", ".astropy", ".astropy/config")  # searched in the home directory otherwise
 
 
 @contextmanager
 def _readable_configuration() -> Iterator[None]:
-    """Name an empty configuration meanwhile, where the usual one cannot be looked for."""
+    """Point astropy to an empty configuration directory if the usual directories cannot be searched."""
     if _can_be_looked_for():
         yield
         return
@@ -34,12 +34,13 @@ def _readable_configuration() -> Iterator[None]:
 
 
 def _can_be_looked_for() -> bool:
+    """Return whether astropy can search its configuration directories without an exception."""
     named = [Path(os.environ[name]) for name in NAMED if os.environ.get(name)]
     if named:
         return all(path.is_absolute() and os.path.isdir(path) for path in named)
     try:
         home = Path.home()
-    except RuntimeError:  # the system does not know the user
+    except RuntimeError:  # the user has no home directory
         return False
     for place in PLACES:
         try:

@@ -1,4 +1,4 @@
-"""In what two scenes differ, and whether a run of the one may go on as the other."""
+"""Comparison of two scenes, to decide whether a run may be resumed with another scene."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pydantic import BaseModel
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.units import Units
 
-# What a run that goes on may do otherwise than before.
+# Keys that may change when a run is resumed.
 FREE_TO_CHANGE = (
     "title", "run.until", "run.snapshots", "run.every", "run.threads", "run.checkpoint_every", "run.walltime",
 )  # fmt: skip
 
 
 def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
-    """Raise SceneError where the scene `text` that `path` holds cannot go on as `now`."""
+    """Raise SceneError unless a run of the scene `text`, read from the file `path`, can be resumed as `now`."""
     try:
         before = load_scene(tomllib.loads(text.decode()), own_particles=now.initial is None, folder=Path(path).parent)
     except (SceneError, ValueError, RecursionError) as fault:
@@ -31,7 +31,9 @@ def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
 
 
 def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
-    """The keys in which two scenes differ, by name; a table that only one of them has is one key."""
+    """Yield the dotted names of the keys in which two scenes differ. A table that only one scene has counts as one
+    key.
+    """
     parts, others = _parts(before), _parts(now)
     if parts is None or others is None or type(before) is not type(now):
         if before != now:
@@ -42,7 +44,7 @@ def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
 
 
 def _parts(value: Any) -> dict[str, Any] | None:
-    """The named parts of a scene, a table, units, or a list of tables; None of a plain value."""
+    """Return the entries by name of a scene, a table, units or a list of tables; None for a plain value."""
     if isinstance(value, Scene):
         return {name: entry for name, entry in value if name not in ("text", "path", "others")} | value.others
     if isinstance(value, BaseModel):

@@ -1,7 +1,7 @@
-"""What keys of a scene are made of: types of values, with their dimensions, limits and words for defaults.
+"""Types of the values in a scene, with dimensions, limits and descriptions of defaults.
 
-A field's `Measure` names its dimension; it turns the texts of a scene ("0.6 au") into floats in code units
-while the table is validated, with the scene's `Units` as the validation context. All tables are frozen.
+A field's `Measure` names its dimension. Validation converts texts such as "0.6 au" to floats in code units; the
+scene's `Units` are the validation context. All tables are frozen.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from discsim.userfiles import open_plain
 
 MOST_PARTICLES = 10_000_000_000
 MOST_SNAPSHOTS = 1_000_000
-MOST_COURANT = 100.0  # far above 2.5, where sound and orbits grow: of drag alone, which is exact at any step
-LARGEST = 1e60  # of any number in code units, and of one over it: their products stay within floats
-STEEPEST = 100.0  # of gamma, whose powers of densities stay within floats
+MOST_COURANT = 100.0  # above 2.5 sound and orbits are unstable; larger values suit drag alone, exact at any step
+LARGEST = 1e60  # bound on x and 1/x in code units, so that products do not overflow
+STEEPEST = 100.0  # bound on gamma, so that rho^gamma does not overflow
 
 
 def fault(message: str) -> PydanticCustomError:
-    """An error whose text is shown to the user as it stands."""
+    """Return a validation error with `message` as its text for the user."""
     return PydanticCustomError("fault", "{message}", {"message": message})
 
 
 def number(value: Any) -> float:
-    """A finite bare number as a float."""
+    """Return a finite number without unit as a float. Raises a `fault` for any other value."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise fault(f"{shown(value)} is not a number; expected a plain number, without unit or quotes")
     try:
@@ -61,37 +61,37 @@ def units_of(info: ValidationInfo) -> Units:
 
 
 def shown(value: Any) -> str:
-    """A value as it stands in TOML, or its beginning."""
+    """Return a value as TOML writes it, shortened if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
         return f'"{clipped(value)}"'
     try:
         return clipped(str(value))
-    except (ValueError, RecursionError):  # more digits than Python writes, or lists in lists without end
+    except (ValueError, RecursionError):  # too many digits for Python, or a list nested without end
         return f"the {type(value).__name__}"
 
 
 @dataclass(frozen=True)
 class Default:
-    """Words for a default that other keys or the machine decide."""
+    """Description of a default that depends on other keys or on the computer."""
 
     words: str
 
 
 @dataclass(frozen=True)
 class Words:
-    """Words for the values of a key, where its type does not say them."""
+    """Description of the allowed values of a key, where its type gives none."""
 
     words: str
 
 
 @dataclass(frozen=True)
 class Measure:
-    """The dimension of a float, or of a tuple with one float a dimension ("x" and "y").
+    """The dimension of a float, or of a tuple with one float per dimension of space.
 
-    `name` is one of `discsim.scene.units`, or "" for a plain number. `whole` demands whole numbers. `words` stand for
-    themselves, in place of a quantity.
+    `name` is a dimension of `discsim.scene.units`, or "" for a plain number. `whole` requires whole numbers. Each
+    text in `words` is accepted as it is, in place of a quantity.
     """
 
     name: str = ""
@@ -111,7 +111,7 @@ class Measure:
             if self.name and isinstance(value, str):
                 raise fault(f"{shown(value)} is a text, but the scene is in code units; expected a plain number")
             return number(value)
-        gamma = info.data.get("gamma", 2.0)  # an earlier key of the same table
+        gamma = info.data.get("gamma", 2.0)  # validated earlier, as a key of the same table
         if isinstance(value, str):
             try:
                 return _in_reach(units.parse(value, self.name, gamma), shown(value))
@@ -124,12 +124,12 @@ class Measure:
         raise fault(f"{shown(value)} is not a quantity; expected {words}")
 
     def _vector(self, value: Any, info: ValidationInfo) -> tuple[float, ...]:
-        """A scalar is the x component."""
+        """Return the components, one per dimension of space; a scalar is the x component."""
         dimensions = units_of(info).dimensions
         is_list = isinstance(value, list | tuple)
         if is_list and len(value) != dimensions:
             raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one a dimension")
-        if value == 0 and not isinstance(value, bool):  # zero, the default, is zero in every unit
+        if value == 0 and not isinstance(value, bool):  # zero, the default, needs no unit
             return (0.0,) * dimensions
         read = [self._float(entry, info) or 0.0 for entry in (value if is_list else [value])]
         read += [0.0] * (dimensions - len(read))
@@ -175,7 +175,7 @@ def _orbits(value: Any) -> Any:
 
 
 def sides(value: Any, info: ValidationInfo) -> Any:
-    """One number is the side of a square."""
+    """Return the sides of space, one per dimension; a single number is the side of a square."""
     dimensions = units_of(info).dimensions
     if not isinstance(value, list | tuple):
         return [value] * dimensions
@@ -202,7 +202,10 @@ AccelerationVector = Annotated[tuple[float, ...], Measure("acceleration", vector
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file that a scene names, with the digest of its content: what holds the same is equal, wherever it is."""
+    """A file named in a scene, with the SHA-256 digest of its content.
+
+    Files with the same content compare equal, whatever their paths.
+    """
 
     path: Path = field(compare=False)
     digest: str
@@ -212,7 +215,10 @@ class InputFile:
 
     @classmethod
     def read(cls, value: Any, info: ValidationInfo, most: float = math.inf) -> InputFile:
-        """The plain file of at most `most` bytes that `value` names, relative to the scene's folder."""
+        """Return the plain file that `value` names, relative to the scene's folder.
+
+        Raises a `fault` if the file cannot be read or has more than `most` bytes.
+        """
         if not isinstance(value, str) or not value:
             raise fault(f'{shown(value)} is no path; expected one in quotes, like "profile.txt"')
         try:
@@ -223,44 +229,44 @@ class InputFile:
                 return cls(path.absolute(), hashlib.file_digest(file, "sha256").hexdigest())
         except OSError as error:
             where, reason = str(path), error.strerror or str(error)
-        except (ValueError, RuntimeError) as error:  # no name of a file, or of a user without a home
+        except (ValueError, RuntimeError) as error:  # an invalid file name, or a user without a home directory
             where, reason = "", str(error)
         begins = f"{shown(value)}: {where}: " if where else f"{shown(value)}: "
         raise fault(f"{begins}{reason[:1].lower()}{reason[1:]}; expected a file, relative to the scene's")
 
 
 class Table(BaseModel):
-    """A frozen table that knows all its keys."""
+    """Base class of the tables of a scene: frozen, and unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 def kinds_of(parts: Iterable[Any]) -> Any:
-    """The type of a table that may be of several kinds: `kind` says whose keys it has."""
+    """Return the type of a table of several kinds; the key `kind` selects the model among those of `parts`."""
     models = tuple(part.keys for part in parts)
-    return Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - made of what there is
+    return Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - the members are known at run time only
 
 
 def or_table(value: Any, table: type[Table]) -> Any:
-    """The type of a key that is a `value`, or a table where it is written as one."""
+    """Return the type of a key that accepts either a `value` or a `table`."""
     tagged = Annotated[value, Tag("#value")] | Annotated[table, Tag("#table")]  # type: ignore[valid-type]
     return Annotated[tagged, Discriminator(lambda given: "#table" if isinstance(given, dict | table) else "#value")]
 
 
 def word_of(names: Iterable[str]) -> Any:
-    """The type of a key that is one of some words."""
+    """Return the type of a key that accepts one of `names`."""
     return Literal[tuple(names)]
 
 
 def models_in(annotation: Any) -> list[type[Table]]:
-    """The tables that a type allows: of a union each of its members."""
+    """Return the table models in a type: for a union, the models of all members."""
     if isinstance(annotation, type) and issubclass(annotation, Table):
         return [annotation]
     return [model for part in get_args(annotation) for model in models_in(part)]
 
 
 def measure_of(field: Any) -> Measure | None:
-    """The measure of a key, found in its metadata or in that of the types that it is made of."""
+    """Return the `Measure` of a key, from its own metadata or from the types in its annotation; None without one."""
 
     def search(part: Any) -> Any:
         found = [entry for entry in getattr(part, "__metadata__", ()) if isinstance(entry, Measure)]
@@ -271,7 +277,7 @@ def measure_of(field: Any) -> Measure | None:
 
 
 def choices_in(annotation: Any) -> list[Any]:
-    """The words that a type of literals allows."""
+    """Return the values that the Literals in a type allow."""
     if get_origin(annotation) is Literal:
         return list(get_args(annotation))
     return [choice for part in get_args(annotation) for choice in choices_in(part)]

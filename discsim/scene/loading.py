@@ -1,7 +1,7 @@
-"""A scene: TOML text or a dict -> one validated, frozen `Scene` in code units.
+"""Loading of scenes: TOML text or a dict -> one validated, frozen `Scene` in code units.
 
-Every fault of a scene is found in one pass and told with its file, line and key. A table present = that
-effect runs.
+One pass finds every fault of a scene; each message has the file, line and key. An effect runs if its table is
+present.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from discsim.effects.radiation_pressure import Keys as RadiationPressure
     from discsim.effects.self_gravity import Keys as SelfGravity
     from discsim.effects.star import Keys as Star
-else:  # imported only where a scene has them
+else:  # an effect is imported only if the scene has its table
     AlphaViscosity = Background = Companion = Cooling = Damping = Drag = Dust = External = Gas = Any
     RadiationPressure = SelfGravity = Star = Any
 
@@ -50,7 +50,31 @@ __all__ = ["Scene", "SceneError", "load_scene", "near"]
 
 
 class Scene(Summarised, BaseModel):
-    """What a run is to do, in code units. A table that the scene does not have is None."""
+    """A validated scene: tables of keys in code units, from `load_scene`.
+
+    Attributes
+    ----------
+    title : str
+        Title, printable; "" if the scene gives none.
+    units : Units
+        Code units.
+    run, space : Table
+        The tables [run] and [space].
+    initial : Table or None
+        The table [initial]; None if the caller sets the particles.
+    gas, background, drag, self_gravity, star, radiation_pressure : Table or None
+        Tables of effects; None if the scene has no such table.
+    external, cooling, damping, alpha_viscosity : Table or None
+        More tables of effects.
+    dust, companion : tuple of Table, or None
+        Tables that may occur several times: populations of dust, companions.
+    others : dict
+        Tables of all other effects by name, among them effects of other packages.
+    text : str
+        The scene as TOML, with overrides applied.
+    path : Path or None
+        Scene file; None for a dict.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -71,23 +95,29 @@ class Scene(Summarised, BaseModel):
     cooling: Cooling | None = None
     damping: Damping | None = None
     alpha_viscosity: AlphaViscosity | None = None
-    others: dict[str, Any] = {}  # tables of effects that other packages bring
+    others: dict[str, Any] = {}  # effects without an attribute here, among them those of other packages
     text: str
     path: Path | None = None
 
     @property
     def centred(self) -> bool:
-        """Whether the origin is the middle of space, as for a disc and a shock, or the corner of a periodic box."""
+        """Whether the origin is the middle of space, which holds for an open boundary.
+
+        In a periodic box the origin is the lower left corner.
+        """
         return self.space.boundary == "open"
 
     @property
     def model(self) -> GasModel:
-        """What the gas is made of."""
+        """The gas model: the first one of `discsim.parts.MODELS` that fits the scene."""
         return next(model for model in map(found_at, MODELS) if model.is_of(self))
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """The names of the effects that run, in the order of a step."""
+        """The names of the effects that run, in the order of a step.
+
+        An optional part of an effect follows its table, for example "gas.viscosity".
+        """
         names: list[str] = []
         for name in self.named:
             table = self.table(name)
@@ -97,15 +127,16 @@ class Scene(Summarised, BaseModel):
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The tables of effects that the scene has, in the order of a step."""
+        """The names of the effects whose tables the scene has, in the order of a step."""
         return tuple(name for name in EFFECTS if self.table(name) is not None)
 
     def summary(self) -> tuple[str, Rows]:
+        """Return the title, and rows of names and values for display."""
         return self.title or "A scene", self.facts
 
     @property
     def facts(self) -> list[tuple[str, str]]:
-        """What it is of, in words by name."""
+        """Rows (name, value) of the summary: end time, space, start, particle numbers and effects."""
         size = " x ".join(self.units.show(side, "length") for side in self.space.size)
         rows = [("until", self.units.show_time(self.run.until)), ("space", f"{size}, {self.space.boundary}")]
         rows += [("starts as", self.initial.kind)] if self.initial is not None else []
@@ -114,7 +145,18 @@ class Scene(Summarised, BaseModel):
         return [*rows, ("effects", ", ".join(self.effects))]
 
     def table(self, name: str) -> Any:
-        """The table of an effect, None where the scene does not have it."""
+        """Return the table of an effect.
+
+        Parameters
+        ----------
+        name : str
+            Name of the effect, for example "drag".
+
+        Returns
+        -------
+        Table, tuple of Table, or None
+            The table, or all tables of an effect that may occur several times; None if the scene has none.
+        """
         return getattr(self, name) if name in type(self).model_fields else self.others.get(name)
 
 
@@ -126,11 +168,31 @@ def load_scene(
     own_particles: bool = False,
     folder: Path | None = None,
 ) -> Scene:
-    """Read and validate a scene file or dict, with `overrides` ("table.key=value") and `without` (tables).
+    """Read and validate a scene.
 
-    Where the caller has `own_particles`, the scene needs no [initial], and no numbers of particles (1 stands for them).
-    folder: from which files are looked for that the scene names; that of a scene file, else the working directory.
-    Raises SceneError with every fault.
+    Parameters
+    ----------
+    source : str, Path or dict
+        Scene file (TOML), or a dict with the same tables. Values of a dict may be astropy Quantities.
+    overrides : sequence of str, optional
+        Changes "table.key=value", applied before validation.
+    without : sequence of str, optional
+        Names of the tables to remove.
+    own_particles : bool, optional
+        If True, the caller sets the particles: [initial] is optional, and so are numbers of particles (default 1).
+    folder : Path, optional
+        Directory for relative paths in the scene; by default the folder of the scene file, or the working directory for
+        a dict.
+
+    Returns
+    -------
+    Scene
+        The validated scene in code units.
+
+    Raises
+    ------
+    SceneError
+        If the scene has faults; `problems` lists all of them.
     """
     if isinstance(source, dict):
         refuse_deep(source, "scene")
@@ -147,12 +209,12 @@ def load_scene(
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
     named = [([table, key], str(file.path)) for table, key, file in files_of(found)]
-    for where, place in named:  # so that the text can be read from anywhere
+    for where, place in named:  # absolute paths, so that the text is valid in any directory
         tomltext.with_value(data, where, place)
     text = tomltext.edited(text, data, [*values, *named], removed) if path else tomltext.dumped(data)
     try:
         text.encode()
-    except UnicodeEncodeError as error:  # of a command line, or a dict, in another encoding
+    except UnicodeEncodeError as error:  # from a command line or dict in another encoding
         wrong = f'"{printable(text[max(error.start - 20, 0) : error.end])}" is no text of Unicode'
         raise SceneError([f"{path or 'scene'}: {wrong}; expected one in UTF-8"]) from None
     scene = Scene(**found, text=text, path=path)
@@ -165,7 +227,7 @@ def load_scene(
 
 
 def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:
-    """The files that tables name, with the names of their table and key."""
+    """Yield (table name, key, file) for every input file in `tables`."""
     for name, table in tables.items():
         for key, value in table if isinstance(table, BaseModel) else ():
             if isinstance(value, InputFile):
@@ -173,7 +235,7 @@ def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:
 
 
 def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
-    """The parts of the Scene that could be read, and every fault."""
+    """Return the valid fields of the Scene by name, and all faults."""
     unknown = [name for name in data if name not in TABLES and name != "title"]
     faults: list[Problem] = [
         ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}") for name in unknown
@@ -181,7 +243,7 @@ def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple
     title = data.get("title", "")
     if not isinstance(title, str):
         faults.append((("title",), f"{shown(title)} is not a text; expected one in quotes"))
-    # A mistyped table is one fault: the one that was meant is neither missing nor absent.
+    # A mistyped table name is one fault: the intended table is not reported as missing as well.
     meant = {nearest(name, _table_names()) or "": None for name in unknown}
     required = [name for name in REQUIRED if not own_particles or name != "initial"]
     missing = [name for name in required if name not in data and name not in meant]
@@ -208,7 +270,7 @@ def _table_names() -> list[str]:
 
 
 def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
-    """The units, or usable ones beside the faults that say why they are not the scene's."""
+    """Return the units and their faults; a scene with faulty units gets default units, to validate its other tables."""
     space = data.get("space")
     dimensions = 1 if isinstance(space, dict) and space.get("dimensions") == 1 else 2
     table, faults = _table("units", data.get("units", {}), data.get("units", {}), Units())
@@ -230,7 +292,7 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
 
 
 def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
-    """A copy with the defaults that depend on other tables, or on the particles that the caller has."""
+    """Return a copy of `data` with the defaults that depend on other tables or on the caller's own particles."""
     filled = deepcopy(data)
     run = filled.get("run")
     if isinstance(run, dict):
@@ -238,7 +300,7 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
     dimensions = 1 if value_at(data, "space", "dimensions") == 1 else 2
     gas = filled.get("gas")
     if isinstance(gas, dict):
-        # An eta alone is the cubic's.
+        # An eta without a kernel refers to the cubic kernel.
         start = STARTS.get(str(value_at(data, "initial", "kind")))
         kernel = QUIET if gas.get("quiet") else start.kernel if start is not None else None
         if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
@@ -264,7 +326,7 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
 
 
 def _count(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
-    """Set the numbers of particles that the start has itself."""
+    """Set the particle numbers that the start defines, in place; `counts` has one list per table name."""
     for name, numbers in counts.items():
         tables = filled.get(name)
         for table, number in zip(tables if isinstance(tables, list) else [tables], numbers, strict=False):
@@ -273,7 +335,10 @@ def _count(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
 
 
 def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
-    """The fault at the key that the scene wrote: [dust] is no list; a length may stand in drag.cell."""
+    """Return the fault with the path of the key as the scene writes it.
+
+    A single [dust] is no list, a scalar is no vector, and drag.cell may hold the length drag.cell_length.
+    """
     path, wrong = fault
     if len(path) > 1 and isinstance(path[-1], int) and not isinstance(value_at(data, *path[:-1]), list):
         path = path[:-1]  # one number for every dimension
@@ -285,7 +350,7 @@ def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
 
 
 def _several(name: str | int) -> bool:
-    """Whether a table may be a list; asked of those that a scene has, so that no other is imported."""
+    """Return whether a table may occur several times. Imports only this effect."""
     return name in EFFECTS and get_origin(TABLES[str(name)]) is tuple
 
 
@@ -295,6 +360,10 @@ def _adapter(name: str) -> TypeAdapter[Any]:
 
 
 def _table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()) -> tuple[Any, list[Problem]]:
+    """Validate one table; return the table and its faults.
+
+    `raw` is the table as written, `filled` the table with defaults. The table is None if it has faults.
+    """
     if not isinstance(raw, dict) and not (isinstance(raw, list) and _several(name)):
         return None, [((name,), f"{shown(raw)} is not a table; expected [{name}] with its keys")]
     if raw == []:

@@ -1,4 +1,4 @@
-"""What is wrong with a scene, in words: its place, the key, and the nearest right word."""
+"""Messages about faults of a scene, with file, line, key and the nearest valid name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,13 @@ KeyPath = tuple[str | int, ...]
 
 
 class SceneError(UserError):
-    """A scene that cannot run; `problems` has one message a fault."""
+    """A scene with faults.
+
+    Attributes
+    ----------
+    problems : list of str
+        One message per fault, each with file, line and key.
+    """
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = [printable(problem) for problem in problems]
@@ -29,7 +35,7 @@ class SceneError(UserError):
 
 
 class Origins:
-    """Where each key of a scene comes from: a line of its file, an override, or a dict."""
+    """The source of each key of a scene: a line of the scene file, a command-line option, or a dict."""
 
     def __init__(self, path: Path | None, text: str) -> None:
         lines = tomltext.positions(text) if path else {}
@@ -44,19 +50,22 @@ class Origins:
                 self.places.setdefault(key[:end], option)
 
     def of(self, key: KeyPath) -> str:
-        """The place of a key, or of the table that it is missing in."""
+        """Return the source of a key, or of the innermost enclosing table with a source."""
         return next(self.places[key[:end]] for end in range(len(key), -1, -1) if key[:end] in self.places)
 
 
 def nearest(word: str, choices: Sequence[str]) -> str | None:
-    """The right word that was meant, perhaps by the last part of its name."""
+    """Return the choice nearest to `word`, or None.
+
+    A choice whose last dotted part equals `word` comes first.
+    """
     near = get_close_matches(word[:ECHOED].lower(), choices, n=1, cutoff=0.5)
     leaves = [choice for choice in choices if choice.split(".")[-1] == word]
     return next(iter(leaves or near), None)
 
 
 def near(word: str, choices: Sequence[str]) -> str:
-    """The hint of a message: the nearest right word, or nothing."""
+    """Return a hint with the nearest valid name for a message; "" if none is near."""
     best = nearest(word, choices)
     return f'; did you mean "{best}"?' if best else ""
 
@@ -66,13 +75,14 @@ def name_of(path: KeyPath) -> str:
 
 
 def message(fault: Problem, origins: Origins) -> str:
+    """Return the text of a fault: source, key, and the error."""
     path, wrong = fault
     name = name_of(path)
     return f"{origins.of(path)}: {name}: {wrong}" if name else f"{origins.of(path)}: {wrong}"
 
 
 def value_at(data: Any, *path: str | int) -> Any:
-    """The value at `path` of nested tables and lists; None where there is none."""
+    """Return the value at `path` in nested tables and lists; None if there is none."""
     for part in path:
         in_list = isinstance(data, list) and isinstance(part, int) and part < len(data)
         if not in_list and not (isinstance(data, dict) and part in data):
@@ -82,7 +92,10 @@ def value_at(data: Any, *path: str | int) -> Any:
 
 
 def without_echoes(details: list[Any]) -> list[Any]:
-    """A mistyped key is one fault: without "missing" for the key that was meant."""
+    """Return pydantic's errors `details` without the "missing" errors that mistyped keys cause.
+
+    A mistyped key is one fault: the required key nearest to its name is not reported as missing as well.
+    """
     missing = {detail["loc"] for detail in details if detail["type"] == "missing"}
     for detail in details:
         if detail["type"] == "extra_forbidden":
@@ -92,7 +105,10 @@ def without_echoes(details: list[Any]) -> list[Any]:
 
 
 def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
-    """One of pydantic's errors in our words, at the path of the key without the tags of unions."""
+    """Return one of pydantic's errors as a fault in discsim's words.
+
+    The path of the fault is that of the key, without pydantic's tags of union members.
+    """
     path: KeyPath = (table,)
     models = models_in(TABLES[table])
     owner = None
@@ -101,7 +117,7 @@ def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
         if tagged:
             models = tagged
             continue
-        if part in ("#value", "#table"):  # of `fields.or_table`
+        if part in ("#value", "#table"):  # tags of `fields.or_table`
             continue
         path += (part,)
         if isinstance(part, str) and models:
@@ -109,7 +125,7 @@ def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
             field = owner.model_fields.get(part)
             models = models_in(field.annotation) if field else []
     field = owner.model_fields.get(str(path[-1])) if owner else None
-    # The last part of the path may be an index that only the vector made of one number has.
+    # The last part of the path may be an index into a vector that validation made from one number.
     value = value_at({table: filled}, *path)
     value = value_at({table: filled}, *path[:-1]) if value is None and isinstance(path[-1], int) else value
     return _worded(detail, path, owner, field, models, value, units)
@@ -122,7 +138,11 @@ def _tag(model: type[fields.Table]) -> str | None:
 def _worded(
     detail: Any, path: KeyPath, owner: Any, field: Any, models: list[type[fields.Table]], value: Any, units: Units
 ) -> Problem:
-    """`owner` has the key and its `field`; `models` are the tables that may stand there."""
+    """Return the fault at `path` in words.
+
+    `owner` is the table model with the key and `field` the field of the key. `models` are the table models allowed
+    there.
+    """
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "fault":
         return path, detail["msg"]
@@ -172,7 +192,7 @@ def _worded_choice(
 
 
 def _near_elsewhere(path: KeyPath) -> str:
-    """The hint where another kind of the table, or else another table, has a key of this very name."""
+    """Return a hint if another kind of the table, or another table, has a key with this name."""
     key = str(path[-1])
     places = list(_places_of(key))
     for place, model in places:
@@ -182,7 +202,7 @@ def _near_elsewhere(path: KeyPath) -> str:
 
 
 def _places_of(key: str) -> Iterator[tuple[KeyPath, type[fields.Table]]]:
-    """Where tables have a key of this name, with the table that has it."""
+    """Yield (path of the key, table model) for every table that has a key with this name."""
     for table, annotation in TABLES.items():
         for model in models_in(annotation):
             for name, field in model.model_fields.items():

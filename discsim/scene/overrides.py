@@ -1,4 +1,4 @@
-"""What the command line changes in the tables of a scene: `--set table.key=value` and `--without table`."""
+"""Command-line changes to the tables of a scene: `--set table.key=value` and `--without table`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 class Option(str):
-    """An override that an option of its own stands for; `typed` is how a message names it.
+    """An override from a dedicated option; `typed` is its text in messages.
 
     >>> Option("--until", "run.until", "5"), Option("--until", "run.until", "5").typed
     ('run.until=5', '--until 5')
@@ -35,7 +35,10 @@ class Option(str):
 def changed(
     data: dict[str, Any], overrides: Sequence[str], without: Sequence[str], origins: Origins
 ) -> tuple[list[tuple[list[str], Any]], list[list[str]], list[str]]:
-    """Apply the command line to `data` in place. Returns values set, tables removed, problems."""
+    """Apply the command-line options to `data` in place.
+
+    Returns the values set with their paths, the paths of the tables removed, and the problems.
+    """
     values: list[tuple[list[str], Any]] = []
     problems: list[str] = []
     for assignment in overrides:
@@ -70,8 +73,10 @@ def changed(
 
 
 def _override_value(text: str) -> Any:
-    """The value as TOML, as a number that TOML has no word for (.09, 5.), or else as a bare text, so that quotes need
-    not survive the shell."""
+    """Return the value of an override as TOML, as a number, or else as text.
+
+    Numbers that TOML does not allow (.09, 5.) are accepted. Texts need no quotes, because the shell removes them.
+    """
     try:
         read = tomllib.loads("value = " + text)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""The text or dict of a scene -> plain tables, as TOML holds them."""
+"""Conversion of a scene's text or dict to plain tables, with the types that TOML has."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from discsim.scene.tables import REQUIRED
 from discsim.userfiles import read_plain
 
 LARGEST_SCENE = 2**20  # bytes
-DEEPEST = 8  # tables and lists within each other; a scene needs four
+DEEPEST = 8  # nesting of tables and lists; a scene needs four levels
 
 
 def read(path: Path) -> str:
+    """Return the text of a scene file. Raises SceneError if it cannot be read."""
     try:
         content = read_plain(path, LARGEST_SCENE)
     except FileNotFoundError:
@@ -34,6 +35,7 @@ def read(path: Path) -> str:
 
 
 def parsed(path: Path, text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text. Raises SceneError if it is invalid or empty."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -52,7 +54,7 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
 
 
 def refuse_deep(data: dict[str, Any], where: str) -> None:
-    """Raise SceneError where tables and lists nest deeper than any scene's."""
+    """Raise SceneError if tables and lists are nested more than DEEPEST levels deep."""
     left: list[tuple[Any, KeyPath]] = [(data, ())]
     while left:
         value, path = left.pop()
@@ -63,7 +65,7 @@ def refuse_deep(data: dict[str, Any], where: str) -> None:
 
 
 def plain(value: Any) -> Any:
-    """A value of a dict scene as TOML could hold it: Quantities as texts, arrays and tuples as lists."""
+    """Return a value of a dict scene with TOML types: Quantities as texts, arrays and tuples as lists."""
     if isinstance(value, dict):
         return {str(key): plain(entry) for key, entry in value.items() if entry is not None}
     if hasattr(value, "unit") and hasattr(value, "value"):

@@ -1,7 +1,7 @@
-"""What the tables of a scene demand of each other.
+"""Rules between the tables of a scene.
 
-A rule looks at a draft and yields (path of the key, what is wrong). A rule that touches a faulty table is
-silent: that table has its own messages already.
+A rule takes a `Draft` and yields faults (path of the key, message). A rule that reads an invalid table yields
+nothing: that table has messages of its own.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from discsim.scene.fields import MOST_SNAPSHOTS
 if TYPE_CHECKING:
     from discsim.initial.base import Start
 
-ORBITS = 2.2  # times the limits of star and companions: in steps of 2.4 times these particles are thrown out
-# Viscosity of an artificial alpha of DAMPING damps what grows, up to so much longer steps.
+ORBITS = 2.2  # times the limits of star and companions; steps of 2.4 times these limits eject particles
+# Artificial viscosity with alpha = DAMPING stabilises steps longer by the fraction DAMPED; less alpha, in proportion.
 DAMPING, DAMPED = 0.3, 0.5
 
-# Times the limit of alpha_viscosity: velocities on a lattice grow in steps of .82 times that limit. The viscosity damps
-# sound, which is stable up to 1.05 or more, so that this bound is the lower one for every kernel.
+# Times the limit of alpha_viscosity: velocities on a lattice grow in steps of 0.82 times that limit. Sound, which this
+# viscosity damps, is stable up to 1.05 times or more, so this bound is the lower one for every kernel.
 VISCOUS = 0.72
-# On reconstructed velocities, whose steps are long: at .7 discs of adiabatic gas with dust end in negative energies.
+# With reconstructed velocities: at 0.7, discs of adiabatic gas with dust reach negative energies.
 WARM = 0.6
 
 Problem = tuple[tuple[str | int, ...], str]
@@ -33,11 +33,14 @@ Rule = Callable[["Draft"], Iterator[Problem]]
 
 
 class Faulty(Exception):
-    """The table asked for is in the scene, but could not be read."""
+    """Error for access to a table that the scene has but that is invalid."""
 
 
 class Draft:
-    """The tables of a scene that could be read, as attributes; None where the scene has no such table."""
+    """The valid tables of a scene, as attributes; None if the scene has no such table.
+
+    An attribute whose table is invalid raises `Faulty`.
+    """
 
     def __init__(self, raw: dict[str, Any], tables: dict[str, Any]) -> None:
         self._raw = raw
@@ -49,11 +52,11 @@ class Draft:
         return self._tables.get(name)
 
     def has(self, name: str) -> bool:
-        """Is the table there, faulty or not?"""
+        """Return whether the scene has the table, valid or not."""
         return name in self._raw
 
     def gives(self, table: str, key: str) -> bool:
-        """Did the scene itself write this key?"""
+        """Return whether the scene itself writes this key."""
         return isinstance(self._raw.get(table), dict) and key in self._raw[table]
 
     @property
@@ -62,7 +65,7 @@ class Draft:
 
     @property
     def start(self) -> Start | None:
-        """What the scene starts with; None where that is the caller's own particles."""
+        """The start that the scene names; None if the caller sets the particles."""
         return STARTS[self.kind] if self.kind else None
 
     @property
@@ -76,7 +79,7 @@ class Draft:
 
     @property
     def one_way_beside_gas(self) -> bool:
-        """Is there dust that the gas must not notice?"""
+        """Whether the scene has gas, and drag that acts on the dust only."""
         return self.has("gas") and self.drag is not None and self.drag.direction == "one-way"
 
     @property
@@ -90,7 +93,7 @@ class Draft:
 
 
 def broken_rules(draft: Draft) -> list[Problem]:
-    """Every problem between the tables of `draft`: by the rules here, and by those of the parts that it names."""
+    """Return all faults between the tables of `draft`, by the rules here and by those of the parts that it names."""
     problems: list[Problem] = []
     for rule in (*RULES, *_rules_of_parts(draft)):
         try:
@@ -101,6 +104,7 @@ def broken_rules(draft: Draft) -> list[Problem]:
 
 
 def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
+    """Yield the rules of the effects, start, equation of state, drag scheme and law of a draft."""
     for name in EFFECTS:
         if draft.has(name):
             yield from EFFECTS[name].rules
@@ -172,6 +176,7 @@ def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
 
 
 def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if space is too small for the start."""
     if not draft.space or not draft.start or not draft.start.reach:
         return
     key, reach = draft.start.reach
@@ -184,11 +189,12 @@ def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
 
 
 def kinds(which: Callable[[Start], Any]) -> list[str]:
-    """The kinds of starts of which something is true, for a message."""
+    """Return the kinds of starts that satisfy the predicate `which`."""
     return [name for name, start in STARTS.items() if which(start)]
 
 
 def _one_kick(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if two effects each kick gas and dust together (`is_kick`)."""
     owners = [name for name in EFFECTS if draft.has(name) and EFFECTS[name].is_kick]
     if len(owners) > 1:
         first, second = owners[:2]
@@ -196,12 +202,12 @@ def _one_kick(draft: Draft) -> Iterator[Problem]:
 
 
 def longest_courant(draft: Draft) -> tuple[float, str]:
-    """The largest Courant factor in whose steps nothing grows without end, and what would; inf where nothing does.
+    """Return the largest stable Courant factor and the instability beyond it; (inf, "") without a bound.
 
     Leapfrog of a frequency w is stable for w dt < 2 (docs/physics/step.md).
     """
     gas, found = draft.gas, (math.inf, "")
-    if draft.has("star") and not draft.has("background"):  # in which circles are exact
+    if draft.has("star") and not draft.has("background"):  # in a given disc circular orbits are exact
         found = (ORBITS, "orbits about the star are thrown out")
     if gas and not (draft.start and draft.start.uniform):
         braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
@@ -226,6 +232,7 @@ def _stable_steps(draft: Draft) -> Iterator[Problem]:
 
 
 def _floor(value: float) -> str:
+    """Return a number rounded down to two decimals, as text."""
     return f"{math.floor(100.0 * value) / 100.0:g}"
 
 

@@ -1,4 +1,4 @@
-"""Short tables of objects: as text where Python prints them, as HTML in notebooks."""
+"""Short summaries of objects: text for `print`, HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Rows = Sequence[tuple[str, object]]
 
 
 class Summarised:
-    """An object that is shown as a title over rows of names and values."""
+    """Base class of objects that are displayed as a title and rows of names and values."""
 
     def summary(self) -> tuple[str, Rows]:
-        """The title and the rows."""
+        """Return the title and the rows (name, value)."""
         raise NotImplementedError
 
     def __repr__(self) -> str:

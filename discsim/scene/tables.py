@@ -1,4 +1,4 @@
-"""The tables of a scene: those that set up a run are here, those of effects and starts in the files of these."""
+"""The tables of a scene by name. Tables of the run are defined here; effects and starts define their own."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from discsim.scene.fields import (
     word_of,
 )  # fmt: skip
 
-# In waves and blasts an error of the step is seen, and in discs two seeds differ by more (docs/cost.md).
+# Default Courant factors. In waves and blasts the error of the step matters; in discs, two seeds differ by more
+# (docs/cost.md).
 COURANT, COURANT_OF_DISCS = 0.3, 0.6
 IntegratorName: Any = word_of(INTEGRATORS)
 
@@ -76,7 +77,10 @@ class Space(Table):
 
 
 class Tables(Mapping[str, Any]):
-    """The type of every table by its name, imported where it is looked up; some may be lists of tables."""
+    """Mapping from the name of a table to its type, which is imported at look-up.
+
+    The type is a tuple for tables that may occur several times.
+    """
 
     _own: ClassVar[dict[str, Any]] = {"units": UnitsTable, "run": Run, "space": Space}
 
@@ -105,13 +109,13 @@ REQUIRED = ("run", "space", "initial")
 
 
 def optional_tables(model: type[Table]) -> list[str]:
-    """Keys of a table that are tables which a scene may leave out: parts of an effect that it need not have."""
+    """Return the keys of a table whose values are optional tables: parts of an effect such as gas.viscosity."""
     fields = {key: field for key, field in model.model_fields.items() if not field.is_required()}
     return [key for key, field in fields.items() if models_in(field.annotation) and measure_of(field) is None]
 
 
 def removable() -> list[str]:
-    """What `--without` can remove, in the order of a step: effects, and their parts that a scene may leave out."""
+    """Return the names that `--without` accepts, in the order of a step: effects and their optional parts."""
     names = []
     for effect in EFFECTS:
         names += [effect, *(f"{effect}.{part}" for part in optional_tables(EFFECTS[effect].keys))]

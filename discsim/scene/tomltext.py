@@ -1,7 +1,7 @@
-"""Where each key of a TOML text stands, and edits that keep its comments.
+"""Line numbers of the keys in a TOML text, and edits that preserve its comments.
 
-`tomllib` reads values but forgets lines. `positions` scans a text that tomllib has accepted, so it need not
-judge it.
+`tomllib` reads values but no line numbers. `positions` scans a text that tomllib has accepted, and so needs no
+checks of syntax.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
 def positions(text: str) -> dict[Path, int]:
-    """The line (from 1) of every table, key and list entry of a valid TOML text, by its path.
+    """Return the line (from 1) of every table, key and list entry of a valid TOML text, by path.
 
-    Entries of lists, `[[dust]]` among them, have their index in the path: ("dust", 0, "ratio").
+    List entries, also those of `[[dust]]`, have their index in the path: ("dust", 0, "ratio").
     """
     return _Scanner(text).scan()
 
 
 def without_table(data: dict[str, Any], path: Sequence[str]) -> None:
-    """Remove the table `path` from nested tables in place, if it is there."""
+    """Remove the table `path` from nested tables in place, if present."""
     for name in path[:-1]:
         data = data.get(name, {})
         if not hasattr(data, "get"):
@@ -38,9 +38,9 @@ def without_table(data: dict[str, Any], path: Sequence[str]) -> None:
 
 
 def with_value(data: Any, path: Sequence[str], value: Any) -> None:
-    """Set the key `path` of nested tables in place, making the tables that are not there.
+    """Set the key `path` in nested tables in place; missing tables are created.
 
-    Raises KeyError with a message where the path crosses something that is not a table.
+    Raises KeyError with a message if the path crosses a value that is no table.
     """
     for depth, name in enumerate(path[:-1]):
         is_list = isinstance(data, list)
@@ -54,6 +54,7 @@ def with_value(data: Any, path: Sequence[str], value: Any) -> None:
 
 
 def _index(data: list[Any], name: str, path: Sequence[str]) -> int:
+    """Return the list index that `name` is. Raises KeyError with a message for any other name."""
     if not name.isdecimal() or int(name) >= len(data):
         where = ".".join(path)
         raise KeyError(f'"{where}" is a list; expected a number from 0 to {len(data) - 1} after it, as in {where}.0')
@@ -66,7 +67,10 @@ def edited(
     values: Sequence[tuple[Sequence[str], Any]],
     removed: Sequence[Sequence[str]],
 ) -> str:
-    """`text` with the keys `values` set and the tables `removed` out, comments kept; it reads as `data`."""
+    """Return `text` with `values` set and the tables `removed` taken out, with its comments. It parses to `data`.
+
+    Comments are lost if tomlkit cannot make the edit.
+    """
     if not values and not removed:
         return text
     import tomlkit
@@ -81,12 +85,12 @@ def edited(
         if tomllib.loads(result) == data:
             return result
     except (tomlkit.exceptions.TOMLKitError, ValueError, KeyError, TypeError):
-        pass  # tables in an order that tomlkit cannot edit: the values matter more than the comments
+        pass  # an order of tables that tomlkit cannot edit: values matter more than comments
     return dumped(data)
 
 
 def dumped(data: dict[str, Any]) -> str:
-    """Nested tables as TOML text."""
+    """Return nested tables as TOML text."""
     import tomlkit
 
     return tomlkit.dumps(data)
@@ -98,7 +102,7 @@ class _Scanner:
         self.at = 0
         self.breaks = [i for i, character in enumerate(text) if character == "\n"]
         self.lines: dict[Path, int] = {}
-        self.lengths: dict[Path, int] = {}  # of the arrays of tables so far
+        self.lengths: dict[Path, int] = {}  # numbers of entries of the arrays of tables so far
 
     def scan(self) -> dict[Path, int]:
         table: Path = ()
@@ -129,7 +133,7 @@ class _Scanner:
 
     def _note(self, path: Path, line: int) -> None:
         self.lines[path] = line
-        for end in range(1, len(path)):  # tables that the path only implies
+        for end in range(1, len(path)):  # tables without a header of their own
             self.lines.setdefault(path[:end], line)
 
     def _header(self) -> Path:
@@ -148,7 +152,7 @@ class _Scanner:
         return path
 
     def _inside(self, keys: list[str]) -> Path:
-        """The path of a table named by `keys`: the last entry of each array of tables on the way."""
+        """Return the path of the table named by `keys`, with the index of the last entry of each array of tables."""
         path: Path = ()
         for key in keys:
             path += (key,)
@@ -187,7 +191,7 @@ class _Scanner:
             self._take(_STRING if start in "\"'" else _SCALAR)
 
     def _sequence(self, end: str, path: Path) -> None:
-        """An array, or the pairs of an inline table."""
+        """Scan an array, or the pairs of an inline table, up to the bracket `end`."""
         self.at += 1
         count = 0
         while True:

@@ -1,7 +1,7 @@
 """Code units: G = 1, so one length and one mass fix the time, T = sqrt(L^3 / (G M)).
 
-Astropy units enter here and end here. A dimension is a name ("length") and exponents of mass, length, time.
-The density of a scene is a surface density in 2D (M/L^2) and a volume density in 1D (M/L^3).
+Quantities with units are converted on input and on output. A dimension has a name ("length") and exponents of mass,
+length and time. The density of a scene is a surface density in 2D (M/L^2) and a volume density in 1D (M/L^3).
 """
 
 from __future__ import annotations
@@ -60,30 +60,30 @@ _NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(
 
 
 class UnitError(ValueError):
-    """A text that is no quantity, or one of the wrong dimension; the message says what was expected."""
+    """A text that is no quantity, or a quantity of the wrong dimension; the message has the expected form."""
 
 
-ECHOED = 80  # characters of what a user wrote that a message repeats
-# What a code unit may be, in cm and g: its powers, and products of those, stay within floats.
+ECHOED = 80  # largest number of characters of the user's text in a message
+# Allowed code units, in cm and g: their powers, and products of powers, do not overflow.
 RANGES = {"length": (1e-20, 1e40, "cm"), "mass": (1e-40, 1e60, "g")}
 
 
 def clipped(text: str) -> str:
-    """A text for a message, printable: its beginning, where it is long."""
+    """Return a text for a message: printable, and at most ECHOED characters."""
     text = printable(text)
     return text if len(text) <= ECHOED else text[: ECHOED - 3] + "..."
 
 
 def a(name: str) -> str:
-    """`name` of a dimension in words, with its article: "a surface density"."""
+    """Return the name of a dimension as words with its article: "a surface density"."""
     words = name.replace("_", " ").split("/")[0]
     return f"an {words}" if words[0] in "aeiou" else f"a {words}"
 
 
 def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"') -> Any:
-    """The astropy Quantity that `text` ("0.6 au") names; `expected` says for messages what it should be.
+    """Return `text` ("0.6 au") as an astropy Quantity; `expected` describes the expected value in messages.
 
-    Raises UnitError where there is no number, no unit, an unknown unit or a value that is not finite.
+    Raises UnitError if there is no number, no unit or an unknown unit, or if the value is not finite.
     """
     from discsim.scene.astropy_units import units as u
 
@@ -98,7 +98,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
         raise UnitError(f'"{text}": unknown unit; expected one that astropy knows')
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # astropy warns of "g / cm / s", which is clear enough
+            warnings.simplefilter("ignore")  # astropy warns about several slashes, as in "g / cm / s"
             unit = u.Unit("1" + name if name[0] == "/" else name)
             unit.decompose()
     except (ValueError, TypeError, AttributeError, ArithmeticError) as error:
@@ -112,9 +112,21 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
 
 @dataclass(frozen=True)
 class Units:
-    """The units of a scene: `system` is "physical" or "code" (dimensionless; then the texts are unused).
+    """The code units of a scene.
 
-    `dimensions` decides what "density" means. Raises UnitError for a text that is not a length or mass.
+    Parameters
+    ----------
+    system : {"physical", "code"}
+        In the system "code" all numbers are dimensionless, and the two texts are unused.
+    dimensions : int
+        Dimensions of space; in 2D "density" is a surface density, in 1D a volume density.
+    length_text, mass_text : str
+        Code units of length and mass, for example "1 au" and "1 Msun".
+
+    Raises
+    ------
+    UnitError
+        If a text is not a positive length or mass in the allowed range.
     """
 
     system: str = "physical"
@@ -136,7 +148,10 @@ class Units:
                 raise UnitError(f'"{text}" is {quantity.to_value(unit):.3g} {unit}; expected {least:g} to {most:g}')
 
     def exponents(self, name: str, gamma: float = 1.0) -> Exponents:
-        """Exponents of mass, length, time; `gamma` is for "polytropic_constant" = P / rho^gamma only."""
+        """Return the exponents of mass, length and time of the dimension `name`.
+
+        `gamma` matters only for "polytropic_constant", P / rho^gamma.
+        """
         density = (1.0, -2.0 if self.dimensions == 2 else -3.0, 0.0)
         if name == "density":
             return density
@@ -150,15 +165,17 @@ class Units:
 
     @cached_property
     def length(self) -> Any:
-        """The code unit of length, an astropy unit; None in the code system. So for the units below."""
+        """The code unit of length as an astropy unit; None in the code system."""
         return self._unit(self.length_text)
 
     @cached_property
     def mass(self) -> Any:
+        """The code unit of mass as an astropy unit; None in the code system."""
         return self._unit(self.mass_text)
 
     @cached_property
     def time(self) -> Any:
+        """The code unit of time, sqrt(L^3 / (G M)), as an astropy unit in years; None in the code system."""
         if self.system == "code":
             return None
         from discsim.scene.astropy_units import constants
@@ -168,34 +185,42 @@ class Units:
 
     @property
     def velocity(self) -> Any:
+        """The code unit of velocity as an astropy unit; None in the code system."""
         return self._product("velocity")
 
     @property
     def density(self) -> Any:
+        """The code unit of density as an astropy unit: per area in 2D, per volume in 1D; None in the code system."""
         return self._product("density")
 
     def cgs(self, name: str) -> float:
-        """The code unit of the dimension `name` in cgs; 1 in the code system."""
+        """Return the code unit of the dimension `name` in cgs; 1 in the code system."""
         return self._factor(self.exponents(name))
 
     def quantity(self, array: Any, name: str) -> Any:
-        """`array` in code units as an astropy Quantity of the dimension `name`; plain in the code system."""
+        """Return `array`, in code units of the dimension `name`, as an astropy Quantity.
+
+        In the code system the Quantity is dimensionless.
+        """
         from discsim.scene.astropy_units import units as u
 
         return u.Quantity(array, self._product(name) or u.dimensionless_unscaled)
 
     def to_code(self, quantity: Any) -> Any:
-        """An astropy Quantity as float or array in code units. Raises UnitError beyond mass, length, time."""
+        """Return an astropy Quantity as float or array in code units.
+
+        Raises UnitError if its unit has other bases than mass, length and time.
+        """
         return quantity.value * self._scale(quantity, self._powers(quantity))
 
     def in_code(self, quantity: Any, name: str) -> Any:
-        """An astropy Quantity, which must have the dimension `name`, in code units; raises UnitError."""
+        """Return an astropy Quantity in code units. Raises UnitError unless it has the dimension `name`."""
         if self.system == "code" and not any(self._powers(1 * quantity.unit)):
             return self.to_code(quantity)
         return quantity.value * self._factor_to(1 * quantity.unit, f"{quantity.unit}", name)
 
     def parse(self, text: str, name: str, gamma: float = 1.0) -> float:
-        """The float in code units of `text`, which must have the dimension `name`; raises UnitError."""
+        """Return a text such as "0.6 au" in code units. Raises UnitError unless it has the dimension `name`."""
         quantity = parse_quantity(text, self.expected(name, gamma))
         value = quantity.value * self._factor_to(quantity, clipped(text), name, gamma)
         if not math.isfinite(value):
@@ -203,7 +228,10 @@ class Units:
         return value
 
     def of_text(self, text: str, name: str) -> float:
-        """The float in code units of a text: as `parse`, and in the code system of a plain number. Raises UnitError."""
+        """Return a text in code units: as `parse`, but in the code system the text is a plain number.
+
+        Raises UnitError.
+        """
         if self.system != "code":
             return self.parse(text, name)
         try:
@@ -215,7 +243,7 @@ class Units:
         return value
 
     def _factor_to(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
-        """The factor from the quantity's unit to code units; raises UnitError where it is of no dimension `name`."""
+        """Return the factor from a quantity's unit to code units. Raises UnitError unless the dimension is `name`."""
         try:
             found = self._powers(quantity)
         except UnitError as error:
@@ -225,14 +253,14 @@ class Units:
         return self._scale(quantity, found)
 
     def expected(self, name: str, gamma: float = 1.0) -> str:
-        """What a value of the dimension `name` looks like, for messages."""
+        """Return a description, with an example, of a value of the dimension `name`, for messages."""
         example = EXAMPLES.get(self._plain_name(name))
         if example:
             return f'{a(self._plain_name(name))}, like "{example}"'
         return f'{a(name)}, like "1 {self._cgs_unit(self.exponents(name, gamma))}"'
 
     def show(self, value: float, name: str, gamma: float = 1.0) -> str:
-        """`value` in code units, for people: "123.4 yr", "5.2 au"; a bare number in the code system."""
+        """Return `value`, in code units, as text: "123.4 yr", "5.2 au"; a bare number in the code system."""
         if self.system == "code" or value == 0:
             return f"{value:.4g}"
         exponents = self.exponents(name, gamma)
@@ -244,7 +272,7 @@ class Units:
         return f"{in_cgs:.4g} {self._cgs_unit(exponents)}"
 
     def show_time(self, t: float) -> str:
-        """The time `t` in code units, for people: "123.4 yr", or "0.5" in the code system."""
+        """Return the time `t`, in code units, as text: "123.4 yr"; a bare number in the code system."""
         return self.show(t, "time")
 
     def _plain_name(self, name: str) -> str:
@@ -278,7 +306,10 @@ class Units:
         return math.prod(base**power for base, power in zip(self._bases_cgs, exponents, strict=True))
 
     def _powers(self, quantity: Any) -> Exponents:
-        """The exponents of mass, length, time of a quantity's unit. Raises UnitError where it is of others."""
+        """Return the exponents of mass, length and time of a quantity's unit.
+
+        Raises UnitError if the unit has other bases, or for any unit in the code system.
+        """
         from discsim.scene.astropy_units import units as u
 
         try:
@@ -292,22 +323,25 @@ class Units:
         return exponents
 
     def _scale(self, quantity: Any, exponents: Exponents) -> float:
-        """The factor from the unit of a quantity with these exponents to code units. Raises UnitError."""
+        """Return the factor from the unit of a quantity with these exponents to code units. Raises UnitError."""
         from discsim.scene.astropy_units import units as u
 
-        # au in a scene whose length is 1 au is exactly 1, not 1 + 1e-16.
+        # If the code unit is 1 au, 1 au is exactly 1, not 1 + 1e-16.
         for name, own in (("mass", self.mass), ("length", self.length)):
             if own is not None and exponents == DIMENSIONS[name]:
                 return float(quantity.unit.to(own))
         try:
             return float(quantity.unit.decompose(bases=[u.g, u.cm, u.s]).scale / self._factor(exponents))
-        except ArithmeticError:  # as of a steep polytrope's cm100
+        except ArithmeticError:  # overflow, for example of cm100 for a steep polytrope
             wrong = f"{quantity.unit} is beyond the range of numbers in code units"
             raise UnitError(f"{wrong}; expected smaller powers, or other code units") from None
 
     @staticmethod
     def _cgs_unit(exponents: Exponents) -> str:
-        """A unit as `parse_quantity` takes it, like "g cm-2"; powers that are no whole numbers need brackets."""
+        """Return a unit in the form that `parse_quantity` reads, like "g cm-2".
+
+        Powers that are no whole numbers are in brackets.
+        """
         parts = []
         for base, power in zip(("g", "cm", "s"), exponents, strict=True):
             text = f"{power:.12g}"  # more digits would show the rounding of 1 - gamma
@@ -316,7 +350,7 @@ class Units:
         return " ".join(parts)
 
 
-# Units for people, each with the least number it is used for.
+# Units of displayed values, each with the smallest value that it is used for.
 _SHOWN = {
     "time": (("yr", 0.1), ("day", 0.1), ("s", 0.0)),
     "length": (("au", 1e-3), ("km", 1.0), ("m", 1.0), ("cm", 1.0), ("mm", 1.0), ("um", 1.0), ("nm", 0.0)),
@@ -343,7 +377,7 @@ def _dimension_words(quantity: Any) -> str:
 
 
 def seconds(text: str) -> float:
-    """Wall-clock seconds of a text like "10 min"; raises UnitError."""
+    """Return the seconds of a wall-clock time such as "10 min". Raises UnitError."""
     from discsim.scene.astropy_units import units as u
 
     expected = 'a wall-clock time, like "10 min"'
@@ -354,7 +388,7 @@ def seconds(text: str) -> float:
 
 
 def clock(seconds: float) -> str:
-    """A wall-clock time for people: "3.2 s", "4 min 5 s", "2 h 5 min"."""
+    """Return a wall-clock time in seconds as text: "3.2 s", "4 min 5 s", "2 h 5 min"."""
     if seconds < 10.0:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
