@@ -1,4 +1,8 @@
-"""discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust."""
+"""discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust.
+
+The public names are `Simulation`, `load_scene`, `read_snapshot`, `Snapshot`, `SceneError`, `SnapshotError` and the
+module `plot`. Each is imported at its first use.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -24,7 +28,7 @@ _MODULES = ("plot",)  # with matplotlib
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy, so that `discsim --help` and `discsim check` never import numba.
+    # Imported at first use, so that `discsim --help` and `discsim check` do not import numba.
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     if name in _MODULES:

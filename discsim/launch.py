@@ -1,6 +1,4 @@
-"""Whether an MPI launcher has started this process beside others, from what it leaves in the environment: without one
-mpi4py is never imported.
-"""
+"""Detection of an MPI launcher from environment variables, without importing mpi4py."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ import os
 
 from discsim.printable import UserError
 
-# Number of processes and of this one: MPICH, Intel MPI and Slurm's pmi2; Open MPI; MVAPICH.
+# Variables with the number of ranks and the rank: MPICH, Intel MPI and Slurm's pmi2; Open MPI; MVAPICH.
 LAUNCHERS = (
     ("PMI_SIZE", "PMI_RANK"),
     ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"),
@@ -17,13 +15,13 @@ LAUNCHERS = (
 
 
 class LaunchError(UserError):
-    """The environment speaks of a launcher, but not of its processes; the message says how."""
+    """Environment variables of an MPI launcher with invalid values; the message names them."""
 
 
 def size_and_rank() -> tuple[int, int]:
-    """How many processes were started together, and which of them this is; (1, 0) without a launcher.
+    """Return the number of MPI ranks and the rank of this process; (1, 0) without a launcher.
 
-    Raises LaunchError where the environment holds no such numbers.
+    Raises LaunchError if the variables of a launcher hold no valid numbers.
     """
     for names in LAUNCHERS:
         texts = [os.environ[name] for name in names if name in os.environ]

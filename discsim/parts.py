@@ -1,6 +1,6 @@
-"""What discsim is made of, by the names that a scene gives it: one line each, imported only where a scene names it.
+"""Registries of the parts of discsim, by the names that scenes use. A part is imported when its name is looked up.
 
-Another package adds its own as entry points, under the name that scenes are to give; the groups are those below.
+Other packages add parts as entry points in the groups below; the name of the entry point is the name in scenes.
 
     [project.entry-points."discsim.schemes"]
     my-scheme = "my_package.my_scheme:SCHEME"
@@ -18,20 +18,21 @@ from discsim.printable import UserError
 
 
 class PartError(UserError):
-    """A part of another package that cannot be imported; the message says which, and why."""
+    """A part of another package that cannot be used; the message has the name and the reason."""
 
 
 @cache
 def of_packages() -> Any:
-    """Entry points of all groups: every package that is installed is asked for them, once."""
+    """Return the entry points of all installed packages; the search is made once."""
     return entry_points()
 
 
 class Parts(Mapping[str, Any]):
-    """Parts of one kind by name, in the order of the lines; those of other packages come last.
+    """Registry of the parts of one kind by name; parts of other packages come last.
 
-    homes: name -> "module:object". has: attributes of every part. Looking a name up imports its module, and raises
-    PartError where another package's cannot be imported or lacks an attribute. Names alone import nothing.
+    `homes` maps names to "module:object", and `has` lists the attributes that every part must have. Looking up a
+    name imports the module; iteration and `in` import nothing. Raises PartError if a part of another package cannot
+    be imported or lacks an attribute.
     """
 
     def __init__(self, group: str, homes: Mapping[str, str], has: Sequence[str] = ()) -> None:
@@ -39,7 +40,7 @@ class Parts(Mapping[str, Any]):
 
     @cached_property
     def homes(self) -> dict[str, str]:
-        """Where each part is, "module:object". Raises PartError where two parts have one name."""
+        """Mapping from names to "module:object". Raises PartError if two parts have the same name."""
         found = dict(self._own)
         for point in of_packages().select(group=self.group):
             if found.get(point.name, point.value) != point.value:
@@ -51,14 +52,14 @@ class Parts(Mapping[str, Any]):
         return found
 
     def module(self, name: str) -> str:
-        """The module of a part."""
+        """Return the name of the module with a part."""
         return self.homes[name].partition(":")[0]
 
     def __getitem__(self, name: str) -> Any:
         home = self.homes[name]
         try:
             found = found_at(home)
-        except Exception as error:  # whatever another package does
+        except Exception as error:  # another package may raise anything
             if name in self._own:
                 raise
             wrong = f"{type(error).__name__}: {error}"
@@ -74,7 +75,7 @@ class Parts(Mapping[str, Any]):
         return found
 
     def __contains__(self, name: object) -> bool:
-        return name in self.homes  # without the import that a Mapping would look with
+        return name in self.homes  # Mapping.__contains__ would import the part
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.homes)
@@ -84,15 +85,17 @@ class Parts(Mapping[str, Any]):
 
 
 def found_at(home: str) -> Any:
-    """What is at "module:object"."""
+    """Import and return the object at "module:object"."""
     module, _, attribute = home.partition(":")
     return getattr(import_module(module), attribute)
 
 
 class Lazy:
-    """A module that is imported at the first use of one of its names: `moves = Lazy("discsim.kernels.common.move")`.
+    """Proxy of a module that is imported at the first access to an attribute.
 
-    numba and what it compiles are slow to import, and nothing that only looks at a scene needs them.
+        kernels = Lazy("discsim.kernels.move")
+
+    numba and compiled kernels are slow to import, and commands that only read a scene do not need them.
     """
 
     def __init__(self, name: str) -> None:
@@ -103,7 +106,7 @@ class Lazy:
         return import_module(self._name)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # what copying and pickling ask for
+        if name.startswith("__"):  # copying and pickling look these up
             raise AttributeError(name)
         return getattr(self._module, name)
 
@@ -112,11 +115,11 @@ class Lazy:
 
 
 def command_of_extra(extra: str) -> str:
-    """How to install what an extra of pyproject.toml brings, for messages; docs/install.md has the list of extras."""
+    """Return the command that installs an extra of pyproject.toml, for messages (extras: docs/install.md)."""
     return f"pip install -e '.[{extra}]' in a clone of discsim"
 
 
-# Equations of state, kinds of `gas.eos`.
+# Equations of state: values of `gas.eos.kind`.
 EOS = Parts(
     "discsim.eos",
     {
@@ -128,7 +131,7 @@ EOS = Parts(
     has=("keys", "rules", "pressure_and_sound_speed"),
 )
 
-# Laws of the stopping time, words of `drag.law`.
+# Laws of the stopping time: values of `drag.law`.
 LAWS = Parts(
     "discsim.laws",
     {
@@ -142,7 +145,7 @@ LAWS = Parts(
     has=("form", "value", "rules"),
 )
 
-# Drag schemes, words of `drag.scheme`.
+# Drag schemes: values of `drag.scheme`.
 SCHEMES = Parts(
     "discsim.schemes",
     {
@@ -159,9 +162,9 @@ SCHEMES = Parts(
     },
     has=("relax", "advance", "cells"),
 )
-USUAL_SCHEME = "tsc"  # where a scene names none, and what warnings of another recommend
+USUAL_SCHEME = "tsc"  # the default, which warnings about other schemes recommend
 
-# Initial conditions, kinds of `initial`.
+# Initial conditions: values of `initial.kind`.
 STARTS = Parts(
     "discsim.starts",
     {
@@ -181,7 +184,7 @@ STARTS = Parts(
     has=("keys", "particles", "rules"),
 )
 
-# Effects, tables of a scene, in the order of a step.
+# Effects: tables of a scene, in the order of a step.
 EFFECTS = Parts(
     "discsim.effects",
     {
@@ -203,7 +206,7 @@ EFFECTS = Parts(
     has=("keys", "rules", "begin"),
 )
 
-# Fields that can be drawn, names of `discsim plot --field` and `snap.field`.
+# Fields of snapshots: names for `discsim plot --field` and `snap.field`.
 FIELDS = Parts(
     "discsim.fields",
     {
@@ -245,14 +248,14 @@ FIELDS = Parts(
     has=("kind", "species", "values"),
 )
 
-# What the gas is made of; the first one that a scene is of. Other packages bring none, and no integrators.
+# Gas models; a scene has the first one that fits. Other packages cannot add gas models or integrators.
 MODELS = (
     "discsim.effects.models:GIVEN_DISC",
     "discsim.effects.models:FIXED_CELLS",
     "discsim.effects.models:SPH",
 )
 
-# How a step is put together, words of `run.integrator`.
+# Integrators: values of `run.integrator`.
 INTEGRATORS = {
     "kdk": "discsim.run.integrators:kdk",
     "euler": "discsim.run.integrators:euler",

@@ -1,15 +1,15 @@
-"""Text of others, made safe for a terminal, a log, a table, a page or a figure.
+r"""Safe display of foreign text in terminals, logs, tables, pages and figures.
 
-Titles, keys, values and file names come from users, and from files of unknown origin. Escape sequences
-of terminals, marks of right-to-left writing and line breaks in them could hide or forge what discsim says. Here they
-become what Python writes in their place, like `\\x1b`, `\\u202e` and `\\n`.
+Titles, keys, values and file names come from users and from files of unknown origin. Terminal escape sequences,
+right-to-left marks and line breaks in them could hide or forge messages of discsim. These characters are replaced by
+Python's escapes, like `\x1b`, `\u202e` and `\n`.
 """
 
 from __future__ import annotations
 
 
 class UserError(Exception):
-    """A fault that its user can mend. Its text is one printable line."""
+    """Base class of errors that the user can correct; the text is one printable line."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
@@ -40,7 +40,7 @@ def printable(text: object) -> str:
 
 
 def printable_lines(text: object) -> str:
-    """Escape as `printable` does, but keep line breaks: for texts whose lines are discsim's own."""
+    """Escape as `printable`, but keep line breaks: for text with line breaks written by discsim itself."""
     return "\n".join(map(printable, str(text).split("\n")))
 
 

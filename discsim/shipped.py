@@ -1,4 +1,7 @@
-"""The setups that come with discsim: beside this module in a wheel, in the folder setups/ above it in a clone."""
+"""The setups that come with discsim.
+
+They are in `setups/` next to this module in an installed package, and in `setups/` of the repository in a clone.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +20,12 @@ _LABEL = re.compile(r"([A-Z][A-Za-z ]*): +(.+)")
 
 
 class ShippedError(UserError):
-    """A name that stands for no scene, or a copy that would replace a file; the message says which."""
+    """A name of no setup, or a copy that would replace a file; the message has the details."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A shipped scene, and what the comment at its top says of it."""
+    """A shipped scene with the notes in the comment at its top."""
 
     path: Path
 
@@ -36,7 +39,7 @@ class Setup:
 
     @property
     def title(self) -> str:
-        """Empty where there is none, as perhaps in a scene that somebody left in the folder of a clone."""
+        """The scene's title, printable; "" if the file has none or is no valid TOML."""
         try:
             return printable(tomllib.loads(self.text).get("title", ""))
         except tomllib.TOMLDecodeError:
@@ -44,12 +47,12 @@ class Setup:
 
     @property
     def about(self) -> str:
-        """The first line of the comment."""
+        """The first line of the comment at the top."""
         return self._comment()[0]
 
     @property
     def notes(self) -> dict[str, str]:
-        """What stands behind "What you will see:", "How long:", "Paper:" and their like."""
+        """The labelled notes of the comment ("What you will see:", "How long:", "Paper:") by label."""
         found: dict[str, str] = {}
         label = ""
         for line in self._comment()[1:]:
@@ -58,7 +61,7 @@ class Setup:
                 label, found[start[1]] = start[1], start[2]
             elif line and label:
                 found[label] += f" {line}"
-            else:  # before the first label, or after the empty line that ends one
+            else:  # before the first label, or after the blank line at the end of a note
                 label = ""
         return found
 
@@ -68,13 +71,13 @@ class Setup:
 
 
 def setups() -> dict[str, Setup]:
-    """The shipped setups by name."""
+    """Return the shipped setups by name."""
     folder = next(place for place in PLACES if place.is_dir())
     return {path.stem: Setup(path) for path in sorted(folder.glob("*.toml"))}
 
 
 def setup(name: str) -> Setup:
-    """The shipped setup `name`. Raises ShippedError with the nearest right name."""
+    """Return the shipped setup `name`. Raises ShippedError with the nearest name."""
     known = setups()
     if name not in known:
         raise ShippedError(f"{name}: discsim comes with no setup of that name{_hint(name, known)}")
@@ -82,9 +85,10 @@ def setup(name: str) -> Setup:
 
 
 def scene_file(given: Path) -> Path:
-    """The file that a command is to read where the user wrote `given`.
+    """Return the scene file for the command-line argument `given`.
 
-    A file of that name, else, for a bare name, NAME.toml beside it, or the shipped setup NAME. Raises ShippedError.
+    The candidates are, in this order, the file `given`, and for a bare NAME the file NAME.toml and the shipped setup
+    NAME. Raises ShippedError.
     """
     if os.path.isfile(given):
         return given
@@ -95,7 +99,7 @@ def scene_file(given: Path) -> Path:
     if bare and given.name in known:
         return known[given.name].path
     if os.path.lexists(given):
-        return given  # a directory, or what cannot be read: the loading of scenes says so
+        return given  # a directory or an unreadable file: loading the scene gives the message
     expected = "there is no such file; expected a scene, a TOML file"
     if given.stem in known:
         raise ShippedError(f"{given}: {expected}; the setup that comes with discsim is: {given.stem}")
@@ -105,7 +109,7 @@ def scene_file(given: Path) -> Path:
 
 
 def copy_setup(name: str, path: Path) -> None:
-    """Copy the shipped setup `name`, comments and all, to a new file. Raises ShippedError, OSError."""
+    """Copy the shipped setup `name` to a new file. Raises ShippedError, OSError."""
     content = setup(name).path.read_bytes()
     try:
         file = path.open("xb")

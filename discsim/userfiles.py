@@ -1,6 +1,6 @@
-"""Small files that a user names or a run has left: plain files of a bounded size, whose faults have words.
+"""Reading of small files from users or runs: plain files of limited size, with messages for errors.
 
-A FIFO would be waited for without end, and a device read without end; neither is opened.
+FIFOs and devices are refused before they are opened: reading them could block, or never end.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from discsim.printable import UserError
 
-LARGEST_TEXT = 2**26  # bytes of a text: a history of a million rows has as many
+LARGEST_TEXT = 2**26  # bytes of a text file, about a history of a million rows
 KINDS = {
     stat.S_IFIFO: "a FIFO",
     stat.S_IFSOCK: "a socket",
@@ -40,7 +40,7 @@ def open_plain(path: str | os.PathLike[str]) -> io.BufferedReader:
         The file cannot be opened, or is a directory, FIFO, socket or device.
     """
     _refuse_odd(os.stat(path).st_mode, path)
-    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # never waits, should a FIFO have taken its place
+    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # does not block if the path has become a FIFO
     try:
         _refuse_odd(os.fstat(file).st_mode, path)
     except OSError:
@@ -50,7 +50,7 @@ def open_plain(path: str | os.PathLike[str]) -> io.BufferedReader:
 
 
 def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
-    """Read a plain file of at most `most` bytes. Raises OSError."""
+    """Return the bytes of a plain file of at most `most` bytes. Raises OSError."""
     with open_plain(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -59,31 +59,39 @@ def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str], errors: str = "strict", most: int = LARGEST_TEXT) -> str:
-    """Read a plain file of UTF-8, with the line breaks of Unix. Raises OSError, UnicodeDecodeError."""
+    """Return the text of a plain UTF-8 file, with Unix line breaks; `errors` is as for `bytes.decode`.
+
+    Raises OSError, UnicodeDecodeError.
+    """
     return read_plain(path, most).decode("utf-8", errors).replace("\r\n", "\n")
 
 
 def copy_plain(path: Path, to: Path) -> None:
-    """Copy a plain file. Raises UserError where it cannot be read, OSError where the copy cannot be written."""
+    """Copy a plain file. Raises UserError if it cannot be read, OSError if the copy cannot be written."""
     try:
         source = open_plain(path)
     except OSError as fault:
         raise UserError(system_message(fault, "read", path)) from None
     with source, to.open("wb") as target:
-        shutil.copyfileobj(source, target, 1 << 20)  # a fault of `copyfile` names the source on a full disk
+        shutil.copyfileobj(source, target, 1 << 20)  # on a full disk, errors of `copyfile` name the source
 
 
 def system_message(fault: OSError, verb: str, path: Path | str) -> str:
-    """Words for a refusal by the system: "PATH: cannot be written: no space left on device".
+    """Return a message about an OSError: "PATH: cannot be written: no space left on device".
 
     Parameters
     ----------
     fault
         Exception of the system.
     verb
-        Participle of what was to be done with the file.
+        Participle of the failed action, like "written".
     path
-        File for the message, where the exception names none.
+        File for the message if the exception names none.
+
+    Returns
+    -------
+    str
+        One line without a full stop at the end.
     """
     if fault.errno in NO_HANDLES:
         return "too many files are open for this process; expected a higher limit, as by: ulimit -n 1024"
@@ -92,7 +100,7 @@ def system_message(fault: OSError, verb: str, path: Path | str) -> str:
 
 
 def kind_of(mode: int) -> str:
-    """The kind of what is no plain file, in words."""
+    """Return the kind of a special file in words, from its mode."""
     return KINDS.get(stat.S_IFMT(mode), "of an unknown kind")
 
 

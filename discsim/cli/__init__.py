@@ -1,4 +1,4 @@
-"""The command line: what to run is checked here, before anything slow is imported or anything is written."""
+"""The command line. Arguments are checked before any slow import and before any file is written."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from discsim.printable import UserError
 from discsim.userfiles import system_message
 
 # isort: off
-from discsim.cli import runs, scenes, costs, looking  # in the order in which the help has their commands
+from discsim.cli import runs, scenes, costs, looking  # the help lists the commands in this order
 
 __all__ = ["app", "costs", "looking", "main", "runs", "scenes"]
 
 
 def main() -> None:
-    """Entry point of the command `discsim`."""
+    """Run the command `discsim` and end the process with its exit status."""
     process.collect_rarely()
     process.keep_freed()
     status: Any = 0
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def _refused(message: str, status: int = WRONG_INPUT) -> Any:
-    """Print a message; returns the exit status."""
+    """Print a message; return the exit status."""
     try:
         refuse(message, status)
     except SystemExit as end:
@@ -46,9 +46,9 @@ def _refused(message: str, status: int = WRONG_INPUT) -> Any:
 
 
 def _unwritten() -> OSError | None:
-    """Write what standard output still holds; the fault where that cannot be done, so that Python does not try again.
+    """Flush standard output; return the OSError if that fails (EPIPE for a closed pipe).
 
-    Of a pipe whose reader has gone it is EPIPE.
+    After a failure standard output is redirected to the null device, so that Python does not flush it again.
     """
     try:
         if sys.stdout is not None:

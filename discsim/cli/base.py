@@ -1,4 +1,4 @@
-"""What all commands share: the app, how a fault is told, options of several, and the scene."""
+"""Shared parts of the commands: the app, error messages, common options, and loading of the scene."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ app = typer.Typer(
 
 
 def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
+    """Print an error message on standard error, on the first MPI rank only, and exit."""
     try:
-        leads = size_and_rank()[1] == 0  # of several MPI ranks, which find the same, one tells
+        leads = size_and_rank()[1] == 0  # all MPI ranks find the same fault: the first one prints it
     except LaunchError:
         leads = True
     if leads:
@@ -39,7 +40,7 @@ def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
 
 
 def tell(text: object) -> None:
-    """Print lines on standard output. Raises BrokenPipeError if its reader is gone."""
+    """Print lines on standard output. Raises BrokenPipeError if the reader of the pipe is gone."""
     try:
         typer.echo(printable_lines(text))
     except BrokenPipeError:
@@ -91,6 +92,7 @@ def _discsim(
 
 
 def load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene:
+    """Return the validated scene, or print its faults and exit."""
     from discsim.scene import SceneError, load_scene
 
     try:

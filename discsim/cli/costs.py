@@ -1,4 +1,4 @@
-"""What accuracy costs."""
+"""The command `cost`: errors against CPU time, and the search for the cheapest settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that look at runs: pages, figures and films."""
+"""Commands for finished or running runs: pages, figures and films."""
 
 from __future__ import annotations
 
@@ -140,7 +140,10 @@ def movie(
 
 
 def _frames() -> Callable[[int, int], None]:
-    """Tell of the frames of a film on stderr: on a terminal each in its place, else a line now and then."""
+    """Return a function that reports the progress of a film on standard error.
+
+    On a terminal it rewrites one line per frame; otherwise it prints a line every LINE_EVERY seconds.
+    """
     from discsim.run.progress import LINE_EVERY
 
     due = time.monotonic()
@@ -157,7 +160,7 @@ def _frames() -> Callable[[int, int], None]:
 
 
 def _drawn(make: Callable[[], Path]) -> Path:
-    """What draws a figure or film, with its faults as messages."""
+    """Return the path of the figure or film that `make` writes; its errors become messages and exit statuses."""
     from discsim.output.fields.base import FieldError, PlotError
     from discsim.output.snapshot import SnapshotError
 

@@ -1,4 +1,4 @@
-"""Commands that run scenes."""
+"""The commands that run scenes: `run`, `branch` and `sweep`."""
 
 from __future__ import annotations
 
@@ -64,6 +64,7 @@ def run(
 
 
 def _on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
+    """Run the scene on MPI ranks; return the exit status."""
     try:
         import mpi4py  # noqa: F401
     except ImportError:

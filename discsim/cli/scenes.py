@@ -1,4 +1,4 @@
-"""Commands about scenes and what they may hold."""
+"""The commands about scenes: `check`, `setups`, `new` and `effects`."""
 
 from __future__ import annotations
 
