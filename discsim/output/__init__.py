@@ -1,1 +1,1 @@
-"""What a run leaves: snapshots, history, checkpoints, figures."""
+"""Output of a run: snapshots, history, checkpoints and figures."""

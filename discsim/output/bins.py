@@ -1,9 +1,9 @@
-"""Sums of particles on pixels and in rings, from which maps and profiles are made.
+"""Sums of particles on pixels and in rings, for maps and profiles.
 
 Sigma = sum m G / area,    <q> = sum m q G / sum m G
 
-In rings G is 1. On pixels each particle is a Gaussian as wide as a circle that holds 12 neighbours; how many there are
-is found from the counts of pixels, seen through wider and wider boxes.
+In rings G is 1. On pixels G is a Gaussian whose width is the radius of a circle with 12 neighbours. The number of
+neighbours comes from the particle counts of the pixels, averaged over boxes of increasing side.
 """
 
 from __future__ import annotations
@@ -15,28 +15,34 @@ import numpy as np
 
 Array = np.ndarray
 NEIGHBOURS = 12  # within one width of the Gaussian of a particle
-REACH = 3.5  # widths of a Gaussian, beyond which it is cut
-_BLOCK = 1 << 19  # particles that are looked at together: their temporary arrays stay in a cache
-_MARGIN = 8  # a window has a margin of this share of its longer side, whose particles reach into it
+REACH = 3.5  # cutoff of a Gaussian, in standard deviations
+_BLOCK = 1 << 19  # particles per block, so that temporary arrays fit into the cache
+_MARGIN = 8  # a window has a margin of 1/8 of its longer side: particles there reach into the window
 RINGS = 80
-FINE, ROUNDS = 240, 4  # bins of smooth profiles; rounds in which their widths are found
-WIDEST = 0.03  # such width, of the profile's length
+FINE, ROUNDS = 240, 4  # bins of smooth profiles; iterations for the widths
+WIDEST = 0.03  # largest width, over the length of the profile
 
 
 class Bins(Protocol):
-    """Where particles are summed: `measure` is the area (or length) of each bin, an array or one number for all."""
+    """Protocol of bins for sums over particles.
+
+    `measure` is the area (in 1D the length) of each bin: an array, or one number for all bins.
+    """
 
     measure: Any
 
     def sum(self, weights: Array) -> Array:
-        """The sum of weights (n,) in each bin."""
+        """Return the sum of weights (n,) in each bin."""
 
     def there(self, mass: Array) -> Array:
-        """Where there is so much mass that a mean says something."""
+        """Return where a bin has enough mass for a mean."""
 
 
 class Rings:
-    """Bins between rising `edges` (bins + 1,) of what each particle has (n,): a radius, or in 1D a place."""
+    """Bins between rising `edges` (bins + 1,) of the values `at` (n,) of particles: a radius, or in 1D a position.
+
+    `measure` is the area of each ring by default.
+    """
 
     def __init__(self, at: Array, edges: Array, measure: Array | None = None) -> None:
         edges = np.asarray(edges, dtype=float)
@@ -56,10 +62,10 @@ class Rings:
 
 
 class SmoothRings:
-    """Fine rings between two radii, or in 1D bins of x, over which particles at these (n,) are spread as on pixels.
+    """Fine rings between two radii (in 1D bins of x), with particles at `at` (n,) spread by a Gaussian.
 
-    Each is a Gaussian of three fifths of their mean distance n^(-1/2), in 1D 1/n, n the number density there: that
-    levels the rings of a quiet start to a thousandth. `edges` (bins + 1,).
+    The width of a Gaussian is 0.6 times the local mean distance of particles: n^(-1/2), in 1D 1/n, for a number
+    density n. This smooths the rings of a quiet start to 0.1%. `edges` has shape (bins + 1,).
     """
 
     def __init__(self, at: Array, ends: tuple[float, float], dimensions: int) -> None:
@@ -69,7 +75,7 @@ class SmoothRings:
         counts = self._bins.sum(np.ones(len(at)))
         side = (ends[1] - ends[0]) / FINE
         width = np.full(FINE, WIDEST * FINE)
-        for _ in range(ROUNDS):  # the density is that seen through the width
+        for _ in range(ROUNDS):  # iterated, as the density depends on the width
             share = _spread(width, self.measure)
             number = np.maximum(share @ counts / self.measure, 1e-300)
             width = np.clip(0.6 * number ** (-1.0 / dimensions) / side, 1.0, WIDEST * FINE)
@@ -83,7 +89,10 @@ class SmoothRings:
 
 
 def _spread(width: Array, measure: Array) -> Array:
-    """Shares [to, from] of what is in bins of an area (n,), Gaussians of a width (n,) in bins; nothing is lost."""
+    """Return the weights [to, from] of normalised Gaussians between bins.
+
+    `width` (n,) is in bins, `measure` (n,) the area of the bins. Sums over all bins are conserved.
+    """
     number = np.arange(len(width))
     away = np.abs(number[:, None] - number) / width
     share = np.where(away <= REACH, np.exp(-0.5 * away**2), 0.0) * measure[:, None]
@@ -91,9 +100,10 @@ def _spread(width: Array, measure: Array) -> Array:
 
 
 class Plane:
-    """Pixels [i, j] of the window from `lower` to `upper` of places (n, 2), made `of` a block of particles at a time.
+    """Pixels [i, j] of the window from `lower` to `upper` for `count` particles.
 
-    shape: pixels along each axis; periodic: axes on which the window repeats. measure: area of a pixel (nx, ny) or one.
+    `of` returns the positions (n, 2) of the particles in a slice. `shape` is the number of pixels along each axis,
+    and `periodic` says which axes are periodic. `measure` is the area of a pixel, one number or (nx, ny).
     """
 
     def __init__(
@@ -117,8 +127,8 @@ class Plane:
             self.flat[part] = self._pixel_of((of(part) - lower) / pixel)
         counts = self._deposit(None)
         self.occupied = np.flatnonzero(counts)
-        # One filter for each factor of sqrt(2) in width; a particle is shared between the two about its own, so that
-        # nothing jumps where the width passes from one to the next. Half a pixel is as good as sharp.
+        # One filter for each factor of sqrt(2) in width. A particle is shared between the filters below and above its
+        # own width, so that the map is continuous in the width. A Gaussian of half a pixel is as good as a point.
         width = _widths(counts.reshape(self.padded), self.occupied, self._modes)
         self.level = 2 * np.log2(np.clip(width, 0.5, max(shape)))
 
@@ -127,8 +137,8 @@ class Plane:
         return tuple("wrap" if repeats else "constant" for repeats in self.periodic)
 
     def _pixel_of(self, at: Array) -> Array:
-        """The number of the pixel at places in pixels (n, 2); `size` for those beyond the margin."""
-        with np.errstate(invalid="ignore"):  # what is not finite is not inside
+        """Return the flat pixel index (n,) of positions (n, 2) in pixels; `size` beyond the margin."""
+        with np.errstate(invalid="ignore"):  # positions that are not finite count as outside
             cell = np.floor(at).astype(np.int64)
         inside = np.isfinite(at).all(axis=1)
         for axis, n in enumerate(self.padded):
@@ -152,7 +162,7 @@ class Plane:
             away = np.abs(self.level - step)
             some, sigma = np.flatnonzero(away < 1), 2 ** (step / 2)
             mass, where = (1 - away[some]) * deposit[some], self.occupied[some]
-            if some.size < REACH * sigma and not any(self.periodic):  # one by one: a wide filter takes longer
+            if some.size < REACH * sigma and not any(self.periodic):  # direct sums are faster than a filter
                 total += gaussians(np.stack(np.divmod(where, self.padded[1]), axis=1), mass, sigma, self.padded)
             elif some.size:
                 image = np.zeros(self.size)
@@ -169,20 +179,21 @@ class Plane:
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Slices of as many particles as are looked at together."""
+    """Yield slices of _BLOCK particles each, up to `count`."""
     yield from (slice(start, start + _BLOCK) for start in range(0, count, _BLOCK))
 
 
 def _widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> Array:
-    """The width s, in pixels, at which pi s^2 n = 12 for particles in each of the pixels `occupied` (flat).
+    """Return the width s, in pixels, with pi s^2 n = 12, for particles in the pixels `occupied` (flat indices).
 
-    n is the number density seen through that width: counts under two boxes in a row, of side sqrt(6) s, which is
-    nearly a Gaussian of standard deviation s, and as quick for any. inf where all particles together are too few.
+    n is the number density averaged over that width. Two successive box averages of side sqrt(6) s stand in for a
+    Gaussian of standard deviation s, and take the same time for any width. The width is inf where there are too few
+    particles in all.
     """
     from scipy.ndimage import uniform_filter
 
     image = counts.astype(float)
-    # One particle alone counts as pi / 6 of one, and all that there are count so where the boxes hold them.
+    # A lone particle counts as pi / 6 particles, and so do all particles once the boxes contain them.
     wanted = min(NEIGHBOURS + 0.5, 0.45 * image.sum())
     width, found = np.full(len(occupied), np.inf), np.zeros(len(occupied), bool)
     before, side = np.full(len(occupied), np.nan), 1
@@ -194,7 +205,7 @@ def _widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> Array:
         now = ~found & (number >= wanted)
         if side == 1:
             width[now] = np.sqrt(wanted / number[now] / 6.0)
-        else:  # between the two the number grows as a power of the width
+        else:  # power-law interpolation between the last two sides
             last = 1 if side == 3 else (side + 1) // 2
             power = np.log(wanted / before[now]) / np.log(number[now] / before[now])
             width[now] = last / np.sqrt(6.0) * (side / last) ** power
@@ -204,7 +215,7 @@ def _widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> Array:
 
 
 def gaussians(cell: Array, mass: Array, sigma: float, shape: tuple[int, ...]) -> Array:
-    """What `gaussian_filter` makes on pixels of `shape` of masses (n,) at `cell` (n, 2), open at the edges."""
+    """Return scipy's `gaussian_filter` of masses (n,) at pixels `cell` (n, 2) of an open map, by direct sums."""
     reach = int(REACH * sigma + 0.5)
     norm = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).sum()
     along, across = (np.abs(np.arange(n) - at[:, None]) for n, at in zip(shape, cell.T, strict=True))
@@ -213,26 +224,29 @@ def gaussians(cell: Array, mass: Array, sigma: float, shape: tuple[int, ...]) ->
 
 
 def range_of_mass(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
-    """Least and greatest surface density that matter in a map: 99% of the mass, `decades` at most."""
+    """Return the lower and upper surface density of the colours of a map.
+
+    The range holds about 99% of the mass, and spans at most `decades`.
+    """
     seen = np.sort(sigma[sigma > 0])
     if not seen.size:
         return 0.1, 1.0
     mass = np.cumsum(seen)
     low, high = seen[np.minimum(np.searchsorted(mass, np.array([0.01, 0.999]) * mass[-1]), seen.size - 1)]
-    if high < 1.05 * low:  # uniform: colours must not blow up the last digits
+    if high < 1.05 * low:  # uniform: colours must not amplify rounding errors
         return low / 1.05, high * 1.05
     return max(low * max(0.5, (low / high) ** 0.25), high * 10**-decades), high
 
 
 def square_window(pos: Array, window: tuple[Array, Array], pixels: int, periodic: bool = False) -> Plane:
-    """Square pixels over a window of the plane, `pixels` on its longer side; periodic: the window is the box."""
+    """Return square pixels over a window, `pixels` on its longer side; periodic: the window is the box."""
     side = np.subtract(window[1], window[0])
     nx, ny = (max(int(np.rint(pixels * length / max(side))), 1) for length in side)
     return Plane(len(pos), lambda part: pos[part], window, (nx, ny), (periodic, periodic))
 
 
 def polar_window(pos: Array, inner: float, outer: float, pixels: int) -> Plane:
-    """Pixels [phi, r] between two radii, phi from -pi to pi: half as many in r as the `pixels` in phi."""
+    """Return pixels [phi, r] between two radii, phi from -pi to pi, with pixels / 2 rings in r."""
 
     def polar(part: slice) -> Array:
         x, y = pos[part].T

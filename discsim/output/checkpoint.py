@@ -20,17 +20,17 @@ from discsim.scene.units import clipped
 
 Array = np.ndarray
 Scalar = str | int | float | bool
-PARTICLES = ("gas", "dust", "own_acc")  # groups of arrays with a row a particle
-ROWS = 1 << 20  # that are checked at a time
-MOST = 1 << 53  # of a whole number; all below are floats too
+PARTICLES = ("gas", "dust", "own_acc")  # groups of arrays with one row per particle
+ROWS = 1 << 20  # rows that are checked at a time
+MOST = 1 << 53  # largest whole number: up to this limit floats are exact
 
 
 class CheckpointError(UserError):
-    """The file is absent, damaged, or no checkpoint; the message says which."""
+    """A checkpoint that is absent, damaged or of another kind; the message has the reason."""
 
 
 class Entries(dict[str, Any]):
-    """Entries of a checkpoint by name; one that it lacks is a CheckpointError."""
+    """Entries of a checkpoint by name; a missing entry raises CheckpointError."""
 
     def __init__(self, path: str | os.PathLike[str], entries: dict[str, Any]) -> None:
         super().__init__(entries)
@@ -41,9 +41,9 @@ class Entries(dict[str, Any]):
 
 
 class Values(Entries):
-    """Single values of a checkpoint, by name, type and range; a wrong one is a CheckpointError.
+    """Single values of a checkpoint by name, checked for type and range; a wrong value raises CheckpointError.
 
-    version: that of discsim which wrote the file.
+    `version` is the version of discsim that wrote the file.
     """
 
     def __init__(self, path: str | os.PathLike[str], entries: dict[str, Any], version: str) -> None:
@@ -57,7 +57,7 @@ class Values(Entries):
         return int(value)
 
     def number(self, name: str, least: float = -math.inf, may_be_infinite: bool = False) -> float:
-        """A number of `least` or more."""
+        """Return a number of at least `least`."""
         value = self[name]
         right = isinstance(value, int | float) and not isinstance(value, bool) and value >= least
         if not right or not (math.isfinite(value) or (may_be_infinite and value > 0.0)):
@@ -84,8 +84,8 @@ def write_checkpoint(
 ) -> None:
     """Write named groups of arrays (numbers, one or more dimensions) and single values.
 
-    What is at `path` is replaced, or moved to `before`; it stays where the new file cannot be written, which raises
-    OSError. into: what makes the file.
+    An existing file at `path` is replaced, or renamed to `before`. It stays in place if the new file cannot be
+    written, which raises OSError. `into` is the context manager that creates the file.
     """
     with into(path, before) as file:
         hdf5.mark(file, "checkpoint")
@@ -102,10 +102,10 @@ def write_checkpoint(
 def read_checkpoint(
     path: str | os.PathLike[str], share: tuple[int, int] = (0, 1)
 ) -> tuple[dict[str, dict[str, Array]], Values]:
-    """Read what `write_checkpoint` was given, every array with its bits. Raises CheckpointError.
+    """Read the groups and values of `write_checkpoint`, bit for bit. Raises CheckpointError.
 
-    So does looking up a group, an array or a value that the file lacks. share: a number below another one: of the
-    particles' rows this one of so many runs, about as long.
+    Looking up a missing group, array or value raises CheckpointError too. `share` = (i, k) reads rows [n i / k, n
+    (i+1) / k) of the n rows of particle arrays.
     """
 
     def rows(group: str, length: int) -> slice:
@@ -121,7 +121,7 @@ def read_checkpoint(
 
 
 def checked_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, Array]], Values]:
-    """As `read_checkpoint`, but for the particles, which are only read through."""
+    """Read a checkpoint without its particles; their arrays are only checked, ROWS rows at a time."""
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
         groups = {}
         for group, members in _datasets(file).items():
@@ -156,11 +156,11 @@ def _scalar(value: Any, name: str) -> Scalar:
 
 
 class OtherVersionWarning(UserWarning):
-    """A run goes on from a checkpoint that another version of discsim has written."""
+    """A run resumes from a checkpoint that another version of discsim wrote."""
 
 
 def other_version(values: Values) -> str:
-    """Warning about the values of a checkpoint that another version of discsim wrote; "" for this one."""
+    """Return a warning if another version of discsim wrote the checkpoint, else ""."""
     if values.version == __version__:
         return ""
     words = f"{values.path} is of discsim {values.version}, and this is {__version__}"

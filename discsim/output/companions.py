@@ -1,10 +1,11 @@
-"""companions.csv: each companion against time, a row a step or every `companion.every`. Code units, angles in degrees.
+"""companions.csv: each companion against time, one row per step or per `companion.every`. Code units; angles in
+degrees.
 
-Places and velocities are relative to the star, velocities at the time of the places; semi_major_axis, eccentricity,
-pericentre (its longitude) and anomaly (true) are those of the orbit that its whole mass would be on with the star
-alone. Gas and dust feel felt_mass of it, less than mass during its ramp; torques are those of all gas and dust on that
-about the star, felt_mass r x a, whether it feels them or not. The star's own place and velocity are in the frame of the
-run.
+Positions and velocities are relative to the star, at the same time. semi_major_axis, eccentricity, pericentre (its
+longitude) and anomaly (true anomaly) describe the two-body orbit about the star with the companion's full mass.
+During its ramp a companion acts on gas and dust with felt_mass, which is less than mass. The torques are those of
+all gas and dust about the star on a companion of that mass, felt_mass r x a, even if the companion does not react to
+them. The star's own position and velocity are in the frame of the run.
 """
 
 from __future__ import annotations
@@ -26,20 +27,20 @@ COLUMNS = (
     "torque_gas", "torque_dust", "accreted_gas", "accreted_dust", "star_mass", "star_x", "star_y", "star_vx", "star_vy",
     "felt_mass",
 )  # fmt: skip
-EARLY = 1e-9  # of an interval, by which rounding may bring a row too early
+EARLY = 1e-9  # tolerance, over the interval, for rounding errors of the time
 
 
 def written_for(scene: Scene) -> bool:
-    """Whether a run of a scene has the file."""
+    """Return whether a run of the scene writes the file."""
     return scene.table("companion") is not None
 
 
 def companion_rows(state: State, dt: float) -> list[list[object]]:
-    """Rows of the companions that are due after a step of dt, entries as in COLUMNS; at the start all of them."""
+    """Return the rows of the companions due after a step of `dt`, as in COLUMNS; at step 0 all companions are due."""
     bodies = state.bodies
     if bodies is None:
         return []
-    vel = bodies.vel + state.lag * bodies.acc  # with the closing kick
+    vel = bodies.vel + state.lag * bodies.acc  # includes the closing half kick
     star = [float(value) for value in (bodies.mass[0], *bodies.pos[0], *vel[0])]
     rows: list[list[object]] = []
     for k, companion in enumerate(state.scene.table("companion") or (), 1):

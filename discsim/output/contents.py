@@ -1,4 +1,4 @@
-"""Entries of a snapshot file that are no arrays of the state: its box, the kernel's reach, temperatures."""
+"""Entries of a snapshot beyond the state's arrays: the box, the kernel's support, and derived quantities."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ growth = Lazy("discsim.physics.growth")
 
 
 class Extent(NamedTuple):
-    """Corners (dimensions,) of the box that holds all particles of a run, and how many there are of each kind."""
+    """Corners (dimensions,) of the box around all particles of a run, and particle numbers by kind."""
 
     lower: Array
     upper: Array
@@ -28,7 +28,7 @@ class Extent(NamedTuple):
 
 
 def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> Extent:
-    """The scene's box, widened to hold what has left it through an open boundary."""
+    """Return the scene's box, extended to particles that have left it through an open boundary."""
     size = np.asarray(scene.space.size, dtype=float)
     lower = -size / 2 if scene.centred else np.zeros_like(size)
     upper = lower + size
@@ -41,11 +41,12 @@ def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies |
 
 
 def unit_texts(units: Units) -> tuple[str, str, str]:
+    """Return the system and the code units of length and mass as texts."""
     return units.system, units.length_text, units.mass_text
 
 
 def support_radius(scene: Scene) -> float:
-    """Radius of the kernel's support in units of h."""
+    """Return the radius of the kernel's support in units of h; 1 without gas."""
     if scene.gas is None:
         return 1.0
     from discsim.kernels.sph.smoothing import KERNELS, SUPPORT
@@ -54,31 +55,37 @@ def support_radius(scene: Scene) -> float:
 
 
 def present_kinds(gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> dict[str, Particles | Bodies]:
+    """Return the kinds of particles that are not None, by name."""
     kinds: dict[str, Any] = {"gas": gas, "dust": dust, "bodies": bodies}
     return {name: particles for name, particles in kinds.items() if particles is not None}
 
 
 def into_box(pos: Array, lower: Array, upper: Array) -> Array:
-    """Three columns in [0, BoxSize]; dimensions that the run does not have are in the middle."""
+    """Return positions (n, 3) in [0, BoxSize] relative to the corner `lower`.
+
+    Dimensions that the run does not have get the middle of the longest side.
+    """
     side = upper - lower
     shifted = np.full((len(pos), 3), side.max() / 2)
-    shifted[:, : pos.shape[1]] = np.clip(pos - lower, 0, side)  # else rounding may put one just outside
+    shifted[:, : pos.shape[1]] = np.clip(pos - lower, 0, side)  # against rounding errors at the upper side
     return shifted
 
 
 def derived_arrays(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
-    """Entries of the layout that are no part of the state."""
+    """Return arrays of gas that the layout has but the state does not: temperature, and u without an energy
+    equation.
+    """
     if kind != "gas" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density
     derived, gamma = {}, eos_of(scene).index(scene.gas.eos)
     if particles.u is None:
-        # What readers make the pressure of, (gamma - 1) rho u, with the index that the file tells them.
+        # Readers compute the pressure as (gamma - 1) rho u, with the adiabatic index in the file.
         derived["u"] = 1.5 * per_mass if gamma is None else per_mass / (gamma - 1.0)
     if scene.units.system == "physical":
         from discsim.scene.astropy_units import constants
 
-        # P/rho is c_s^2 of isothermal gas and c_s^2/gamma of adiabatic: one formula for both.
+        # P/rho is c_s^2 for isothermal and c_s^2/gamma for adiabatic gas: one formula for both.
         molecule = scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e).cgs.value
         specific = scene.units.cgs("specific_energy") * per_mass
         if particles.small is not None:

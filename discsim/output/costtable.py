@@ -1,4 +1,4 @@
-"""costs.csv: CPU seconds of a run by effect, as `run/costs.py` writes them, read again."""
+"""Reading of costs.csv, the CPU seconds of a run by effect (written by `run/costs.py`)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ COLUMNS = ("effect", "calls", "cpu_seconds", "share")
 
 
 class CostsError(UserError):
-    """A costs.csv that is not as a run writes it; the message says where."""
+    """A damaged costs.csv; the message has the line."""
 
 
 class Cost(NamedTuple):
-    """Calls, CPU seconds and share of the total of an effect."""
+    """Calls, CPU seconds and share of the total of one effect."""
 
     effect: str
     calls: int

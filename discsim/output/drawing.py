@@ -1,4 +1,4 @@
-"""What figures share: a map of a field with colour bar, star, companions and scale bar, and axes with units."""
+"""Shared parts of figures: maps with colour bar, star, companions and scale bar, and axes with units."""
 
 from __future__ import annotations
 
@@ -28,23 +28,25 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-DOLLAR = re.compile(r"(?<!\\)\$")  # one that begins or ends mathematics
-WIDEST = 2000.0  # points of a line with mathematics: what is wider is no title, and may take all memory
+DOLLAR = re.compile(r"(?<!\\)\$")  # a dollar sign that begins or ends mathematics
+WIDEST = 2000.0  # points, largest width of a line with mathematics: wider lines may exhaust the memory
 
-# Of Okabe & Ito (2008), which the colour-blind tell apart, and lines of their own for print without colour.
+# Colours of Okabe & Ito (2008), which colour-blind readers can distinguish; line styles for print without colour.
 COLOURS = {"gas": "#0072B2", "dust": "#D55E00", "small_dust": "#009E73"}
 STYLES = {"gas": "-", "dust": "-", "small_dust": "--"}
 PIXELS = 480
-PLAIN = (1e-4, 1e5)  # numbers that are written without a power of ten
+PLAIN = (1e-4, 1e5)  # range of numbers that are written without a power of ten
 
-# In inches. Axes are put where they go: to let matplotlib find room for their labels takes longer than to draw them.
-LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # room beside and under axes; that of titles
-COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, their side, pitch of profiles
+# Layout in inches. Fixed positions of axes: matplotlib's automatic layout takes longer than drawing.
+LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space next to and below axes, and for titles
+COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, side of a map, pitch of profiles
 BAR = (0.08, 0.2)  # distance and width of a colour bar
 
 
 def figure_text(text: str) -> str:
-    """A text of a user for a figure: mathematics between dollars where matplotlib can typeset it, else as it stands."""
+    """Return a user's text for a figure: dollars mark mathematics if matplotlib can typeset it, else they are
+    escaped.
+    """
     line = printable(text)
     if not DOLLAR.search(line) or (len(DOLLAR.findall(line)) % 2 == 0 and _typesets(line)):
         return line
@@ -52,31 +54,35 @@ def figure_text(text: str) -> str:
 
 
 def _typesets(line: str) -> bool:
-    """True if matplotlib can typeset a line with mathematics, in a size that a figure has."""
+    """Return whether matplotlib can typeset a line with mathematics in a reasonable size."""
     try:
         width, height, *_ = MathTextParser("path").parse(line)
-    except Exception:  # of whatever kind: it is the text of a user that matplotlib cannot read
+    except Exception:  # matplotlib may raise anything for a user's text
         return False
     return max(width, height) < WIDEST
 
 
 def in_units(snap: Snapshot, dimension: str) -> tuple[float, str]:
-    """The factor from code units to those of the axes, and their name in brackets."""
+    """Return the factor from code units to the unit of axes for a dimension, and the unit in brackets."""
     plain = Field("particles", "", np.asarray, dimension, "")
     unit = plain.shown_unit(snap.units)
     return plain.factor(snap.units), f" [{WRITTEN.get(unit, unit)}]" if unit else ""
 
 
 def axes_at(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Axes with their lower left corner at a place of the figure; all in inches."""
+    """Return new axes with the lower left corner at (left, bottom); all lengths in inches."""
     across, up = figure.get_size_inches()
     axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
-    axes.ticklabel_format(useOffset=False, scilimits=(-3, 4))  # never wider than there is room
+    axes.ticklabel_format(useOffset=False, scilimits=(-3, 4))  # keeps tick labels narrow
     return axes
 
 
 def norm_of(pictures: Iterable[Picture]) -> Normalize:
-    """The colours that pictures of one field share: of its mass, of all but half a per cent at each end, or about 0."""
+    """Return the shared colour range of pictures of one field.
+
+    For densities and intensities see `range_of_mass`; other fields use the quantiles 0.5% to 99.5%, symmetric about
+    0 for signed fields.
+    """
     pictures = list(pictures)
     field, values = pictures[0].field, np.concatenate([picture.values.ravel() for picture in pictures])
     values = values[np.isfinite(values)]
@@ -92,20 +98,20 @@ def norm_of(pictures: Iterable[Picture]) -> Normalize:
         return Normalize(-most, most, clip=True)
     if field.scale == "log" and high > 1.5 * low:
         return LogNorm(low, high, clip=True)
-    # What is nearly the same everywhere has a range too.
+    # A nearly uniform field gets a margin of 5% on either side.
     room = max(0.05 * abs(high), 1e-300) if high - low < 0.05 * abs(high) else 0.0
     return Normalize(low - room, high + room, clip=True)
 
 
-Mark = tuple[float, float, bool]  # x, y in the units of axes, and whether it is the star
+Mark = tuple[float, float, bool]  # x and y in the units of axes, and whether the mark is the star
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Values [y, x] of a field between edges of x and of y, in the units of axes; with what else is drawn there.
+    """Values [y, x] of a field between edges of x and y, in the units of axes.
 
-    marks: places of star and companions. scale: of a map, how many units of x are an au (or a code unit); None for
-    any other, whose axes need not have the same scale.
+    `marks` are the positions of star and companions. `scale` is the number of axis units per au (or per code unit)
+    of a map; None for pictures with different units on the two axes.
     """
 
     snap: Snapshot
@@ -124,12 +130,12 @@ class Picture:
 
     @property
     def text(self) -> str:
-        """What the colours show."""
+        """The label of the colour bar."""
         return self.field.text(self.snap.units)
 
 
 def map_picture(binned: Binned, name: str, window: Window, sky: float | None = None) -> Picture:
-    """A field on the pixels of a window."""
+    """Return the picture of a field on the pixels of a window; `sky` is the arcsec per au for axes in arcsec."""
     snap, field = binned.snap, FIELDS[name]
     length, unit = in_units(snap, "length")
     length, unit = (length, unit) if sky is None else (length * sky, " [arcsec]")
@@ -142,10 +148,10 @@ def map_picture(binned: Binned, name: str, window: Window, sky: float | None = N
 
 
 def draw(axes: Axes, picture: Picture, norm: Normalize, colours: str | None = None, bar: str | None = None) -> None:
-    """A picture and its colour bar, with the text `bar` in place of what the field says of itself."""
+    """Draw a picture and its colour bar; `bar` replaces the label of the colour bar."""
     values, x, y = picture.values, picture.x, picture.y
     if isinstance(norm, LogNorm) and picture.field.kind == "density" and bar is None:
-        values = np.maximum(values, 1e-300)  # nothing has the colour of little
+        values = np.maximum(values, 1e-300)  # empty pixels get the lowest colour
     style: dict[str, Any] = {"norm": norm, "cmap": colours or picture.field.colours}
     if len(x) == len(y) == 2:
         extent = (x[0], x[1], y[0], y[1])
@@ -153,7 +159,7 @@ def draw(axes: Axes, picture: Picture, norm: Normalize, colours: str | None = No
         shown: Any = axes.imshow(values, origin="lower", extent=extent, aspect=equal, interpolation="bilinear", **style)
     else:
         shown = axes.pcolormesh(x, y, values, rasterized=True, **style)
-    axes.set_facecolor("0.85")  # where there is nothing of which a mean could be taken
+    axes.set_facecolor("0.85")  # grey where the values are NaN
     axes.set(xlabel=picture.labels[0], ylabel=picture.labels[1])
     for mark_x, mark_y, star in picture.marks:
         mark, size = ("*", 11) if star else ("o", 6)
@@ -162,7 +168,7 @@ def draw(axes: Axes, picture: Picture, norm: Normalize, colours: str | None = No
 
 
 def bodies(snap: Snapshot) -> list[Mark]:
-    """Places of the star and its companions in the units of axes, and whether it is the star."""
+    """Return the star and companions as marks (x, y, is star), in the units of axes; [] without a centre."""
     if not has_centre(snap):
         return []
     places = np.zeros((1, 2)) if snap.bodies is None else snap.bodies.pos
@@ -170,10 +176,10 @@ def bodies(snap: Snapshot) -> list[Mark]:
 
 
 def scale_bar(axes: Axes, picture: Picture) -> None:
-    """A length of a round number, at most a quarter of the window, in the lower left corner of a map that is drawn."""
+    """Draw a scale bar of a round length, at most 25% of the window, at the lower left of a drawn map."""
     left, right = picture.x
     side, unit = float(right - left), in_units(picture.snap, "length")[1].strip(" []")
-    bar = round_number(0.25 * side / (picture.scale or 1.0))  # of the disc, also where axes are angles
+    bar = round_number(0.25 * side / (picture.scale or 1.0))  # length in the disc, also if the axes are angles
     x, y, long = left + 0.05 * side, picture.y[0] + 0.05 * side, bar * (picture.scale or 1.0)
     part = picture.values[: len(picture.values) // 8, : picture.values.shape[1] // 3]
     under = axes.images[0].to_rgba(np.ma.masked_invalid(part[::8, ::8]))[..., :3]
@@ -194,13 +200,13 @@ def scale_bar(axes: Axes, picture: Picture) -> None:
 
 
 def round_number(most: float) -> float:
-    """The greatest of 1, 2, 5, 10 ... that is at most this."""
+    """Return the largest of ..., 1, 2, 5, 10, ... that is at most `most`."""
     power = 10.0 ** np.floor(np.log10(most))
     return float(power * max(n for n in (1.0, 2.0, 5.0) if n * power <= most * (1.0 + 1e-9)))
 
 
 def colour_bar(axes: Axes, image: Any, label: str) -> None:
-    """Beside the axes of an image."""
+    """Draw the colour bar of an image to the right of its axes."""
     beside = axes.inset_axes((1.0 + BAR[0] / MAP, 0.0, BAR[1] / MAP, 1.0))
     figure = axes.figure
     assert isinstance(figure, Figure)
@@ -210,9 +216,9 @@ def colour_bar(axes: Axes, image: Any, label: str) -> None:
 
 
 def log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
-    """Plain numbers on a logarithmic axis: of two decades or less, where powers of ten are too few, 1, 2 and 5 of each.
+    """Set plain numbers as ticks of a logarithmic axis; over two decades or less at 1, 2 and 5 times powers of ten.
 
-    Powers that matplotlib typesets take longer than the lines that they are beside.
+    Typesetting powers of ten takes longer than drawing the lines.
     """
     if not low or not high or not (high <= 100.0 * low or PLAIN[0] <= low < high < PLAIN[1]):
         return
@@ -228,7 +234,7 @@ def log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
 
 
 def plain(value: float) -> str:
-    """A number as short as it can be, in mathtext where it needs a power of ten."""
+    """Return a number as short text, in mathtext if it needs a power of ten."""
     if PLAIN[0] <= abs(value) < PLAIN[1] or value == 0:
         return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
     power = int(np.floor(np.log10(abs(value))))
@@ -236,9 +242,9 @@ def plain(value: float) -> str:
 
 
 def points(snap: Snapshot, name: str) -> tuple[Array, Array]:
-    """Places and values of a field of one dimension, in the units of axes: of particles, or between them.
+    """Return positions and values of a field in 1D, in the units of axes: of particles, or of bins.
 
-    A density is the stored one, or the mass between fourth neighbours over their distance.
+    A density is the stored density, or the mass between the fourth neighbours over their distance.
     """
     field = FIELDS[name]
     length, factor = in_units(snap, "length")[0], field.factor(snap.units)

@@ -1,6 +1,7 @@
-"""The figure of a snapshot: in 2D maps, with radial profiles where there is a centre; in 1D density and velocity.
+"""The figure of the last snapshot.
 
-Over the exact solution where there is one.
+In 2D it has maps, and radial profiles if the scene has a centre; in 1D density and velocity against x. Exact
+solutions are drawn as lines.
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ Array = np.ndarray
 
 
 def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.PathLike[str]) -> None:
-    """Draw the snapshot at `snapshot_path` into the PNG `out_png`. Raises SnapshotError, OSError."""
+    """Draw the snapshot at `snapshot_path` to the PNG file `out_png`. Raises SnapshotError, OSError."""
     snap = read_snapshot(snapshot_path).about_centre()
     figure = _lines(snap) if snap.dimensions == 1 else _maps(snap)
     figure.suptitle(_title(snap))
     FigureCanvasAgg(figure)
-    # Compressed least: the most takes as long as to draw it.
+    # Little compression: full compression takes as long as drawing.
     little = {"compress_level": 1}
     made = {"Software": f"discsim {__version__}", "Comment": snap.command, "Description": snap.scene_text}
     figure.savefig(Path(out_png), dpi=130, metadata=made, pil_kwargs=little)
@@ -63,13 +64,16 @@ def _title(snap: Snapshot) -> str:
 
 
 def _around(snap: Snapshot) -> str | None:
-    """The velocity to show against the distance from the middle of the box, where that is the centre of a start."""
+    """Return the velocity component to draw against the distance from the middle of the box, or None.
+
+    A start defines the component if the middle of the box is its centre.
+    """
     start = start_of(snap)
     return start.around if start is not None else None
 
 
 def _exact(snap: Snapshot, x: Array) -> dict[str, Curve]:
-    """Places, densities and velocities by species, for the scenes with a known answer; empty for others."""
+    """Return exact curves (position, density, velocity) by species; {} for scenes without an exact solution."""
     start = start_of(snap)
     return start.curves(load_scene(snap.tables), snap.time, x) if start is not None and start.curves else {}
 
@@ -78,16 +82,16 @@ def _maps(snap: Snapshot) -> Figure:
     kinds, grains = snap.species, _of_grains(snap)
     around = _around(snap)
     below = 2 if around else int(centred(snap))
-    # Bars of less than a decade have wide labels.
+    # Colour bars of less than a decade have wide labels.
     width, rows = COLUMN * max(len(kinds), len(grains)) + (0.6 if grains else 0.2), ROW * below
-    lower = BELOW + MAP + 0.4 if grains else 0.0  # room of the maps of grains
+    lower = BELOW + MAP + 0.4 if grains else 0.0  # space for the maps of grains
     figure = Figure(figsize=(width, rows + lower + BELOW + MAP + TITLE))
     window = shown_window(snap)
     binned = on_pixels(snap, window, PIXELS)
     for column, kind in enumerate(kinds):
         axes = axes_at(figure, COLUMN * column + LEFT, rows + lower + BELOW, MAP, MAP)
         _map(axes, binned, f"{kind}.surface_density", window)
-        axes.set_title(kind, y=1.0)  # there: to look for room above takes longer than to draw the labels
+        axes.set_title(kind, y=1.0)  # fixed position: matplotlib's search for space takes longer than drawing
     for column, name in enumerate(grains):
         _map(axes_at(figure, COLUMN * column + LEFT, rows + BELOW, MAP, MAP), binned, name, window)
     if around:
@@ -98,7 +102,7 @@ def _maps(snap: Snapshot) -> Figure:
 
 
 def _of_grains(snap: Snapshot) -> list[str]:
-    """The maps of grains that have sizes of their own and some mass."""
+    """Return the names of the maps of grains, if grains have individual sizes and some mass."""
     dust = snap.dust
     if dust is None or dust.size is None or not (dust.mass > 0).any():
         return []
@@ -111,7 +115,7 @@ def _map(axes: Axes, binned: Binned, name: str, window: Window) -> None:
 
 
 def _row(figure: Figure, number: int) -> Axes:
-    """Axes of a profile as wide as the figure, rows counted from below."""
+    """Return axes of a profile across the figure; rows are counted from below."""
     wide = figure.get_size_inches()[0] - LEFT - RIGHT
     return axes_at(figure, LEFT, ROW * number + BELOW, wide, ROW - BELOW - 0.1)
 
@@ -131,15 +135,17 @@ def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     axes.set(xlabel=f"r{length_unit}", ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length))
     if min(peaks) > 0:
         axes.set_yscale("log")
-        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * min(peaks)))  # a lone particle must not set the scale
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * min(peaks)))  # a lone particle must not determine the scale
         log_ticks(axes.yaxis, *axes.get_ylim())
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
 
 
 def _radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
-    """Density and velocity, azimuthal where it `turns`, else radial, of the particles against the distance from the
-    middle; over the exact solution where there is one."""
+    """Draw density and velocity against the distance from the middle, with the exact solution.
+
+    The velocity is azimuthal if `turns`, else radial.
+    """
     scene: Any = load_scene(snap.tables)
     length, length_unit = in_units(snap, "length")
     density, density_unit = in_units(snap, "density")
@@ -147,10 +153,10 @@ def _radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
     middle, outer = (snap.lower + snap.upper) / 2, (snap.upper - snap.lower).min() / 2
     boost = np.array(getattr(scene.initial, "velocity", (0.0, 0.0)))
     for kind, particles in snap.species.items():
-        # Rings some spacings wide.
+        # Rings are a few particle spacings wide.
         edges = np.linspace(0, outer, int(np.clip(0.3 * particles.count**0.5, 10, RINGS)) + 1)
         away, vel = particles.pos - middle, particles.vel - boost
-        if boost.any():  # the middle moves with it
+        if boost.any():  # the middle moves with the flow
             away = (away - boost * snap.time + outer) % (2 * outer) - outer
         r = np.sqrt((away**2).sum(axis=1))
         mass, _ = np.histogram(r, edges, weights=particles.mass)
@@ -169,7 +175,7 @@ def _radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
 
 
 def _plot_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
-    """Exact densities and velocities at places or distances x (n,)."""
+    """Draw exact densities and velocities at positions or distances x (n,)."""
     length, density, velocity = (in_units(snap, name)[0] for name in ("length", "density", "velocity"))
     for kind, (at, rho, v) in _exact(snap, x).items():
         style: dict[str, Any] = {"color": "black", "lw": 0.8, "ls": {"gas": "-", "dust": "--"}[kind]}
@@ -178,7 +184,7 @@ def _plot_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
 
 
 def _lines(snap: Snapshot) -> Figure:
-    """Density and velocity of the particles against x, over the exact solution where there is one."""
+    """Return the figure of a 1D snapshot: density and velocity of particles against x, with the exact solution."""
     figure = Figure(figsize=(8, 7))
     height = (7.0 - BELOW - TITLE) / 2
     below = axes_at(figure, LEFT, BELOW, 8.0 - LEFT - RIGHT, height - 0.1)
@@ -195,7 +201,7 @@ def _lines(snap: Snapshot) -> Figure:
     _plot_exact(above, below, snap, np.linspace(snap.lower[0], snap.upper[0], 1000))
     above.set(ylabel=rf"$\rho${in_units(snap, 'density')[1]}")
     below.set(xlabel=f"x{length_unit}", ylabel=f"velocity{in_units(snap, 'velocity')[1]}")
-    above.set_xlim(min(ends), max(ends))  # walls of immobile particles are beyond
+    above.set_xlim(min(ends), max(ends))  # excludes the walls of immobile particles
     for axes in (above, below):
         axes.grid(alpha=0.3)
     above.legend(frameon=False)

@@ -1,7 +1,9 @@
-"""Files that are whole or absent, also after a power cut: on the disk before they get their name, and the name too.
+"""Files that are complete or absent, also after a power cut.
 
-Only plain files are replaced or appended to. What else has a name, a directory, FIFO, device or symbolic link, is not
-ours to remove, and writing through a link could replace a file elsewhere.
+The content is synchronised to disk before the file is renamed, and the directory after the renaming.
+
+Only plain files are replaced or appended to. Directories, FIFOs, devices and symbolic links are refused: discsim did
+not create them, and writing through a link could replace a file elsewhere.
 """
 
 from __future__ import annotations
@@ -18,12 +20,12 @@ from typing import Any
 
 from discsim.userfiles import kind_of
 
-PARTS = "parts"  # the folder of files that belong to others beside it, `parts.py`
+PARTS = "parts"  # name of the folder for parts of snapshots and checkpoints (`parts.py`)
 MAIN = Path(__file__).parents[1] / "__main__.py"  # what `python -m discsim` runs
 
 
 def refuse_special(path: str | os.PathLike[str]) -> None:
-    """Raise OSError where a file cannot take the place of what is at `path`: that exists and is no plain file."""
+    """Raise OSError if `path` exists and is no plain file."""
     with suppress(FileNotFoundError):
         mode = os.lstat(path).st_mode
         if not stat.S_ISREG(mode):
@@ -33,10 +35,10 @@ def refuse_special(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def written(path: str | os.PathLike[str], ending: str = "", before: Path | None = None) -> Iterator[Path]:
-    """Where to write what appears at `path` once it is complete; an exception leaves what was there before.
+    """Yield a temporary path, which is renamed to `path` when the block ends without an exception.
 
-    ending: of the name beside it, for who tells a format by that. before: where what was there stays. Raises OSError
-    where either exists and is no plain file.
+    `ending` is the suffix of the temporary name, for libraries that choose a format by the suffix. An existing file
+    is replaced, or renamed to `before`. Raises OSError if `path` or `before` exists and is no plain file.
     """
     path = Path(path)
     for target in (path, *([before] if before is not None else [])):
@@ -44,38 +46,38 @@ def written(path: str | os.PathLike[str], ending: str = "", before: Path | None 
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part{ending}")
     try:
         yield temporary
-        keep(temporary)  # else a power cut may leave the new name with no content
+        keep(temporary)  # otherwise a power cut could leave an empty file
         refuse_special(path)
         if before is not None and path.exists():
             os.replace(path, before)
         os.replace(temporary, path)
     except BaseException:
-        with suppress(OSError):  # as of a disk that is gone: the first fault is the one to tell
+        with suppress(OSError):  # the first error is the one to report
             temporary.unlink(missing_ok=True)
         raise
     keep_names(path.parent)
 
 
 def appended(path: str | os.PathLike[str], buffering: int = -1) -> Any:
-    """A plain file of bytes, open for appending. Raises OSError for any other."""
+    """Open a plain file of bytes for appending. Raises OSError for any other kind."""
     refuse_special(path)
     return Path(path).open("ab", buffering)
 
 
 def renamed(old: Path, new: Path) -> None:
-    """Put the file `old` in the place of `new`."""
+    """Rename the file `old` to `new`, replacing `new`."""
     os.replace(old, new)
     keep_names(new.parent)
 
 
 def keep_names(directory: Path) -> None:
-    """Have the names in a directory on the disk, where its file system can be asked for that."""
+    """Synchronise a directory to disk, if its file system supports that."""
     with suppress(OSError):
         keep(directory)
 
 
 def keep(path: Path) -> None:
-    """Have what a file holds on the disk."""
+    """Synchronise the content of a file to disk."""
     file = os.open(path, os.O_RDONLY)
     try:
         os.fsync(file)
@@ -84,7 +86,7 @@ def keep(path: Path) -> None:
 
 
 def command() -> str:
-    """The command line of this process, as a shell takes it."""
+    """Return the command line of this process, quoted for a shell."""
     program, *arguments = sys.argv or [""]
     ours = Path(program).name == "discsim" or Path(program) == MAIN
     return shlex.join(["discsim" if ours else program, *arguments])

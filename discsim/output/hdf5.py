@@ -1,7 +1,7 @@
-"""HDF5 files that are whole or absent, are read back once they are written, and notice a flipped bit later.
+"""HDF5 files that are complete or absent, verified after writing, with checksums against later bit errors.
 
-Arrays carry a fletcher32 checksum; the format of HDF5 1.10 checksums all else (attributes, indices). Rows of particles
-may lie in several files, `parts.py`.
+Arrays carry a fletcher32 checksum; the format of HDF5 1.10 has checksums for everything else (attributes, indices).
+Rows of particles may be divided among several files (`parts.py`).
 """
 
 from __future__ import annotations
@@ -27,23 +27,24 @@ from discsim.printable import printable
 from discsim.scene.units import clipped
 from discsim.userfiles import open_plain
 
-_CHUNK = 1 << 16  # entries; a chunk is read and checked as a whole
-_BLOCK = 1 << 24  # bytes that are read back at a time
+_CHUNK = 1 << 16  # rows per chunk; HDF5 reads and checks whole chunks
+_BLOCK = 1 << 24  # bytes per block when a file is verified
 ALL = slice(None)
-_SEAL = b"\ndiscsim: sha256 of all before this line "  # at the end, before the digest: HDF5 does not read it
+_SEAL = b"\ndiscsim: sha256 of all before this line "  # before the digest at the end of the file, which HDF5 ignores
 UNCOMPRESSED = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
-DEFLATED = 1100  # times that compressed bytes may become, above what deflate reaches
+DEFLATED = 1100  # largest compression ratio, above the maximum of deflate
 LARGEST_CHUNK, LARGEST_ATTRIBUTE = 1 << 24, 1 << 20  # bytes
-HOLLOW = 1000  # times the bytes on the disk that a file may claim to have
-NAMES, MADE = "parts", "made"  # attributes: names of the parts of a master; what both of them have, and no others
+HOLLOW = 1000  # largest ratio of a file's size to its blocks on disk
+NAMES, MADE = "parts", "made"  # attributes: names of a master's parts; text shared by a master and its parts only
 
 
 @contextmanager
 def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator[h5py.File]:
-    """A new file that appears at `path` only when complete; an exception leaves what was there before.
+    """Yield a new file that appears at `path` when the block ends; after an exception an existing file stays.
 
-    Built in memory: HDF5 itself may crash where the disk is full, a plain write raises OSError, and so does a disk that
-    holds something else than was written. before: where what was there stays.
+    The file is built in memory and then written, because HDF5 may crash on a full disk. An existing file is
+    replaced, or renamed to `before`. Raises OSError if writing fails, or if the disk returns other bytes than those
+    written.
     """
     content = io.BytesIO()
     with new(content) as file:
@@ -52,12 +53,12 @@ def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator
 
 
 def new(content: io.BytesIO) -> h5py.File:
-    """An empty file in memory."""
+    """Return an empty HDF5 file in memory."""
     return h5py.File(content, "w", libver=("v110", "v110"))
 
 
 def put_down(path: str | os.PathLike[str], content: io.BytesIO, before: Path | None = None) -> None:
-    """Have a file that was made in memory at `path`, as `create`."""
+    """Write a file built in memory to `path`, with the guarantees of `create`."""
     with written(path, before=before) as temporary:
         with temporary.open("wb") as plain:
             plain.write(content.getbuffer())
@@ -68,9 +69,9 @@ def put_down(path: str | os.PathLike[str], content: io.BytesIO, before: Path | N
 
 
 def seal(content: io.BytesIO) -> None:
-    """Append a digest of all that a file in memory holds.
+    """Append a SHA-256 digest of a file in memory.
 
-    What says where virtual datasets lie has no checksum of HDF5, which may crash on a flipped bit there.
+    HDF5 has no checksum for the source names of virtual datasets, and may crash on a bit error there.
     """
     digest = hashlib.sha256(content.getbuffer()).digest()
     content.seek(0, os.SEEK_END)
@@ -78,6 +79,7 @@ def seal(content: io.BytesIO) -> None:
 
 
 def _check_seal(file: IO[bytes]) -> None:
+    """Raise OSError if a file's digest does not match; files without a digest pass."""
     length = file.seek(0, os.SEEK_END) - len(_SEAL) - hashlib.sha256().digest_size
     file.seek(max(length, 0))
     if file.read(len(_SEAL)) != _SEAL:
@@ -89,7 +91,9 @@ def _check_seal(file: IO[bytes]) -> None:
 
 
 def _holds(path: Path, content: np.ndarray) -> bool:
-    """Whether the file at `path` has the bytes `content`; read from the disk itself where the system can do that."""
+    """Return whether the file at `path` has the bytes `content`, read from the disk and not from the cache if
+    possible.
+    """
     place = 0
     with path.open("rb") as file:
         if hasattr(os, "posix_fadvise"):
@@ -102,9 +106,10 @@ def _holds(path: Path, content: np.ndarray) -> bool:
 
 
 class Stored:
-    """A dataset of numbers of one type that holds all its rows, in this file or in its parts.
+    """A dataset of numbers of one type, with all its rows in this file or in its parts.
 
-    Raises EntryError for any other: external storage, rows without content, rows or chunks beyond the size of the file.
+    Raises EntryError for any other dataset: external storage, rows without content, or more rows or larger chunks
+    than the file has space for.
     """
 
     def __init__(self, stored: h5py.Dataset, name: str, kinds: str, ends: tuple[int, ...] | None) -> None:
@@ -127,7 +132,7 @@ class Stored:
         return self.shape[0]
 
     def _check_room(self) -> None:
-        """Compare the rows that are declared with the bytes that are there."""
+        """Raise EntryError if the declared rows do not fit the bytes in the file."""
         stored, size = self._stored, math.prod(self.shape) * self.dtype.itemsize
         creation, room = stored.id.get_create_plist(), stored.id.get_storage_size()
         filters = {creation.get_filter(number)[0] for number in range(creation.get_nfilters())}
@@ -140,11 +145,14 @@ class Stored:
             raise EntryError(f"{self.name} has chunks of shape {stored.chunks}; expected smaller ones")
 
     def text(self, name: str) -> str:
-        """An attribute that is text."""
+        """Return an attribute as text."""
         return decoded(attribute_of(self._stored, name), f"{self.name}@{name}")
 
     def read(self, rows: slice = ALL) -> np.ndarray:
-        """Entries in the byte order of this machine; those in parts from there, as HDF5 gives zeros for a lost part."""
+        """Return rows in native byte order.
+
+        Rows of virtual datasets are read from the parts directly: HDF5 returns zeros for a lost part.
+        """
         out = self._from_parts(rows) if self._stored.is_virtual else np.asarray(self._stored[rows])
         if out.dtype.kind == "b" and out.size and out.view(np.uint8).max() > 1:
             raise EntryError(f"{self.name} holds other numbers than 0 and 1; expected truth values")
@@ -181,9 +189,9 @@ class Stored:
 
 
 class Held:
-    """A group of a file of unknown origin, whose entries are read by name, type and shape.
+    """A group of a file of unknown origin; entries are read by name and checked for type and shape.
 
-    No links to other files or places are followed. Raises EntryError for an entry that is another than asked for.
+    Links to other files or places are not followed. Raises EntryError for an unexpected entry.
     """
 
     def __init__(self, group: h5py.Group) -> None:
@@ -191,7 +199,7 @@ class Held:
 
     @property
     def folder(self) -> Path:
-        """The folder of the file."""
+        """The folder that contains the file."""
         return Path(self._group.file.filename).parent
 
     def _name(self, name: str) -> str:
@@ -210,11 +218,11 @@ class Held:
 
     @property
     def names(self) -> list[str]:
-        """The groups and datasets here."""
+        """The names of the groups and datasets in this group."""
         return list(self._group.keys())
 
     def names_with(self, attribute: str) -> list[str]:
-        """The groups and datasets here that have an attribute."""
+        """Return the names of the groups and datasets in this group that have an attribute."""
         plain = (name for name in self.names if isinstance(self._group.get(name, getlink=True), h5py.HardLink))
         return [name for name in plain if attribute in self._group[name].attrs]
 
@@ -225,21 +233,21 @@ class Held:
         return Held(found)
 
     def dataset(self, name: str, kinds: str = "biuf", ends: tuple[int, ...] | None = None) -> Stored:
-        """The dataset `name` of numbers of these kinds (as numpy's), each row of shape `ends`, by default any."""
+        """Return the dataset `name`, of numpy kinds `kinds`, with rows of shape `ends` (None: any shape)."""
         found = self._child(name)
         if not isinstance(found, h5py.Dataset):
             raise EntryError(f"{self._name(name)} is no dataset; expected one")
         return Stored(found, self._name(name), kinds, ends)
 
     def rows(self, name: str, count: int, kinds: str = "f", ends: tuple[int, ...] = ()) -> np.ndarray:
-        """A column of `count` rows."""
+        """Return the column `name`. Raises EntryError unless it has `count` rows."""
         stored = self.dataset(name, kinds, ends)
         if len(stored) != count:
             raise EntryError(f"{stored.name} has {len(stored)} rows; expected {count}, as the other columns")
         return stored.read()
 
     def at(self, path: str, kinds: str, ends: tuple[int, ...]) -> Stored:
-        """The dataset at a path from the root of the file."""
+        """Return the dataset at a path from the root of the file."""
         *groups, name = path.strip("/").split("/")
         held = self
         for each in groups:
@@ -251,7 +259,7 @@ class Held:
         return list(self._group.attrs)
 
     def attribute(self, name: str) -> Any:
-        """A number, truth value, bytes, or an array of these."""
+        """Return an attribute: a number, truth value, bytes, or an array of these."""
         return attribute_of(self._group, name)
 
     def number(self, name: str) -> float:
@@ -278,7 +286,7 @@ class Held:
 
 
 def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
-    """An attribute of a group or dataset: few numbers or bytes. Raises EntryError."""
+    """Return an attribute of a group or dataset: numbers or bytes, of limited size. Raises EntryError."""
     where = f"{owner.name.rstrip('/')}@{name}"
     if name not in owner.attrs:
         raise EntryError(f"there is no {where}; expected one")
@@ -291,7 +299,7 @@ def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
 
 
 def decoded(value: Any, name: str) -> str:
-    """Bytes as text in UTF-8. Raises EntryError."""
+    """Return bytes as UTF-8 text. Raises EntryError."""
     if not isinstance(value, bytes):
         raise EntryError(f"{name} holds no text; expected one")
     try:
@@ -302,7 +310,10 @@ def decoded(value: Any, name: str) -> str:
 
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[Held]:
-    """A regular file of unknown origin, open for reading. Raises OSError, and what HDF5 makes of another file."""
+    """Yield a regular file of unknown origin, open for reading.
+
+    Raises OSError, and any exception of HDF5 for a damaged file.
+    """
     with open_plain(path) as plain:
         there = os.fstat(plain.fileno())
         if there.st_size > HOLLOW * max(getattr(there, "st_blocks", math.inf) * 512, _BLOCK):
@@ -314,7 +325,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Held]:
 
 @contextmanager
 def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[Held]:
-    """The file at `path`, open for reading; whatever is wrong with it becomes one `error`."""
+    """Yield the file at `path`, open for reading; any fault of the file raises `error` with a message."""
     try:
         with opened(path) as file:
             if "discsim" not in file.attributes or file.attribute("discsim") != np.bytes_(kind):
@@ -336,24 +347,24 @@ def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> 
 
 
 def mark(file: h5py.File, kind: str) -> None:
-    """Say what the file is, for `reading`, and which version of discsim wrote it, called how."""
+    """Write the kind of the file, and the version and command line of discsim, as attributes."""
     file.attrs["discsim"] = np.bytes_(kind)
     file.attrs["version"] = np.bytes_(__version__)
     file.attrs["command"] = np.bytes_(os.fsencode(command()))
 
 
 def put(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
-    """Store `array` under `name`, bit for bit, with its checksum."""
+    """Store `array` as dataset `name`, bit for bit, with its checksum."""
     array = np.atleast_1d(array)
     chunk = (min(max(len(array), 1), _CHUNK), *(max(n, 1) for n in array.shape[1:]))
     shape = array.shape if array.size else None
-    # HDF5 takes a chunk longer than the array only where the array could still grow.
+    # HDF5 allows a chunk longer than the array only if the array can grow.
     room = array.shape if shape else (None,) * array.ndim
     return group.create_dataset(name, data=array, chunks=chunk, maxshape=room, fletcher32=True)
 
 
 def parts_of(file: Held) -> list[Path]:
-    """The files that hold rows of the particles of a master; none of a file that holds all. Raises EntryError."""
+    """Return the paths of a master's parts; [] for an undivided file. Raises EntryError."""
     if NAMES not in file.attributes:
         return []
     found = [os.fsdecode(name) for name in np.atleast_1d(file.attribute(NAMES)).tolist()]
@@ -366,6 +377,7 @@ def parts_of(file: Held) -> list[Path]:
 
 @contextmanager
 def _part(path: Path, made: str) -> Iterator[Held]:
+    """Yield a part, open for reading. Raises OSError if it is damaged or belongs to another master."""
     try:
         with opened(path) as file:
             if file.text(MADE) != made:
@@ -376,7 +388,7 @@ def _part(path: Path, made: str) -> Iterator[Held]:
 
 
 def _reason(fault: Exception) -> str:
-    """The first line of what is wrong, without control characters; of h5py's own surprises nothing."""
+    """Return the first line of an error, printable; h5py's internal errors get a general text."""
     if not isinstance(fault, OSError | EntryError):
         return "its contents cannot be read"
     line = (getattr(fault, "strerror", None) or str(fault)).partition("\n")[0]

@@ -1,7 +1,7 @@
-"""history.csv: totals against time, one row a step or interval.
+"""history.csv: totals against time, one row per step or per interval.
 
-Sums over the particles that move: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin,
-kinetic energy sum m v^2 / 2, with velocities at the time of the positions. Code units.
+Sums over the particles that move: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin, kinetic
+energy sum m v^2 / 2, with velocities at the time of the positions. Code units.
 """
 
 from __future__ import annotations
@@ -39,22 +39,25 @@ COLUMNS = (
     "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
     "accreted_dust", "uncoupled_dust", "accretion_rate_gas", "accretion_rate_dust", "radiated",
 )  # fmt: skip
-OF_GROWTH = ("mass_small", "accreted_small")  # small dust, where dust grows; "gas" is then without it
-LARGEST = 2**31  # bytes of a history that is read
-WORDS = ("dt_set_by",)  # columns that are no numbers
+OF_GROWTH = ("mass_small", "accreted_small")  # small dust, if dust grows; the gas columns then exclude it
+LARGEST = 2**31  # largest size of a history in bytes
+WORDS = ("dt_set_by",)  # columns with text
 
 
 def columns_of(scene: Scene) -> tuple[str, ...]:
-    """The columns of a run of a scene."""
+    """Return the columns of the history of a scene."""
     return COLUMNS if scene.table("growth") is None else (*COLUMNS, *OF_GROWTH)
 
 
 class HistoryError(UserError):
-    """A history.csv that a run cannot go on with; the message says where it is wrong."""
+    """A damaged history.csv, which prevents resuming; the message has the line."""
 
 
 class History:
-    """The open file of some `columns`, the step first. It starts with `rows`, earlier ones up to a checkpoint."""
+    """An open table with the given `columns`, the step first.
+
+    It starts with `rows`, the rows up to a checkpoint, and replaces an existing file.
+    """
 
     def __init__(self, path: Path, rows: Sequence[Sequence[str]] = (), columns: Sequence[str] = COLUMNS) -> None:
         self._digest = hashlib.sha256(_lines(rows).encode())
@@ -65,7 +68,7 @@ class History:
         self.last: Sequence[object] | None = rows[-1] if rows else None
 
     def add(self, *rows: Sequence[object]) -> None:
-        """Append the rows of a step, unless it has some already."""
+        """Append the rows of a step, unless the table has rows of this step already."""
         if rows and (self.last is None or rows[0][0] != int(str(self.last[0]))):
             lines = _lines(rows).encode()
             self._append(lines)
@@ -75,22 +78,22 @@ class History:
 
     @property
     def digest(self) -> str:
-        """Of all rows until now."""
+        """The SHA-256 digest of all rows so far."""
         return self._digest.hexdigest()
 
     def _append(self, lines: bytes) -> None:
-        """Have them in the file; where the disk is full, none of them."""
+        """Write lines to the file; if the disk is full, a partly written line is removed."""
         whole, left = os.fstat(self._file.fileno()).st_size, memoryview(lines)
         try:
             while left:
                 left = left[self._file.write(left) :]
         except OSError:
-            with suppress(OSError):  # what is to be told is the first fault
+            with suppress(OSError):  # the first error is the one to report
                 self._file.truncate(whole)
             raise
 
     def sync(self) -> None:
-        """Have the rows on the disk: a checkpoint says how many there are."""
+        """Synchronise the rows to disk, because a checkpoint records their number."""
         os.fsync(self._file.fileno())
 
     def close(self) -> None:
@@ -98,16 +101,17 @@ class History:
 
 
 class Found(NamedTuple):
-    """Rows that a run goes on with, and what is to be told of the others."""
+    """Rows of a history up to a checkpoint, and remarks on missing or dropped rows."""
 
     rows: list[list[str]]
     remarks: list[str]
 
 
 def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence[str] = COLUMNS) -> Found:
-    """The rows of a file until a checkpoint of `step`: its first `count`, whose digest it knows, or the fewer it has.
+    """Return the first `count` rows, up to a checkpoint at `step`, or fewer if the file has fewer.
 
-    Raises HistoryError where one of them is damaged. What a crash has cut short later is no loss: it is made again.
+    `digest` is the checkpoint's digest of these rows; "" skips the comparison. Raises HistoryError if one of the
+    rows is damaged. Rows after the checkpoint are dropped: the resumed run writes them again.
     """
     cure = "Mend it, or move the file away to go on without its rows"
     try:
@@ -136,13 +140,13 @@ def _lines(rows: Iterable[Sequence[object]]) -> str:
 
 
 def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
-    """The rows of a run of the scene by the names of columns, up to the first that is not whole."""
+    """Return the rows of a run of the scene as dicts by column, up to the first incomplete row."""
     names = columns_of(scene)
     return [dict(zip(names, row, strict=True)) for row in _read(path, names)[2]]
 
 
 def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
-    """The header, the lines after it, and those of them that are whole rows, up to the first that is not."""
+    """Return the header, the lines after it, and the complete rows among these, up to the first incomplete one."""
     text = read_text(path, "replace", most=LARGEST) if path.exists() else ""
     head, *table = [line.split(",") for line in text.splitlines()] or [[]]
     return head, table, list(itertools.takewhile(partial(_is_row, columns), table)) if head == [*columns] else []
@@ -161,9 +165,9 @@ def _is_row(columns: Sequence[str], entries: list[str]) -> bool:
 def history_row(
     state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str, before: Sequence[object] | None = None
 ) -> list[object]:
-    """The row of a synchronised state, entries as in `columns_of`; `dt` is the step that led to it.
+    """Return the row of a synchronised state, entries as in `columns_of`; `dt` is the length of the last step.
 
-    Rates of accretion are means since the row `before`; without one they are 0.
+    Accretion rates are means since the row `before`, or 0 without one.
     """
     gas, dust = _totals(state.gas), _totals(state.dust)
     momentum = gas.momentum + dust.momentum
@@ -182,7 +186,7 @@ def history_row(
 
 
 def _accretion_rates(state: State, before: Sequence[object] | None) -> tuple[float, float]:
-    """Of gas and dust by the star, since the row `before`."""
+    """Return the accretion rates of gas and dust onto the star since the row `before`."""
     if before is None:
         return 0.0, 0.0
     then = dict(zip(columns_of(state.scene), before, strict=True))
@@ -220,18 +224,18 @@ def _thermal(state: State) -> float:
         return 0.0
     free = _free(gas)
     mass, density = gas.mass[free], gas.density[free]
-    if gas.u is None and gas.small is not None:  # small dust has no pressure
+    if gas.u is None and gas.small is not None:  # small dust adds mass but no pressure
         share = growth.gas_share(state.scene, gas)
         mass, density = mass * share, density * share
     return thermal_energy(state.scene, mass, density, None if gas.u is None else gas.u[free])
 
 
 def _radiated(gas: Gas | None) -> float:
-    """Energy that the gas there is has lost by cooling since the start."""
+    """Return the energy that the present gas has radiated since the start."""
     return 0.0 if gas is None or gas.radiated is None else total(gas.mass * gas.radiated)
 
 
 def _free(particles: Particles) -> Array | slice:
-    """The particles that are not boundary of a shock tube: those are no part of the flow."""
+    """Return the indices of the mobile particles: boundary particles of a shock tube are not part of the flow."""
     immobile = getattr(particles, "immobile", None)
     return slice(None) if immobile is None else ~immobile

@@ -1,4 +1,4 @@
-"""The HDF5 layout of SWIFT: names and dimensions of datasets, and the attributes that readers look for."""
+"""The HDF5 layout of SWIFT: names and dimensions of datasets, and the attributes that other tools read."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = np.ndarray
 
 class Field(NamedTuple):
     dataset: str
-    dimension: str  # of discsim.scene.units; "temperature"; "" for a plain number
+    dimension: str  # a dimension of discsim.scene.units, "temperature", or "" for a plain number
     about: str
 
 
@@ -55,19 +55,20 @@ DUST = COMMON | {
 }
 BODIES = {name: COMMON[name] for name in ("pos", "vel", "mass", "ids")}
 GROUPS = {"gas": ("PartType0", GAS), "dust": ("PartType3", DUST), "bodies": ("PartType5", BODIES)}
-TYPES = 7  # kinds of particles in the layout's header
-PLAIN_UNITS = {"": "", "temperature": "K"}  # the same in every system of code units
+TYPES = 7  # number of particle types in the layout's header
+PLAIN_UNITS = {"": "", "temperature": "K"}  # units that do not depend on the code units
 BASES = ("U_M", "U_L", "U_t", "U_T", "U_I")
 
 
 def _exponents(units: Units, dimension: str) -> dict[str, float]:
-    """The exponents of the layout's five base units."""
+    """Return the exponents of the layout's five base units for a dimension."""
     if dimension in PLAIN_UNITS:
         return dict.fromkeys(BASES, 0.0) | ({"U_T": 1.0} if dimension else {})
     return dict(zip(BASES, (*units.exponents(dimension), 0.0, 0.0), strict=True))
 
 
 def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units: Units) -> None:
+    """Write the arrays of one kind of particles, sorted by ids, with units and descriptions."""
     part, fields = GROUPS[kind]
     group = file.create_group(part)
     order = np.argsort(arrays["ids"], kind="stable")
@@ -92,7 +93,7 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
 
 
 def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[str, Array, Field]]:
-    """What a snapshot holds of the arrays of a species: what the layout knows, and columns of effects."""
+    """Yield (name, array, field) for the arrays of the layout and for columns of effects."""
     yield from ((name, arrays[name], field) for name, field in fields.items() if name in arrays)
     for name, column in arrays.items():
         if isinstance(column, Column):
@@ -100,15 +101,15 @@ def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[
 
 
 def other_columns(group: hdf5.Held) -> dict[str, tuple[hdf5.Stored, str]]:
-    """Datasets of a species that the layout does not know, with their dimensions, by the names of their columns."""
+    """Return the datasets of a kind that are not in the layout, with their dimensions, by column name."""
     others = (group.dataset(name) for name in group.names_with("Dimension of discsim"))
     return {stored.text("Name"): (stored, stored.text("Dimension of discsim")) for stored in others}
 
 
 def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, held: dict[str, int]) -> None:
-    """The groups that readers of the layout look for, each with the attributes that one of them needs.
+    """Write the groups of the layout, with the attributes that at least one reader needs.
 
-    held: how many particles there are of each kind.
+    `side` is the size of the box (dimensions,), and `held` the particle number of each kind.
     """
     units, counts = scene.units, np.zeros(TYPES, np.int64)
     for kind, count in held.items():
@@ -118,7 +119,7 @@ def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, held: 
     gas = scene.gas
     groups: dict[str, dict[str, Any]] = {
         "Header": {
-            "Code": np.bytes_("SWIFT"),  # the readers know the layout by this name
+            "Code": np.bytes_("SWIFT"),  # readers identify the layout by this name
             "RunName": np.bytes_((scene.title or "discsim").encode()),
             "BoxSize": box,
             "Dimension": [3],

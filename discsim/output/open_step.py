@@ -1,9 +1,9 @@
-"""What a snapshot lacks of a state between two steps, so that a start from it goes on as the run does.
+"""Quantities of a state between two steps that a snapshot lacks, so that a new run can continue from it.
 
-Between steps velocities and energies await the closing kick of a step (`run/integrators.py`). A snapshot shows them
-with it; the run goes on without it, from what viscosity and pressure have foreseen of it, and from where the search for
-each h began. The number of the step shifts cells of drag; star and companions have a past, and dust that grows does so
-once in some steps.
+Between steps, velocities and energies lack the closing half kick of a step (`run/integrators.py`). A snapshot shows
+them with that kick. A run continues without it, from the accelerations that viscosity and pressure have predicted
+for it, and from the initial guesses for each h. The number of the step shifts the cells of drag. Also stored are the
+integration state of star and companions, and the clock of dust growth, which acts once in several steps.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 GROUP = "OpenStep"
-KICKED = ("vel", "u", "kick_acc", "kick_rate")  # what a kick changes of particles, and a run goes on from
+KICKED = ("vel", "u", "kick_acc", "kick_rate")  # arrays that a kick changes or uses
 OF_BODIES = ("pos", "gained", "begun")
 
 
 @dataclass(frozen=True)
 class OpenStep:
-    """lag: as of the state, 0 where the kick is made. step: number of it, with those of runs that it went on from.
+    """State of a run between two steps.
 
-    arrays: by species, "bodies" too, those that the snapshot shows otherwise or lacks, in the order of the ids.
-    pace: as of the state.
+    `lag` is that of the state, 0 if the closing kick is made. `step` is the number of the step, counting also the
+    runs before. `arrays` holds by species (and "bodies") the arrays that the snapshot shows differently or lacks, in
+    the order of the ids. `pace` is that of the state.
     """
 
     lag: float
@@ -43,9 +44,10 @@ class OpenStep:
 
 
 def left_open(state: State, together: bool) -> OpenStep:
-    """That of a state between two steps; `together`: an effect kicks gas and dust, whose kicks do not add up to one.
+    """Return the OpenStep of a state between two steps.
 
-    Where nothing foresees a kick either, the closed velocities go on to rounding, and are there already.
+    `together`: an effect kicks gas and dust together, so that two half kicks differ from one whole kick. Without
+    such an effect and without predicted accelerations, the closed velocities of the snapshot suffice, to rounding.
     """
     kicked = together or (state.gas is not None and state.gas.kick_acc is not None)
     lag = state.lag if kicked else 0.0
@@ -72,9 +74,9 @@ def write(group: h5py.Group, step: OpenStep) -> None:
 
 
 def read(group: hdf5.Held, counts: dict[str, int], dimensions: int, time: float) -> OpenStep | None:
-    """The open step of a snapshot with so many particles of each kind; None where an earlier version wrote the file.
+    """Return the open step of a snapshot with the given particle numbers by kind.
 
-    Raises EntryError.
+    None if an earlier version without open steps wrote the file. Raises EntryError.
     """
     if GROUP not in group:
         return None

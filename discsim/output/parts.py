@@ -1,10 +1,11 @@
-"""A snapshot or a checkpoint in parts: files in a folder "parts", each with a run of the rows of its particles, and
-beside the folder a small master that opens as one file does, with virtual datasets over these rows.
+"""Snapshots and checkpoints in parts: files in a folder "parts", each with a contiguous range of particle rows.
+
+Next to the folder is a small master file with virtual datasets over these rows. It opens like a single file.
 
     snapshots/0003.h5   snapshots/parts/0003.0.h5   snapshots/parts/0003.1.h5 ...
 
-The master gets its name last. Parts of a file that takes the place of another have a number in their names that no
-part there has, and are removed once no master names them: a kill leaves parts too many at most.
+The master is renamed into place last. If a file replaces another, the names of its parts get a new number. Parts
+that no master names are removed: a killed run leaves superfluous parts at most.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from discsim.output import hdf5
 from discsim.output.files import PARTS, keep_names, written
 from discsim.userfiles import copy_plain
 
-# Groups of a snapshot and of a checkpoint whose arrays have a row a particle.
+# Groups of snapshots and checkpoints whose arrays have one row per particle.
 DIVIDED = (
     "PartType0", "PartType3", "discsim/OpenStep/gas", "discsim/OpenStep/dust",
     "arrays/gas", "arrays/dust", "arrays/own_acc",
@@ -30,7 +31,7 @@ DIVIDED = (
 
 
 def stem_of(path: Path, before: Path | None) -> str:
-    """What the names of the parts of a new file at `path` begin with; makes their folder. Raises OSError."""
+    """Return the first part of the names of a new file's parts, and create their folder. Raises OSError."""
     folder = path.parent / PARTS
     folder.mkdir(exist_ok=True)
     keep_names(path.parent)
@@ -41,9 +42,9 @@ def stem_of(path: Path, before: Path | None) -> str:
 
 
 class Part:
-    """The part number `number` of a new file at `path`, and of the first one also what else that file holds.
+    """Part number `number` of a new file at `path`; part 0 also provides the rest of the file for the master.
 
-    made: a text that other files do not have.
+    `made` is a text that is unique to the file.
     """
 
     def __init__(self, path: Path, stem: str, number: int, made: str) -> None:
@@ -57,7 +58,7 @@ class Part:
 
     @contextmanager
     def create(self, path: str | os.PathLike[str], before: Path | None = None) -> Iterator[h5py.File]:
-        """As `hdf5.create`, a file of the rows here: they are put down, the rest is kept for the master."""
+        """Yield a file like `hdf5.create`: particle rows are written to this part, the rest is kept for the master."""
         content = io.BytesIO()
         with hdf5.new(content) as file:
             yield file
@@ -68,7 +69,10 @@ class Part:
         hdf5.put_down(self.file, content)
 
     def join(self, path: Path, before: Path | None, lengths: Sequence[dict[str, int]]) -> None:
-        """Put down the master, of the first part and as many as there are `lengths`, those of each. Raises OSError."""
+        """Write the master over all parts. Raises OSError.
+
+        `lengths` has for each part the numbers of rows by dataset. Called for part 0 only.
+        """
         files = [self._named(number) for number in range(len(lengths))]
         with h5py.File(self._rest, "r+") as file:
             with h5py.File(self.file, "r") as first:
@@ -80,7 +84,7 @@ class Part:
         hdf5.put_down(path, self._rest, before)
 
     def discard(self) -> None:
-        """Remove it, where the others or the master could not be written."""
+        """Remove this part, after a failure to write another part or the master."""
         with suppress(OSError):
             self.file.unlink(missing_ok=True)
 
@@ -96,7 +100,7 @@ def _divided(file: h5py.File) -> Iterator[h5py.Dataset]:
 
 
 def _take_rest(group: h5py.Group, into: h5py.Group) -> None:
-    """Move what is not divided."""
+    """Move attributes and all groups that are not divided into another file."""
     for name, value in group.attrs.items():
         into.attrs[name] = value
     for name, item in list(group.items()):
@@ -110,7 +114,7 @@ def _take_rest(group: h5py.Group, into: h5py.Group) -> None:
 
 
 def _join(file: h5py.File, stored: h5py.Dataset, files: Sequence[Path], lengths: Sequence[int]) -> None:
-    """One dataset of the parts in `files`, of which the first has `stored`."""
+    """Create the dataset of the master over the parts `files`; `stored` is the dataset of the first part."""
     wide = stored.shape[1:]
     if sum(lengths) == 0:
         joined = hdf5.put(file, stored.name, np.empty((0, *wide), stored.dtype))
@@ -126,7 +130,10 @@ def _join(file: h5py.File, stored: h5py.Dataset, files: Sequence[Path], lengths:
 
 
 def tidy(folder: Path) -> None:
-    """Remove the parts that no file in `folder` names; none where one cannot be read, which may name any."""
+    """Remove the parts that no file in `folder` names.
+
+    Nothing is removed if one of the files cannot be read, as it may name any part.
+    """
     parts = folder / PARTS
     if not parts.is_dir():
         return
@@ -140,14 +147,14 @@ def tidy(folder: Path) -> None:
     for part in parts.glob("*.h5"):
         if part.name not in named:
             part.unlink()
-    with suppress(OSError):  # there are others
+    with suppress(OSError):  # the folder still has parts
         parts.rmdir()
 
 
 def copy(path: Path, target: Path, to: Path, made: list[Path]) -> None:
-    """Copy a file of whatever kind to `to`, which is to be named `target`, and its parts to beside that.
+    """Copy a file to `to`, which is to become `target`, and its parts to the folder of parts next to `target`.
 
-    made: gets the parts that were not there before, and their folder, each before it is made.
+    New parts and their folder are appended to `made` before they are created, so that the caller can remove them.
     """
     if (path.parent / PARTS).is_dir() and h5py.is_hdf5(path):
         with hdf5.opened(path) as file:

@@ -1,10 +1,11 @@
-"""A start from a snapshot of ours, at any step: as it is, refined or thinned, with whatever effects.
+"""A start from a snapshot of discsim: unchanged, refined or thinned, with any effects.
 
-Its time is 0, or with `keep_time` that of the snapshot, and what began with the start then began as long before.
+The time of the new run starts at 0, or with `keep_time` at that of the snapshot; times of earlier events shift with
+it.
 
-Where nothing but the start and the outputs has changed it goes on as the run does, to rounding (`open_step.py`). With
-other physics it begins with the closed velocities that the snapshot shows, about the centre of the disc there. Star and
-companions that are the same go on along their orbits, others begin as their tables say.
+If only the start and the output of the scene differ, the new run continues the old one to rounding (`open_step.py`).
+With other physics it starts from the synchronised velocities in the snapshot, relative to the centre of the disc.
+Unchanged star and companions continue along their orbits; others start as in their tables.
 """
 
 from __future__ import annotations
@@ -39,17 +40,18 @@ if TYPE_CHECKING:
 snapshots = Lazy("discsim.output.snapshot")  # imports h5py
 growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
-MOST = 1000  # to refine or thin by
-ORBIT = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys of a companion that stays on its way
+MOST = 1000  # largest factor of refining or thinning
+ORBIT = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys that identify a companion as unchanged
 SHELLS = 40  # rings of a preview
 SAME_RING = 1e-9  # relative difference of radii within a ring of a start
 
 
 @dataclass(frozen=True)
 class SnapshotFile(InputFile):
-    """A snapshot: particles of the gas (0: there is none) and of each population of dust, and whether gas has a u.
+    """A snapshot as an input file, with the numbers that validation needs.
 
-    time: in code units of the scene that names it; time_words: the same for people.
+    `gas` is the number of gas particles (0: none), `dust` that of each dust population; `holds_heat`: gas has an
+    internal energy u. `time` is in code units of the scene that names the file, `time_words` the same time as text.
     """
 
     gas: int = field(default=0, compare=False)
@@ -64,6 +66,7 @@ class SnapshotFile(InputFile):
 
 @lru_cache(maxsize=1)
 def _snapshot(file: SnapshotFile) -> Snapshot:
+    """Return the snapshot of a file; the last one is cached."""
     found: Snapshot = snapshots.read_snapshot(file.path)
     return found
 
@@ -89,7 +92,7 @@ KIND: Final = "snapshot"
 
 
 class FromSnapshot(Table):
-    """A snapshot of a run: refined, thinned, with other effects; at time 0, or at its own."""
+    """A snapshot of a run, also with other effects. It may be refined or thinned. Time starts at 0, or at its time."""
 
     kind: Literal["snapshot"] = KIND
     file: Annotated[Any, BeforeValidator(_read), Words("path of a snapshot, relative to the scene's folder")] = Field(
@@ -106,7 +109,7 @@ class FromSnapshot(Table):
 
     @property
     def counts(self) -> dict[str, list[int]]:
-        """Particles of the gas, and of each population of dust."""
+        """Particle numbers of the gas, and of each dust population, after refining or thinning."""
         gas, dust = [self.file.gas], [*self.file.dust]
         return {name: [self.refine * len(range(*every(n, self.thin))) for n in numbers]
                 for name, numbers in (("gas", gas), ("dust", dust))}  # fmt: skip
@@ -135,7 +138,10 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
 
 
 def _as_carried(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
-    """Small dust as a part of the gas's masses where drag is two-way here, beside them where it is not."""
+    """Return gas with the mass of small dust added or removed if the direction of drag differs from the snapshot's.
+
+    With two-way drag, particle masses include small dust; with one-way drag they do not.
+    """
     was = snap.tables["drag"].get("direction") != "one-way"
     if was == growth.laden(scene):
         return gas
@@ -143,11 +149,12 @@ def _as_carried(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str
 
 
 def _populations(held: SnapshotParticles) -> Array:
+    """Return the population of each dust particle, (n,) integers."""
     return np.zeros(held.count, np.int64) if held.species is None else held.species.astype(np.int64)
 
 
 def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Array]:
-    """The arrays that a start has, in the code units of the scene: the very ones where these are the snapshot's."""
+    """Return the arrays of a start in code units of the scene; without conversion if the units are equal."""
     keys = ["pos", "vel", "mass", "immobile"]
     keys += (
         ["species", *(["size"] if own_sizes(scene) else [])]
@@ -165,11 +172,11 @@ def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Arra
     return {key: values if key in plain else scene.units.to_code(held.quantity(key)) for key, values in arrays.items()}
 
 
-# Going on
+# Continuing a run
 
 
 def _before(scene: Scene) -> Scene | None:
-    """The snapshot's own scene, but with the start of this one; None where it has no meaning here."""
+    """Return the snapshot's scene, with this scene's start; None if it is invalid in this version."""
     path: Path = scene.initial.file.path
     start = {"kind": scene.initial.kind, "file": str(path)}
     try:
@@ -179,7 +186,7 @@ def _before(scene: Scene) -> Scene | None:
 
 
 def goes_on(scene: Scene) -> bool:
-    """Whether nothing has changed that a step could notice."""
+    """Return whether the run continues that of the snapshot: no change affects a step."""
     start, before = scene.initial, _before(scene)
     if _snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
         return False
@@ -187,17 +194,19 @@ def goes_on(scene: Scene) -> bool:
 
 
 def _matters(key: str) -> bool:
+    """Return whether a change of the key affects a step."""
     table, _, last = key.rpartition(".")
     of_run = table == "run" and last != "integrator"
     return key not in FREE_TO_CHANGE and not of_run and table != "initial" and last not in ("particles", "every")
 
 
 def begins(scene: Scene) -> float:
+    """Return the time at which the run begins."""
     return float(scene.initial.file.time) if scene.initial.keep_time else 0.0
 
 
 def take_up(state: State) -> None:
-    """Give the state what the snapshot's run would go on with, where it can, and the time at which it begins."""
+    """Set the time of the state, and its open step if the run continues that of the snapshot."""
     if goes_on(state.scene):
         _go_on(state)
     state.time = begins(state.scene)
@@ -226,7 +235,7 @@ def _go_on(state: State) -> None:
 
 
 def under_way(scene: Scene) -> dict[int, UnderWay]:
-    """Star and companions, by number, that are those of the snapshot."""
+    """Return the orbits of star and companions that are unchanged since the snapshot, by number."""
     snap, before = _snapshot(scene.initial.file), _before(scene)
     if snap.bodies is None or snap.open_step is None or before is None or snap.units != scene.units:
         return {}
@@ -245,6 +254,7 @@ def under_way(scene: Scene) -> dict[int, UnderWay]:
 
 
 def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
+    """Yield faults of a scene that does not fit its snapshot."""
     file: Any = draft.initial.file
     if draft.initial.refine > 1 and draft.initial.thin > 1:
         yield ("initial", "thin"), "initial.refine is there too; expected one of the two"
@@ -265,7 +275,10 @@ def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
 
 
 def _rings(scene: Scene) -> Places:
-    """Middles of rings of as many particles each, with Sigma and masses of the first species there."""
+    """Return rings with about equal particle numbers: mid radii, surface densities and relative masses.
+
+    The species is gas if the scene and the snapshot have it, else dust.
+    """
     snap = _snapshot(scene.initial.file).about_centre()
     held = snap.gas if scene.gas is not None and snap.gas is not None else snap.dust
     assert held is not None
@@ -283,21 +296,22 @@ def _rings(scene: Scene) -> Places:
 
 
 def _ring_edges(r: Array) -> Array:
-    """Edges of SHELLS rings of about as many particles each, at sorted radii (n,); none divides a ring of the start,
-    whose particles have one radius to rounding.
+    """Return the edges of SHELLS rings with about equal particle numbers, from sorted radii (n,).
+
+    No edge divides a ring of the start, whose particles have the same radius to rounding.
     """
-    first = np.flatnonzero(np.diff(r) > SAME_RING * r[1:]) + 1  # of each radius but the innermost
+    first = np.flatnonzero(np.diff(r) > SAME_RING * r[1:]) + 1  # first index of each distinct radius but the innermost
     if len(first) == 0:
         return np.unique(r[[0, -1]])
     wanted = np.linspace(0, len(r), SHELLS + 1)[1:-1]
     cuts = np.unique(first[np.clip(np.searchsorted(first, wanted), 0, len(first) - 1)])
     between = 0.5 * (r[cuts - 1] + r[cuts])
-    inner = max(0.0, 1.5 * r[0] - 0.5 * r[first[0]])  # half a spacing beyond the outermost radii
+    inner = max(0.0, 1.5 * r[0] - 0.5 * r[first[0]])  # edges half a spacing beyond the extreme radii
     return np.concatenate([[inner], between, [1.5 * r[-1] - 0.5 * r[first[-1] - 1]]])
 
 
 def places(scene: Scene) -> Places:
-    """Where a tenth, a half and nine tenths of the first species are within."""
+    """Return the radii within which 10%, 50% and 90% of the first species lie, for the preview."""
     rings = _rings(scene)
     r, relative = rings.radius, rings.relative_mass
     assert r is not None
@@ -319,7 +333,7 @@ def edges(scene: Scene) -> tuple[float, float]:
 
 
 def mass(scene: Scene, population: Any) -> float:
-    """Mass of the gas, or what a population's ratio refers to."""
+    """Return the mass of the gas, or the mass to which the ratio of a dust population refers."""
     snap = _snapshot(scene.initial.file)
     if population is None and scene.gas is not None and snap.gas is not None:
         return float(_in_code(scene, "gas", snap.gas)["mass"].sum())
@@ -331,11 +345,11 @@ def mass(scene: Scene, population: Any) -> float:
 
 
 def reference_density(scene: Scene) -> float:
-    """That of the start that the snapshot's run began with, so that its grains stay what they are."""
+    """Return Sigma_ref of the original start, so that grains keep their properties. Raises SceneError."""
     snap, path = _snapshot(scene.initial.file), scene.initial.file.path
     found = snap.reference_density
     if found is None:
-        try:  # of an earlier version, or one whose start has none
+        try:  # written by an earlier version, or the start has none
             if snap.tables["initial"]["kind"] == scene.initial.kind:
                 raise SceneError(["a start from a start"])
             return profile.reference_density(load_scene(snap.tables, folder=path.parent))
@@ -352,7 +366,7 @@ START = Start(
     dimensions=(2,),
     boundary="open",
     rules=(goes_with_the_file,),
-    kernel="wendland-c2",  # as of the other discs
+    kernel="wendland-c2",  # as for the other discs
     masses=mass,
     spread=spread,
     on_lattice=False,

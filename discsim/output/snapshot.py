@@ -1,8 +1,9 @@
-"""Snapshots in the HDF5 layout of SWIFT (Schaller et al. 2024, arXiv:2305.13380), which yt and others read.
+"""Snapshots in the HDF5 layout of SWIFT (Schaller et al. 2024, arXiv:2305.13380), which yt and other tools read.
 
-Gas is PartType0, dust is PartType3; the star and its companions, where they are bodies of the run, are PartType5 (black
-holes there), with their numbers as ids, the star's 0. Coordinates have three columns and lie in [0, BoxSize], as
-readers want; the shift back to the scene's own frame, and what else `read_snapshot` needs, is in the group "discsim".
+Gas is PartType0 and dust is PartType3. The star and its companions, if they are bodies of the run, are PartType5
+(black holes in this layout); their ids are their numbers, 0 for the star. Coordinates have three columns and lie in
+[0, BoxSize], as other tools require. The group "discsim" has the shift back to the scene's frame, and the other data
+that `read_snapshot` needs.
 """
 
 from __future__ import annotations
@@ -56,14 +57,38 @@ FINITE = ("pos", "vel", "mass", "density", "h", "u", "pressure", "sound_speed", 
 
 
 class SnapshotError(UserError):
-    """The file is absent, damaged, or no snapshot of ours; the message says which."""
+    """A file that is absent, damaged or no snapshot of discsim; the message has the reason."""
 
 
 @dataclass(frozen=True, repr=False)
 class SnapshotParticles(Summarised):
-    """Particles of one kind, sorted by ids: arrays in code units and in the scene's own frame.
+    """Particles of one kind in a snapshot, sorted by ids.
 
-    pos and vel have shape (n, dimensions), the others (n,); None is what the snapshot does not hold.
+    Arrays are in code units and in the scene's frame. An array is None if the snapshot does not hold it, or if
+    `read_snapshot` did not read it.
+
+    Attributes
+    ----------
+    units : Units
+        Code units of the snapshot.
+    dimensions_of : dict
+        Names of the arrays and of their dimensions, for example "surface_density".
+    pos, vel : ndarray, shape (n, dimensions)
+        Positions and velocities.
+    mass, ids : ndarray, shape (n,)
+        Masses, and identities that stay the same through a run.
+    immobile : ndarray, shape (n,)
+        True for boundary particles, which never move.
+    density, h, u, pressure, sound_speed : ndarray, shape (n,)
+        SPH density (a surface density in 2D), smoothing length, internal energy per mass, pressure and sound speed.
+    temperature : ndarray, shape (n,)
+        Temperature in K.
+    small : ndarray, shape (n,)
+        Mass of the small dust in each gas particle.
+    species, size, stopping_time, stokes : ndarray, shape (n,)
+        Number of the dust population, grain radius, stopping time and Stokes number.
+    columns : dict of ndarray
+        Columns of effects from other packages, by name.
     """
 
     units: Units
@@ -84,10 +109,11 @@ class SnapshotParticles(Summarised):
     size: Array | None = None
     stopping_time: Array | None = None
     stokes: Array | None = None
-    columns: dict[str, Array] = field(default_factory=dict)  # those of effects that other packages bring, by name
+    columns: dict[str, Array] = field(default_factory=dict)  # columns of effects from other packages, by name
 
     @property
     def count(self) -> int:
+        """Number of particles."""
         return len(self.mass)
 
     @cached_property
@@ -96,7 +122,23 @@ class SnapshotParticles(Summarised):
         return np.sqrt(np.einsum("ij,ij->i", self.pos, self.pos))
 
     def quantity(self, name: str) -> Any:
-        """The array `name` as an astropy Quantity. Raises KeyError where it is not stored."""
+        """Return an array as an astropy Quantity.
+
+        Parameters
+        ----------
+        name : str
+            Name of the array, for example "density".
+
+        Returns
+        -------
+        Quantity
+            Array with the units of the snapshot; dimensionless in the code system.
+
+        Raises
+        ------
+        KeyError
+            If the snapshot does not hold the array.
+        """
         from discsim.scene.astropy_units import units as u
 
         array = self.columns[name] if name in self.columns else getattr(self, name, None)
@@ -108,28 +150,59 @@ class SnapshotParticles(Summarised):
         return self.units.quantity(array, dimension)
 
     def arrays(self) -> dict[str, Array]:
-        """The arrays by name, those of other packages too, without those that the snapshot does not hold."""
+        """Return the arrays that the snapshot holds by name, including `columns`."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: array for name, array in held.items() if isinstance(array, np.ndarray)} | self.columns
 
     def summary(self) -> tuple[str, Rows]:
+        """Return the title, and rows of names, shapes and dimensions for display."""
         of = {name: self.dimensions_of.get(name, "").replace("_", " ") for name in self.arrays()}
         return f"{self.count:,} particles", [(name, f"{a.shape}  {of[name]}") for name, a in self.arrays().items()]
 
     def to_pandas(self) -> Any:
-        """The arrays as a pandas DataFrame in code units, with ids as its index. Raises ImportError without pandas."""
+        """Return the arrays as a pandas DataFrame in code units, with ids as its index.
+
+        Raises ImportError without pandas.
+        """
         return dataframe_of(self.arrays())
 
     def radial_profile(self, edges: Array) -> Array:
-        """Surface density, averaged over angle, in the rings between the radii `edges` (rings + 1,)."""
+        """Return the surface density in rings, averaged over angle.
+
+        Parameters
+        ----------
+        edges : ndarray, shape (rings + 1,)
+            Rising radii in code units.
+
+        Returns
+        -------
+        ndarray, shape (rings,)
+            Mass in each ring over its area, in code units.
+        """
         mass, _ = np.histogram(self.radius, edges, weights=self.mass)
         return mass / (np.pi * np.diff(np.square(edges)))
 
     def surface_density_map(self, lower: Array, upper: Array, pixels: int, periodic: bool = False) -> Array:
-        """Surface density on square pixels [ix, iy], `pixels` on the longer side of the window (2D).
+        """Return the surface density on square pixels (2D only).
 
-        Each particle is a Gaussian as wide as the distance to its 12th neighbour, of one particle for all in its
-        pixel: a shot noise of 1/sqrt(48) where particles lie at random. `periodic`: the window is the box, and repeats.
+        Parameters
+        ----------
+        lower, upper : ndarray, shape (2,)
+            Corners of the window in code units.
+        pixels : int
+            Number of pixels on the longer side of the window.
+        periodic : bool
+            If True, the window is the whole periodic box.
+
+        Returns
+        -------
+        ndarray, shape (nx, ny)
+            Surface density [ix, iy] in code units.
+
+        Notes
+        -----
+        Each particle is a Gaussian as wide as the distance to its 12th neighbour; all particles in a pixel have the
+        same width. For random positions the shot noise is 1/sqrt(48).
         """
         plane = square_window(self.pos, (lower, upper), pixels, periodic)
         return plane.sum(self.mass) / plane.measure
@@ -137,7 +210,34 @@ class SnapshotParticles(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class Snapshot(Summarised):
-    """One instant of a run, as `read_snapshot` gives it; `gas` or `dust` is None where the run has none."""
+    """The state of a run at one time, from `read_snapshot`.
+
+    Attributes
+    ----------
+    time : float
+        Time in code units.
+    gas, dust : SnapshotParticles or None
+        Particles; None if the run has none.
+    units : Units
+        Code units.
+    scene_text : str
+        Scene of the run as TOML.
+    dimensions : int
+        Dimensions of space.
+    lower, upper : ndarray, shape (dimensions,)
+        Corners of the box, in the scene's frame.
+    bodies : SnapshotParticles or None
+        Star, then companions; None without a star, or if the star is fixed at the origin.
+    open_step : OpenStep or None
+        Data with which a new run continues from the snapshot.
+    reference_density : float or None
+        Surface density to which drag laws refer; None if the start has none.
+    version, command : str
+        Version of discsim and command line that wrote the file; "" for a command that an earlier version did not
+        record.
+    support : float
+        Radius of the support of the gas kernel in units of h.
+    """
 
     time: float
     gas: SnapshotParticles | None
@@ -145,38 +245,42 @@ class Snapshot(Summarised):
     units: Units
     scene_text: str
     dimensions: int
-    lower: Array  # corners of the box, in the scene's own frame, (dimensions,)
+    lower: Array  # corners of the box in the scene's frame, (dimensions,)
     upper: Array
-    bodies: SnapshotParticles | None = None  # star, then companions; None where there is only a star at the origin
-    open_step: OpenStep | None = None  # what a start from it needs beside
-    reference_density: float | None = None  # Sigma that laws of drag refer to, of a start that has one
-    version: str = ""  # of discsim, that wrote it
-    command: str = ""  # line that made it; "" where an earlier version did
-    support: float = 1.0  # radius of the support of the gas's kernel, in h
+    bodies: SnapshotParticles | None = None  # star, then companions; None if the star is fixed at the origin
+    open_step: OpenStep | None = None  # additional data for a start from this snapshot
+    reference_density: float | None = None  # Sigma to which drag laws refer, if the start defines it
+    version: str = ""  # version of discsim that wrote the file
+    command: str = ""  # command line that wrote the file; "" in files of earlier versions
+    support: float = 1.0  # radius of the support of the gas kernel, in h
 
     @cached_property
     def tables(self) -> dict[str, Any]:
-        """The scene as run, as plain tables."""
+        """The scene of the run as nested dicts, with the values as written."""
         return tomllib.loads(self.scene_text)
 
     @property
     def title(self) -> str:
-        """The title of the scene, printable; "" where it has none."""
+        """The title of the scene, printable; "" without one."""
         return printable(self.tables.get("title", ""))
 
     @property
     def species(self) -> dict[str, SnapshotParticles]:
-        """The kinds of particles present, by name."""
+        """The present kinds of particles by name: "gas", "dust"."""
         both = {"gas": self.gas, "dust": self.dust}
         return {name: particles for name, particles in both.items() if particles is not None}
 
     def summary(self) -> tuple[str, Rows]:
+        """Return the title, and rows of names and values for display."""
         held = [(name, f"{p.count:,} particles: {', '.join(p.arrays())}") for name, p in self.species.items()]
         rows = [("time", self.units.show_time(self.time)), ("dimensions", self.dimensions), *held]
         return self.title or "A snapshot", rows
 
     def about_centre(self) -> Snapshot:
-        """The snapshot about the centre of its disc, star or barycentre, where that moves; the box stays."""
+        """Return the snapshot in the frame of the disc's centre, a moving star or barycentre; the box stays.
+
+        Without a moving centre the snapshot itself is returned.
+        """
         if self.bodies is None or self.tables.get("star", {}).get("frame") != "inertial":
             return self
         place, speed = frame.centre_of(self)
@@ -187,7 +291,23 @@ class Snapshot(Summarised):
         return replace(self, gas=shifted(self.gas), dust=shifted(self.dust), bodies=shifted(self.bodies))
 
     def quantity(self, name: str) -> Any:
-        """ "time", or an array like "gas.density", as an astropy Quantity. Raises KeyError for any other."""
+        """Return the time or an array as an astropy Quantity.
+
+        Parameters
+        ----------
+        name : str
+            "time", or an array like "gas.density".
+
+        Returns
+        -------
+        Quantity
+            Value with the units of the snapshot; dimensionless in the code system.
+
+        Raises
+        ------
+        KeyError
+            If the snapshot does not hold the array.
+        """
         if name == "time":
             return self.units.quantity(self.time, "time")
         kind, _, array = name.partition(".")
@@ -199,38 +319,38 @@ class Snapshot(Summarised):
         self, name: str, window: Any = None, pixels: int = 480, edges: Any = None, *,
         distance: Any = None, wavelength: Any = None, opacity: Any = None,
     ) -> Any:  # fmt: skip
-        """Give a field as an astropy Quantity; the same arguments make a figure of it with `discsim.plot`.
+        """Return a field as an astropy Quantity; `discsim.plot` draws fields with the same arguments.
 
         Parameters
         ----------
-        name
-            Name of the field, like "gas.toomre_q"; `discsim plot --fields` lists them.
-        window
-            Part of the plane to map: a text like "50 au" (about the centre) or "30 au,0 au,5 au" (x, y and half the
-            side), the same as a Quantity or as numbers in code units, or corners (lower, upper) as one of these two.
-            With `distance` a text or a Quantity may be in arcsec.
-        pixels
+        name : str
+            Name of the field, like "gas.toomre_q"; `discsim plot --fields` lists all names.
+        window : str, Quantity or array_like, optional
+            Part of the plane for a map. A text is "50 au" (half the side, about the centre) or "30 au,0 au,5 au" (x,
+            y and half the side). A Quantity, or an array in code units, has the same lengths, or corners (lower,
+            upper). With `distance`, texts and Quantities may be in arcsec.
+        pixels : int
             Number of pixels on the longer side of a map.
-        edges
-            Rising radii between which to average over rings, in 1D places: numbers in code units, or a Quantity.
-        distance
+        edges : Quantity or array_like, optional
+            Rising radii (in 1D positions) of the rings for averages; an array is in code units.
+        distance : str or Quantity, optional
             Distance of the disc, like "140 pc".
-        wavelength, opacity
-            Of "emission" and "optical_depth", like "1.3 mm" and "2 cm2/g", per gram of dust. Texts or Quantities.
+        wavelength, opacity : str or Quantity, optional
+            Parameters of "emission" and "optical_depth", like "1.3 mm" and "2 cm2/g" (per gram of dust).
 
         Returns
         -------
         Quantity
-            With `edges` values in the rings. With `window`, and for densities and ratios of gas and dust always, a map
-            [ix, iy], by default of the part of the plane that figures show. Else the values of the particles, (n,), in
-            the order of their ids.
+            With `edges` the values in rings, shape (rings,). With `window` a map [ix, iy]. Densities and ratios of
+            gas and dust always give a map, by default of the part of the plane that figures show. Otherwise the
+            values of the particles, (n,), in the order of their ids.
 
         Raises
         ------
         FieldError
-            Where the snapshot has no such field.
+            If the snapshot has no such field.
         PlotError
-            Where another argument is wrong.
+            If another argument is invalid.
         """
         from discsim.output.fields.look import field_of
 
@@ -238,31 +358,74 @@ class Snapshot(Summarised):
         return field_of(self, name, edges, window=window, pixels=pixels, **look)
 
     def to_yt(self, species: str = "gas") -> Any:
-        """The snapshot as a dataset of yt, in the scene's own frame, with the particle types and fields of its file.
+        """Return the snapshot as a yt dataset in the scene's frame.
 
-        species: "gas" or "dust", the one whose projections are smooth, `("gas", ...)` to yt; it has one alone. Its
-        `density` is that of a layer one code length thick; `ProjectionPlot(ds, "z", ("gas", "density"))` shows the
-        surface density. Raises ImportError without yt, KeyError without the species, ValueError in 1D.
+        Parameters
+        ----------
+        species : str
+            "gas" or "dust": the species that yt smooths and names ("gas", ...). A dataset has one such species.
+
+        Returns
+        -------
+        yt.data_objects.static_output.Dataset
+            Particle types and fields as in the file. `density` is that of a layer one code length thick;
+            `ProjectionPlot(ds, "z", ("gas", "density"))` shows the surface density.
+
+        Raises
+        ------
+        ImportError
+            Without yt.
+        KeyError
+            If the snapshot lacks the species.
+        ValueError
+            In 1D.
         """
         from discsim.output import tools
 
         return tools.to_yt(self, species)
 
     def to_pynbody(self) -> Any:
-        """The snapshot as a SimSnap of pynbody, in the scene's own frame: dust as `dm`, star and companions as `bh`.
+        """Return the snapshot as a pynbody SimSnap in the scene's frame.
 
-        `rho` is that of a layer one code length thick, and `plot.sph.image(s.gas, units="g cm^-2")` shows the surface
-        density, of `s.dm` that of the dust. Raises ImportError without pynbody, ValueError in 1D.
+        Returns
+        -------
+        pynbody.snapshot.SimSnap
+            Dust is `dm`, star and companions are `bh`. `rho` is the density of a layer one code length thick.
+            `plot.sph.image(s.gas, units="g cm^-2")` shows the surface density, with `s.dm` that of the dust.
+
+        Raises
+        ------
+        ImportError
+            Without pynbody.
+        ValueError
+            In 1D.
         """
         from discsim.output import tools
 
         return tools.to_pynbody(self)
 
     def to_sarracen(self, species: str = "gas") -> Any:
-        """Gas or dust as a SarracenDataFrame of two dimensions, in code units, with ids as its index.
+        """Return gas or dust as a two-dimensional SarracenDataFrame in code units, with ids as its index.
 
-        `density` is the surface density, as `render("density")` shows it; `params` has the time, and the code units in
-        cgs. Raises ImportError without sarracen, KeyError without the species, ValueError in 1D.
+        Parameters
+        ----------
+        species : str
+            "gas" or "dust".
+
+        Returns
+        -------
+        sarracen.SarracenDataFrame
+            `density` is the surface density, for `render("density")`. `params` has the time, and the code units in
+            cgs.
+
+        Raises
+        ------
+        ImportError
+            Without sarracen.
+        KeyError
+            If the snapshot lacks the species.
+        ValueError
+            In 1D.
         """
         from discsim.output import tools
 
@@ -275,11 +438,11 @@ def write_snapshot(
     step: OpenStep | None = None, extent: Extent | None = None,
     into: Callable[[Any], AbstractContextManager[h5py.File]] = hdf5.create,
 ) -> None:  # fmt: skip
-    """Write the particles at `time` to `path`, which appears only when it is complete.
+    """Write the particles at `time` to `path`; the file appears when it is complete. Raises OSError.
 
-    `extra` holds more arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the
-    particles; `step` what a run goes on from beside them. Of a run whose particles are not all here `extent` is that
-    of all. into: what makes the file. Raises OSError where it cannot be written.
+    `extra` has additional arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the particles.
+    `step` is the open step of the run. `extent` is the box of all particles if only some of them are here. `into` is
+    the context manager that creates the file.
     """
     extra, present = extra or {}, present_kinds(gas, dust, bodies)
     lower, upper, counts = extent or extent_of(scene, gas, dust, bodies)
@@ -297,7 +460,7 @@ def write_snapshot(
         hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
         if step is not None:
             open_step.write(own, step)
-        with suppress(SceneError):  # of a start whose own start is gone
+        with suppress(SceneError):  # the original start of the snapshot in [initial] is unknown
             if scene.initial is not None and STARTS[scene.initial.kind].reference_density is not None:
                 own.attrs["reference_density"] = reference_density(scene)
         for name, particles in present.items():
@@ -310,7 +473,7 @@ def write_snapshot(
 
 
 def files_of(source: str | os.PathLike[str]) -> list[Path]:
-    """The snapshots of a run's directory in the order of time, or the one file. Raises SnapshotError."""
+    """Return the snapshots in a run's directory in the order of time, or the single file. Raises SnapshotError."""
     path = Path(source)
     if not path.is_dir():
         if not path.exists():
@@ -327,20 +490,21 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
 
     Parameters
     ----------
-    path
-        File of the snapshot, or directory of a run, of which the last snapshot is read.
-    columns
-        Arrays of gas and dust to read beside places and masses, like ["gas.density"]; others are None. By default all.
+    path : str or path-like
+        File of a snapshot, or directory of a run (its last snapshot).
+    columns : collection of str, optional
+        Arrays of gas and dust to read in addition to positions and masses, like ["gas.density"]; others are None. By
+        default all arrays are read.
 
     Returns
     -------
     Snapshot
-        Its arrays in code units.
+        Arrays in code units.
 
     Raises
     ------
     SnapshotError
-        Where the file is absent, damaged, or not one of discsim's.
+        If the file is absent, damaged or no snapshot of discsim.
     """
     path = files_of(path)[-1] if Path(path).is_dir() else path
     with hdf5.reading(path, SnapshotError, "snapshot") as file:
@@ -378,7 +542,7 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
 
 
 def _particles_of(file: hdf5.Held, kind: str, populations: int, columns: Collection[str] | None) -> SnapshotParticles:
-    """The particles of one kind, in the scene's own frame. Raises EntryError."""
+    """Return the particles of one kind, in the scene's frame. Raises EntryError."""
     own, units, (group, fields) = file.group("discsim"), units_of(file), GROUPS[kind]
     wanted = partial(is_wanted, columns, kind)
     arrays, others, known = columns_of(file.group(group), fields, wanted)

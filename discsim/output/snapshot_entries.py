@@ -1,6 +1,6 @@
-"""Entries of a snapshot of unknown origin, checked as they are read: columns, units, time and the tables of its scene.
+"""Checked reading of snapshot entries: columns, units, time and the tables of the scene.
 
-Every function raises EntryError for what is absent, or of another type or shape than a snapshot has.
+Every function raises EntryError if an entry is missing, or has another type or shape than in a snapshot.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from discsim.output.layout import Field, other_columns
 from discsim.scene.units import UnitError, Units, clipped
 
 Array = np.ndarray
-NEEDED = ("pos", "vel", "mass", "ids")  # of every species, where they are wanted
-# Texts of a scene that readers of a snapshot look up.
+NEEDED = ("pos", "vel", "mass", "ids")  # required for every species, if requested
+# Text values of a scene that functions on snapshots read.
 NAMED = (("space", "boundary"), ("initial", "kind"), ("star", "frame"), ("star", "centre"), ("drag", "direction"))
 
 
 def time_of(file: hdf5.Held) -> float:
-    """The time of a snapshot that is open, in its code units."""
+    """Return the time of an open snapshot, in its code units."""
     return float(file.group("Header").numbers("Time", (1,))[0])
 
 
 def units_of(file: hdf5.Held) -> Units:
-    """The units of a snapshot that is open."""
+    """Return the units of an open snapshot."""
     own = file.group("discsim")
     texts, dimensions = own.texts("units"), own.whole("dimensions")
     if len(texts) != 3 or dimensions not in (1, 2):
@@ -44,7 +44,10 @@ def units_of(file: hdf5.Held) -> Units:
 def columns_of(
     group: hdf5.Held, fields: dict[str, Field], wanted: Callable[[str], bool]
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, str]]:
-    """Arrays of a kind by name, those that the layout does not know, and the dimensions of both."""
+    """Return the arrays of a kind by name, the columns that the layout does not define, and the dimensions of both.
+
+    `wanted` selects the arrays by name.
+    """
     count = len(group.dataset("Masses", "f", ()))
     arrays: dict[str, Array] = {}
     known: dict[str, str] = {}
@@ -63,7 +66,7 @@ def columns_of(
 
 
 def tables_of(text: str, units: Units) -> dict[str, Any]:
-    """The tables of a snapshot's scene, as far as its readers count on them."""
+    """Return the tables of a snapshot's scene, checked as far as functions on snapshots read them."""
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as fault:
@@ -93,11 +96,11 @@ def tables_of(text: str, units: Units) -> dict[str, Any]:
 
 
 def listed(tables: dict[str, Any], name: str) -> int:
-    """The number of tables of one name: populations of dust, companions."""
+    """Return the number of tables with a name: dust populations, companions."""
     found = tables.get(name)
     return len(found) if isinstance(found, list) else int(found is not None)
 
 
 def is_wanted(columns: Collection[str] | None, kind: str, name: str) -> bool:
-    """True if `read_snapshot` reads a column."""
+    """Return whether `read_snapshot` reads a column."""
     return columns is None or kind == "bodies" or name in ("pos", "mass") or f"{kind}.{name}" in columns

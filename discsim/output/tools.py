@@ -1,15 +1,16 @@
-"""Snapshots as objects of yt, pynbody and sarracen, which are imported only where somebody asks for one.
+"""Snapshots as objects of yt, pynbody and sarracen, which are imported on request.
 
-These tools render a surface density of particles j, each with a mass, a density and a kernel of radius R_j, as
+These tools render the surface density of particles j, each with a mass, a density and a kernel of radius R_j, as
 
     Sigma(x, y) = sum_j (m_j / rho_j) rho_j W(|r - r_j|, R_j)
 
-with W in two dimensions, or in three and summed along the line of sight; rho_j falls out of it. sarracen knows two
-dimensions, and its rho is the surface density. yt and pynbody know three: their rho is that of a layer one code length
-thick, which in code units has the number of the surface density, and whose projection is that density. So is pressure.
+with W in two dimensions, or in three and integrated along the line of sight; rho_j cancels. sarracen works in two
+dimensions, and its rho is the surface density. yt and pynbody work in three dimensions. Their rho is the density of
+a layer one code length thick. In code units it equals the surface density, and so does its projection. The pressure
+is converted in the same way.
 
-R of SPH gas is the radius of its kernel's support. Particles without h have R = r_32, the distance to the 32nd
-neighbour, and as density the mass that is nearer, over pi R^2, right in the mean where particles lie at random.
+R of SPH gas is the radius of the support of its kernel. For particles without h, R = r_32, the distance to the 32nd
+neighbour. Their density is the mass within that distance, over pi R^2; for random positions its mean is unbiased.
 """
 
 from __future__ import annotations
@@ -29,23 +30,23 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NEIGHBOUR = 32
-NEAREST = 1e-6  # of the box: the least R, where particles lie on each other
-REACH = 2.0  # R / h of the kernels of pynbody and sarracen
-LAYERS = ("density", "pressure")  # dimensions with a length less in a volume
+NEAREST = 1e-6  # smallest R over the box, for coincident particles
+REACH = 2.0  # R / h of the kernels in pynbody and sarracen
+LAYERS = ("density", "pressure")  # dimensions that are divided by a length in 3D
 YT_NAMES = {"mass": "particle_mass", "ids": "particle_index", "h": "smoothing_length", "temperature": "temperature"}
 YT_VECTORS = {"pos": ("particle_position_", "code_length"), "vel": ("particle_velocity_", "code_velocity")}
-FAMILIES = {"gas": "gas", "dust": "dm", "bodies": "bh"}  # as pynbody calls those of a file
+FAMILIES = {"gas": "gas", "dust": "dm", "bodies": "bh"}  # names of particle types in pynbody
 PYNBODY_NAMES = {"ids": "iord", "h": "smooth", "density": "rho", "pressure": "p", "temperature": "temp"}
 
 
 def to_yt(snap: Snapshot, species: str) -> Any:
-    """See `Snapshot.to_yt`."""
+    """Implement `Snapshot.to_yt`."""
     yt, smoothed = _tool(snap, "yt"), _of(snap, species)
     data = {}
     for kind, p in _kinds(snap).items():
         group, fields = GROUPS[kind]
         arrays = _arrays(p)
-        if p is smoothed:  # no other may have both of these
+        if p is smoothed:  # yt smooths a single type, the one with h and density
             arrays |= _spread(snap, p)
         names = YT_NAMES | ({"density": "density"} if p is smoothed else {})
         for name, array in arrays.items():
@@ -68,7 +69,7 @@ def to_yt(snap: Snapshot, species: str) -> Any:
 
 
 def to_pynbody(snap: Snapshot) -> Any:
-    """See `Snapshot.to_pynbody`."""
+    """Implement `Snapshot.to_pynbody`."""
     pynbody, kinds = _tool(snap, "pynbody"), _kinds(snap)
     counts = {FAMILIES[kind]: p.count for kind, p in kinds.items()}
     made = pynbody.new(order=",".join(counts), **counts)
@@ -90,7 +91,7 @@ def to_pynbody(snap: Snapshot) -> Any:
 
 
 def to_sarracen(snap: Snapshot, species: str) -> Any:
-    """See `Snapshot.to_sarracen`."""
+    """Implement `Snapshot.to_sarracen`."""
     sarracen, p = _tool(snap, "sarracen"), _of(snap, species)
     arrays = {"ids": np.arange(p.count)} | _arrays(p) | {name: v[:, :2] for name, v in _vectors(p).items()}
     arrays |= _spread(snap, p)
@@ -100,7 +101,7 @@ def to_sarracen(snap: Snapshot, species: str) -> Any:
 
 
 def _tool(snap: Snapshot, name: str) -> Any:
-    """The module of a tool. Raises ImportError where it is not there, ValueError for a snapshot of one dimension."""
+    """Import and return a tool. Raises ImportError if it is missing, ValueError for a 1D snapshot."""
     if snap.dimensions != 2:
         raise ValueError(f"to_{name}() is for snapshots of two dimensions, this one has one; expected to_pandas()")
     try:
@@ -111,32 +112,32 @@ def _tool(snap: Snapshot, name: str) -> Any:
 
 
 def _kinds(snap: Snapshot) -> dict[str, SnapshotParticles]:
-    """All kinds of particles that are there, by name."""
+    """Return all kinds of particles of a snapshot by name, star and companions included."""
     return snap.species | ({} if snap.bodies is None else {"bodies": snap.bodies})
 
 
 def _of(snap: Snapshot, species: str) -> SnapshotParticles:
-    """Raises KeyError where the snapshot has none of that name."""
+    """Return the particles of a species. Raises KeyError if the snapshot has none."""
     if species not in snap.species:
         raise KeyError(f"the snapshot holds no {species!r}; expected {' or '.join(map(repr, snap.species))}")
     return snap.species[species]
 
 
 def _arrays(p: SnapshotParticles) -> dict[str, Array]:
-    """All that are stored of particles, (n,), but h."""
+    """Return the stored arrays (n,) of particles by name, without h."""
     held = {name: array for name, array in vars(p).items() if isinstance(array, np.ndarray) and array.ndim == 1}
     held.pop("h", None)
     return held | p.columns
 
 
 def _vectors(p: SnapshotParticles) -> dict[str, Array]:
-    """Places, and velocities where they were read, (n, 3)."""
+    """Return positions, and velocities if they were read, as (n, 3)."""
     held = {"pos": p.pos, "vel": p.vel}
     return {name: np.pad(array, ((0, 0), (0, 1))) for name, array in held.items() if array is not None}
 
 
 def _powers(snap: Snapshot, p: SnapshotParticles, name: str, bases: tuple[str, ...]) -> list[str]:
-    """The unit of an array as powers of bases of mass, length, time and temperature."""
+    """Return the unit of an array as powers of base units of mass, length, time and temperature."""
     return [f"{base}**{power:g}" for base, power in zip(bases, _exponents(snap, p, name), strict=True) if power]
 
 
@@ -149,7 +150,7 @@ def _exponents(snap: Snapshot, p: SnapshotParticles, name: str) -> tuple[float, 
 
 
 def _cgs(snap: Snapshot, p: SnapshotParticles, name: str) -> float:
-    """The code unit of an array in cgs."""
+    """Return the code unit of an array in cgs."""
     dimension = _dimension(p, name)
     factor = 1.0 if dimension in PLAIN_UNITS else snap.units.cgs(dimension)
     return factor / snap.units.cgs("length") if dimension in LAYERS else factor
@@ -160,14 +161,14 @@ def _dimension(p: SnapshotParticles, name: str) -> str:
 
 
 def _spread(snap: Snapshot, p: SnapshotParticles) -> dict[str, Array]:
-    """h: the radius R of the kernel of each particle, and density: its surface density, (n,)."""
+    """Return h, the kernel radius R of each particle, and density, its surface density, both (n,)."""
     if p.h is not None and p.density is not None:
         return {"h": p.h * snap.support, "density": p.density}
     from scipy.spatial import cKDTree
 
     sides = snap.upper - snap.lower
     places, around = ((p.pos - snap.lower) % sides, sides) if repeats(snap) else (p.pos, None)
-    # Each is its own nearest; where there are fewer in all, what is missing is infinitely far and has no mass.
+    # The nearest neighbour is the particle itself. Missing neighbours have infinite distance and no mass.
     distance, nearest = cKDTree(places, boxsize=around).query(places, NEIGHBOUR + 1)
     radius = np.clip(distance[:, -1], NEAREST * sides.max(), sides.max())
     mass = np.append(p.mass, 0.0)[nearest[:, 1:-1]].sum(axis=1)

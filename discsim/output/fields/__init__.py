@@ -1,1 +1,1 @@
-"""Fields of a snapshot by name: each is a function with its unit, label and equation; `discsim/parts.py` lists them."""
+"""Fields of a snapshot by name. Each is a function with unit, label and equation, registered in `discsim/parts.py`."""

@@ -1,13 +1,13 @@
-"""What a field is. A function of a snapshot becomes one with `of_particles`, `density` or `of_places`.
+"""Definition of a field: `of_particles`, `density` and `of_places` decorate a function of a snapshot.
 
     @of_particles("gas", "velocity", "$v_r$", needs=("gas.vel", "plane"))
     def v_r(snap):
         \"\"\"Radial velocity: v_r = (x v_x + y v_y) / r\"\"\"
         return (snap.gas.pos * snap.gas.vel).sum(axis=1) / snap.gas.radius
 
-The first line of its docstring is the text of the lists: a name, a colon, the equation. The snapshot that it is given
-is about the centre of the disc (a moving star is at the origin, at rest), in code units, and holds the columns that the
-field `needs`.
+The first line of the docstring is the description in lists of fields: name, colon, equation. The snapshot passed to
+the function is in code units and in the frame of the disc's centre (a moving star is at rest at the origin). It
+holds the columns that the field `needs`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# What axes show, by dimension; a density is per area in 2D and per volume in 1D. In code units nothing has a unit.
+# Units of axes by dimension; a density is per area in 2D and per volume in 1D. In the code system axes have no units.
 SHOWN = {
     "": "",
     "length": "au",
@@ -38,7 +38,7 @@ SHOWN = {
     "temperature": "K",
     "intensity": "mJy/arcsec2",
 }
-OUTSIDE = {"": "", "temperature": "K", "intensity": "mJy/arcsec2"}  # dimensions that code units do not reach
+OUTSIDE = {"": "", "temperature": "K", "intensity": "mJy/arcsec2"}  # dimensions with the same units in every system
 WRITTEN = {
     "g/cm2": "g cm$^{-2}$",
     "g/cm3": "g cm$^{-3}$",
@@ -50,21 +50,22 @@ WRITTEN = {
 
 
 class PlotError(UserError):
-    """A field that cannot be drawn, or a wrong part or look of it; the message says why, and what was expected."""
+    """A field that cannot be drawn, or an invalid window or option; the message has the reason."""
 
 
 class FieldError(UserError):
-    """A field that there is not, or that a run lacks; the message says which, and what there is."""
+    """An unknown field, or a field that the run lacks; the message has the known fields or the reason."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """kind: "particles" (values (n,)), "density" (masses (n,), to be divided by area) or "places" (of other fields).
+    """A field of a snapshot.
 
-    dimension: one of `discsim.scene.units`, "temperature", "intensity", or "". unit: of axes, where not that of SHOWN.
-    label: of axes, with mathtext, SPECIES for the name of its own. needs: columns like "gas.vel", and "plane" (two
-    dimensions), "star" or "physical" (units); reads: columns that it takes where there are any.
-    scale: "log", "linear", or "signed" about 0.
+    `kind` is "particles" (values (n,)), "density" (masses (n,), divided by area later) or "places" (computed from
+    other fields in the same bins). `dimension` is one of `discsim.scene.units`, "temperature", "intensity" or "".
+    `unit` is the unit of axes, by default that of SHOWN. `label` is the label of axes in mathtext; SPECIES in it
+    stands for the species. `needs` lists required columns like "gas.vel", and "plane" (two dimensions), "star" or
+    "physical" (units). `reads` lists optional columns. `scale` is "log", "linear", or "signed" (linear about 0).
     """
 
     kind: str
@@ -80,11 +81,11 @@ class Field:
 
     @property
     def about(self) -> str:
-        """What it is, and its equation."""
+        """The description with the equation."""
         return (self.values.__doc__ or "").strip().partition("\n")[0]
 
     def shown_unit(self, units: Units) -> str:
-        """The unit of axes, "" for a plain number."""
+        """Return the unit of axes; "" for a plain number."""
         if units.system == "code" and self.dimension not in OUTSIDE:
             return ""
         if self.unit is not None:
@@ -97,20 +98,20 @@ class Field:
         return SHOWN[name]
 
     def factor(self, units: Units) -> float:
-        """From code units to those of axes."""
+        """Return the factor from code units to the unit of axes."""
         unit = self.shown_unit(units)
         if not unit or self.dimension in OUTSIDE:
             return 1.0
         return float(units.quantity(1.0, self.dimension).to_value(unit))
 
     def quantity(self, units: Units, values: Array) -> Any:
-        """Values in code units as an astropy Quantity, in the unit of axes."""
+        """Return values in code units as an astropy Quantity in the unit of axes."""
         from discsim.scene.astropy_units import units as u
 
         return u.Quantity(self.factor(units) * values, self.shown_unit(units))
 
     def text(self, units: Units, of_all: bool = False) -> str:
-        """The label of an axis; of_all: of one that several species share."""
+        """Return the label of an axis; `of_all`: the axis is shared by several species."""
         unit = self.shown_unit(units)
         label = self.label if units.dimensions == 2 else self.label.replace(r"\Sigma", r"\rho")
         if of_all:
@@ -122,15 +123,21 @@ class Field:
 def of_particles(
     species: str, dimension: str, label: str, **more: Any
 ) -> Callable[[Callable[[Snapshot], Array]], Field]:
-    """A field of which each particle of a species has a value; on pixels and in rings its mean over their mass."""
+    """Return a decorator for a field with one value per particle of a species.
+
+    On pixels and in rings the field is the mass-weighted mean.
+    """
     return lambda values: Field("particles", species, values, dimension, label, **more)
 
 
 def density(species: str, label: str, **more: Any) -> Callable[[Callable[[Snapshot], Array]], Field]:
-    """The density of what each particle carries; the function gives its masses (n,)."""
+    """Return a decorator for the density of a mass in each particle; the function returns these masses (n,)."""
     return lambda values: Field("density", species, values, "density", label, **more)
 
 
 def of_places(dimension: str, label: str, **more: Any) -> Callable[[Callable[[Any], Array]], Field]:
-    """A field made of others at the same places, which the function takes as `at["gas.temperature"]`."""
+    """Return a decorator for a field computed from other fields in the same bins.
+
+    The function reads them as `at["gas.temperature"]`.
+    """
     return lambda values: Field("places", "", values, dimension, label, **more)

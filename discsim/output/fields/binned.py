@@ -1,4 +1,4 @@
-"""A snapshot's fields on pixels or in rings; what several of them need is summed once."""
+"""Fields of a snapshot on pixels or in rings; sums that several fields share are computed once."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Optics:
-    """How the dust is seen: wavelength and opacity per gram of dust, astropy Quantities.
+    """Wavelength and opacity per gram of dust for emission and optical depth, as astropy Quantities.
 
-    opacity: None stands for that of Beckwith et al. (1990), 10 cm2/g (nu / 1 THz).
+    By default the opacity is that of Beckwith et al. (1990), 10 cm2/g (nu / 1 THz).
     """
 
     wavelength: Any
@@ -30,18 +30,18 @@ class Optics:
 
     @property
     def frequency(self) -> float:
-        """In Hz."""
+        """Frequency in Hz."""
         from discsim.scene.astropy_units import units as u
 
         return float(self.wavelength.to_value(u.Hz, equivalencies=u.spectral()))
 
     @property
     def opacity_cgs(self) -> float:
-        """In cm2 per gram of dust."""
+        """Opacity in cm2 per gram of dust."""
         return 10.0 * self.frequency / 1e12 if self.opacity is None else float(self.opacity.to_value("cm2/g"))
 
     def planck(self, temperature: Array) -> Array:
-        """B_nu(T) in mJy/arcsec2 of temperatures in K; nothing at T = 0."""
+        """Return B_nu(T) in mJy/arcsec2 for temperatures in K; 0 at T = 0."""
         from discsim.scene.astropy_units import constants, units
 
         nu, h, c, k = self.frequency, *(getattr(constants, name).cgs.value for name in ("h", "c", "k_B"))
@@ -51,7 +51,7 @@ class Optics:
 
     @property
     def text(self) -> str:
-        """What is stated of it beside a figure."""
+        """Wavelength and opacity as text for a figure."""
         return rf"$\lambda$ = {self.wavelength:.3g}, $\kappa$ = {self.opacity_cgs:.3g} cm$^2$ per g of dust"
 
     @classmethod
@@ -62,7 +62,7 @@ class Optics:
 
 
 class Binned:
-    """`binned["gas.v_r"]`: a field in the bins that `bins_of` makes for the particles of a species, in code units."""
+    """Fields by name, `binned["gas.v_r"]`, in code units, in the bins that `bins_of` returns for a species."""
 
     def __init__(self, snap: Snapshot, bins_of: Callable[[str], Bins], optics: Optics | None = None) -> None:
         self.snap, self._bins_of, self._optics = snap, bins_of, optics
@@ -74,7 +74,7 @@ class Binned:
         return self._optics or Optics.usual()
 
     def __getitem__(self, name: str) -> Array:
-        """Densities, 0 where there is nothing; means over mass, NaN there."""
+        """Return a field in each bin: densities (0 in empty bins), or mass-weighted means (NaN in empty bins)."""
         if name not in self._found:
             self._found[name] = self._find(name)
         return self._found[name]
@@ -91,11 +91,11 @@ class Binned:
         return np.divide(weighted, mass, where=bins.there(mass), out=np.full(mass.shape, np.nan))
 
     def there(self, species: str) -> Array:
-        """Where a species has enough mass that it says something."""
+        """Return the bins with enough mass of a species for a mean."""
         return self.bins(species).there(self.mass(species))
 
     def mass(self, species: str) -> Array:
-        """Of a species, in each bin."""
+        """Return the mass of a species in each bin."""
         key = f"{species} mass"
         if key not in self._found:
             self._found[key] = self.bins(species).sum(self.snap.species[species].mass)

@@ -1,4 +1,4 @@
-"""What fields have to know of the centre: places and velocities about it, and its mass."""
+"""The centre of a disc: position, velocity and mass of the central body or bodies."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Array = np.ndarray
 
 
 def central_mass(snap: Snapshot) -> float:
-    """Mass that the disc turns about (`formulas/centre.py`), in code units."""
+    """Return the mass about which the disc orbits (`formulas/centre.py`), in code units."""
     if snap.bodies is None:
         return in_code(snap.units, snap.tables["star"]["mass"], "mass")
     return float(snap.bodies.mass[_central(snap)].sum())
 
 
 def centre_of(snap: Snapshot) -> tuple[Array, Array]:
-    """Place and velocity (2,) of the centre of the disc, of a snapshot that has bodies."""
+    """Return position and velocity (2,) of the disc's centre in a snapshot with bodies."""
     assert snap.bodies is not None and snap.bodies.vel is not None
     share = snap.bodies.mass * _central(snap)
     share /= share.sum()
@@ -31,18 +31,18 @@ def centre_of(snap: Snapshot) -> tuple[Array, Array]:
 
 
 def _central(snap: Snapshot) -> Array:
-    """Bodies that the disc turns about (n,)."""
+    """Return a mask (n,) of the bodies about which the disc orbits."""
     star, companions = snap.tables["star"], snap.tables.get("companion", [])
     each = [companions] if isinstance(companions, dict) else companions
     return centre.central(star.get("centre", "star"), [float(c.get("eccentricity", 0.0)) for c in each])
 
 
 def omega(snap: Snapshot, radius: Array) -> Array:
-    """Frequency of circles (n,) about the central mass: Omega_K^2 = M / (r^2 + s^2)^(3/2)."""
+    """Return the frequency (n,) of circular orbits about the central mass: Omega_K^2 = M / (r^2 + s^2)^(3/2)."""
     softening = in_code(snap.units, snap.tables["star"].get("softening", 0.0), "length")
     return centre.omega(central_mass(snap), radius, softening)
 
 
 def in_code(units: Units, value: Any, dimension: str) -> float:
-    """A value of a scene, a number or a text with a unit, in code units. Raises UnitError."""
+    """Return a value of a scene, a number or a text with a unit, in code units. Raises UnitError."""
     return units.parse(value, dimension) if isinstance(value, str) else float(value)

@@ -75,7 +75,7 @@ def h(snap: Snapshot) -> Array:
 
 
 def _gas_share(snap: Snapshot) -> Array | float:
-    """Share of each particle's mass (n,) that is gas; small dust is a part of it with two-way drag alone."""
+    """Return the gas fraction of each particle's mass (n,); 1.0 without small dust, or with one-way drag."""
     small = snap.gas.small
     one_way = snap.tables.get("drag", {}).get("direction") == "one-way"
     return 1.0 if small is None or one_way else 1.0 - small / snap.gas.mass

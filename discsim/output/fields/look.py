@@ -1,6 +1,6 @@
-"""How a field is seen: the part of the disc, the range of colours, how far away it is and how its dust is seen.
+"""Display options of fields: window, range of colours, distance, wavelength and opacity.
 
-`Snapshot.field`, `discsim.plot` and the command line take the same arguments, and make a `Look` of them.
+`Snapshot.field`, `discsim.plot` and the command line take the same arguments and convert them to a `Look`.
 """
 
 from __future__ import annotations
@@ -24,16 +24,18 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 PIXELS = 480
-LARGEST = 1e60  # number that axes show, and the inverse of the smallest, as of a scene's values
+LARGEST = 1e60  # bound on x and 1/x for numbers on axes, as for values of a scene
 SIZES = f"from {1.0 / LARGEST:g} to {LARGEST:g}"
 
 
 @dataclass(frozen=True)
 class Look:
-    """window: "R", "R1,R2" or "X,Y,R": a text with lengths like "50 au", a Quantity, or numbers in code units; or
-    corners (lower, upper), which are no text. limits: least and greatest value of the colours or axis, in the unit
-    shown. distance: an astropy Quantity, for angles in arcsec. corners, ends: of a part of the plane and of radius that
-    several snapshots share, in code units. prefix: of the arguments' names in messages.
+    """Display options of a figure or field.
+
+    `window` is "R", "R1,R2" or "X,Y,R": a text with lengths like "50 au", a Quantity, or numbers in code units; or
+    corners (lower, upper), not as text. `limits` are the lowest and highest value of colours or axis, in the unit
+    shown. `distance` is an astropy Quantity, for angles in arcsec. `corners` and `ends` are the window and the range
+    of radii, in code units, that several snapshots share. `prefix` precedes argument names in messages.
     """
 
     window: Any = None
@@ -46,7 +48,7 @@ class Look:
     prefix: str = ""
 
     def map_window(self, snap: Snapshot) -> Window:
-        """Corners in code units: the given part of the plane, or the disc, or the box. Raises PlotError."""
+        """Return the corners of the window in code units: as given, or those of the disc or box. Raises PlotError."""
         if self.corners is not None:
             return self.corners
         given = self._lengths(snap.units)
@@ -60,7 +62,7 @@ class Look:
         return middle - given[-1], middle + given[-1]
 
     def radii(self, snap: Snapshot, inner: float = 0.0) -> tuple[float, float]:
-        """Radii (in 1D places) between which to draw, in code units, by default from `inner`. Raises PlotError."""
+        """Return the range of radii (in 1D of positions) in code units, by default from `inner`. Raises PlotError."""
         if self.ends is not None:
             return self.ends
         given = self._lengths(snap.units)
@@ -74,7 +76,7 @@ class Look:
         return inner, float(given[0]) if len(given) else reach(snap)
 
     def shared(self, snaps: Sequence[Snapshot], kind: str) -> Look:
-        """The same for all snapshots: what is shown of any of them. Raises PlotError."""
+        """Return a look with a common window that covers those of all snapshots. Raises PlotError."""
         if kind == "map":
             windows = [self.map_window(snap) for snap in snaps]
             corners = np.min([low for low, _ in windows], axis=0), np.max([high for _, high in windows], axis=0)
@@ -83,7 +85,7 @@ class Look:
         return replace(self, ends=(min(low for low, _ in spans), max(high for _, high in spans)))
 
     def _lengths(self, units: Units) -> Array:
-        """Lengths of the window in code units, none to three, or its corners (2, 2). Raises PlotError."""
+        """Return the lengths of the window in code units (up to three), or its corners (2, 2). Raises PlotError."""
         if self.window is None:
             return np.zeros(0)
         try:
@@ -116,7 +118,10 @@ class Look:
         return units.parse(text, "length")
 
     def _in_code(self, given: Any, units: Units, text: str) -> Any:
-        """Lengths in code units, of a Quantity that may be an angle; plain numbers are so already. Raises UnitError."""
+        """Return lengths in code units; plain numbers are in code units already.
+
+        A Quantity may be an angle. Raises UnitError.
+        """
         if not hasattr(given, "unit"):
             return given
         if given.unit.is_equivalent("arcsec"):
@@ -126,7 +131,7 @@ class Look:
         return units.in_code(given, "length")
 
     def arcsec(self, units: Units) -> float | None:
-        """Arcsec in an au; None where no distance is given. Raises PlotError in code units."""
+        """Return arcsec per au at the distance; None without a distance. Raises PlotError in code units."""
         if self.distance is None:
             return None
         if units.system == "code":
@@ -143,8 +148,10 @@ def look_of(
     pixels: int = PIXELS,
     prefix: str = "",
 ) -> Look:
-    """A look from texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g", or from what Python has for these:
-    Quantities, numbers in code units and corners for a window, and a pair of limits. Raises PlotError.
+    """Return a look from arguments of the command line or of Python. Raises PlotError.
+
+    Texts are like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". Python also accepts Quantities, a window as
+    numbers in code units or corners, and limits as a pair.
     """
     optics = None
     if wavelength is not None or opacity is not None:
@@ -159,7 +166,7 @@ def look_of(
 
 
 def _window(given: Any, prefix: str) -> Any:
-    """Return the window as the attribute of `Look`. Raises PlotError."""
+    """Return the argument `window` as the attribute of `Look`. Raises PlotError."""
     if given is None or isinstance(given, str) or hasattr(given, "unit"):
         return given
     try:
@@ -182,18 +189,18 @@ def _limits(given: Any, name: str) -> tuple[float, float]:
 
 
 def _in_reach(given: Any) -> bool:
-    """True where all numbers are 0 or of a size that axes can show."""
+    """Return whether all numbers are 0 or in the range that axes can show."""
     size = np.abs(given)
     return bool(((size == 0.0) | ((size >= 1.0 / LARGEST) & (size <= LARGEST))).all())
 
 
 def _shown(given: Any) -> str:
-    """An argument for a message, on one line."""
+    """Return an argument as one line for a message."""
     return clipped(" ".join(str(given).split()))
 
 
 def _quantity(given: Any, name: str, unit: str) -> Any:
-    """An argument as an astropy Quantity above 0, of the dimension of `unit`. Raises PlotError."""
+    """Return an argument as a positive astropy Quantity with the dimension of `unit`. Raises PlotError."""
     expected = f"a value above 0 with a unit like {unit}"
     try:
         value = given if hasattr(given, "unit") else parse_quantity(str(given), expected)
@@ -207,7 +214,7 @@ def _quantity(given: Any, name: str, unit: str) -> Any:
 
 
 def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
-    """Result of `Snapshot.field`."""
+    """Implement `Snapshot.field`."""
     found = of_run(name, snap)
     if len(found) > 1:
         raise FieldError(f'"{name}" is of several species; expected one of {", ".join(found)}')
@@ -225,7 +232,7 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
 
 
 def _edges(snap: Snapshot, given: Any) -> Array:
-    """Edges of rings, in 1D of places, in code units. Raises PlotError."""
+    """Return the edges of rings (in 1D of bins) in code units. Raises PlotError."""
     try:
         edges = np.asarray(snap.units.in_code(given, "length") if hasattr(given, "unit") else given, dtype=float)
     except UnitError as error:

@@ -1,4 +1,4 @@
-"""Places, velocities and orbits, of gas and dust alike."""
+"""Positions, velocities and orbits of gas and dust."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Of = Callable[["Snapshot", "SnapshotParticles"], Array]
 
 
 def _both(dimension: str, label: str, *needs: str, **more: Any) -> Callable[[Of], tuple[base.Field, base.Field]]:
-    """The same field of gas and of dust; needs "vel" stands for that of the species."""
+    """Return a decorator that makes one field for gas and one for dust; "vel" in `needs` is that of the species."""
 
     def fields(values: Of) -> tuple[base.Field, base.Field]:
         return _of("gas", values), _of("dust", values)

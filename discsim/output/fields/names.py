@@ -1,4 +1,4 @@
-"""Fields by the names that users give them, and why a run has none of that name."""
+"""Look-up of fields by name, and messages if a run lacks a field."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ SPECIES = ("gas", "dust")
 
 
 def known(word: str) -> list[str]:
-    """The fields that a word stands for: one by its whole name, or "v_r" for that of each species.
+    """Return the field names that match a word: a full name, or a name like "v_r" of each species.
 
-    Raises FieldError with the nearest right name and all there are.
+    Raises FieldError with the nearest name and a list of all fields.
     """
     if word in FIELDS:
         return [word]
@@ -31,13 +31,13 @@ def known(word: str) -> list[str]:
 
 
 def columns(names: Iterable[str]) -> set[str]:
-    """The columns of a snapshot that some fields need, beside places and masses."""
+    """Return the snapshot columns that fields need, besides positions and masses."""
     fields = [FIELDS[name] for name in names]
     return {need for field in fields for need in (*field.needs, *field.reads) if "." in need}
 
 
 def of_run(word: str, snap: Snapshot) -> list[str]:
-    """Those that a word stands for and the snapshot has. Raises FieldError where it has none."""
+    """Return the matching field names that the snapshot has. Raises FieldError if there is none."""
     names = known(word)
     lacks = {name: why_not(FIELDS[name], snap) for name in names}
     there = [name for name in names if lacks[name] is None]
@@ -48,7 +48,7 @@ def of_run(word: str, snap: Snapshot) -> list[str]:
 
 
 def why_not(field: Field, snap: Snapshot) -> str | None:
-    """Why a snapshot lacks a field; None where it has it."""
+    """Return the reason why a snapshot lacks a field; None if it has the field."""
     needs = (f"{field.species}.mass", *field.needs) if field.species else field.needs
     return next((why for need in needs if (why := _lacks(need, snap))), None)
 
@@ -88,14 +88,14 @@ def _because(name: str, tables: dict[str, object]) -> str:
 
 
 def listed() -> Iterator[tuple[str, str, str]]:
-    """Name, unit and what it is, of each field."""
+    """Yield name, unit and description of each field."""
     for name, field in FIELDS.items():
         dimension = {"density": "surface_density"}.get(field.dimension, field.dimension)
         yield name, field.unit or SHOWN.get(dimension, ""), field.about
 
 
 def table() -> str:
-    """The fields as text."""
+    """Return the list of fields as text."""
     rows = [("name", "unit", "what it is"), *listed()]
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{name:<{wide[0]}}  {unit:<{wide[1]}}  {about}".rstrip() for name, unit, about in rows)

@@ -1,7 +1,7 @@
-"""Fields that gas and dust make together, and what one would see of the dust.
+"""Fields of gas and dust together, and observable quantities of the dust.
 
-Intensity of optically thin dust at the gas's temperature, seen face-on, of an opacity per gram of dust that is stated,
-or else that of Beckwith et al. (1990, AJ 99, 924), 10 cm2/g (nu / 1 THz):
+Intensity of optically thin dust at the gas temperature, seen face-on. The opacity per gram of dust is given, or that
+of Beckwith et al. (1990, AJ 99, 924), 10 cm2/g (nu / 1 THz):
 
     I_nu = kappa_nu Sigma_d B_nu(T),    tau = kappa_nu Sigma_d
 """

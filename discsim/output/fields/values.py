@@ -1,4 +1,4 @@
-"""Values of fields: of particles, on pixels of a window or of a ring, and in rings."""
+"""Values of fields on Cartesian pixels, on polar pixels, and in rings; and the part of a snapshot to show."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ Window = tuple[Array, Array]
 
 
 def on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics | None = None) -> Binned:
-    """Fields [ix, iy] of a snapshot about its centre."""
+    """Return the fields [ix, iy] of a snapshot in the frame of its centre."""
     periodic = repeats(snap) and np.array_equal(window, (snap.lower, snap.upper))
     return Binned(snap, lambda kind: square_window(snap.species[kind].pos, window, pixels, periodic), optics)
 
 
 def on_polar_pixels(snap: Snapshot, inner: float, outer: float, pixels: int, optics: Optics | None = None) -> Binned:
-    """Fields [phi, r]."""
+    """Return the fields [phi, r] of a snapshot between two radii."""
     return Binned(snap, lambda kind: polar_window(snap.species[kind].pos, inner, outer, pixels), optics)
 
 
 def in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) -> Binned:
-    """Fields in rings, or in 1D between places: densities, and means over mass."""
+    """Return the fields in rings (in 1D in bins of x): densities and mass-weighted means."""
     return Binned(snap, partial(_rings, snap, np.asarray(edges, dtype=float)), optics)
 
 
 def smooth_profile(snap: Snapshot, ends: tuple[float, float], optics: Optics | None = None) -> tuple[Array, Binned]:
-    """Edges of fine rings (in 1D of bins of x) between two radii, and fields in them, smoothed over neighbours."""
+    """Return the edges of fine rings (in 1D of bins of x) between two radii, and smoothed fields in them."""
 
     def bins_of(kind: str) -> Bins:
         p = snap.species[kind]
@@ -51,17 +51,17 @@ def _rings(snap: Snapshot, edges: Array, kind: str) -> Bins:
 
 
 def start_of(snap: Snapshot) -> Start | None:
-    """What the run started with; None where that was the caller's own particles."""
+    """Return the start of the run; None if the caller set the particles."""
     return STARTS.get(snap.tables.get("initial", {}).get("kind"))
 
 
 def has_centre(snap: Snapshot) -> bool:
-    """Whether an effect makes the origin a centre."""
+    """Return whether an effect makes the origin a centre."""
     return any(EFFECTS[name].marks_centre for name in snap.tables if name in EFFECTS)
 
 
 def centred(snap: Snapshot) -> bool:
-    """Whether the scene has a centre about which a radial profile says something."""
+    """Return whether the scene has a centre for radial profiles."""
     start = start_of(snap)
     return has_centre(snap) or (start is not None and start.edges is not None)
 
@@ -71,17 +71,17 @@ def repeats(snap: Snapshot) -> bool:
 
 
 def hole(snap: Snapshot) -> float:
-    """The radius within which there is hardly anything: a two-hundredth of either species."""
+    """Return the inner radius of the disc: 0.5% of the particles of a species are within it."""
     return min((float(np.quantile(p.radius, 0.005)) for p in snap.species.values() if p.count), default=0.0)
 
 
 def reach(snap: Snapshot) -> float:
-    """The radius that holds all but the last half per cent: a few that escape must not shrink the disc."""
+    """Return the outer radius of the disc, which excludes 0.5% of the particles: escapers must not shrink the map."""
     return max((float(np.quantile(p.radius, 0.995)) for p in snap.species.values() if p.count), default=1.0)
 
 
 def shown_window(snap: Snapshot) -> Window:
-    """The part of the box to show: all of it, or the square about the centre that holds the disc."""
+    """Return the part of the box to show: all of it, or a square about the centre that contains the disc."""
     if not centred(snap):
         return snap.lower, snap.upper
     half = np.full(2, 1.1 * reach(snap))
