@@ -1,13 +1,10 @@
-"""Figures of runs and snapshots, as `discsim plot` and `discsim movie` make them, onto axes of one's own.
+"""Figures of runs and snapshots on matplotlib axes, as `discsim plot` and `discsim movie` draw them.
 
     ax = discsim.plot.field_map("runs/dusty_disc", "toomre_q")
     ax = discsim.plot.profile(snap, "surface_density", window="80 au")
     ax = discsim.plot.time_map("runs/dusty_disc", "dust.surface_density")
 
-A source is the directory of a run (its last snapshot), a snapshot's file, or what `discsim.read_snapshot` gives. Fields
-are named as in `discsim plot --fields`. All functions return matplotlib's axes, by default those of a new figure.
-`window`, `pixels`, `distance`, `wavelength` and `opacity` are those of `Snapshot.field`, `limits` the least and the
-greatest value that is shown. Each function raises PlotError, FieldError or SnapshotError.
+The names of fields are those of `discsim plot --fields`. matplotlib is imported with this module.
 """
 
 from __future__ import annotations
@@ -33,17 +30,87 @@ __all__ = ["FieldError", "PlotError", "field_map", "fields", "movie", "phase", "
 
 
 def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **look: Any) -> Axes:
-    """A field on the plane, with star, companions and a scale bar."""
+    """Draw a field on the plane, with star, companions and a scale bar.
+
+    Parameters
+    ----------
+    source : str, Path or Snapshot
+        Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
+    field : str
+        Name of the field, as in `discsim plot --fields`.
+    ax : Axes, optional
+        matplotlib axes to draw on; by default those of a new figure.
+    **look
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
+        and highest value shown, in the unit of the axes.
+
+    Returns
+    -------
+    Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    PlotError, FieldError, SnapshotError
+        If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
+    """
     return _picture(source, field, ax, look_of(**look), "map")
 
 
 def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **look: Any) -> Axes:
-    """A field in angle and radius."""
+    """Draw a field in azimuth and radius.
+
+    Parameters
+    ----------
+    source : str, Path or Snapshot
+        Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
+    field : str
+        Name of the field, as in `discsim plot --fields`.
+    ax : Axes, optional
+        matplotlib axes to draw on; by default those of a new figure.
+    **look
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
+        and highest value shown, in the unit of the axes.
+
+    Returns
+    -------
+    Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    PlotError, FieldError, SnapshotError
+        If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
+    """
     return _picture(source, field, ax, look_of(**look), "polar")
 
 
 def profile(source: Source, field: str = "surface_density", ax: Axes | None = None, **look: Any) -> Axes:
-    """A field against radius, averaged over angle, a line each species; in 1D the particles against x."""
+    """Draw azimuthal averages of a field against radius, one line per species; in 1D the particles against x.
+
+    Parameters
+    ----------
+    source : str, Path or Snapshot
+        Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
+    field : str
+        Name of the field, as in `discsim plot --fields`. A name without a species, like "surface_density", draws all
+        species.
+    ax : Axes, optional
+        matplotlib axes to draw on; by default those of a new figure.
+    **look
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
+        and highest value shown, in the unit of the axes.
+
+    Returns
+    -------
+    Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    PlotError, FieldError, SnapshotError
+        If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
+    """
     snap, how, ax = read(source, known(field)), look_of(**look), _axes(ax)
     names = of_run(field, snap)
     for name, curve in curves.profile(snap, names, how).items():
@@ -53,7 +120,30 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
 
 
 def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | None = None, **look: Any) -> Axes:
-    """A field in radius, in 1D in x, and time, of all the snapshots of a run's directory."""
+    """Draw a field against radius (in 1D x) and time, from all snapshots of a run.
+
+    Parameters
+    ----------
+    source : str or Path
+        Directory of a run.
+    field : str
+        Name of the field, as in `discsim plot --fields`.
+    ax : Axes, optional
+        matplotlib axes to draw on; by default those of a new figure.
+    **look
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
+        and highest value shown, in the unit of the axes.
+
+    Returns
+    -------
+    Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    PlotError, FieldError, SnapshotError
+        If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
+    """
     files, how, ax = files_of(source), look_of(**look), _axes(ax)
     name = _one(field, read(files[0], known(field)))
     picture = pictures.in_time(files, [name], how)[name]
@@ -64,14 +154,63 @@ def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | 
 def phase(
     source: Source, field: str = "gas.v_r", against: str = "gas.radius", ax: Axes | None = None, **look: Any
 ) -> Axes:
-    """The mass of particles over one field and another."""
+    """Draw the distribution of particle mass over two fields.
+
+    Parameters
+    ----------
+    source : str, Path or Snapshot
+        Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
+    field, against : str
+        Names of the fields on the y axis and on the x axis, both of particles of the same species.
+    ax : Axes, optional
+        matplotlib axes to draw on; by default those of a new figure.
+    **look
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
+        and highest value shown, in the unit of the axes.
+
+    Returns
+    -------
+    Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    PlotError, FieldError, SnapshotError
+        If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
+    """
     snap, ax = read(source, [*known(field), *known(against)]), _axes(ax)
     curves.phase(ax, snap, _one(field, snap), _one(against, snap), look_of(**look))
     return ax
 
 
 def movie(source: str | Path, path: str | Path | None = None, *words: str, rate: float = 10.0, **look: Any) -> Path:
-    """Write a film of fields of a run, as mp4 (with the extra `movie`) or gif; where it is."""
+    """Write a film with one frame per snapshot of a run.
+
+    Parameters
+    ----------
+    source : str or Path
+        Directory of a run.
+    path : str or Path, optional
+        File to write, ending in .mp4 (needs the extra `movie`) or .gif; by default in `plots` of the run.
+    *words : str
+        Names of the fields; by default "surface_density".
+    rate : float
+        Frames per second.
+    **look
+        As in `field_map`.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    PlotError, FieldError, SnapshotError
+        If an argument is invalid, the run lacks a field, or a snapshot cannot be read.
+    OSError
+        If the file cannot be written.
+    """
     film = Film(Path(source), words, rate=rate, look=look_of(**look))
     where = Path(path) if path is not None else usual_path(film)
     film.save(where)
@@ -79,7 +218,13 @@ def movie(source: str | Path, path: str | Path | None = None, *words: str, rate:
 
 
 def fields() -> list[tuple[str, str, str]]:
-    """Name, unit and equation of each field."""
+    """Return the available fields.
+
+    Returns
+    -------
+    list of tuple of str
+        Name, unit and description with equation of each field.
+    """
     return list(listed())
 
 
@@ -94,12 +239,12 @@ def _picture(source: Source, field: str, ax: Axes | None, look: Look, kind: str)
 
 
 def _one(word: str, snap: Snapshot) -> str:
-    """The field that a word stands for: where several species have it, that of the first."""
+    """Return the field name for a word; for a field of several species, that of the first."""
     return of_run(word, snap)[0]
 
 
 def _axes(ax: Axes | None) -> Axes:
-    """Those given, or those of a new figure."""
+    """Return `ax`, or the axes of a new figure."""
     if ax is not None:
         return ax
     import matplotlib.pyplot as plt

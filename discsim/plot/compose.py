@@ -1,4 +1,4 @@
-"""Figures of several panels: fields, runs and times side by side, with shared scales."""
+"""Figures with several panels: fields, runs and times next to each other, with common scales."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ from discsim.parts import FIELDS
 from discsim.plot import curves, pictures
 from discsim.plot.sources import Named
 
-ACROSS = 3  # panels of one run in a row, at most
-WIDE = 1.25  # a profile over a map
-CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # of Okabe & Ito (2008)
+ACROSS = 3  # largest number of panels per row for one run
+WIDE = 1.25  # width of a profile over that of a map
+CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # colours of Okabe & Ito (2008)
 Norms = Mapping[str, Normalize]
 Draw = Callable[[Axes], None]
 
 
 @dataclass
 class Board:
-    """Panels in rows, each with what draws it; `notes` stand below the title."""
+    """Panels in rows, as functions that draw on axes; `notes` are lines below the title."""
 
     title: str
     rows: list[list[Draw]]
-    width: float = 1.0  # of a panel, over that of a map
+    width: float = 1.0  # width of a panel over that of a map
     notes: list[str] = field(default_factory=list)
     headed: bool = False  # whether panels have titles
-    apart: float = 0.0  # more room between panels, in inches
+    apart: float = 0.0  # additional space between panels, in inches
 
     def figure(self) -> Figure:
-        """The figure, on a canvas of its own."""
+        """Return the figure, with a canvas that does not depend on pyplot."""
         pitch, row = COLUMN + (self.width - 1.0) * MAP + self.apart, MAP + BELOW + (0.5 if self.headed else 0.25)
         most = max(len(panels) for panels in self.rows)
         lines = self.title.count("\n") + 1 + len(self.notes) if self.title or self.notes else 0
@@ -74,7 +74,7 @@ class Board:
 
 
 def words_to_names(words: Sequence[str], snaps: Sequence[Snapshot]) -> list[list[str]]:
-    """The fields that each word stands for, of those that all snapshots have. Raises FieldError."""
+    """Return for each word the matching field names that all snapshots have. Raises FieldError."""
     found = []
     for word in words:
         of_each = [of_run(word, snap) for snap in snaps]
@@ -83,16 +83,17 @@ def words_to_names(words: Sequence[str], snaps: Sequence[Snapshot]) -> list[list
 
 
 def flat(names: Sequence[Sequence[str]]) -> list[str]:
+    """Return the different names in nested sequences, in order."""
     return list(dict.fromkeys(name for several in names for name in several))
 
 
 def usual_words(dimensions: int) -> list[str]:
-    """The fields that are drawn where none is named."""
+    """Return the fields drawn by default."""
     return ["surface_density"] if dimensions == 2 else ["surface_density", "v_x"]
 
 
 def all_names(words: Sequence[str]) -> list[str]:
-    """All that the words may stand for, before a snapshot is read. Raises FieldError."""
+    """Return all field names that match the words, before a snapshot is read. Raises FieldError."""
     return flat([known(word) for word in words])
 
 
@@ -100,7 +101,10 @@ def of_pictures(
     made: Sequence[Mapping[str, Picture]], titles: Sequence[str], look: Look, norms: Norms | None = None,
     compare: bool = False,
 ) -> list[list[Draw]]:  # fmt: skip
-    """Panels of pictures by name: a row a field, a column a run, `compare` the ratio; of one run rows of ACROSS."""
+    """Return panels of pictures: one row per field and one column per run.
+
+    A single run has up to ACROSS panels per row. `compare` adds a column with the ratio or difference of two runs.
+    """
     rows = []
     for name in made[0]:
         together = [each[name] for each in made]
@@ -112,13 +116,13 @@ def of_pictures(
         rows.append(row)
     if len(made) == 1:
         panels = [row[0] for row in rows]
-        across = math.ceil(len(panels) / math.ceil(len(panels) / ACROSS))  # rows as even as can be
+        across = math.ceil(len(panels) / math.ceil(len(panels) / ACROSS))  # rows of about equal length
         rows = [panels[k : k + across] for k in range(0, len(panels), across)]
     return rows
 
 
 def limited(look: Look, norm: Normalize, picture: Picture) -> Normalize:
-    """The colours with the range that the user gives, where there is one."""
+    """Return the colour range that the look sets, or `norm`."""
     if look.limits is None:
         return norm
     low, high = look.limits
@@ -142,7 +146,7 @@ def _picture_panel(
 def of_profiles(
     snaps: Sequence[Snapshot], names: Sequence[Sequence[str]], titles: Sequence[str], look: Look
 ) -> list[list[Draw]]:
-    """A panel for each word, with a curve a run and species."""
+    """Return one panel per word, with one curve per run and species."""
     found = [curves.profile(snap, flat(names), look) for snap in snaps]
 
     def panel(several: Sequence[str]) -> Draw:
@@ -161,7 +165,11 @@ def of_profiles(
 
 
 def _style(name: str, number: int, several: Sequence[str], title: str, runs: int) -> dict[str, Any]:
-    """A colour a species of one run; of several a colour a run, and a line a species."""
+    """Return the line style of a curve.
+
+    With one run, the colour shows the species; with several runs, the colour shows the run and the line style the
+    species.
+    """
     species = name.partition(".")[0].replace("_", " ")
     if runs == 1:
         key = name.partition(".")[0]
@@ -172,7 +180,7 @@ def _style(name: str, number: int, several: Sequence[str], title: str, runs: int
 
 def of_phase(snaps: Sequence[Snapshot], names: Sequence[str], against: str, titles: Sequence[str],
              look: Look) -> list[list[Draw]]:  # fmt: skip
-    """A row a field, a column a run."""
+    """Return phase plots: one row per field, one column per run."""
 
     def panel(snap: Snapshot, name: str, title: str) -> Draw:
         def draw_one(axes: Axes) -> None:
@@ -186,13 +194,13 @@ def of_phase(snaps: Sequence[Snapshot], names: Sequence[str], against: str, titl
 
 
 def _of_same(word: str, name: str) -> str:
-    """The field that a word stands for, of the species of another where it has one. Raises FieldError."""
+    """Return the field for a word, of the same species as `name` if that exists. Raises FieldError."""
     names = known(word)
     return next((each for each in names if each.partition(".")[0] == name.partition(".")[0]), names[0])
 
 
 def titles_of(snaps: Sequence[Snapshot], found: Sequence[Named]) -> tuple[str, list[str]]:
-    """The title of a figure and those of its columns: what all have in common, and what they differ in."""
+    """Return the title of the figure, with what all panels share, and the titles of its columns."""
     times = [snap.units.show_time(snap.time) for snap in snaps]
     runs = [figure_text(each.name) for each in found]
     title = figure_text(snaps[0].title) if len(set(runs)) == 1 else ""
@@ -207,7 +215,7 @@ def titles_of(snaps: Sequence[Snapshot], found: Sequence[Named]) -> tuple[str, l
 
 
 def notes_of(names: Sequence[str], look: Look, made: Sequence[Mapping[str, Picture]] = ()) -> list[str]:
-    """What is to be said below the title: how dust is seen, how far away, and its flux."""
+    """Return the notes below the title: wavelength and opacity, distance, and flux."""
     notes = []
     if {"emission", "optical_depth"} & set(names):
         notes.append((look.optics or Optics.usual()).text)

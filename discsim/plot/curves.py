@@ -1,4 +1,4 @@
-"""What a figure shows as lines and points: profiles, and one field of the particles against another."""
+"""Lines and points of figures: profiles, and phase plots of one field of the particles against another."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
-MOST_CELLS = 160  # of a phase plot, along each axis
-DECADES = 4.5  # that an axis of a density shows
+MOST_CELLS = 160  # cells of a phase plot along each axis, at most
+DECADES = 4.5  # decades on an axis of a density, at most
 
 
 def profile(snap: Snapshot, names: Sequence[str], look: Look) -> dict[str, tuple[Array, Array]]:
-    """Places and values of fields against radius, in the units of axes; in 1D of particles against x."""
+    """Return (position, value) curves of fields against radius, in the units of axes; in 1D particles against x."""
     if snap.dimensions == 1:
         return {name: points(snap, name) for name in names}
     edges, binned = smooth_profile(snap, look.radii(snap), look.optics)
@@ -33,7 +33,7 @@ def profile(snap: Snapshot, names: Sequence[str], look: Look) -> dict[str, tuple
 
 
 def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Field, **style: Any) -> None:
-    """A line, or in 1D the points of particles; nothing of a density where there is none."""
+    """Draw a line, or in 1D the points of particles; zeros are omitted on a logarithmic scale."""
     x, values = curve
     if field.scale == "log":
         values = np.where(values > 0, values, np.nan)
@@ -43,7 +43,7 @@ def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Fi
 
 
 def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], look: Look) -> None:
-    """Labels, scale and legend of axes that have their curves."""
+    """Set labels, scale and legend of axes after their curves are drawn."""
     field, (length, unit) = FIELDS[names[0]], in_units(snap, "length")
     low, high = look.radii(snap)
     axes.set(xlabel=f"{'r' if snap.dimensions == 2 else 'x'}{unit}", xlim=(length * low, length * high))
@@ -52,7 +52,7 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], look: Look)
     peaks = [y.max() for y in shown if y.size]
     if field.scale == "log" and peaks and _decades(shown) > 0.3:
         axes.set_yscale("log")
-        if field.kind == "density":  # a lone particle must not set the scale
+        if field.kind == "density":  # a lone particle must not determine the scale
             axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-DECADES))
     if look.limits is not None:
         axes.set_ylim(*look.limits)
@@ -71,7 +71,10 @@ def _decades(shown: Sequence[Array]) -> float:
 
 
 def phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> None:
-    """The mass of particles over one field and another, on both their scales. Raises PlotError."""
+    """Draw the distribution of particle mass over the fields `against` (x) and `name` (y). Raises PlotError.
+
+    An axis is logarithmic if the field's scale is.
+    """
     fields = FIELDS[against], FIELDS[name]
     for each, field in zip((against, name), fields, strict=True):
         if field.kind != "particles" or field.species != fields[1].species:

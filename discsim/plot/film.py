@@ -1,6 +1,6 @@
-"""A film of a run: a frame for each snapshot, all with the same colours and the same part of the disc.
+"""Films of a run: one frame per snapshot, with common colours and a common window.
 
-mp4 by imageio-ffmpeg where that is installed, else gif by pillow.
+mp4 needs imageio-ffmpeg; gif is written by pillow.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
     from discsim.output.drawing import Picture
 
 KINDS = {"map": pictures.maps, "polar": pictures.polar}
-LOOKED_AT = 12  # snapshots, of which the colours are found
-ROUGH = 160  # pixels of those
+LOOKED_AT = 12  # number of snapshots that determine the colours
+ROUGH = 160  # pixels of the maps that determine the colours
 DPI = 110
-Say = Callable[[int, int], None]  # told the number of frames that are made, and of all
+Say = Callable[[int, int], None]  # called with the number of finished frames and of all frames
 
 
 @dataclass(frozen=True)
 class Film:
-    """kind: of KINDS. words: fields. rate: frames a second."""
+    """A film: `kind` is a key of KINDS, `words` are fields, and `rate` is in frames per second."""
 
     source: Path
     words: Sequence[str] = ()
@@ -48,7 +48,10 @@ class Film:
     look: Look = field(default_factory=Look)
 
     def save(self, path: Path, say: Say | None = None) -> int:
-        """Write the film, which appears whole; how many frames it has. Raises PlotError, FieldError, OSError."""
+        """Write the film; the file appears when it is complete. Return the number of frames.
+
+        Raises PlotError, FieldError, OSError.
+        """
         writer = writer_of(path)
         refuse_special(path)
         files = files_of(self.source)
@@ -80,7 +83,7 @@ class Film:
             yield Image.open(content).convert("RGB")
 
     def _shared(self, files: Sequence[Path], names: Sequence[str]) -> tuple[Look, dict[str, Normalize]]:
-        """The part of the disc and the colours of some snapshots, spread over the run."""
+        """Return the common look, and the colour range of each field from LOOKED_AT snapshots of the run."""
         some = np.unique(np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int))
         look = self.look.shared([read(files[k], names) for k in (0, -1)], self.kind)
         rough = Look(look.window, look.limits, look.distance, look.optics, look.corners, look.ends, ROUGH)
@@ -91,14 +94,14 @@ class Film:
 
 
 def usual_path(film: Film) -> Path:
-    """Where a film goes by itself: into `plots` of its run, as mp4 where that can be made."""
+    """Return the default path of a film, in `plots` of its run: mp4 if imageio-ffmpeg is installed, else gif."""
     directory = directory_of(film.source) or film.source.parent
     ending = ".mp4" if find_spec("imageio_ffmpeg") else ".gif"
     return directory / "plots" / f"{'-'.join(film.words) or 'surface_density'}-{film.kind}{ending}"
 
 
 def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None]:
-    """What writes a film of that name. Raises PlotError."""
+    """Return the function that writes the format of `path`. Raises PlotError."""
     if path.suffix.lower() == ".gif":
         return _gif
     if path.suffix.lower() != ".mp4":
@@ -111,7 +114,7 @@ def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None
 
 def _gif(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
     first = next(frames)
-    palette = first.quantize(256)  # of all, so that a colour stays what it is
+    palette = first.quantize(256)  # one palette for all frames keeps colours constant
     every = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in chain([first], frames))
     next(every).save(path, format="gif", save_all=True, append_images=every, duration=round(1000 / rate), loop=0)
 
@@ -121,7 +124,7 @@ def _mp4(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
 
     sink: Any = None
     for frame in frames:
-        # The codec takes blocks of 2 x 2 pixels.
+        # The codec needs an even number of pixels.
         frame = frame.crop((0, 0, frame.width // 2 * 2, frame.height // 2 * 2))
         if sink is None:
             sink = imageio_ffmpeg.write_frames(

@@ -1,4 +1,4 @@
-"""What a figure shows as colours: a field on the plane, in angle and radius, in radius and time; and a ratio."""
+"""Colour maps of fields: on the plane, in azimuth and radius, in radius and time; and their ratios."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
-Pictures = dict[str, Picture]  # by name of the field
+Pictures = dict[str, Picture]  # by name of field
 MakePictures = Callable[["Snapshot", Sequence[str], Look], Pictures]
 
 
 def maps(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
-    """Fields on the plane."""
+    """Return pictures of fields on the plane. Raises PlotError in 1D."""
     _plane(snap)
     window = look.map_window(snap)
     binned = on_pixels(snap, window, look.pixels, look.optics)
@@ -34,7 +34,7 @@ def maps(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
 
 
 def polar(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
-    """Fields in angle and radius."""
+    """Return pictures of fields in azimuth and radius. Raises PlotError in 1D."""
     _plane(snap)
     inner, outer = look.radii(snap, 0.9 * hole(snap))
     binned = on_polar_pixels(snap, inner, outer, look.pixels, look.optics)
@@ -53,7 +53,10 @@ def polar(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
 
 
 def in_time(files: Sequence[Path], names: Sequence[str], look: Look) -> Pictures:
-    """Fields in radius (in 1D place) and time, of the snapshots of a run, over the radii that show the first."""
+    """Return pictures of fields in radius (in 1D position) and time, from the snapshots of a run.
+
+    The range of radii is that of the first snapshot.
+    """
     first, rows = read(files[0], names), []
     edges = np.empty(0)
     for path in files:
@@ -69,7 +72,7 @@ def in_time(files: Sequence[Path], names: Sequence[str], look: Look) -> Pictures
 
 
 def between_times(times: Array) -> Array:
-    """Edges (n + 1,) of the bins about times (n,); one time alone is given a width."""
+    """Return edges (n + 1,) of bins around times (n,); a single time gets a bin of width 1."""
     if len(times) == 1:
         return times[0] + np.array([-0.5, 0.5])
     return np.concatenate([times[:1], (times[1:] + times[:-1]) / 2, times[-1:]])
@@ -81,7 +84,10 @@ def _plane(snap: Snapshot) -> None:
 
 
 def compared(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
-    """The other over the first, or less it where values have a sign; its colours, and what they show."""
+    """Return the picture other / one, its colour range and its label. Raises PlotError.
+
+    For fields with a linear or signed scale the picture is other - one.
+    """
     if one.values.shape != other.values.shape or not all(
         np.allclose(a, b) for a, b in zip((one.x, one.y), (other.x, other.y), strict=True)
     ):

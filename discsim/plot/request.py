@@ -1,4 +1,4 @@
-"""A figure as the command line and Python ask for it: what kind, of which fields and snapshots; and its file."""
+"""Figures of the command `discsim plot`: kind, fields and snapshots of a figure, and its file."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ FORMATS = (".png", ".pdf", ".svg")
 
 @dataclass(frozen=True)
 class Request:
-    """kind: one of KINDS, or None for a map, of one dimension a profile. at: times as texts. against: of a phase plot.
+    """A request for a figure.
 
-    compare: the second source over the first.
+    `kind` is one of KINDS; None is a map, or a profile in 1D. `at` are times as texts. `against` is the field on the
+    x axis of a phase plot. `compare` adds the ratio of the second source to the first.
     """
 
     sources: Sequence[Path]
@@ -42,12 +43,12 @@ class Request:
     look: Look = field(default_factory=Look)
 
     def figure(self) -> Figure:
-        """The figure. Raises PlotError, FieldError, SnapshotError."""
+        """Return the figure. Raises PlotError, FieldError, SnapshotError."""
         self._refuse_what_does_nothing()
         return (self._in_time() if self.kind == "time" else self._at_times()).figure()
 
     def _refuse_what_does_nothing(self) -> None:
-        """Raises PlotError for an option that this kind of figure has no use for."""
+        """Raise PlotError for an option that this kind of figure does not use."""
         if self.at and self.kind == "time":
             raise PlotError("--at: --time is of all snapshots; expected one of the two")
         if self.look.distance is not None and self.kind not in (None, "map"):
@@ -96,7 +97,10 @@ class Request:
         return Board(head, rows, notes=compose.notes_of(flat, look), headed=any(titles))
 
     def _read(self, paths: Sequence[Path]) -> tuple[list[list[str]], list[Snapshot]]:
-        """The fields of each word that all have, and the snapshots with what those need. Raises PlotError."""
+        """Return the field names for each word that all snapshots have, and the snapshots with the needed columns.
+
+        Raises PlotError.
+        """
         every = [times_of([path])[1] for path in paths]
         if any(vars(units) != vars(every[0]) for units in every):
             raise PlotError("the runs have different dimensions or units; expected the same in all")
@@ -107,7 +111,7 @@ class Request:
 
 
 def usual_path(request: Request, ending: str = ".png") -> Path:
-    """Where a figure goes by itself: into `plots` of the first run's directory, or beside a lone snapshot."""
+    """Return the default path of a figure: in `plots` of the first run, or next to a single snapshot."""
     first = request.sources[0]
     directory = directory_of(first)
     words = "-".join(request.words) or "surface_density"
@@ -119,7 +123,10 @@ def usual_path(request: Request, ending: str = ".png") -> Path:
 
 
 def save(make: Callable[[], Figure], path: Path) -> None:
-    """Make a figure and write it; it appears whole. Raises PlotError for a format that it cannot have, OSError."""
+    """Create a figure and write it; the file appears when it is complete.
+
+    Raises PlotError for an unknown format, OSError.
+    """
     if path.suffix.lower() not in FORMATS:
         raise PlotError(f"{path}: no format of figures; expected a name that ends in {', '.join(FORMATS)}")
     refuse_special(path)

@@ -1,4 +1,4 @@
-"""Which snapshots are drawn: those of a run's directory, or files; found by time without reading their particles."""
+"""Selection of snapshots from runs and files, by time, without reading particles."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ Source = Snapshot | str | Path
 
 @dataclass(frozen=True)
 class Named:
-    """A snapshot's file, with the name of its run for titles."""
+    """The file of a snapshot, and the name of its run for titles."""
 
     path: Path
     name: str
 
 
 def directory_of(source: Path) -> Path | None:
-    """The directory of the run that a directory or snapshot is of; None for a file elsewhere."""
+    """Return the directory of the run of a directory or snapshot; None for a file elsewhere."""
     if source.is_dir():
         return source.parent if source.resolve().name == "snapshots" else source
     return source.resolve().parent.parent if source.resolve().parent.name == "snapshots" else None
 
 
 def name_of(source: Path) -> str:
-    """The name of its run, or that of the file."""
+    """Return the name of the run's directory, or the name of a file elsewhere."""
     directory = directory_of(source)
     return directory.resolve().name if directory is not None else source.stem
 
 
 def chosen(sources: Iterable[Path], at: Sequence[str] = ()) -> list[Named]:
-    """The last snapshot of each source, or those nearest to the times `at`. Raises PlotError, SnapshotError."""
+    """Return the last snapshot of each source, or those nearest to the times `at`. Raises PlotError, SnapshotError."""
     found = []
     for source in sources:
         files = files_of(source)
@@ -50,7 +50,7 @@ def chosen(sources: Iterable[Path], at: Sequence[str] = ()) -> list[Named]:
 
 
 def nearest(files: Sequence[Path], text: str) -> Path:
-    """The snapshot nearest to a time like "700 yr", or in code units a number. Raises PlotError."""
+    """Return the snapshot nearest to a time like "700 yr", in code units a number. Raises PlotError."""
     times, units = times_of(files)
     try:
         wanted = units.of_text(text, "time")
@@ -60,7 +60,7 @@ def nearest(files: Sequence[Path], text: str) -> Path:
 
 
 def times_of(files: Sequence[Path]) -> tuple[list[float], Units]:
-    """Times in code units, and the units of the first file."""
+    """Return the times of the files in code units, and the units of the first file. Raises SnapshotError."""
     times, units = [], Units("code")
     for path in files:
         with hdf5.reading(path, SnapshotError, "snapshot") as file:
@@ -70,7 +70,7 @@ def times_of(files: Sequence[Path]) -> tuple[list[float], Units]:
 
 
 def read(source: Source, names: Iterable[str]) -> Snapshot:
-    """A snapshot about its centre, with the columns that some fields need; the last one of a directory."""
+    """Return a snapshot in the frame of its centre, with the columns that fields need; the last one of a directory."""
     if isinstance(source, Snapshot):
         return source.about_centre()
     return read_snapshot(files_of(source)[-1], columns(names)).about_centre()
