@@ -1,1 +1,1 @@
-"""A run as one page of HTML that holds all it shows: `discsim report`."""
+"""The report of a run as a single HTML page: `discsim report`."""

@@ -1,4 +1,4 @@
-"""Pictures of a page as data of PNG: snapshots as `last_state.png` draws them, and what history.csv holds."""
+"""Figures of the page as PNG data: snapshots as in `last_state.png`, and columns of history.csv."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from discsim.output.snapshot import read_snapshot
 from discsim.report.totals import Totals
 from discsim.scene import Scene
 
-LEAST = 1e-17  # of a change: below it there are no digits
+LEAST = 1e-17  # smallest change on the axis, below floating-point precision
 
 
 class Picture(NamedTuple):
-    """A picture: the bytes of a PNG in base64, what it shows, and what stands under it."""
+    """A figure: a PNG in base64, its text alternative, and its caption."""
 
     data: str
     alt: str
@@ -35,7 +35,7 @@ def of_snapshot(path: Path) -> Picture:
         file = Path(folder) / "picture.png"
         last_state_figure(path, file)
         data = io.BytesIO()
-        Image.open(file).save(data, format="png")  # compressed as for a file that stays
+        Image.open(file).save(data, format="png")  # full compression
     snap = read_snapshot(path)
     when = snap.units.show_time(snap.time)
     kinds = " and ".join(snap.species)
@@ -43,7 +43,7 @@ def of_snapshot(path: Path) -> Picture:
 
 
 def of_history(scene: Scene, rows: list[dict[str, str]], found: list[Totals]) -> list[Picture]:
-    """Changes of what should be kept, and the length of steps, against time."""
+    """Return the figures of changes of conserved quantities and of step lengths against time."""
     time, dt = (np.array([float(row[name]) for row in rows]) for name in ("time", "dt"))
     unit = ""
     if scene.units.system != "code":

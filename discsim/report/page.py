@@ -1,7 +1,7 @@
-"""The page of a run, made of the files in its directory; whatever text they hold is escaped.
+"""The page of a run, from the files in its directory; all text from these files is escaped.
 
-It is one file without scripts, links to other places or fonts of its own, for screens of any width, light and dark, and
-for paper.
+The page is one file for screens of any width, in light and dark mode, and for paper. It has no scripts, no links and
+no fonts of its own.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LIBRARIES = ("numpy", "numba", "scipy", "astropy", "h5py", "matplotlib")
 
 
 class ReportError(UserError):
-    """There is no run to tell of; the message says why."""
+    """A directory without a run; the message has the reason."""
 
 
 def write_report(directory: Path, path: Path) -> None:
@@ -73,7 +73,7 @@ def write_report(directory: Path, path: Path) -> None:
 
 
 def _printable_text(value: object) -> object:
-    """A text of the page without control characters; markup that the template has made stays."""
+    """Return a text of the page without control characters; markup from the template is unchanged."""
     return value if hasattr(value, "__html__") else printable_lines(value)
 
 
@@ -97,7 +97,7 @@ def _outcomes(directory: Path, scene: Scene) -> list[tuple[str, str]]:
 
 
 def _effects(scene: Scene) -> Iterator[dict[str, Any]]:
-    """Each effect with its keys here, and its equations as `discsim effects` has them."""
+    """Yield each effect with its settings, and its equations as in `discsim effects`."""
     keys: dict[str, list[str]] = {}
     for name, text in effect_lines(scene):
         keys.setdefault(name.partition(".")[0], []).append(f"{name}: {text}" if text else name)
@@ -110,7 +110,7 @@ def _effects(scene: Scene) -> Iterator[dict[str, Any]]:
 
 
 def _costs(path: Path) -> list[dict[str, Any]]:
-    """Rows of costs.csv, the dearest first; none where the run has not written them."""
+    """Return the rows of costs.csv, the most expensive first; [] if the file does not exist."""
     if not path.exists():
         return []
     rows = sorted(read_costs(path), key=lambda row: -row.share)
@@ -129,7 +129,7 @@ def _log(path: Path) -> list[str]:
 
 
 def _warnings(log: Path) -> list[str]:
-    """What the run warned of, and why it stopped, each once."""
+    """Return the warnings in the log, and the reason why the run stopped, each once."""
     lines = _log(log)
     told = [line.removeprefix("warning: ") for line in lines if line.startswith("warning: ")]
     stopped = [line for line in lines[-2:] if line.startswith(("interrupted by", "stopped by", "out of memory"))]

@@ -1,11 +1,11 @@
-"""What a run should keep, from its history.csv: how much has changed, over the sum of the sizes of its terms.
+"""Conserved quantities of a run from history.csv: changes over the sum of the magnitudes of their terms.
 
-    mass                gas, dust and what the star took                                over the mass
+    mass                gas, dust and accreted mass                                     over the mass
     momentum            sum m v                                                         over sqrt(2 E_kin M)
-    angular momentum    about the origin, of a disc                                     over its largest
+    angular momentum    about the origin, of a disc                                     over its largest value
     energy              kinetic, thermal, potential and radiated                        over the sum of their sizes
 
-Momentum that accreted particles took with them is not in the table.
+The momentum of accreted particles is not included.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ HEATS = ("companion", "external", "background", "damping", "radiation_pressure",
 
 
 class Totals(NamedTuple):
-    """A quantity at the first and the last row, its change (rows,), and why it may change ("" where it should not)."""
+    """A conserved quantity: first and last value, relative change (rows,), and why it may change ("" if it should
+    not).
+    """
 
     name: str
     first: str
@@ -41,7 +43,7 @@ class Totals(NamedTuple):
 
 
 def totals(scene: Scene, rows: list[dict[str, str]]) -> list[Totals]:
-    """The conserved quantities of a run with these rows of history.csv."""
+    """Return the conserved quantities of a run from the rows of its history.csv."""
 
     def column(name: str) -> Array:
         return np.array([float(row[name]) for row in rows]) if name in rows[0] else np.zeros(len(rows))
@@ -63,7 +65,7 @@ def totals(scene: Scene, rows: list[dict[str, str]]) -> list[Totals]:
     ends = [] if flat or scene.space.boundary == "periodic" else ["the ends of the tube"]
     heats = [f"[{name}]" for name in HEATS if scene.table(name) is not None] + taken
     heats += [] if scene.gas is None or eos_of(scene).closes_energy else ["the temperature that gas is held at"]
-    # In one dimension mass is a column, and what is made of it is of an area.
+    # In one dimension masses are column densities, and derived quantities are per area.
     of = (lambda name: name) if flat or scene.units.system == "code" else lambda name: "surface_density"
     found = [entry("mass", mass, float(np.abs(mass).max()), of("mass"), [])]
     if flat or scene.units.system == "code":

@@ -1,1 +1,1 @@
-"""What accuracy costs: errors against exact solutions, and tables of runs."""
+"""Cost and accuracy studies: errors of runs, tables of runs, parameter sweeps, and the search for cheap settings."""

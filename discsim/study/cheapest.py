@@ -1,7 +1,8 @@
-"""The cheapest setting of a scene at an error: the search of `search.py` over the knobs of `knobs.py`, with real runs.
+"""The cheapest settings of a scene for a given error: the search of `search.py` over the knobs of `knobs.py`.
 
-Each run is kept as soon as it ends. The search decides by what is kept, so one that was stopped goes the same way
-again, without the runs that are there. Runs take one thread, and each further run of a setting the next seed.
+Each run is recorded as soon as it ends. All decisions of the search follow from recorded runs, so a search that was
+stopped repeats the same steps without repeating its runs. Runs use one thread. Further runs of the same settings use
+the next seeds.
 """
 
 from __future__ import annotations
@@ -32,17 +33,18 @@ from discsim.study.search import Search
 from discsim.study.trials import Measured, Place, Spent, Trial
 
 _FRACTION = re.compile(r"[0-9]*\.[0-9]+")
-SCENE = "scene"  # the word for the scene's own error
-OWN_SEEDS = 2  # of the finer run, whose distance is the floor
-MOST_LEARNT = 10  # settings of the frontier that `discsim check` is told of
-FINER = 2.0  # times the particles of the scene that the finer run has, where a user does not say which it is
+SCENE = "scene"  # argument of --error for the scene's own error
+OWN_SEEDS = 2  # seeds of the reference run; their difference is the floor of the error
+MOST_LEARNT = 10  # settings of the frontier that are recorded for `discsim check`, at most
+FINER = 2.0  # factor in particle number from the scene to the reference run, by default
 
 
 @dataclass
 class Wanted:
-    """What the command line asks of a search.
+    """Options of a search.
 
-    error: None for the scene's own. budget: seconds of wall-clock time. reference: keys of the finer run.
+    `error` is the goal, None for the scene's own error. `budget` is in seconds of wall-clock time. `reference` has
+    the settings of the reference run.
     """
 
     error: float | None
@@ -59,7 +61,7 @@ def wanted(
     error: str, budget: str, measure: str | None, reference: Sequence[str], varied: Sequence[Varied],
     keep: Sequence[str], repeat: int, parallel: int,
 ) -> Wanted:  # fmt: skip
-    """From the texts of the command line. Raises StudyError."""
+    """Return the options from texts of the command line. Raises StudyError."""
     for text in reference:
         key, equals, value = text.partition("=")
         if not (key.strip() and equals and value.strip()):
@@ -69,7 +71,7 @@ def wanted(
 
 
 def _goal_in(text: str) -> float | None:
-    """The error that --error names, None for the scene's own."""
+    """Return the error that --error gives; None for the scene's own. Raises StudyError."""
     if text == SCENE:
         return None
     try:
@@ -93,7 +95,7 @@ def _budget_in(text: str) -> float:
 
 
 class Workshop:
-    """Makes the runs that a search asks for, or finds them among those that are kept (`search.Bench`)."""
+    """Execution of the runs of a search; recorded runs are reused. Implements the protocol `trials.Bench`."""
 
     def __init__(self, runs: Runs, knobs: Knobs, measure: Measure, wanted: Wanted, say: Say) -> None:
         self.runs, self.knobs, self.measure, self.say = runs, knobs, measure, say
@@ -103,12 +105,16 @@ class Workshop:
         self.reference: Run | None = None
         self.kept = {_key(settings): run for settings, run in runs.open({"search": "cheapest"})}
         self.counted: set[tuple[tuple[str, str], ...]] = set()
-        self.count, self.cpu = 0, 0.0  # of the runs that this search rests on, whenever they were made
+        self.count, self.cpu = 0, 0.0  # number and CPU seconds of the runs of this search, recorded ones included
 
     def allowed(self, place: Place) -> bool:
         return self.knobs.settings(place) is not None
 
     def run(self, places: Sequence[Place], number: int = 1, most: float = math.inf) -> None:
+        """Run each place with `number` seeds. Raises Spent.
+
+        A run is given up after `most` CPU seconds; its trial is then stopped.
+        """
         for seed in range(number):
             todo = [
                 place
@@ -139,7 +145,7 @@ class Workshop:
         return settings | ({"run.seed": str(self.seed + seed)} if seed else {})
 
     def found(self, wanted: Sequence[Settings], most: float = math.inf) -> list[Run]:
-        """A run for each of the settings: kept, or made now and kept. Raises Spent where time is up."""
+        """Return a run for each of the settings: recorded, or run and recorded now. Raises Spent after the deadline."""
         todo = [each for each in wanted if not self._is_kept(each, most)]
         if self.parallel == 1:
             for each in todo:
@@ -153,6 +159,9 @@ class Workshop:
         return [self.kept[_key(each)] for each in wanted]
 
     def _is_kept(self, settings: Settings, most: float) -> bool:
+        """Return whether a usable run is recorded: a run that was given up counts unless the new limit is much
+        larger.
+        """
         run = self.kept.get(_key(settings))
         return run is not None and ("most" not in run or most <= 1.5 * run["most"])
 
@@ -178,7 +187,7 @@ class Workshop:
 
 
 class Cheapest:
-    """A search with its scene, directory and findings. Raises StudyError, SceneError."""
+    """A search with its scene, directory and results. Raises StudyError, SceneError."""
 
     def __init__(
         self, scene: Path, directory: Path, wanted: Wanted, settings: Sequence[str] = (), without: Sequence[str] = ()
@@ -186,22 +195,23 @@ class Cheapest:
         self.path, self.directory, self.wanted = scene, directory, wanted
         self.settings, self.without = tuple(settings), tuple(without)
         loaded = load_scene(scene, settings, without)
-        single = [] if loaded.run.threads else ["run.threads=1"]  # CPU time of one thread is the least
+        single = [] if loaded.run.threads else ["run.threads=1"]  # total CPU time is least with one thread
         self.runs = Runs(scene, directory, [*settings, *single], without)
         self.measure = _measure(measures_of(loaded), wanted.measure)
         self.knobs = Knobs(self.runs.scene, wanted.varied, wanted.keep, **self._finest())
         self.finer = self._finer()
         self.goal = wanted.error or 0.0
-        self.floor = 0.0  # of the error, below which seeds decide
+        self.floor = 0.0  # error below which differences are due to the seed
         self.found: Trial | None = None
-        self.ended = ""  # why, where nothing was found
+        self.ended = ""  # the reason for the end of the search, if it found nothing or was cut short
         self.begun = time.monotonic()
 
     def _finest(self) -> dict[str, int]:
-        """Against a finer run no setting with as many particles can be judged."""
+        """Return arguments of `Knobs`: without an exact solution no setting may have more particles than the scene."""
         return {} if self.measure.exact else {"finest": 0}
 
     def _finer(self) -> Settings:
+        """Return the settings of the reference run; {} with an exact solution. Raises StudyError, SceneError."""
         if self.measure.exact:
             return {}
         if self.wanted.reference:
@@ -210,7 +220,7 @@ class Cheapest:
         else:
             base = self.knobs.base
             settings = {key: base.times(key, FINER, whole=True) for key in base.species}
-        self.runs.scene(settings)  # raises where it is none
+        self.runs.scene(settings)  # raises SceneError if invalid
         return settings
 
     @property
@@ -222,12 +232,15 @@ class Cheapest:
 
     @property
     def scene(self) -> Trial | None:
-        """The scene as it stands."""
+        """The trial of the unchanged scene; None if it has no run."""
         trial = self.bench.trials.get(tuple(0 for _ in self.knobs.all))
         return trial if trial and trial.runs else None
 
     def make(self, title: str) -> bool:
-        """Search, print what was found, and write cost.png and cheapest.toml; False where the error was not reached."""
+        """Search, print the results, and write cost.png and cheapest.toml.
+
+        Returns whether the error was reached.
+        """
         from discsim.study.frontier import frontier_figure, show
 
         console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
@@ -284,7 +297,7 @@ class Cheapest:
             self.ended = "no setting that was tried reaches it"
 
     def _compare(self, say: Say) -> None:
-        """The finer run with two seeds: their mean is what others are compared with, their distance the floor."""
+        """Run the reference with OWN_SEEDS seeds: runs are compared with the mean; the mean difference is the floor."""
         say(f"no exact solution is taken: the finer run has {in_words(self.finer)}")
         runs = self.bench.found([self.bench.seeded(self.finer, seed) for seed in range(OWN_SEEDS)])
         for run in runs:
@@ -301,7 +314,7 @@ class Cheapest:
         return in_words(self.settings_of(trial))
 
     def front(self) -> list[Trial]:
-        """Settings than which none that was tried is both cheaper and no worse, the cheapest first."""
+        """Return the Pareto front, the cheapest first: no other trial is both cheaper and at least as accurate."""
         found: list[Trial] = []
         for trial in sorted((t for t in self.bench.trials.values() if t.runs), key=lambda t: t.cpu):
             if not found or trial.error < found[-1].error:
@@ -309,12 +322,12 @@ class Cheapest:
         return found
 
     def best(self) -> Trial | None:
-        """What was found, or else what came nearest to the error."""
+        """Return the trial found, or else the trial with the smallest error."""
         done = [trial for trial in self.bench.trials.values() if trial.runs]
         return self.found or min(done, key=lambda trial: trial.error, default=None)
 
     def _learn(self) -> None:
-        """Leave what the frontier and the scene had to `discsim check`."""
+        """Record the errors and costs of the frontier and of the scene, for estimates of `discsim check`."""
         for trial in dict.fromkeys(t.place for t in (*self.front()[-MOST_LEARNT:], self.found, self.scene) if t):
             there = self.bench.trials[trial]
             changes = [f"{key}={value}" for key, value in self.settings_of(there).items()]
@@ -335,7 +348,7 @@ class Cheapest:
 
 
 class _Teller:
-    """Prints lines, and keeps them in a log once there is a directory."""
+    """Printer of lines that also appends them to a log once its directory exists."""
 
     def __init__(self, console: Console, log: Path) -> None:
         self.console, self.log = console, log
@@ -351,7 +364,7 @@ class _Teller:
 
 
 def in_words(settings: Settings) -> str:
-    """Settings for people, with four digits, of a scene that is otherwise as it stands."""
+    """Return settings as text with four digits; the unchanged scene has a text of its own."""
     short = {key: f"{float(text):.4g}" if _FRACTION.fullmatch(text) else text for key, text in settings.items()}
     own = [] if settings.keys() - {"run.seed"} else ["the scene as it stands"]
     return ", ".join([*own, *([label_of(short)] if short else [])])
@@ -362,6 +375,7 @@ def _key(settings: Settings) -> tuple[tuple[str, str], ...]:
 
 
 def _measure(known: dict[str, Measure], name: str | None) -> Measure:
+    """Return the measure `name`, or the default measure. Raises StudyError."""
     if not known:
         raise StudyError("this scene has neither gas nor dust to measure")
     if name is None:

@@ -1,6 +1,7 @@
-"""What accuracy costs: a scene run with every combination of some values, and the error of each against its CPU time.
+"""Cost study: a scene is run with all combinations of some values, and the errors are compared with CPU times.
 
-Repeats go round the combinations, so that a busy hour of the machine is shared by all of them.
+Each repetition runs all combinations before the next one starts, so that a phase of high load on the computer
+affects all of them.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from discsim.study.findings import show
 from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, lines_of
 from discsim.study.runs import RUNS, Runs, Say
 
-WIDTH = 110  # letters that the tables take, also where there is no terminal
+WIDTH = 110  # width of the tables in characters, also without a terminal
 
 
 class Study:
-    """The runs of a study and the directory that they are kept in. Raises StudyError, SceneError."""
+    """The runs of a study and their directory. Raises StudyError, SceneError."""
 
     def __init__(
         self, scene: Path, varied: Sequence[Varied], repeat: int, directory: Path,
@@ -41,13 +42,13 @@ class Study:
 
     @property
     def exact(self) -> str | None:
-        """What the errors are, where every combination has an exact solution."""
+        """A description of the error, if every combination has an exact solution; else None."""
         return self.measures[0].words if all(self.measures) and self.measures[0] else None
 
     # Running
 
     def run(self, say: Say, parallel: int = 1) -> None:
-        """Make the runs that are not there yet; each is kept as soon as it ends."""
+        """Make the missing runs, and record each of them as soon as it ends."""
         self._open()
         todo = [
             (point, number)
@@ -71,18 +72,18 @@ class Study:
             return
         for point, number in todo:
             if number and not point.done:
-                continue  # what stopped once would stop again
+                continue  # a run that stopped would stop again
             yield point, next(self.runs.made([point.settings], say))
 
     def _open(self) -> None:
-        """Take up the runs that there are. Raises StudyError where they are another study's."""
+        """Read the recorded runs. Raises StudyError if they belong to another study."""
         for settings, run in self.runs.open({"varied": [each.name for each in self.varied]}):
             for point in self.points:
                 if point.settings == settings and len(point.runs) < self.repeat:
                     point.runs.append(run)
 
     def _judge(self) -> None:
-        """Errors against the exact solution, or against the run with the most particle updates."""
+        """Compute errors against the exact solution, or against the run with the most particle updates."""
         done = [point for point in self.points if point.done]
         if self.exact:
             for point in done:
@@ -96,7 +97,7 @@ class Study:
                 point.errors = profile_errors(point.runs[0]["profiles"], self.reference.runs[0]["profiles"])
 
     def make(self, title: str, parallel: int) -> bool:
-        """Run, write cost.csv and cost.png, and print what was found; all lines go to cost.log too. True."""
+        """Run, write cost.csv and cost.png, and print the results, also to cost.log. Returns True."""
         console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
         console.width = max(console.width, WIDTH)
         lines: list[str] = []
@@ -117,7 +118,7 @@ class Study:
         if not any(point.done for point in self.points):
             stopped = self.points[0].runs[0]["stopped"]
             raise StudyError(f"no run came to its end; that with {label_of(self.points[0].settings)} was {stopped}")
-        from discsim.study.costfigure import cost_figure  # slow to import, and needed only here
+        from discsim.study.costfigure import cost_figure  # imported here, as it is slow
 
         with written(self.directory / "cost.png", ".png") as temporary:
             cost_figure(self, temporary)
@@ -134,14 +135,15 @@ class Study:
 
     @property
     def axis(self) -> Varied | None:
+        """The varied keys along the lines of table and figure; see `axis_of`."""
         return axis_of(self.varied)
 
     def lines(self) -> dict[str, list[Point]]:
-        """Points with an error by what they share, each line in the order of its axis."""
+        """Return the points with an error by their other settings, in the order of the values on the axis."""
         return lines_of((point for point in self.points if point.error), self.axis)
 
     def front(self) -> list[Point]:
-        """Points than which no other is both cheaper and no worse."""
+        """Return the Pareto front, the cheapest first: no other point is both cheaper and at least as accurate."""
         found: list[Point] = []
         for point in sorted((p for p in self.points if p.error), key=lambda p: p.cpu):
             if not found or point.error < found[-1].error:
@@ -149,7 +151,7 @@ class Study:
         return found
 
     def write(self) -> None:
-        """cost.csv, which appears whole."""
+        """Write cost.csv; the file appears when it is complete."""
         front = {id(point) for point in self.front()}
         keys = [key for each in self.varied for key in each.keys]
         species = sorted({kind for point in self.points for kind in point.errors})

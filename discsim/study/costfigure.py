@@ -1,4 +1,4 @@
-"""The figure of a cost study: error against CPU seconds, one line for all that shares its settings but the axis."""
+"""The figure of a cost study: error against CPU seconds, with one line per combination of the settings off the axis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def cost_figure(study: Study, path: Path) -> None:
-    """Draw lines, the Pareto front (rings) and slopes of -1 and -2 into the PNG `path`."""
+    """Draw lines, Pareto front (rings) and slopes of -1 and -2 to the PNG file `path`."""
     figure = Figure(figsize=(7.5, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

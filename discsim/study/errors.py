@@ -1,7 +1,8 @@
-"""How wrong a run is: against the exact solution where its start has one, and what should have stayed the same.
+"""Errors of a run against exact solutions, and changes of conserved quantities.
 
-Each start knows its own measure (`discsim/initial`): mostly the error of velocities, rms over particles of (velocity -
-exact at the particle's place), over the largest exact velocity relative to the frame of the start.
+Each start with an exact solution defines its own measure (`discsim/initial`). Most measures are the rms over
+particles of (velocity - exact velocity at the particle's position), over the largest exact velocity relative to the
+frame of the start.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from discsim.physics.eos import eos_of
 from discsim.run.simulation import Simulation
 
 Array = np.ndarray
-RINGS = 24  # of a disc's radial profile, and squares a side of other maps
+RINGS = 24  # rings of a disc's radial profile, and squares per side of other maps
 
 
 def measure_of(scene: Any) -> ErrorMeasure | None:
-    """The measure against an exact solution; None where the scene has none."""
+    """Return the measure of the error against the exact solution; None if the scene has none."""
     if scene.initial is None:
         return None
     start = start_of(scene)
@@ -31,7 +32,10 @@ def measure_of(scene: Any) -> ErrorMeasure | None:
 
 
 def profiles(sim: Simulation) -> dict[str, list[float]]:
-    """Mass of each species in rings of a disc, or in squares of a box: what runs without an exact solution compare."""
+    """Return the mass of each species in rings of a disc or squares of a box, as flat lists.
+
+    Runs without an exact solution are compared by these.
+    """
     scene, out = sim.scene, {}
     for kind, p in sim.state.species.items():
         if scene.centred and scene.space.dimensions == 2:
@@ -46,7 +50,7 @@ def profiles(sim: Simulation) -> dict[str, list[float]]:
 
 
 def profile_errors(found: dict[str, list[float]], reference: dict[str, list[float]]) -> dict[str, float]:
-    """Mass that is elsewhere than in the reference, over all of it, by species."""
+    """Return by species the fraction of mass in other bins than in the reference, 0.5 sum |m - m_ref| / sum m_ref."""
     return {
         kind: float(0.5 * np.abs(np.subtract(mass, reference[kind])).sum() / max(np.sum(reference[kind]), 1e-300))
         for kind, mass in found.items()
@@ -54,7 +58,11 @@ def profile_errors(found: dict[str, list[float]], reference: dict[str, list[floa
 
 
 def totals(sim: Simulation) -> dict[str, float]:
-    """The conserved quantities of a simulation now, with what was accreted, and the scales to judge them by."""
+    """Return conserved quantities of a simulation, including accreted ones, and scales for their changes.
+
+    "moved", "spun" and "size" are the scales of momentum, angular momentum and energy. "closed" and "held" are 1 if
+    momentum and energy are conserved.
+    """
     with sim.closed() as state:
         row: dict[str, Any] = dict(zip(columns_of(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
         species = state.species.values()
@@ -86,9 +94,9 @@ def totals(sim: Simulation) -> dict[str, float]:
 
 
 def drifts(before: dict[str, float], after: dict[str, float]) -> dict[str, float | None]:
-    """Changes of mass, momentum, angular momentum and energy, over the sums of the sizes of their terms.
+    """Return changes of mass, momentum, angular momentum and energy, over the sums of the magnitudes of their terms.
 
-    None for the energy of gas that is held at a temperature, and for the momentum of a tube whose ends are held.
+    None for the energy of gas with a prescribed temperature, and for the momentum of a tube with fixed ends.
     """
 
     def over(change: float, scale: str) -> float:

@@ -1,4 +1,4 @@
-"""What a study found, for people: its runs, the price of an error, and the orders of its lines."""
+"""Printed results of a cost study: runs, cost of given errors, and convergence orders."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from discsim.study.points import Point, Varied, label_of, leaves, number_in
 if TYPE_CHECKING:
     from discsim.study.cost import Study
 
-GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest setting is told
+GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest settings are printed
 FARTHEST = 1e8
-SAME = 1e-9  # share by which x differ at least that are not the same but for rounding
+SAME = 1e-9  # relative difference below which two values of x are equal to rounding
 
 
 def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
-    """p of y ~ x^p by least squares of the logarithms; None of fewer than two different x."""
+    """Return p of a least-squares fit y ~ x^p in logarithms; None with fewer than two different x, or numbers <= 0."""
     if len(x) < 2 or min(*x, *y) <= 0.0 or max(x) <= (1.0 + SAME) * min(x):
         return None
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) -> tuple[float, bool] | None:
-    """What a line pays for an error of `goal`, and whether it was fitted beyond its points; None where it never pays.
+    """Return the cost of an error `goal` along a line, and whether it is extrapolated; None if the line never
+    reaches it.
 
-    Between points, and beyond them by the last two, along straight lines of the logarithms; never is also what would
-    take FARTHEST times the dearest run.
+    The cost is piecewise linear in logarithms, and extrapolated from the two most accurate points. A cost of
+    FARTHEST times the most expensive run or more counts as never.
     """
     known = sorted((point.error or np.inf, of(point)) for point in points)
     known = [(error, paid) for k, (error, paid) in enumerate(known) if all(paid < other for _, other in known[:k])]
@@ -40,7 +41,7 @@ def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) ->
         return (known[0][1], False) if known and known[0][0] <= goal else None
     errors, paid = np.log([k[0] for k in known]), np.log([k[1] for k in known])
     if goal >= known[-1][0]:
-        return known[-1][1], False  # the cheapest run is good enough
+        return known[-1][1], False  # the cheapest run is accurate enough
     if goal >= known[0][0]:
         return float(np.exp(np.interp(np.log(goal), errors, paid))), False
     more = (np.log(goal) - errors[0]) * (paid[1] - paid[0]) / (errors[1] - errors[0])
@@ -48,7 +49,7 @@ def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) ->
 
 
 def show(study: Study, console: Console) -> None:
-    """Print the runs, the price of some errors, and the orders of the lines."""
+    """Print the runs, the costs of the errors GOALS, and the orders of the lines."""
     if study.exact:
         console.print(f"error: {study.exact}")
     elif study.reference is not None:
@@ -93,6 +94,7 @@ def show(study: Study, console: Console) -> None:
 
 
 def _order_row(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
+    """Yield the cells of a line: order, cost factor of half the error, and the costs of GOALS."""
     values = [number_in(point.settings[axis.keys[0]]) or np.nan for point in points]
     errors = [point.error or np.nan for point in points]
     order = fitted_power(values, errors)

@@ -1,4 +1,4 @@
-"""What a search for the cheapest setting found, for people: the frontier, what each knob buys, and the figure."""
+"""Results of a search for the cheapest settings: the frontier, the effect of each knob, and the figure."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from discsim.study.trials import RUNG, Place, Trial
 if TYPE_CHECKING:
     from discsim.study.cheapest import Cheapest
 
-ROWS = 12  # of the frontier, at most
+ROWS = 12  # rows of the frontier in the table, at most
 
 
 def show(study: Cheapest, console: Console) -> None:
-    """Print the frontier, what each knob buys, and the answer."""
+    """Print the frontier, the effect of each knob, and the cheapest settings."""
     bench, scene = study.bench, study.scene
     console.print(f"\nerror ({study.measure.name}): {study.measure.words}")
     front = study.front()
@@ -69,7 +69,7 @@ def _nearest(study: Cheapest, chosen: Trial | None) -> str:
 
 
 def _own(study: Cheapest, scene: Trial) -> str:
-    """What the scene's own error costs at least, of all that was tried: one is as good within twice the scatter."""
+    """Return the lowest cost of the scene's own error; errors within twice the scatter count as equal."""
     most = scene.error + 2.0 * scene.scatter
     tried = (trial for trial in study.bench.trials.values() if trial.runs and trial.error <= most)
     least = min(tried, key=lambda trial: trial.cpu)
@@ -93,7 +93,7 @@ def _frontier(study: Cheapest, front: list[Trial]) -> Table:
 
 
 def _knobs(study: Cheapest, chosen: Trial) -> Table:
-    """One row a number: its value, what a rung more does near what was found, and the powers of all runs."""
+    """Return the table of numeric knobs: values, effect of one finer rung near the result, and power laws."""
     table = Table("knob", "scene", "found", "a rung finer buys", "error ~", "CPU time ~", box=SIMPLE)
     trials = [trial for trial in study.bench.trials.values() if trial.runs]
     scene = tuple(0 for _ in study.knobs.all)
@@ -113,7 +113,7 @@ def _knobs(study: Cheapest, chosen: Trial) -> Table:
 
 
 def _choices(study: Cheapest, chosen: Trial) -> Iterator[str]:
-    """A line for each choice: the other words, where all else is the same, nearest to what was found."""
+    """Yield a line per choice with the effect of each other value, from the pair of runs nearest to the result."""
     trials = [trial for trial in study.bench.trials.values() if trial.runs]
     for k, knob in enumerate(study.knobs.all):
         own, out = chosen.place[k], []
@@ -127,18 +127,19 @@ def _choices(study: Cheapest, chosen: Trial) -> Iterator[str]:
 
 
 def _with(study: Cheapest, trial: Trial, k: int, rung: int) -> Trial | None:
-    """The trial that has another rung of knob k alone."""
+    """Return the trial that differs from `trial` by the rung of knob k only; None without runs."""
     found = study.bench.trials.get((*trial.place[:k], rung, *trial.place[k + 1 :]))
     return found if found and found.runs else None
 
 
 def _why(study: Cheapest, k: int, rung: int) -> str:
+    """Return why no trial with this rung of knob k has a result."""
     stopped = [t.stopped for t in study.bench.trials.values() if t.place[k] == rung and t.stopped]
     return stopped[0].partition(":")[0] if stopped else "not tried"
 
 
 def _nearest_pair(pairs: list[tuple[Trial, Trial]], chosen: Trial, k: int) -> str:
-    """What the second of a pair has over the first, of the pair whose first is nearest to what was found."""
+    """Return the ratios of error and CPU time in the pair of trials nearest to the result, as text."""
     if not pairs:
         return ""
     one, other = min(pairs, key=lambda pair: sum(abs(a - b) for a, b in zip(pair[0].place, chosen.place, strict=True)))
@@ -146,14 +147,17 @@ def _nearest_pair(pairs: list[tuple[Trial, Trial]], chosen: Trial, k: int) -> st
 
 
 def value_words(knobs: Knobs, place: Place, k: int) -> str:
-    """What knob k has at a place, for people."""
+    """Return the value of knob k at a place, as text."""
     settings, key = knobs.settings(place) or {}, knobs.all[k].keys[0]
     value: Any = settings[key].strip('"') if key in settings else knobs.base.value(key)
     return "default" if value is None else printable(value)
 
 
 def powers(trials: Sequence[Trial], k: int, ratio: float) -> tuple[float, float] | None:
-    """p and q of error ~ value^p and CPU time ~ value^q of knob k: the same for all settings that share the others."""
+    """Return p and q of error ~ value^p and CPU time ~ value^q of knob k; None if no two trials differ by it alone.
+
+    Trials that agree in all other knobs form a group; all groups share p and q.
+    """
     groups: dict[Place, list[Trial]] = {}
     for trial in trials:
         groups.setdefault((*trial.place[:k], 0, *trial.place[k + 1 :]), []).append(trial)
@@ -172,7 +176,7 @@ def powers(trials: Sequence[Trial], k: int, ratio: float) -> tuple[float, float]
 
 
 def frontier_figure(study: Cheapest, path: Path) -> None:
-    """Error against CPU time of all settings tried, the frontier, the scene as it stands and the setting found."""
+    """Draw error against CPU time of all trials, with frontier, scene and result, to the PNG file `path`."""
     figure = Figure(figsize=(8.0, 5.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

@@ -1,9 +1,9 @@
-"""The knobs of a scene: keys of its numerics that a search may turn, from what its tables, fields and registries have.
+"""Knobs of a scene: numerical parameters that a search may vary, derived from the scene's tables and types.
 
-A rung of a number multiplies it by a fixed ratio, towards the finer; that of a choice is the next word of its key's
-type. `particles` turns those of gas and dust together, and a fixed smoothing length with them, so that neighbours stay;
-`dust particles` those of the dust alone; `neighbours` is eta, or the fixed length. A key that the scene does not use,
-or a value that it does not go with, is no knob: the scene's own rules say so.
+A rung up multiplies a number by a fixed ratio, towards higher accuracy; the rungs of a choice are its values.
+`particles` scales gas and dust together, and a fixed smoothing length with them, so that neighbour numbers stay.
+`dust particles` scales the dust alone. `neighbours` is eta, or the fixed smoothing length. A key that the scene does
+not use is no knob. Settings that violate the scene's rules are left out.
 """
 
 from __future__ import annotations
@@ -28,21 +28,22 @@ from discsim.scene.rules import Draft, longest_courant
 from discsim.study.points import Settings, StudyError, Varied
 from discsim.study.trials import RUNG, Place
 
-# Keys that a rung multiplies, by what; those of particles and neighbours are more than one key.
+# Numeric keys with the factor of one rung; particles and neighbours consist of several keys and are handled apart.
 NUMBERS = {"run.courant": 0.5**0.5, "run.timestep": 0.5**0.5, "space.cells": 2.0, "drag.cell": 0.5}
 CHOICES = ("drag.scheme", "gas.kernel", "gas.precision")
 MORE_PARTICLES = 2.0
-# By dimensions, with the stride: in 1D only whole numbers of spacings have the right density (`formulas/smoothing.py`).
+# Factor and stride by dimensions: in 1D the density is right only for whole numbers of spacings
+# (`formulas/smoothing.py`).
 MORE_NEIGHBOURS = {1: (2.0, RUNG), 2: (1.25, 1)}
-FEWEST = {1: 24, 2: 150}  # particles of a species, by dimensions
+FEWEST = {1: 24, 2: 150}  # smallest particle number of a species, by dimensions
 LEAST, MOST = {"space.cells": 8.0, "run.courant": 0.01}, {"space.cells": 8192.0}
-WIDE = 8 * RUNG  # rungs of a number, either way
-COARSE = {1: 3 * RUNG, 2: 4 * RUNG}  # rungs of particles that a search begins below the scene, by dimensions
+WIDE = 8 * RUNG  # largest number of rungs of a number in each direction
+COARSE = {1: 3 * RUNG, 2: 4 * RUNG}  # rungs of particles from the scene down to the start of a search, by dimensions
 _QUANTITY = re.compile(r"\s*([\d_.eE+-]+)(.*)", re.S)
 
 
 class Base:
-    """A scene as it stands, or with other words of its choices: validated, and its tables as they were written."""
+    """A validated scene, with its tables as written; a search may have changed its choices."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.data = scene, tomllib.loads(scene.text)
@@ -51,7 +52,7 @@ class Base:
         return value_at(self.data, *(int(part) if part.isdecimal() else part for part in key.split(".")))
 
     def value(self, key: str) -> Any:
-        """As the scene has it: as it was written, or by default."""
+        """Return the value of a key, as written or by default."""
         found = self.written(key)
         if found is None:
             found = self.scene
@@ -62,7 +63,7 @@ class Base:
         return found
 
     def times(self, key: str, factor: float, whole: bool = False, digits: int = 4) -> str:
-        """The value of a key times a factor, as text of so many digits; the unit stays."""
+        """Return the value of a key times a factor, as text with `digits` digits and the same unit."""
         value, unit = self.value(key), ""
         if isinstance(value, str):
             match = _QUANTITY.fullmatch(value)
@@ -73,7 +74,7 @@ class Base:
 
     @property
     def species(self) -> list[str]:
-        """Keys of the numbers of particles."""
+        """The keys of the particle numbers."""
         dust = self.data.get("dust")
         tables = [f"dust.{i}" for i in range(len(dust))] if isinstance(dust, list) else ["dust"] if dust else []
         return [f"{table}.particles" for table in (["gas"] if self.scene.gas else []) + tables]
@@ -81,10 +82,11 @@ class Base:
 
 @dataclass(frozen=True)
 class Knob:
-    """A knob. write(base, factor or word): the keys to set, where its rung is not 0.
+    """A parameter that a search varies.
 
-    ratio: of the value a rung up. words: of a choice, "" for the scene's own. finer: of the number of particles, so
-    that the place to begin at knows it.
+    `write(base, factor or word)` returns the keys to set for a rung other than 0. `ratio` is the factor of one rung
+    up. `words` are the values of a choice, "" for the scene's own. Rungs range from `lowest` to `highest` in steps
+    of `stride`.
     """
 
     name: str
@@ -101,20 +103,22 @@ class Knob:
         return bool(self.words)
 
     def word(self, base: Base, rung: int) -> str:
-        """Of a choice, for people."""
+        """Return the value of a choice as text."""
         return self.words[rung] or str(base.value(self.keys[0]))
 
     def settings(self, base: Base, rung: int) -> Settings:
+        """Return the settings of a rung; {} for rung 0."""
         if rung == 0:
             return {}
         return self.write(base, self.words[rung] if self.choice else self.ratio ** (rung / RUNG))
 
 
 class Knobs:
-    """The knobs of a scene, and the settings of a place of them.
+    """The knobs of a scene, and the settings of places.
 
-    load(settings): the scene with them. finest: half rungs of particles above the scene's own that may be tried.
-    varied: keys with the values that a user gives them; keep: keys that are left alone. Raises StudyError.
+    `load(settings)` returns the scene with these settings. `varied` are keys with values from the user, `keep` keys
+    that stay fixed. `finest` is the largest number of half rungs of particles above the scene's own. Raises
+    StudyError.
     """
 
     def __init__(
@@ -138,12 +142,12 @@ class Knobs:
         self._settings: dict[Place, Settings | None] = {}
 
     def start(self) -> Place:
-        """The coarse place to begin at."""
+        """Return the place at which a search starts, with few particles."""
         coarse = -COARSE[self.base.scene.space.dimensions]
         return tuple(max(coarse, knob.lowest) if knob.name == "particles" else 0 for knob in self.all)
 
     def settings(self, place: Place) -> Settings | None:
-        """The keys that a place sets; None where the scene does not go with them."""
+        """Return the settings of a place; None if they are invalid."""
         if place not in self._settings:
             try:
                 self._settings[place] = self._made(place)
@@ -152,7 +156,7 @@ class Knobs:
         return self._settings[place]
 
     def _made(self, place: Place) -> Settings:
-        """Words first, then numbers, which may have other defaults with them."""
+        """Return the settings of a place: choices first, then numbers, whose defaults may depend on the choices."""
         base, out = self.base, Settings()
         for choices in (True, False):
             for knob, rung in zip(self.all, place, strict=True):
@@ -165,9 +169,10 @@ class Knobs:
         self.load(out)
         return out
 
-    # What a scene has
+    # Knobs of the scene
 
     def _goes(self, settings: Settings) -> bool:
+        """Return whether the scene is valid with the settings."""
         try:
             self.load(settings)
         except SceneError:
@@ -175,7 +180,7 @@ class Knobs:
         return True
 
     def _given(self, varied: Varied) -> Knob:
-        """The knob of --vary: what the scene has, and the values that are others. Raises SceneError."""
+        """Return the knob of a --vary option, without values equal to the scene's. Raises StudyError, SceneError."""
 
         def write(base: Base, word: str) -> Settings:
             return varied.settings(word)
@@ -187,6 +192,7 @@ class Knobs:
         return Knob(varied.name, varied.keys, write, words=("", *words), lowest=0, highest=len(words))
 
     def _words(self) -> Iterator[Knob]:
+        """Yield the choices of the scene with at least one other valid value."""
         scene = self.base.scene
         for key in CHOICES:
             table, name = key.split(".")
@@ -201,6 +207,7 @@ class Knobs:
                 yield Knob(key, (key,), write, words=("", *words), lowest=0, highest=len(words))
 
     def _particles(self, finest: int) -> Iterator[Knob]:
+        """Yield the knobs of particle numbers."""
         base, dim = self.base, self.base.scene.space.dimensions
         scene, keys = base.scene, tuple(base.species)
         counts = {key: int(base.value(key) if base.written(key) is not None else 0) for key in keys}
@@ -214,7 +221,7 @@ class Knobs:
         def particles(at: Base, factor: float) -> Settings:
             out = {key: at.times(key, factor, whole=True) for key in keys}
             if scene.gas and scene.gas.smoothing_length is not None:
-                exactly = int(out["gas.particles"]) / counts["gas.particles"]  # h stays a whole number of spacings
+                exactly = int(out["gas.particles"]) / counts["gas.particles"]  # keeps h a whole number of spacings
                 out["gas.smoothing_length"] = at.times("gas.smoothing_length", exactly ** (-1.0 / dim), digits=8)
             return out
 
@@ -230,6 +237,7 @@ class Knobs:
         return longest_courant(Draft(self.base.data, tables))[0]
 
     def _numbers(self) -> Iterator[Knob]:
+        """Yield the other numeric knobs: NUMBERS and neighbours."""
         scene = self.base.scene
         for key, ratio in NUMBERS.items():
             value = self.base.value(key)
@@ -250,7 +258,7 @@ class Knobs:
 
 
 def _within(key: str, value: float, ratio: float, most: float = math.inf) -> tuple[int, int]:
-    """The rungs that keep a value between its least and its most."""
+    """Return the lowest and highest rung for which a value stays within its bounds."""
     bounds = [LEAST.get(key, 0.0), min(most, MOST.get(key, math.inf))]
     ends = [RUNG * math.log(bound / value) / math.log(ratio) for bound in bounds if 0.0 < bound < math.inf]
     low, high = (min(ends), max(ends)) if ends else (-WIDE, WIDE)
@@ -266,7 +274,7 @@ def _times(*keys: str, whole: bool = False, digits: int = 4) -> Callable[[Base, 
 
 
 def _kernel(base: Base, word: str) -> Settings:
-    """Another kernel has an eta of its own; one that the scene gives stays as many times the usual one."""
+    """Return the settings of another kernel; eta in the scene keeps its ratio to the kernel's default."""
     eta = base.written("gas.eta")
     if eta is None:
         return {"gas.kernel": word}
@@ -276,7 +284,7 @@ def _kernel(base: Base, word: str) -> Settings:
 
 
 def _cells(base: Base, factor: float) -> Settings:
-    """Cells of the grid along its longest side; by default there are about as many as particles."""
+    """Return the setting of the grid's cells along its longest side; by default about one cell per particle."""
     scene = base.scene
     first = (scene.gas,) if scene.gas else scene.dust or ()
     cell, _ = grid_cells(scene, sum(particle_count(scene, species) for species in first))

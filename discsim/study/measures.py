@@ -1,11 +1,11 @@
-"""What runs without an exact solution are compared by: profiles, mode amplitudes and the mass in clumps, by name.
+"""Measures of a run by name: the error against an exact solution, or a difference from a reference run.
 
-    profile   0.5 sum |m - m_ref| / sum m_ref    mass m in rings of a disc or squares of a box: what is elsewhere
-    modes     max over m = 1..4 of |A_m - A_ref|,  A_m = sum over rings |sum m exp(i m phi)| / sum m, noise taken off
-    clumps    |C - C_ref|,  C: share of the mass where the surface density is CLUMPED times the ring's median
+    profile   0.5 sum |m - m_ref| / sum m_ref    mass m in rings of a disc or squares of a box: misplaced share
+    modes     max over m = 1..4 of |A_m - A_ref|,  A_m = sum over rings |sum m exp(i m phi)| / sum m, less the noise
+    clumps    |C - C_ref|,  C: share of the mass where the surface density is over CLUMPED times the ring's median
 
-Each is of one species: `dust-profile`, `gas-modes`. `exact` is the error against the exact solution, of the worse
-species.
+Each of these is for one species: `dust-profile`, `gas-modes`. `exact` is the error against the exact solution, the
+larger one of the two species.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from discsim.study.errors import RINGS, measure_of, profile_errors, profiles
 Array = np.ndarray
 Run = dict[str, Any]
 MODES = range(1, 5)
-CLUMPED = 10.0  # times the median of its ring is a clump's surface density
-FEW = 8  # particles: what a pixel of a clump holds at least
-PIXELS = 96  # a side of the map that clumps are looked for on
+CLUMPED = 10.0  # least surface density of a clump over the median of its ring
+FEW = 8  # least number of particles in a pixel of a clump
+PIXELS = 96  # pixels per side of the map on which clumps are found
 WORDS = {
     "profile": "mass of the {kind} elsewhere than in the finer run",
     "modes": "largest difference of the {kind}'s amplitudes m = 1..4, over the axisymmetric part",
@@ -31,7 +31,11 @@ WORDS = {
 
 
 class Measure(NamedTuple):
-    """A measure by its name on the command line, with its words; `kind` is the species ("" of the exact solution)."""
+    """A measure of the error.
+
+    `name` is its name on the command line, `words` its description. `kind` is the species and `what` is "profile",
+    "modes" or "clumps"; both are "" for the error against the exact solution.
+    """
 
     name: str
     words: str
@@ -43,7 +47,7 @@ class Measure(NamedTuple):
         return not self.what
 
     def error(self, run: Run, reference: Run | None) -> float:
-        """The error of a run, as `study.runs` has it; without an exact solution against a `reference`."""
+        """Return the error of a run (as recorded by `study.runs`); all measures but "exact" need a `reference` run."""
         if self.exact:
             return max(run["errors"].values())
         assert reference is not None
@@ -53,11 +57,11 @@ class Measure(NamedTuple):
         return float(np.abs(np.subtract(found, wanted)).max())
 
 
-_KEYS = {"profile": "profiles", "modes": "modes", "clumps": "clumps"}  # in the runs that are kept
+_KEYS = {"profile": "profiles", "modes": "modes", "clumps": "clumps"}  # keys of recorded runs
 
 
 def measures_of(scene: Scene) -> dict[str, Measure]:
-    """The measures that a scene has, by name; the first is the usual one."""
+    """Return the measures of a scene by name; the first is the default."""
     found: list[Measure] = []
     exact = measure_of(scene)
     if exact is not None:
@@ -71,7 +75,7 @@ def measures_of(scene: Scene) -> dict[str, Measure]:
 
 
 def mean_of(runs: list[Run]) -> Run:
-    """What is seen of several runs, on the average."""
+    """Return the mean of profiles, modes and clumps over several runs."""
     keys = [key for key in _KEYS.values() if key in runs[0]]
     return {
         key: {kind: np.mean([run[key][kind] for run in runs], axis=0).tolist() for kind in runs[0][key]} for key in keys
@@ -79,7 +83,7 @@ def mean_of(runs: list[Run]) -> Run:
 
 
 def seen(sim: Any) -> Run:
-    """Profiles of a simulation; of a disc modes and clumps too. Each by species, as lists of numbers."""
+    """Return the profiles of a simulation, and modes and clumps of a disc, by species as lists of numbers."""
     out: Run = {"profiles": profiles(sim)}
     if sim.scene.centred and sim.scene.space.dimensions == 2:
         reach = 0.5 * min(sim.scene.space.size)
@@ -89,9 +93,9 @@ def seen(sim: Any) -> Run:
 
 
 def amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
-    """A_m for MODES. pos (n, 2), mass (n,)."""
+    """Return the amplitudes A_m for MODES, from pos (n, 2) and mass (n,)."""
     radius, angle = np.hypot(*pos.T), np.arctan2(pos[:, 1], pos[:, 0])
-    ring = np.minimum((radius / reach * RINGS).astype(int), RINGS)  # what is beyond is the last one, left out
+    ring = np.minimum((radius / reach * RINGS).astype(int), RINGS)  # index RINGS: beyond `reach`, left out
     noise = np.bincount(ring, mass**2, RINGS + 1)[:RINGS]
     out = []
     for m in MODES:
@@ -101,13 +105,13 @@ def amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
 
 
 def clumped(pos: Array, mass: Array, reach: float) -> list[float]:
-    """The share of the mass in clumps, as a list of one. pos (n, 2), mass (n,)."""
+    """Return the mass fraction in clumps as a list of one number, from pos (n, 2) and mass (n,)."""
     on_map, _ = np.histogramdd(pos, bins=PIXELS, range=[(-reach, reach)] * 2, weights=mass)
     x = (np.arange(PIXELS) + 0.5) * 2.0 / PIXELS - 1.0
     ring = (np.hypot(x[:, None], x) * RINGS).astype(int)
     held, few = 0.0, FEW * float(mass.mean()) if len(mass) else 0.0
     for k in range(RINGS):
         pixels = on_map[ring == k]
-        usual = float(np.median(pixels)) or float(pixels.mean())  # of a ring most of which is empty
+        usual = float(np.median(pixels)) or float(pixels.mean())  # the mean if most pixels of the ring are empty
         held += float(pixels[pixels > max(CLUMPED * usual, few)].sum())
     return [held / max(float(mass.sum()), 1e-300)]

@@ -1,13 +1,13 @@
-"""What a finished run came to: numbers by name, read from its directory.
+"""Results of a finished run: numbers by name, read from its directory.
 
     accreted_dust, kinetic_gas, ...    a column of history.csv, in its last row
-    dust-peak, dust-peak-radius        the highest surface density of the profile, and where that is
-    dust-r10, dust-r50, dust-r90       the radii within which a tenth, a half, nine tenths of the mass are
+    dust-peak, dust-peak-radius        the highest surface density of the profile, and its radius
+    dust-r10, dust-r50, dust-r90       the radii that contain 10%, 50% and 90% of the mass
     dust-modes, dust-clumps            largest amplitude of m = 1..4, share of the mass in clumps (`measures.py`)
     cpu                                CPU seconds of the effects, of all threads
 
-Those with a hyphen are of a disc's last snapshot, of gas or dust. Values are in UNITS, or in code units where the scene
-is, and in one dimension, where masses are columns.
+Names with a hyphen refer to the last snapshot of a disc, to gas or dust. Values are in UNITS. They are in code units
+for a scene in code units, and in one dimension, where masses are column densities.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from discsim.study.points import StudyError
 
 Array = np.ndarray
 QUANTILES = (0.1, 0.5, 0.9)
-RINGS, SMOOTHED = 80, 2.0  # rings of a profile; width of the smoothing, in rings
+RINGS, SMOOTHED = 80, 2.0  # rings of a profile; standard deviation of the smoothing, in rings
 UNITS = {
     "length": "au", "mass": "Msun", "time": "yr", "surface_density": "g/cm2", "accretion_rate": "Msun/yr",
     "momentum": "Msun km/s", "angular_momentum": "Msun au km/s", "energy": "erg",
 }  # fmt: skip
-# Dimensions of columns of history.csv by the beginning of their names; others are plain numbers.
+# Dimensions of columns of history.csv by the first part of their names; other columns are plain numbers.
 COLUMNS = {
     "time": "time", "dt": "time", "mass_": "mass", "accreted_": "mass", "accretion_rate_": "accretion_rate",
     "momentum_": "momentum", "angular_momentum": "angular_momentum", "kinetic_": "energy", "thermal": "energy",
@@ -45,7 +45,7 @@ OF_PARTICLES = {
 
 
 class Outcome(NamedTuple):
-    """A number that runs of a scene come to. unit: "" of a plain number; factor: from code units to it."""
+    """A result of runs of a scene: its name, its unit ("" for a plain number), and the factor from code units."""
 
     name: str
     unit: str
@@ -57,7 +57,7 @@ class Outcome(NamedTuple):
 
 
 def outcomes_of(scene: Scene) -> dict[str, Outcome]:
-    """All that runs of a scene come to, by name."""
+    """Return all results that runs of a scene have, by name."""
     dimensions: dict[str, str] = {}
     for column in columns_of(scene):
         if column not in WORDS:
@@ -82,7 +82,7 @@ def is_disc(scene: Scene) -> bool:
 
 
 def chosen(scene: Scene, names: Sequence[str] = ()) -> list[Outcome]:
-    """Those with the names, or the usual ones. Raises StudyError."""
+    """Return the named results, or the default results of the scene. Raises StudyError."""
     known = outcomes_of(scene)
     for name in names:
         if name not in known:
@@ -99,14 +99,14 @@ def _usual(scene: Scene) -> list[str]:
 
 
 class Found(NamedTuple):
-    """The time that a run has come to, in code units, and its numbers by name, in their units."""
+    """The time that a run has reached, in code units, and its results by name, in their units."""
 
     time: float
     values: dict[str, float]
 
 
 def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
-    """Outcome of the run of the scene in a directory. Raises OSError, UserError."""
+    """Return the results of a run of the scene from its directory. Raises OSError, UserError."""
     rows = read_history(directory / "history.csv", scene)
     if not rows:
         raise StudyError(f"{directory / 'history.csv'}: no rows; expected those of a run")
@@ -118,7 +118,10 @@ def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
 
 
 def _of_particles(folder: Path) -> dict[str, float]:
-    """Of the last snapshot of a disc; rings reach as far as the disc did at the start."""
+    """Return the results from the last snapshot of a disc, in code units.
+
+    Rings extend to the outer radius of the first snapshot.
+    """
     paths = sorted(folder.glob("*.h5"))
     first, last = (read_snapshot(path).about_centre() for path in (paths[0], paths[-1]))
     values: dict[str, float] = {}
@@ -139,7 +142,7 @@ def _of_kind(p: SnapshotParticles, reach: float, half: float) -> dict[str, float
 
 
 def quantile_radii(radius: Array, mass: Array) -> list[float]:
-    """The radii within which QUANTILES of the mass lie; NaN where there is none."""
+    """Return the radii that contain the fractions QUANTILES of the mass; NaN without particles."""
     if len(mass) == 0:
         return [float("nan")] * len(QUANTILES)
     order = np.argsort(radius)
@@ -148,7 +151,7 @@ def quantile_radii(radius: Array, mass: Array) -> list[float]:
 
 
 def smoothed(sigma: Array, rings: float) -> Array:
-    """Profiles (..., rings) over neighbouring rings: the particles of a quiet start lie on rings of their own."""
+    """Smooth profiles (..., rings) over neighbouring rings: particles of a quiet start lie on rings."""
     from scipy.ndimage import gaussian_filter1d
 
     return gaussian_filter1d(sigma, rings, mode="nearest", axis=-1)

@@ -1,4 +1,4 @@
-"""Combinations of values of a scene's keys, and what their runs found."""
+"""Combinations of values of scene keys, with the results of their runs."""
 
 from __future__ import annotations
 
@@ -12,23 +12,26 @@ import numpy as np
 
 from discsim.printable import UserError, printable
 
-Settings = dict[str, str]  # key of the scene: its value, as text
+Settings = dict[str, str]  # keys of the scene with values as text
 
 
 class StudyError(UserError):
-    """A study that cannot be made, or gone on with."""
+    """A study that cannot be made or continued; the message has the reason."""
 
 
 @dataclass(frozen=True)
 class Varied:
-    """Keys that vary together: with one value for all of them, or one for each, as in "100:0.06"."""
+    """Keys that vary together: one value for all keys, or one value per key as in "100:0.06"."""
 
     keys: tuple[str, ...]
     values: tuple[str, ...]
 
     @classmethod
     def from_text(cls, text: str) -> Varied:
-        """From "table.key=a,b", "table.key,table.key=a,b" or "table.key,table.key=a:c,b:d". Raises StudyError."""
+        """Parse "table.key=a,b", "table.key,table.key=a,b" or "table.key,table.key=a:c,b:d".
+
+        Raises StudyError.
+        """
         names, equals, written = text.partition("=")
         keys, values = _split(names), _split(written)
         if not equals or not all(keys) or not all(values) or not values:
@@ -46,18 +49,19 @@ class Varied:
         return ",".join(self.keys)
 
     def settings(self, value: str) -> Settings:
+        """Return the settings of one of the values."""
         parts = value.split(":") if ":" in value else [value] * len(self.keys)
         return {key: part.strip() for key, part in zip(self.keys, parts, strict=True)}
 
     @property
     def numbers(self) -> tuple[float, ...] | None:
-        """The values (the first key's) as numbers, without their unit; None where one of them is none."""
+        """The first key's values as numbers without units; None if one of them is no number."""
         found = [number_in(value.partition(":")[0]) for value in self.values]
         return tuple(number for number in found if number is not None) if None not in found else None
 
 
 def _split(text: str) -> list[str]:
-    """The parts between commas that are not inside quotes or brackets."""
+    """Return the parts between commas; commas inside quotes or brackets do not count."""
     parts, depth, quote = [""], 0, ""
     for letter in text:
         if letter in "\"'":
@@ -71,6 +75,7 @@ def _split(text: str) -> list[str]:
 
 
 def number_in(text: str) -> float | None:
+    """Return the number at the start of a value such as "10 au"; None if there is none."""
     words = text.strip("\"'").split()
     try:
         value = float(words[0].replace("_", "")) if words else np.nan
@@ -81,7 +86,7 @@ def number_in(text: str) -> float | None:
 
 @dataclass
 class Point:
-    """One combination, with what its runs found."""
+    """One combination of values, with its runs and errors."""
 
     settings: Settings
     runs: list[dict[str, Any]] = field(default_factory=list)
@@ -97,12 +102,12 @@ class Point:
 
     @property
     def error(self) -> float | None:
-        """The worse species' error; none of the reference, and of what did not come to its end."""
+        """The larger error of the species; None for the reference and for unfinished runs."""
         return max(self.errors.values()) if self.errors else None
 
 
 def combinations(varied: Sequence[Varied]) -> list[Point]:
-    """A point for every combination of values. Raises StudyError where a key is named twice."""
+    """Return a point for every combination of values. Raises StudyError if a key occurs twice."""
     names = [key for each in varied for key in each.keys]
     for name in names:
         if names.count(name) > 1:
@@ -114,13 +119,13 @@ def combinations(varied: Sequence[Varied]) -> list[Point]:
 
 
 def axis_of(varied: Sequence[Varied]) -> Varied | None:
-    """What varies along a line: the numbers with the most values."""
+    """Return the varied keys along a line: those with the most values among the numeric ones; None without any."""
     numeric = [each for each in varied if each.numbers and len(each.values) > 1]
     return max(numeric, key=lambda each: len(each.values), default=None)
 
 
 def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Point]]:
-    """Points by what they share, each line in the order of its axis."""
+    """Return the points grouped by their settings off the axis, in the order of the points."""
     along = set(axis.keys) if axis else set()
     out: dict[str, list[Point]] = {}
     for point in points:
@@ -130,13 +135,13 @@ def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Poi
 
 
 def label_of(settings: Settings) -> str:
-    """Settings in words, printable."""
+    """Return settings as printable text."""
     pairs = zip(leaves(settings), settings.values(), strict=True)
     return printable(", ".join(f"{name} = {value}" for name, value in pairs))
 
 
 def leaves(keys: Iterable[str]) -> list[str]:
-    """The last part of each key where no other has it, else the key."""
+    """Return the last part of each key, or the whole key if another key has the same last part."""
     ends = [key.rpartition(".")[2] for key in keys]
     return [end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)]
 

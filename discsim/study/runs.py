@@ -1,6 +1,7 @@
-"""Runs of a scene with settings changed, each kept in a file as soon as it ends, so that what was stopped goes on.
+"""Runs of a scene with changed settings. Each run is recorded in a file as soon as it ends, so that a study can
+resume.
 
-CPU seconds are those of the steps, of all threads; making the initial condition and compiling kernels is apart.
+CPU seconds are those of the steps, of all threads, without initial conditions and compilation.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ from discsim.study.workers import end_with_parent, in_words, results
 from discsim.userfiles import read_text
 
 RUNS = "runs.jsonl"
-WARM = 2.0  # seconds of steps that are made before any is measured, at most; two are always
+WARM = 2.0  # largest number of seconds for unmeasured steps before a run; two steps are always made
 Say = Callable[[str], None]
 
 
 class Limits(NamedTuple):
-    """CPU seconds that the steps of a run may take, and the time.monotonic() at which it has to stop."""
+    """Limits of a run: CPU seconds of its steps, and a deadline in time.monotonic()."""
 
     cpu: float = float("inf")
     deadline: float = float("inf")
 
 
 class Late(Exception):
-    """The deadline came before the end of a run, of which nothing is kept. `cpu`: what it had taken."""
+    """The deadline passed during a run, which is not recorded. `cpu` has the CPU seconds used."""
 
     def __init__(self, cpu: float = 0.0) -> None:
         super().__init__(cpu)
@@ -44,14 +45,14 @@ class Late(Exception):
 
 
 class Runs:
-    """A scene with what the command line changes in it, and the directory that its runs are kept in."""
+    """A scene with its command-line changes, and the directory with its recorded runs."""
 
     def __init__(self, path: Path, directory: Path, settings: Sequence[str] = (), without: Sequence[str] = ()) -> None:
         self.path, self.directory = path, directory
         self.settings, self.without = tuple(settings), tuple(without)
 
     def scene(self, settings: Settings) -> Scene:
-        """The scene with these settings. Raises SceneError, whose problems say with which."""
+        """Return the scene with these settings. Raises SceneError, whose problems name the settings."""
         try:
             return load_scene(self.path, self.overrides(settings), self.without)
         except SceneError as fault:
@@ -62,12 +63,15 @@ class Runs:
         return [*self.settings, *(f"{key}={value}" for key, value in settings.items())]
 
     def open(self, what: dict[str, Any]) -> list[tuple[Settings, dict[str, Any]]]:
-        """Make the directory, or take up the runs in it. Raises StudyError where it holds those of another study."""
+        """Create the directory, or return the settings and results of the runs recorded in it.
+
+        Raises StudyError if it holds runs of another study.
+        """
         base = load_scene(self.path, self.settings, self.without)
         head = {"scene": tomllib.loads(base.text), **what}
         path = self.directory / RUNS
         text = read_text(path, "replace") if path.exists() else ""
-        whole = text[: text.rfind("\n") + 1]  # a crash leaves a line without its end
+        whole = text[: text.rfind("\n") + 1]  # a crash may leave an incomplete line
         if not whole:
             self.directory.mkdir(parents=True, exist_ok=True)
             whole = json.dumps(head) + "\n"
@@ -81,15 +85,16 @@ class Runs:
         return [(run.pop("settings"), run) for run in found]
 
     def keep(self, settings: Settings, run: dict[str, Any]) -> None:
+        """Append a run to the record."""
         with appended(self.directory / RUNS) as file:
             file.write((json.dumps({"settings": settings, **run}) + "\n").encode())
 
     def made(
         self, todo: Sequence[Settings], say: Say, parallel: int = 1, limits: Limits | None = None
     ) -> Iterator[dict[str, Any]]:
-        """Make these runs, `parallel` at a time, and yield what each found. Raises Late at the deadline.
+        """Make these runs, `parallel` at a time, and yield their results. Raises Late at the deadline.
 
-        With one at a time each begins when it is asked for, so that the caller may look first whether it is wanted.
+        With `parallel` = 1 a run starts when its result is requested, so that the caller can skip it.
         """
         jobs = [(self.path, self.overrides(settings), self.without, limits or Limits()) for settings in todo]
         if parallel == 1:
@@ -104,7 +109,7 @@ class Runs:
 
 
 def _entry(path: Path, number: int, line: str, table: str | None = None) -> dict[str, Any]:
-    """A line of the runs of a study, which has a `table`. Raises StudyError where it is damaged."""
+    """Return a line of the record, which must have a dict `table`. Raises StudyError if it is damaged."""
     try:
         entry = json.loads(line)
     except (ValueError, RecursionError):
@@ -117,13 +122,14 @@ def _entry(path: Path, number: int, line: str, table: str | None = None) -> dict
 def one_run(
     path: Path, overrides: Sequence[str], without: Sequence[str], limits: Limits | None = None, say: Say | None = None
 ) -> dict[str, Any]:
-    """Run a scene and measure it: CPU seconds, steps, particle updates, errors, what is seen of it, drifts.
+    """Run a scene and measure it: CPU seconds, steps, particle updates, errors, profiles, drifts.
 
-    Or why it stopped, whatever its start, its steps or its measures raise. Raises Late at the deadline.
+    After any exception of the start, steps or measures the result has the key "stopped" with the reason. Raises Late
+    at the deadline.
     """
     from discsim.run.simulation import PhysicsError
 
-    begun = [time.process_time()]  # of the run, then of its steps
+    begun = [time.process_time()]  # CPU time at the start of the run, then of its steps
     try:
         return _measured(path, overrides, without, limits or Limits(), say, begun)
     except Late:
@@ -132,7 +138,7 @@ def one_run(
         stopped = f"stopped by the physics: {fault}"
     except SceneError as fault:
         stopped = f"refused by its start: {fault}"
-    except Exception as fault:  # a trial that fails in any way is given up, and a study goes on with the others
+    except Exception as fault:  # a study continues after any failure of a run
         stopped = in_words(fault)
     return {"stopped": stopped, "cpu": time.process_time() - begun[-1]}
 
@@ -140,7 +146,7 @@ def one_run(
 def _measured(
     path: Path, overrides: Sequence[str], without: Sequence[str], limits: Limits, say: Say | None, begun: list[float]
 ) -> dict[str, Any]:
-    """The run of `one_run`; the CPU time at which its steps begin is added to `begun`."""
+    """Make the run of `one_run`; appends the CPU time at the start of its steps to `begun`."""
     from discsim.run.simulation import Simulation
     from discsim.study.errors import drifts, measure_of, totals
     from discsim.study.measures import seen
@@ -164,7 +170,7 @@ def _measured(
     if not sim.evolve(scene.run.until, count, only_looks=True):
         words = f"given up after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
         return {"stopped": words, "cpu": limits.cpu, "most": limits.cpu}
-    sim.run(scene.run.until)  # closes the last kick
+    sim.run(scene.run.until)  # makes the closing half kick
     cpu = time.process_time() - begun[-1]
     measure = measure_of(scene)
     errors = measure.errors(sim) if measure else {}
@@ -181,7 +187,10 @@ def _measured(
 
 
 def _compile(first: Any) -> None:
-    """Steps of a run that is thrown away: two, and as far as the second sorting where that takes no time."""
+    """Make steps of a run that is discarded, to compile kernels.
+
+    Two steps at least; more, up to the second sorting of particles, within WARM seconds.
+    """
     begun = time.monotonic()
     for step in range(SORT_EVERY + 1):
         if step >= 2 and (time.monotonic() - begun > WARM or first.time >= first.scene.run.until):

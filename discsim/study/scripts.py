@@ -1,4 +1,4 @@
-"""What scripts of studies share: options that list several things, compiling before timing, tables as CSV."""
+"""Helpers for scripts of studies: options with lists, compilation before timing, and CSV tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from discsim import Simulation
 
 
 def some_of(known: Collection[str], what: str, separator: str = ",") -> Callable[[str], list[str]]:
-    """An argparse type: some of the names known."""
+    """Return an argparse type for a list of known names."""
 
     def names(text: str) -> list[str]:
         given = text.split(separator)
@@ -25,7 +25,7 @@ def some_of(known: Collection[str], what: str, separator: str = ",") -> Callable
 
 
 def whole_numbers(least: int) -> Callable[[str], list[int]]:
-    """An argparse type: whole numbers, like 64,128 or 1e5,1e6."""
+    """Return an argparse type for a list of whole numbers, like 64,128 or 1e5,1e6."""
 
     def numbers(text: str) -> list[int]:
         try:
@@ -40,13 +40,13 @@ def whole_numbers(least: int) -> Callable[[str], list[int]]:
 
 
 def warm_up(sim: Simulation) -> None:
-    """Compile what a run needs, by two steps of one like it."""
+    """Compile the kernels of a run by two steps of a similar one."""
     for _ in range(2):
         sim.step()
 
 
 def write_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], file: Path) -> None:
-    """These columns of the rows, which may have others."""
+    """Write these columns of the rows; other entries are ignored."""
     with file.open("w", newline="") as stream:
         writer = csv.DictWriter(stream, columns, extrasaction="ignore")
         writer.writeheader()

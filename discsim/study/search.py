@@ -1,22 +1,23 @@
-"""The search for the least CPU time at an error: from a cheap coarse setting, by the powers that its knobs have there.
+"""Search for the least CPU time at a given error, from coarse settings, with local power laws of the knobs.
 
-A place is a rung for each knob: 0 as the scene has it; RUNG up is one step finer of a number, and of a choice its
-next value. At the centre every knob is probed one rung each way (`look`), which gives
+A place is a tuple with a rung for each knob, 0 for the scene's value. RUNG up is one step finer for a number. The
+rungs of a choice are its values. At the centre every knob is probed one rung in each direction (`look`), which gives
 
     dE_k = ln(error / error of the centre),   dC_k = ln(CPU time / that of the centre)
 
-Between and beyond probes both are taken for power laws of the knob (dE a little bent, as errors of several knobs add
-up), and knobs are taken to act by themselves: so the place that minimises sum dC_k + lambda sum dE_k is found knob by
-knob, with the least lambda for which
+Between and beyond probes both follow power laws of the knob; dE is slightly curved, because errors of several knobs
+add up. Knobs are taken as independent. So the place with the least sum dC_k + lambda sum dE_k is found knob by knob,
+with the least lambda for which
 
     sum dE_k <= ln(goal / error of the centre)                                                     (1)
 
-Where nothing in reach meets (1), lambda is the price of an error here: 1 / (what the best knob gains of ln error for
-ln CPU). That place is run. If it is better than all others it is the next centre; if not, the reach is halved. The end
-is where no move is worth GAIN. Last the finalists are run with several seeds in turn, and the means decide.
+If no place within reach satisfies (1), lambda is the price of an error here: 1 / (gain of the best knob in ln error
+per ln CPU). That place is run. If it is better than all others, it is the next centre; if not, the reach is halved.
+The search ends when no move is worth GAIN. Finally the best candidates are run with several seeds, and their means
+decide.
 
-What a gain is has to be above twice the scatter between seeds, so that a knob that does nothing is left where it is,
-and one that only costs is turned down. It knows nothing of runs: tests give it synthetic ones.
+A gain must exceed twice the scatter between seeds. A knob without effect therefore stays unchanged, and a knob that
+only costs is lowered. This module does not make runs itself; tests use synthetic ones.
 """
 
 from __future__ import annotations
@@ -28,24 +29,24 @@ from typing import NamedTuple
 
 from discsim.study.trials import RUNG, Bench, Knob, Place, Trial
 
-REACH = 2 * RUNG  # of a move
-GAIN = 0.05  # of ln CPU: less is not worth a move
-STEADY = 0.07  # change of ln CPU that is the machine's, at least
-CHEAPER_FINER = 4.0  # times that: what is finer, and no better, is not cheaper either unless by so much
-LEAST_MARGIN = 0.01  # of ln error, where seeds do not matter
-CURVED = 1.3  # power of the distance that dE goes with where it rises, and 1 over it where it falls: errors add up
-SEEDS = 5  # of the coarse place, whose scatter tells what is noise
-HOPELESS = math.log(2.0)  # ln price above which another choice is not looked at again
-USUAL_GAIN = 0.5  # of ln error for ln CPU, where nothing is known of it
+REACH = 2 * RUNG  # largest distance of a move along a knob
+GAIN = 0.05  # least gain in ln CPU of a move
+STEADY = 0.07  # least noise of ln CPU
+CHEAPER_FINER = 4.0  # times the noise: a finer, no more accurate place is cheaper only by more than this
+LEAST_MARGIN = 0.01  # noise of ln error without scatter between seeds
+CURVED = 1.3  # dE grows as distance^CURVED where it rises, distance^(1/CURVED) where it falls: errors add up
+SEEDS = 5  # seeds of the first place, whose scatter measures the noise
+HOPELESS = math.log(2.0)  # ln price above which a choice is not probed again
+USUAL_GAIN = 0.5  # gain in ln error per ln CPU before the first probes
 TRIES, ROUNDS = 4, 40
-DEAREST = 1e3  # lambda
-RAISED, SHARPER = 20, 0.95  # times that the means over seeds may ask for a smaller error of single runs, and by what
-CAP, SPARE = 10.0, 0.5  # a run is given up after so many times the centre's CPU time, and so many seconds
-NEAR, MOST_FINALISTS = 1.3, 3  # finalists take at most so many times the CPU time of the cheapest
+DEAREST = 1e3  # largest lambda
+RAISED, SHARPER = 20, 0.95  # how often the aim is lowered if means over seeds miss the goal; factor
+CAP, SPARE = 10.0, 0.5  # a run is given up after CAP times the centre's CPU time plus SPARE seconds
+NEAR, MOST_FINALISTS = 1.3, 3  # largest CPU time of finalists over the cheapest; their number
 
 
 class Option(NamedTuple):
-    """A rung of a knob, with what it changes at the centre."""
+    """A rung of a knob, with its changes dE and dC from the centre."""
 
     rung: int
     error: float  # dE
@@ -53,7 +54,10 @@ class Option(NamedTuple):
 
 
 class Search:
-    """`goal`: the error wanted; `start`: the coarse place to begin at. `centre`: the best place so far."""
+    """A search for the error `goal` from the coarse place `start`.
+
+    `bench` makes the runs. `centre` is the best place so far.
+    """
 
     def __init__(
         self,
@@ -65,33 +69,36 @@ class Search:
         repeat: int = 3,
     ) -> None:
         self.knobs, self.bench, self.goal, self.say, self.repeat = knobs, bench, goal, say, repeat
-        self.aim = goal  # for single runs; below the goal where the mean over seeds turned out worse
+        self.aim = goal  # goal of single runs, lowered if means over seeds exceed the goal
         self.centre = start
-        self.noise = 0.0  # twice the scatter of ln error between seeds, of the coarse place
+        self.noise = 0.0  # twice the scatter of ln error between seeds
         self.steady = STEADY  # twice the scatter of ln CPU
-        self.seeds = 1  # of each probe
+        self.seeds = 1  # seeds of each probe
         self.rate = USUAL_GAIN
         self.been: set[Place] = set()  # earlier centres
         self.hopeless: set[tuple[int, int]] = set()
 
     def at(self, place: Place) -> Trial | None:
+        """Return the trial of a place; None without runs."""
         trial = self.bench.trials.get(place)
         return trial if trial and trial.runs else None
 
     @property
     def here(self) -> Trial:
+        """The trial of the centre."""
         return self.bench.trials[self.centre]
 
     @property
     def margin(self) -> float:
-        """Of ln error: what is less is noise."""
+        """The noise of ln error of probes; smaller gains do not count."""
         return max(LEAST_MARGIN, self.noise / math.sqrt(self.seeds))
 
     def done(self) -> list[Trial]:
+        """Return the trials with runs."""
         return [trial for trial in self.bench.trials.values() if trial.runs]
 
     def run(self) -> Trial | None:
-        """The cheapest place that reaches the goal; None where the search found none. Raises Spent."""
+        """Return the cheapest trial that reaches the goal; None if the search found none. Raises Spent."""
         if not self._begin():
             return None
         if self.here.scatter > 0.0:
@@ -109,11 +116,14 @@ class Search:
                 return found
             self.aim *= SHARPER
         self.aim = self.goal
-        groups = [[place] for place in self._good()[:TRIES]]  # what one seed or another had good
+        groups = [[place] for place in self._good()[:TRIES]]  # places whose error so far is below the goal
         return next((found for found in map(self._finals, groups) if found), None)
 
     def _begin(self) -> bool:
-        """Run the start; where it gives no result, what is half as far from the scene. False: nor does the scene."""
+        """Run the start, or if it fails the place half way to the scene, and so on.
+
+        Returns False if the scene itself gives no result.
+        """
         while True:
             if self.bench.allowed(self.centre):
                 self.bench.run([self.centre], self.repeat)
@@ -124,13 +134,13 @@ class Search:
             self.centre = tuple(int(rung / 2) for rung in self.centre)
 
     def _good(self) -> list[Place]:
-        """Places that reach the aim, the cheapest first."""
+        """Return the places whose error is at most the aim, the cheapest first."""
         return [t.place for t in sorted(self.done(), key=lambda t: t.cpu) if t.error <= self.aim]
 
     # Moves
 
     def _descend(self) -> None:
-        """Move the centre until no move is worth it."""
+        """Move the centre until no move gains enough."""
         for _ in range(ROUNDS):
             self.look()
             if self._step():
@@ -140,12 +150,12 @@ class Search:
             elif self._further():
                 self.seeds = 1
             elif self.noise > LEAST_MARGIN and self.seeds < self.repeat:
-                self.seeds += 1  # what gains may hide in the noise
+                self.seeds += 1  # more seeds reduce the noise, which may hide gains
             elif not self._all_finer():
                 return
 
     def look(self) -> None:
-        """Probe every knob one rung each way."""
+        """Probe every knob one rung in each direction, and every value of a choice."""
         near = list(self._near(self.centre))
         self._measure_noise()
         self.bench.run(near, self.seeds, CAP * self.here.cpu + SPARE)
@@ -161,13 +171,14 @@ class Search:
                 self.hopeless.add((knob, rung))
 
     def _measure_noise(self) -> None:
-        """The scatter between seeds at this centre, two parts of three; it falls as settings get finer."""
+        """Update the noise with the scatter at this centre, at a weight of 2/3; finer settings scatter less."""
         if self.noise > 0.0:
             self.bench.run([self.centre], self.repeat)
             own = 2.0 * self.here.scatter / max(self.here.error, 1e-300)
             self.noise = math.sqrt((2.0 * own**2 + self.noise**2) / 3.0)
 
     def _near(self, place: Place) -> Iterator[Place]:
+        """Yield the allowed neighbours of a place that `look` probes."""
         for k, knob in enumerate(self.knobs):
             if knob.choice:
                 rungs = [r for r in range(knob.lowest, knob.highest + 1) if (k, r) not in self.hopeless]
@@ -179,11 +190,12 @@ class Search:
                     yield there
 
     def _moved(self, place: Place) -> tuple[int, int]:
+        """Return the knob in which a place differs from the centre, and its rung."""
         k = next(k for k, rung in enumerate(place) if rung != self.centre[k])
         return k, place[k]
 
     def _change(self, place: Place) -> Option | None:
-        """What a place has against the centre, without what is noise."""
+        """Return the change of error and cost from the centre, with changes below the noise set to 0."""
         there, here = self.at(place), self.here
         if there is None:
             return None
@@ -194,7 +206,7 @@ class Search:
         return Option(0, error, 0.0 if abs(cost) < least else cost)
 
     def _step(self) -> bool:
-        """Run the places that the probes promise most of, at most TRIES; True if one, or a probe, is the new centre."""
+        """Run up to TRIES predicted places; return whether one of them, or a probe, became the new centre."""
         options, reach, missed = self._options(), REACH, 0.0
         for _ in range(TRIES):
             target, change = self._target(options, reach, missed)
@@ -215,7 +227,7 @@ class Search:
         return bool(better)
 
     def _options(self) -> list[list[Option]]:
-        """Rungs of each knob within REACH, each with what it is to change."""
+        """Return for each knob the rungs within REACH with their predicted changes."""
         out = []
         for k, knob in enumerate(self.knobs):
             options = [Option(self.centre[k], 0.0, 0.0)]
@@ -237,9 +249,12 @@ class Search:
         return out
 
     def _target(self, options: list[list[Option]], reach: int, missed: float) -> tuple[Place, Option]:
-        """The place that eq. (1) gives within `reach`, `missed` below what the probes say, and its change."""
+        """Return the place that minimises cost under eq. (1) within `reach`, and its predicted change.
+
+        `missed` is added to the predicted ln error, after an earlier prediction that was too optimistic.
+        """
         slack = math.log(self.aim) - _ln(self.here.error) - missed
-        most = math.inf if slack >= 0.0 else 1.0 / (0.8 * self.rate)  # a little more than what the best knob takes
+        most = math.inf if slack >= 0.0 else 1.0 / (0.8 * self.rate)  # slightly above the price of the best knob
         price = 0.02
         while True:
             chosen = [
@@ -257,12 +272,15 @@ class Search:
             chosen = _filled(chosen, options, slack, reach, self.knobs)
             change = Option(0, sum(o.error for o in chosen), sum(o.cost for o in chosen))
         place = tuple(o.rung for o in chosen)
-        # Nearer to the scene and to the probes is surer: a move has to promise something.
+        # Predictions are uncertain: a move must gain at least GAIN.
         worth = -change.cost if slack >= 0.0 else -change.cost - change.error * max(most, price)
         return (place, change) if worth > GAIN and self.bench.allowed(place) else (self.centre, Option(0, 0.0, 0.0))
 
     def _further(self) -> bool:
-        """Where every gain hides in the noise, the likeliest a rung further than its probe; True if that is better."""
+        """Run the most promising probe a rung further, if noise hides all gains.
+
+        Returns whether that place is better; it is then the new centre.
+        """
         likely: list[tuple[float, Place]] = []
         for place in self._near(self.centre):
             found, (k, rung) = self.at(place), self._moved(place)
@@ -282,7 +300,10 @@ class Search:
         return True
 
     def _all_finer(self) -> bool:
-        """Where no knob gains by itself, all a rung finer at once; True if that is better."""
+        """Run the place with all numbers a rung finer, if no knob gains by itself.
+
+        Returns whether that place is better; it is then the new centre.
+        """
         finer = tuple(
             rung if knob.choice else min(knob.highest, rung + RUNG)
             for rung, knob in zip(self.centre, self.knobs, strict=True)
@@ -297,7 +318,7 @@ class Search:
         return True
 
     def _plain(self) -> None:
-        """Put back, one by one, what differs from the scene and buys nothing."""
+        """Reset, one by one, knobs that differ from the scene without a gain."""
         for k in range(len(self.knobs)):
             if self.here.error > self.aim or self.centre[k] == 0:
                 continue
@@ -311,15 +332,18 @@ class Search:
                 self._go(back)
 
     def _dear(self, k: int) -> bool:
-        """Whether a rung towards the scene is known to cost more."""
+        """Return whether a probe one rung towards the scene costs more."""
         way = RUNG if self.centre[k] < 0 else -RUNG
         change = self._change((*self.centre[:k], self.centre[k] + way, *self.centre[k + 1 :]))
         return not self.knobs[k].choice and change is not None and change.cost > max(2.0 * GAIN, self.steady)
 
-    # Who is better
+    # Comparison of places
 
     def _merit(self, place: Place) -> tuple[int, float]:
-        """What to be least in: CPU time where the goal is reached, else the CPU time to get there."""
+        """Return a pair to minimise: (0, ln CPU time) if the aim is reached.
+
+        Otherwise (1, ln of the estimated CPU time to reach the aim); (2, inf) without runs.
+        """
         found = self.at(place)
         if found is None:
             return 2, math.inf
@@ -328,7 +352,7 @@ class Search:
         return 1, _ln(found.cpu) + _ln(found.error / self.aim) / (0.8 * self.rate)
 
     def _better(self, place: Place) -> bool:
-        """Whether a place is worth to move to. Errors within the noise are no better."""
+        """Return whether a place is worth a move; errors that differ by noise count as equal."""
         if place == self.centre or self.at(place) is None:
             return False
         (level, now), (other, then) = self._merit(self.centre), self._merit(place)
@@ -338,7 +362,7 @@ class Search:
         assert change is not None
         if level == 0:
             return then < now - GAIN and change.cost < 0.0
-        # Never back to a larger error, or it would go round in circles as the price of an error changes.
+        # Never to a larger error: as the price of an error changes, the search could cycle.
         return (
             place not in self.been
             and change.error <= LEAST_MARGIN
@@ -346,16 +370,20 @@ class Search:
         )
 
     def _go(self, place: Place) -> None:
+        """Make a place the centre."""
         self.been.add(self.centre)
         self.centre = place
         here = self.here
         self.say(f"  centre: error {here.error:.2g} in {here.cpu:.3g} s of CPU")
 
     def _finals(self, good: list[Place]) -> Trial | None:
-        """The cheapest by the means over seeds of the first of these, if any reaches the goal."""
+        """Run the first of the `good` places with several seeds; return the cheapest whose mean reaches the goal.
+
+        Returns None if no mean reaches the goal.
+        """
         most = NEAR * self.bench.trials[good[0]].cpu
         places = [place for place in dict.fromkeys(good) if self.bench.trials[place].cpu <= most][:MOST_FINALISTS]
-        scene = tuple(0 for _ in self.knobs)  # every finalist is held against the scene as it stands
+        scene = tuple(0 for _ in self.knobs)  # finalists are compared with the unchanged scene
         self.bench.run(list(dict.fromkeys([*places, scene])), self.repeat)
         held = [t for t in map(self.at, places) if t and t.error <= self.goal]
         if not held:
@@ -371,7 +399,7 @@ class Search:
 def _filled(
     chosen: list[Option], options: list[list[Option]], slack: float, reach: int, knobs: Sequence[Knob]
 ) -> list[Option]:
-    """What a single price leaves of the slack, knob by knob: two alike turn at the same price."""
+    """Return the options with remaining slack spent knob by knob: a single price cannot separate two equal knobs."""
     chosen = list(chosen)
     for k, each in enumerate(options):
         left = slack - sum(o.error for o in chosen) + chosen[k].error
@@ -382,6 +410,7 @@ def _filled(
 
 
 def _moved_from(scene: Place, place: Place) -> int:
+    """Return the number of knobs in which two places differ."""
     return sum(rung != own for rung, own in zip(place, scene, strict=True))
 
 

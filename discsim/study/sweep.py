@@ -1,6 +1,6 @@
-"""A sweep: a scene run with every combination of some values, each in a directory of its own, and what they came to.
+"""A sweep: a scene is run with all combinations of some values, each in a directory of its own.
 
-A run that was stopped goes on from its checkpoint when the sweep is made again; results are read from the directories.
+When a sweep is repeated, stopped runs resume from their checkpoints. Results are read from the directories.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ DONE, REFUSED, PHYSICS, FAILED, INTERRUPTED = 0, 2, 3, 70, 128  # exit statuses 
 GIVEN_UP = {
     REFUSED: "could not start", PHYSICS: "stopped by the physics", FAILED: "ended by an error of discsim",
 }  # fmt: skip
-REACHED = 1e-9  # share of the end by which a run may miss it
+REACHED = 1e-9  # relative tolerance of the end time
 
 
 class RunFailed(Exception):
-    """A run that could not be made: its exit status; it has said why."""
+    """A run could not be made, and has printed the reason. `status` is its exit status."""
 
     def __init__(self, status: int) -> None:
         super().__init__(status)
@@ -47,7 +47,7 @@ class RunFailed(Exception):
 
 
 class Sweep:
-    """The runs of a sweep and the directory that they are in. Raises StudyError, SceneError."""
+    """The runs of a sweep and their directory. Raises StudyError, SceneError."""
 
     def __init__(
         self, scene: Path, varied: Sequence[Varied], directory: Path, measures: Sequence[str] = (),
@@ -59,7 +59,7 @@ class Sweep:
         self.scenes = [self.runs.scene(point.settings) for point in self.points]
         self.measures = chosen(self.scenes[0], measures)
         names = [each.name for each in self.measures]
-        self.wanted = [chosen(each, names) for each in self.scenes]  # units of scenes may differ
+        self.wanted = [chosen(each, names) for each in self.scenes]  # scenes may have different units
         self.folders = [directory / folder_name(point) for point in self.points]
         for folder in self.folders:
             if self.folders.count(folder) > 1:
@@ -70,11 +70,11 @@ class Sweep:
         return [key for each in self.varied for key in each.keys]
 
     def make(self, title: str, parallel: int, console: Console) -> None:
-        """Make the runs that are not at their end, and the table and the figure of all.
+        """Make the unfinished runs, and write the table and the figure of all runs.
 
-        A run that its start refuses, or that fails, is told and left out. Raises SceneError where runs of other scenes
-        are there, DirectoryError where one cannot be read, RunFailed where no run could be made, and KeyboardInterrupt
-        once the runs that were going on have written their checkpoints.
+        A run that fails, or that its start refuses, is reported and left out. Raises SceneError if the directory has
+        runs of other scenes, DirectoryError if one cannot be read, and RunFailed if no run could be made. Raises
+        KeyboardInterrupt after the running runs have written their checkpoints.
         """
         self._refuse_others()
         say: Say = console.print
@@ -92,7 +92,7 @@ class Sweep:
             self.write()
         if len(given_up) == len(self.points):
             raise RunFailed(given_up[0])
-        from discsim.study.sweepfigure import sweep_figure  # slow to import, and needed only here
+        from discsim.study.sweepfigure import sweep_figure  # imported here, as it is slow
 
         with written(self.directory / "sweep.png", ".png") as temporary:
             sweep_figure(self, temporary)
@@ -101,8 +101,9 @@ class Sweep:
         say(f"figure {printable(self.directory / 'sweep.png')}")
 
     def _refuse_others(self) -> None:
-        """Raise SceneError where a directory holds a run of another scene, DirectoryError where its scene cannot be
-        read: nothing is written then.
+        """Raise SceneError if a directory holds a run of another scene.
+
+        Raises DirectoryError if its scene cannot be read. Nothing is written before this check.
         """
         for folder, scene in zip(self.folders, self.scenes, strict=True):
             path = folder / "scene.toml"
@@ -110,7 +111,7 @@ class Sweep:
                 refuse_another(path, scene_there(folder), scene)
 
     def _statuses(self, parallel: int, say: Say) -> Iterator[int]:
-        """Exit statuses of the runs in their order, made as they are asked for, or so many at a time."""
+        """Yield the exit statuses of the runs in order; runs are made on request, or `parallel` at a time."""
         threads = f"run.threads={max(1, len(os.sched_getaffinity(0)) // parallel)}"
         jobs = []
         for point, folder, scene in zip(self.points, self.folders, self.scenes, strict=True):
@@ -134,6 +135,7 @@ class Sweep:
                 signal.signal(signal.SIGTERM, before)
 
     def _result(self, number: int, status: int) -> dict[str, Any]:
+        """Return the results of a finished run, or the reason why it stopped."""
         if status in GIVEN_UP:
             return {"stopped": GIVEN_UP[status]}
         scene = self.scenes[number]
@@ -151,6 +153,7 @@ class Sweep:
 
     @property
     def axis(self) -> Varied | None:
+        """The varied keys on the x axis of the figure; see `axis_of`."""
         return axis_of(self.varied)
 
     def table(self) -> Table:
@@ -161,7 +164,7 @@ class Sweep:
         return out
 
     def write(self) -> None:
-        """sweep.csv, which appears whole."""
+        """Write sweep.csv; the file appears when it is complete."""
         with written(self.directory / "sweep.csv") as temporary, temporary.open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow([*self.keys, *(each.head for each in self.measures), "status", "directory"])
@@ -172,24 +175,30 @@ class Sweep:
 
 
 def folder_name(point: Point) -> str:
-    """The settings of a combination as a name that shells and file systems take."""
+    """Return the settings of a combination as a file name without special characters."""
     return re.sub(r"[^\w.,=+-]+", "", label_of(point.settings))
 
 
 def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], directory: Path) -> int:
-    """Make a run, or go on with the one there; its exit status. What is wrong is one message on stderr."""
+    """Make a run, or resume the one in the directory; return its exit status.
+
+    An error is printed as one line on standard error.
+    """
     from discsim.run.runner import run_scene
 
     begun = (directory / "checkpoint.h5").exists() or only_begun(directory)
     try:
         return run_scene(load_scene(path, overrides, without), directory, resume=begun, quiet=True)
-    except Exception as fault:  # a run that fails in any way is given up, and the sweep goes on with the others
+    except Exception as fault:  # the sweep continues after any failure of a run
         print(printable(f"{directory}: {in_words(fault)}"), file=sys.stderr)
         return FAILED
 
 
 def _leave_interrupts() -> None:
-    """For processes whose parent tells them, once, that somebody interrupts; Ctrl-C on a terminal tells all."""
+    """Set up a worker process: Ctrl-C in the terminal reaches the parent only.
+
+    The parent sends one interrupt to every worker.
+    """
     end_with_parent()
     os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""The figure of a sweep: each measure against what varies, one line for all that shares its other settings."""
+"""The figure of a sweep: each result against the varied key, with one line per combination of the other settings."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from discsim.study.outcomes import Outcome
     from discsim.study.sweep import Sweep
 
-WIDE = 10.0  # of the largest over the smallest value, above which an axis is logarithmic
+WIDE = 10.0  # ratio of the largest to the smallest value above which an axis is logarithmic
 
 
 def sweep_figure(sweep: Sweep, path: Path) -> None:
-    """Draw a panel for each measure into the PNG `path`."""
+    """Draw a panel for each result to the PNG file `path`."""
     figure = Figure(figsize=(4.6 * len(sweep.measures), 3.8), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(sweep.measures), squeeze=False)[0]
@@ -57,5 +57,5 @@ def _panel(axes: Axes, sweep: Sweep, measure: Outcome) -> None:
 
 
 def unit_in(text: str) -> str:
-    """The unit of a value of a scene as it is written, "" of a plain number."""
+    """Return the unit in a value of a scene as written; "" for a plain number."""
     return text.strip("\"'").partition(" ")[2].strip()

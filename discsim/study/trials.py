@@ -1,4 +1,4 @@
-"""What a search turns, and what it is told: knobs, places of them, trials with what runs found, who makes runs."""
+"""Data of a search: places, trials with the results of runs, and the protocols of knobs and of the runner."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from dataclasses import dataclass, field
 from statistics import fmean, median, stdev
 from typing import NamedTuple, Protocol
 
-Place = tuple[int, ...]  # a rung for each knob, 0 as the scene has it
-RUNG = 2  # half rungs, of which places are made
+Place = tuple[int, ...]  # a rung for each knob, 0 for the scene's value
+RUNG = 2  # half rungs per rung; places count half rungs
 
 
 class Knob(Protocol):
-    """What a search has to know of a knob. stride: of its rungs; a choice has each value from lowest to highest."""
+    """Protocol of a knob for the search.
+
+    Rungs go from `lowest` to `highest` in steps of `stride`; a choice uses every one of them.
+    """
 
     @property
     def choice(self) -> bool: ...
@@ -32,7 +35,7 @@ class Measured(NamedTuple):
 
 @dataclass
 class Trial:
-    """A place with what its runs found, one for each seed; `stopped` says why it has none."""
+    """A place with the results of its runs, one per seed; `stopped` has the reason if it has none."""
 
     place: Place
     runs: list[Measured] = field(default_factory=list)
@@ -40,25 +43,29 @@ class Trial:
 
     @property
     def cpu(self) -> float:
+        """Median CPU seconds over the seeds."""
         return median(run.cpu for run in self.runs)
 
     @property
     def error(self) -> float:
-        """The mean of the seeds'."""
+        """Mean error over the seeds."""
         return fmean(run.error for run in self.runs)
 
     @property
     def scatter(self) -> float:
-        """Of the error from seed to seed."""
+        """Standard deviation of the error between seeds."""
         return stdev(run.error for run in self.runs) if len(self.runs) > 1 else 0.0
 
 
 class Spent(Exception):
-    """The budget is used up."""
+    """The budget of wall-clock time is used up."""
 
 
 class Bench(Protocol):
-    """Who makes the runs. run: so that each place has `number` of them, in turn, or says why not. Raises Spent."""
+    """Protocol of the runner of a search.
+
+    `run` gives each place `number` results, or the reason for none. Raises Spent.
+    """
 
     trials: dict[Place, Trial]
 

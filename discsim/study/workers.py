@@ -1,4 +1,4 @@
-"""Processes that make runs in parallel, and messages of runs that fail."""
+"""Worker processes for parallel runs, and messages about failed runs."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ Result = TypeVar("Result")
 
 
 def end_with_parent() -> None:
-    """Let this process end once its parent is gone, however that ended: it would wait for work for ever."""
+    """End this process when its parent is gone; otherwise it would wait for work indefinitely."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
     def watch() -> None:
         parent.join()
-        os._exit(1)  # runs can be resumed, wherever they are
+        os._exit(1)  # safe at any point, as runs can be resumed
 
     threading.Thread(target=watch, daemon=True).start()
 
 
 def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | None = None) -> Iterator[Result]:
-    """Results of jobs in their order. Raises StudyError where a process is gone without one.
+    """Yield the results of jobs in order. Raises StudyError if a worker process died.
 
-    say: told every LINE_EVERY seconds how many jobs are done, while one is waited for.
+    `say` is called every LINE_EVERY seconds during the wait, with a line about finished jobs.
     """
     jobs = list(submitted)
     try:
@@ -47,7 +47,7 @@ def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | No
 
 
 def in_words(fault: Exception) -> str:
-    """An exception that a run was not to raise, on one line with the place that it comes from."""
+    """Return an unexpected exception of a run as one line with its source location."""
     last = traceback.extract_tb(fault.__traceback__)[-1]
     text = " ".join(str(fault).split())
     return f"ended by {type(fault).__name__}{f': {text}' if text else ''} ({Path(last.filename).name}:{last.lineno})"
