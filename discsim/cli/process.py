@@ -5,9 +5,9 @@ warm start and 8% of a cold one. The objects that a step creates are freed witho
 
 `keep_freed`: freed memory of arrays stays with the process, for the next arrays. By default glibc returns arrays
 above 32 MB to the system as soon as they are freed. Each step allocates arrays of the same sizes again, and the
-system maps and clears fresh memory page by page: 10% of a step of 1e6 and 1e7 particles (2026-11). All threads use
-one arena, because the arenas of helper threads would still return memory. A user's own malloc settings take
-precedence.
+system maps and clears fresh memory page by page. This takes 10% of a step of 1e6 and 1e7 particles (2026-11). All
+threads use one arena, because the arenas of helper threads would still return memory. A user's own malloc settings
+take precedence.
 """
 
 import atexit

@@ -41,7 +41,7 @@ class Bins(Protocol):
 class Rings:
     """Bins between rising `edges` (bins + 1,) of the values `at` (n,) of particles: a radius, or in 1D a position.
 
-    `measure` is the area of each ring by default.
+    `measure` (bins,) defaults to the areas of the rings.
     """
 
     def __init__(self, at: Array, edges: Array, measure: Array | None = None) -> None:

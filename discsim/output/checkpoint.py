@@ -51,6 +51,7 @@ class Values(Entries):
         self.version = version
 
     def whole(self, name: str, least: int = 0, most: int = MOST) -> int:
+        """Return a whole number from `least` to `most`."""
         value = self[name]
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
             self.refuse(name, f"a whole number from {least} to {most}")
@@ -71,6 +72,7 @@ class Values(Entries):
         return str(self[name])
 
     def refuse(self, name: str, expected: str) -> NoReturn:
+        """Raise CheckpointError for a wrong value."""
         value = clipped(repr(self[name]))
         raise CheckpointError(f"{self.path}: a damaged checkpoint: its {name} is {value}; expected {expected}")
 

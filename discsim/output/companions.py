@@ -1,11 +1,13 @@
-"""companions.csv: each companion against time, one row per step or per `companion.every`. Code units; angles in
-degrees.
+"""companions.csv: the companions of a star against time.
 
-Positions and velocities are relative to the star, at the same time. semi_major_axis, eccentricity, pericentre (its
-longitude) and anomaly (true anomaly) describe the two-body orbit about the star with the companion's full mass.
-During its ramp a companion acts on gas and dust with felt_mass, which is less than mass. The torques are those of
-all gas and dust about the star on a companion of that mass, felt_mass r x a, even if the companion does not react to
-them. The star's own position and velocity are in the frame of the run.
+The file has one row per companion and step, or per `companion.every`, in code units, with angles in degrees.
+Positions and velocities are relative to the star, both at the time of the row. semi_major_axis, eccentricity,
+pericentre (its longitude) and anomaly (true anomaly) are those of the two-body orbit about the star with the
+companion's full mass.
+
+During its ramp a companion acts on gas and dust with felt_mass, which is less than mass. The torques of all gas and
+dust on this mass about the star are felt_mass r x a. They are given even if the companion does not react to gas and
+dust. The star's own position and velocity are in the frame of the run.
 """
 
 from __future__ import annotations
@@ -61,4 +63,5 @@ def companion_rows(state: State, dt: float) -> list[list[object]]:
 
 
 def _due(every: float | None, time: float, dt: float) -> bool:
+    """Return whether a multiple of `every` lies in the last step; True without `every`."""
     return every is None or bool(np.floor(time / every + EARLY) > np.floor((time - dt) / every + EARLY))

@@ -72,9 +72,7 @@ def into_box(pos: Array, lower: Array, upper: Array) -> Array:
 
 
 def derived_arrays(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
-    """Return arrays of gas that the layout has but the state does not: temperature, and u without an energy
-    equation.
-    """
+    """Return temperature, and u without an energy equation: arrays of gas that the state does not have."""
     if kind != "gas" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density

@@ -44,9 +44,7 @@ BAR = (0.08, 0.2)  # distance and width of a colour bar
 
 
 def figure_text(text: str) -> str:
-    """Return a user's text for a figure: dollars mark mathematics if matplotlib can typeset it, else they are
-    escaped.
-    """
+    """Return a user's text for a figure; dollars are escaped unless they enclose mathematics that matplotlib reads."""
     line = printable(text)
     if not DOLLAR.search(line) or (len(DOLLAR.findall(line)) % 2 == 0 and _typesets(line)):
         return line

@@ -91,9 +91,7 @@ def _check_seal(file: IO[bytes]) -> None:
 
 
 def _holds(path: Path, content: np.ndarray) -> bool:
-    """Return whether the file at `path` has the bytes `content`, read from the disk and not from the cache if
-    possible.
-    """
+    """Return whether the file at `path` has the bytes `content`; the system's file cache is bypassed if possible."""
     place = 0
     with path.open("rb") as file:
         if hasattr(os, "posix_fadvise"):
@@ -159,6 +157,7 @@ class Stored:
         return out.astype(out.dtype.newbyteorder("="), copy=False)
 
     def _from_parts(self, rows: slice) -> np.ndarray:
+        """Return rows of a virtual dataset from the files of its parts. Raises EntryError."""
         first, last, _ = rows.indices(len(self))
         out = np.empty((max(last - first, 0), *self.shape[1:]), self.dtype)
         master = Held(self._stored.file)
@@ -206,6 +205,7 @@ class Held:
         return f"{self._group.name.rstrip('/')}/{name}"
 
     def _child(self, name: str) -> Any:
+        """Return the group or dataset `name`. Raises EntryError for a missing entry or a link."""
         link = self._group.get(name, getlink=True)
         if link is None:
             raise EntryError(f"there is no {self._name(name)}; expected one")
@@ -272,6 +272,7 @@ class Held:
         return int(found)
 
     def numbers(self, name: str, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
+        """Return an attribute of the given shape as floats. Raises EntryError."""
         found = np.asarray(self.attribute(name))
         if found.dtype.kind not in "biuf" or found.shape != shape or not (np.isfinite(found).all() or not finite):
             wanted = "a finite number" if shape == () else f"finite numbers of shape {shape}"

@@ -1,7 +1,7 @@
 """history.csv: totals against time, one row per step or per interval.
 
-Sums over the particles that move: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin, kinetic
-energy sum m v^2 / 2, with velocities at the time of the positions. Code units.
+The totals are sums over the particles that move: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the
+origin, and kinetic energy sum m v^2 / 2. Velocities are those at the time of the positions. Code units.
 """
 
 from __future__ import annotations
@@ -219,6 +219,7 @@ def _totals(particles: Particles | None) -> _Totals:
 
 
 def _thermal(state: State) -> float:
+    """Return the thermal energy of the mobile gas, without small dust."""
     gas: Gas | None = state.gas
     if gas is None:
         return 0.0

@@ -21,6 +21,8 @@ Array = np.ndarray
 
 
 class Field(NamedTuple):
+    """Name, dimension and description of a dataset in the layout."""
+
     dataset: str
     dimension: str  # a dimension of discsim.scene.units, "temperature", or "" for a plain number
     about: str

@@ -63,6 +63,7 @@ def left_open(state: State, together: bool) -> OpenStep:
 
 
 def write(group: h5py.Group, step: OpenStep) -> None:
+    """Write an open step to the group of a snapshot."""
     into = group.create_group(GROUP)
     into.attrs["lag"], into.attrs["step"] = step.lag, step.step
     if step.pace is not None:

@@ -90,10 +90,12 @@ class Part:
 
 
 def _beside(part: Path) -> str:
+    """Return the path of a part relative to its master."""
     return f"{PARTS}/{part.name}"
 
 
 def _divided(file: h5py.File) -> Iterator[h5py.Dataset]:
+    """Yield the datasets whose rows are divided among parts."""
     for group in DIVIDED:
         if group in file:
             yield from file[group].values()

@@ -72,6 +72,7 @@ def _snapshot(file: SnapshotFile) -> Snapshot:
 
 
 def _read(value: Any, info: ValidationInfo) -> SnapshotFile:
+    """Return the snapshot that a scene names. Raises a `fault` if it is unreadable."""
     found = InputFile.read(value, info)
     try:
         snap = _snapshot(SnapshotFile(found.path, found.digest))
@@ -116,6 +117,7 @@ class FromSnapshot(Table):
 
 
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
+    """Return the arrays of gas and dust at the start, by species and name."""
     start: Any = scene.initial
     snap = _snapshot(start.file).about_centre()
     out = {}
@@ -215,6 +217,7 @@ def take_up(state: State) -> None:
 
 
 def _go_on(state: State) -> None:
+    """Set the state to the open step of the snapshot."""
     scene = state.scene
     snap = _snapshot(scene.initial.file)
     step = snap.open_step
@@ -322,11 +325,13 @@ def places(scene: Scene) -> Places:
 
 
 def spread(scene: Scene) -> tuple[Places, Array]:
+    """Return the rings of the first species, and their relative particle masses, for the preview."""
     rings = _rings(scene)
     return rings, np.ones_like(rings.density) if rings.relative_mass is None else rings.relative_mass
 
 
 def edges(scene: Scene) -> tuple[float, float]:
+    """Return the mid radii of the innermost and outermost ring."""
     r = _rings(scene).radius
     assert r is not None
     return float(r[0]), float(r[-1])

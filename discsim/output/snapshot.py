@@ -1,8 +1,8 @@
 """Snapshots in the HDF5 layout of SWIFT (Schaller et al. 2024, arXiv:2305.13380), which yt and other tools read.
 
-Gas is PartType0 and dust is PartType3. The star and its companions, if they are bodies of the run, are PartType5
-(black holes in this layout); their ids are their numbers, 0 for the star. Coordinates have three columns and lie in
-[0, BoxSize], as other tools require. The group "discsim" has the shift back to the scene's frame, and the other data
+Gas is PartType0 and dust is PartType3. The star and its companions, if they are bodies of the run, are PartType5,
+the type of black holes. Their ids are their numbers, 0 for the star. Coordinates have three columns and lie in [0,
+BoxSize], as other tools require. The group "discsim" has the shift back to the scene's frame, and the other data
 that `read_snapshot` needs.
 """
 
@@ -79,8 +79,10 @@ class SnapshotParticles(Summarised):
         Masses, and identities that stay the same through a run.
     immobile : ndarray, shape (n,)
         True for boundary particles, which never move.
-    density, h, u, pressure, sound_speed : ndarray, shape (n,)
-        SPH density (a surface density in 2D), smoothing length, internal energy per mass, pressure and sound speed.
+    density : ndarray, shape (n,)
+        Density, in 2D a surface density; of gas from SPH.
+    h, u, pressure, sound_speed : ndarray, shape (n,)
+        Smoothing length, internal energy per mass, pressure and sound speed of gas.
     temperature : ndarray, shape (n,)
         Temperature in K.
     small : ndarray, shape (n,)

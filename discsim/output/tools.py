@@ -4,7 +4,7 @@ These tools render the surface density of particles j, each with a mass, a densi
 
     Sigma(x, y) = sum_j (m_j / rho_j) rho_j W(|r - r_j|, R_j)
 
-with W in two dimensions, or in three and integrated along the line of sight; rho_j cancels. sarracen works in two
+with W in two dimensions, or in three and integrated along the line of sight. rho_j cancels. sarracen works in two
 dimensions, and its rho is the surface density. yt and pynbody work in three dimensions. Their rho is the density of
 a layer one code length thick. In code units it equals the surface density, and so does its projection. The pressure
 is converted in the same way.

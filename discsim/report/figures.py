@@ -31,6 +31,7 @@ class Picture(NamedTuple):
 
 
 def of_snapshot(path: Path) -> Picture:
+    """Return the figure of a snapshot."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.png"
         last_state_figure(path, file)

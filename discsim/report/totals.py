@@ -23,8 +23,9 @@ HEATS = ("companion", "external", "background", "damping", "radiation_pressure",
 
 
 class Totals(NamedTuple):
-    """A conserved quantity: first and last value, relative change (rows,), and why it may change ("" if it should
-    not).
+    """A conserved quantity: first and last value, and relative change (rows,).
+
+    `why` has the reason why it may change, "" if it should not.
     """
 
     name: str
@@ -35,10 +36,12 @@ class Totals(NamedTuple):
 
     @property
     def now(self) -> str:
+        """The last relative change, as text."""
         return f"{self.change[-1]:.1e}"
 
     @property
     def most(self) -> str:
+        """The largest relative change, as text."""
         return f"{np.abs(self.change).max():.1e}"
 
 

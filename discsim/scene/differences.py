@@ -31,9 +31,7 @@ def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
 
 
 def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
-    """Yield the dotted names of the keys in which two scenes differ. A table that only one scene has counts as one
-    key.
-    """
+    """Yield the dotted names of the keys in which two scenes differ; a table in one scene only counts as one key."""
     parts, others = _parts(before), _parts(now)
     if parts is None or others is None or type(before) is not type(now):
         if before != now:

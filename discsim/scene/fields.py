@@ -46,6 +46,7 @@ def number(value: Any) -> float:
 
 
 def _in_reach(value: float, text: str) -> float:
+    """Return `value`. Raises a `fault` unless it is 0, or finite and of a size from 1/LARGEST to LARGEST."""
     if not math.isfinite(value):
         raise fault(f"{text} is not a finite number")
     if value != 0.0 and not 1.0 / LARGEST <= abs(value) <= LARGEST:
@@ -163,6 +164,7 @@ def _seconds(value: Any) -> Any:
 
 
 def _orbits(value: Any) -> Any:
+    """Return a number of orbits from a number or a text like "2 orbits". Raises a `fault`."""
     if not isinstance(value, str):
         return number(value)
     words = value.split()
@@ -204,7 +206,7 @@ AccelerationVector = Annotated[tuple[float, ...], Measure("acceleration", vector
 class InputFile:
     """A file named in a scene, with the SHA-256 digest of its content.
 
-    Files with the same content compare equal, whatever their paths.
+    Files with the same content compare equal; their paths may differ.
     """
 
     path: Path = field(compare=False)

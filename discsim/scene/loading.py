@@ -266,6 +266,7 @@ def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple
 
 
 def _table_names() -> list[str]:
+    """Return the names of tables that a mistyped table name is compared with."""
     return [*TABLES, "gas.eos", "gas.viscosity", "gas.conductivity"]
 
 

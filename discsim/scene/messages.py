@@ -44,6 +44,7 @@ class Origins:
         self.plain_dict = path is None
 
     def override(self, key: KeyPath, option: str) -> None:
+        """Set a command-line option as the source of a key."""
         self.places[key] = option
         if not self.plain_dict:
             for end in range(1, len(key)):
@@ -132,6 +133,7 @@ def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
 
 
 def _tag(model: type[fields.Table]) -> str | None:
+    """Return the value of `kind` that selects a table model; None for a model without kinds."""
     return model.model_fields["kind"].default if "kind" in model.model_fields else None
 
 

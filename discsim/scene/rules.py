@@ -93,7 +93,7 @@ class Draft:
 
 
 def broken_rules(draft: Draft) -> list[Problem]:
-    """Return all faults between the tables of `draft`, by the rules here and by those of the parts that it names."""
+    """Return all faults between the tables of `draft`: by RULES, and by the rules of the parts that the scene names."""
     problems: list[Problem] = []
     for rule in (*RULES, *_rules_of_parts(draft)):
         try:
@@ -120,11 +120,13 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
 
 
 def _someone_is_there(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if the scene has neither gas nor dust."""
     if not draft.has("gas") and not draft.has("dust"):
         yield (), "neither [gas] nor [dust] is there; expected one of them at least"
 
 
 def _output_times(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if both intervals and number of snapshots are given, or for too many snapshots."""
     if draft.run and draft.run.every is not None and draft.gives("run", "snapshots"):
         yield ("run", "every"), "run.snapshots is there too; expected one of the two"
     elif draft.run and draft.run.every is not None and draft.run.until > MOST_SNAPSHOTS * draft.run.every:
@@ -133,6 +135,7 @@ def _output_times(draft: Draft) -> Iterator[Problem]:
 
 
 def _periodic_cells(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if the sides of a periodic box are no whole numbers of square cells."""
     space = draft.space
     if not space or space.boundary != "periodic" or not space.cells:
         return
@@ -143,6 +146,7 @@ def _periodic_cells(draft: Draft) -> Iterator[Problem]:
 
 
 def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if a periodic box with unequal sides has no number of cells."""
     space = draft.space
     if space and space.boundary == "periodic" and not space.cells and min(space.size) < max(space.size):
         yield (
@@ -165,6 +169,7 @@ def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
 
 
 def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if the start needs gas, or another equation of state."""
     allowed = draft.start.eos if draft.start else None
     if allowed is None:
         return
@@ -223,6 +228,7 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
 
 
 def _stable_steps(draft: Draft) -> Iterator[Problem]:
+    """Yield a fault if the Courant factor exceeds `longest_courant`."""
     on_grid = draft.drag and SCHEMES[draft.drag.scheme].on_grid
     if not draft.run or draft.run.timestep is not None or on_grid:
         return

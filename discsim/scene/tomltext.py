@@ -97,6 +97,8 @@ def dumped(data: dict[str, Any]) -> str:
 
 
 class _Scanner:
+    """Scanner of a valid TOML text that records the line of every key."""
+
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
@@ -132,6 +134,7 @@ class _Scanner:
         return bisect_right(self.breaks, self.at - 1) + 1
 
     def _note(self, path: Path, line: int) -> None:
+        """Record the line of a path, and of enclosing tables without a header."""
         self.lines[path] = line
         for end in range(1, len(path)):  # tables without a header of their own
             self.lines.setdefault(path[:end], line)

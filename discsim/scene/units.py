@@ -1,7 +1,8 @@
 """Code units: G = 1, so one length and one mass fix the time, T = sqrt(L^3 / (G M)).
 
-Quantities with units are converted on input and on output. A dimension has a name ("length") and exponents of mass,
-length and time. The density of a scene is a surface density in 2D (M/L^2) and a volume density in 1D (M/L^3).
+Quantities with units are converted on input and on output; all computation is in code units. A dimension has a name
+("length") and exponents of mass, length and time. The density of a scene is a surface density in 2D (M/L^2) and a
+volume density in 1D (M/L^3).
 """
 
 from __future__ import annotations
@@ -370,6 +371,7 @@ def _cgs_value(text: str) -> float:
 
 
 def _dimension_words(quantity: Any) -> str:
+    """Return the dimension of a quantity in words, for messages."""
     words = str(quantity.unit.physical_type)
     if words == "unknown":
         return f"in {quantity.unit}"

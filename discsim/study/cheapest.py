@@ -108,6 +108,7 @@ class Workshop:
         self.count, self.cpu = 0, 0.0  # number and CPU seconds of the runs of this search, recorded ones included
 
     def allowed(self, place: Place) -> bool:
+        """Return whether the settings of a place are valid."""
         return self.knobs.settings(place) is not None
 
     def run(self, places: Sequence[Place], number: int = 1, most: float = math.inf) -> None:
@@ -142,6 +143,7 @@ class Workshop:
         return self.seeded(settings, seed)
 
     def seeded(self, settings: Settings, seed: int) -> Settings:
+        """Return the settings with the seed number `seed` of the scene's sequence."""
         return settings | ({"run.seed": str(self.seed + seed)} if seed else {})
 
     def found(self, wanted: Sequence[Settings], most: float = math.inf) -> list[Run]:
@@ -159,13 +161,12 @@ class Workshop:
         return [self.kept[_key(each)] for each in wanted]
 
     def _is_kept(self, settings: Settings, most: float) -> bool:
-        """Return whether a usable run is recorded: a run that was given up counts unless the new limit is much
-        larger.
-        """
+        """Return whether a usable run is recorded; a run given up at a much lower limit is not usable."""
         run = self.kept.get(_key(settings))
         return run is not None and ("most" not in run or most <= 1.5 * run["most"])
 
     def _made(self, todo: Sequence[Settings], most: float) -> None:
+        """Make and record runs. Raises Spent after the deadline."""
         if time.monotonic() > self.deadline:
             raise Spent
         try:
@@ -371,6 +372,7 @@ def in_words(settings: Settings) -> str:
 
 
 def _key(settings: Settings) -> tuple[tuple[str, str], ...]:
+    """Return settings as a key of a dict."""
     return tuple(sorted(settings.items()))
 
 

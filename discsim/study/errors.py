@@ -1,8 +1,8 @@
 """Errors of a run against exact solutions, and changes of conserved quantities.
 
-Each start with an exact solution defines its own measure (`discsim/initial`). Most measures are the rms over
-particles of (velocity - exact velocity at the particle's position), over the largest exact velocity relative to the
-frame of the start.
+Each start with an exact solution defines its own measure (`discsim/initial`). For most starts it is the rms over
+particles of the difference from the exact velocity at the particle's position. The scale is the largest exact
+velocity relative to the frame of the start.
 """
 
 from __future__ import annotations

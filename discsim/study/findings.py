@@ -29,11 +29,10 @@ def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
 
 
 def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) -> tuple[float, bool] | None:
-    """Return the cost of an error `goal` along a line, and whether it is extrapolated; None if the line never
-    reaches it.
+    """Return the cost of an error `goal` along a line, and whether it is extrapolated; None if it is out of reach.
 
     The cost is piecewise linear in logarithms, and extrapolated from the two most accurate points. A cost of
-    FARTHEST times the most expensive run or more counts as never.
+    FARTHEST times the most expensive run or more counts as out of reach.
     """
     known = sorted((point.error or np.inf, of(point)) for point in points)
     known = [(error, paid) for k, (error, paid) in enumerate(known) if all(paid < other for _, other in known[:k])]

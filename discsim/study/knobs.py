@@ -49,6 +49,7 @@ class Base:
         self.scene, self.data = scene, tomllib.loads(scene.text)
 
     def written(self, key: str) -> Any:
+        """Return the value of a key as written; None if the scene does not write it."""
         return value_at(self.data, *(int(part) if part.isdecimal() else part for part in key.split(".")))
 
     def value(self, key: str) -> Any:
@@ -232,6 +233,7 @@ class Knobs:
             yield Knob("dust particles", dust, write, MORE_PARTICLES, lowest=lowest(dust), highest=min(finest, WIDE))
 
     def _longest_courant(self) -> float:
+        """Return the largest stable Courant factor of the scene."""
         scene = self.base.scene
         tables = {name: scene.table(name) for name in ("initial", "space", "gas") if scene.table(name) is not None}
         return longest_courant(Draft(self.base.data, tables))[0]

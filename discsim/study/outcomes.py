@@ -91,6 +91,7 @@ def chosen(scene: Scene, names: Sequence[str] = ()) -> list[Outcome]:
 
 
 def _usual(scene: Scene) -> list[str]:
+    """Return the names of the default results of a scene."""
     kinds = [kind for kind in ("gas", "dust") if getattr(scene, kind) is not None]
     if not is_disc(scene):
         return [f"kinetic_{kind}" for kind in kinds] + (["thermal"] if "gas" in kinds else [])
@@ -133,6 +134,7 @@ def _of_particles(folder: Path) -> dict[str, float]:
 
 
 def _of_kind(p: SnapshotParticles, reach: float, half: float) -> dict[str, float]:
+    """Return the results of one species, in code units; rings extend to `reach`, modes and clumps to `half`."""
     edges = np.linspace(0.0, reach, RINGS + 1)
     profile = smoothed(p.radial_profile(edges), SMOOTHED)
     top = int(profile.argmax())

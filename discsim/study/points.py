@@ -86,7 +86,7 @@ def number_in(text: str) -> float | None:
 
 @dataclass
 class Point:
-    """One combination of values, with its runs and errors."""
+    """A combination of values, with its runs and errors."""
 
     settings: Settings
     runs: list[dict[str, Any]] = field(default_factory=list)
@@ -94,10 +94,12 @@ class Point:
 
     @property
     def done(self) -> bool:
+        """Whether the combination has a finished run."""
         return bool(self.runs) and "stopped" not in self.runs[0]
 
     @property
     def cpu(self) -> float:
+        """Median CPU seconds of the runs."""
         return median(run["cpu"] for run in self.runs)
 
     @property

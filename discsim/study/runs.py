@@ -1,5 +1,4 @@
-"""Runs of a scene with changed settings. Each run is recorded in a file as soon as it ends, so that a study can
-resume.
+"""Runs of a scene with changed settings, recorded one by one so that a study can resume.
 
 CPU seconds are those of the steps, of all threads, without initial conditions and compilation.
 """
@@ -60,6 +59,7 @@ class Runs:
             raise SceneError([problem + where for problem in fault.problems]) from None
 
     def overrides(self, settings: Settings) -> list[str]:
+        """Return the command-line overrides with those of the settings appended."""
         return [*self.settings, *(f"{key}={value}" for key, value in settings.items())]
 
     def open(self, what: dict[str, Any]) -> list[tuple[Settings, dict[str, Any]]]:

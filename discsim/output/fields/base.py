@@ -6,8 +6,8 @@
         return (snap.gas.pos * snap.gas.vel).sum(axis=1) / snap.gas.radius
 
 The first line of the docstring is the description in lists of fields: name, colon, equation. The snapshot passed to
-the function is in code units and in the frame of the disc's centre (a moving star is at rest at the origin). It
-holds the columns that the field `needs`.
+the function is in code units, and in the frame of the disc's centre: a moving star is at rest at the origin. It has
+the columns that the field `needs`.
 """
 
 from __future__ import annotations

@@ -34,11 +34,11 @@ def stopping_time(snap: Snapshot) -> Array:
 
 @base.of_particles("dust", "length", "grain size $s$", needs=("dust.size",), unit="cm", colours="cividis")
 def size(snap: Snapshot) -> Array:
-    """size of the grains: their radius s"""
+    """grain size: radius s"""
     return snap.dust.size
 
 
 @base.density("gas", r"$\Sigma_\mathrm{small}$", needs=("gas.small",), colours="inferno")
 def small_surface_density(snap: Snapshot) -> Array:
-    """surface density of small dust, which gas particles carry: Sigma_s = sum m_small / area"""
+    """surface density of small dust in gas particles: Sigma_s = sum m_small / area"""
     return snap.gas.small

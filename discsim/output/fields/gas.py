@@ -17,7 +17,7 @@ Array = np.ndarray
 
 @base.density("gas", r"$\Sigma_SPECIES$", reads=("gas.small", "gas.density"))
 def surface_density(snap: Snapshot) -> Array:
-    """surface density: Sigma = sum m / area, without the small dust that gas carries"""
+    """surface density: Sigma = sum m / area, without small dust"""
     return snap.gas.mass * _gas_share(snap)
 
 
@@ -41,7 +41,7 @@ def pressure(snap: Snapshot) -> Array:
 
 @base.of_particles("gas", "velocity", "sound speed $c_s$", needs=("gas.sound_speed",), colours="magma")
 def sound_speed(snap: Snapshot) -> Array:
-    """sound speed: c_s, the adiabatic one of gas that holds heat"""
+    """sound speed: c_s, adiabatic if gas has an energy equation"""
     return snap.gas.sound_speed
 
 
@@ -55,7 +55,7 @@ def sound_speed(snap: Snapshot) -> Array:
     colours="cividis",
 )
 def aspect_ratio(snap: Snapshot) -> Array:
-    """aspect ratio: H / r = sqrt(P / Sigma) / (Omega_K r), without the small dust that gas carries"""
+    """aspect ratio: H / r = sqrt(P / Sigma) / (Omega_K r), without small dust"""
     r = snap.gas.radius
     return np.sqrt(snap.gas.pressure / (snap.gas.density * _gas_share(snap))) / (omega(snap, r) * r)
 

@@ -110,6 +110,7 @@ class Look:
         return PlotError(f'{self.prefix}window: "{_shown(self.window)}" {words}')
 
     def _length(self, text: str, units: Units) -> float:
+        """Return a text in code units; with a distance it may be an angle. Raises UnitError."""
         if units.system == "code":
             return units.of_text(text, "length")
         given = parse_quantity(text, units.expected("length"))
@@ -177,6 +178,7 @@ def _window(given: Any, prefix: str) -> Any:
 
 
 def _limits(given: Any, name: str) -> tuple[float, float]:
+    """Return the lowest and highest value from a text or a pair. Raises PlotError."""
     try:
         low, high = (float(part) for part in (given.split(",") if isinstance(given, str) else given))
     except (TypeError, ValueError):

@@ -42,13 +42,13 @@ def _radius(snap: Snapshot, p: SnapshotParticles) -> Array:
 
 @_both("length", "$x$", scale="linear", colours="cividis")
 def _x(snap: Snapshot, p: SnapshotParticles) -> Array:
-    """place: x, from the centre where there is one"""
+    """position: x, from the centre if there is one"""
     return p.pos[:, 0]
 
 
 @_both("length", "$y$", "plane", scale="linear", colours="cividis")
 def _y(snap: Snapshot, p: SnapshotParticles) -> Array:
-    """place: y"""
+    """position: y, from the centre if there is one"""
     return p.pos[:, 1]
 
 
@@ -79,13 +79,13 @@ def _v_phi(snap: Snapshot, p: SnapshotParticles) -> Array:
 @_both("velocity", r"$v_{\varphi,SPECIES} - v_\mathrm{K}$", "vel", "plane", "star", unit="m/s", scale="signed",
        colours="PuOr_r")  # fmt: skip
 def _v_phi_excess(snap: Snapshot, p: SnapshotParticles) -> Array:
-    """azimuthal velocity beyond Kepler's: v_phi - Omega_K r"""
+    """azimuthal velocity over the Keplerian one: v_phi - Omega_K r"""
     return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _away(p) - omega(snap, p.radius) * p.radius
 
 
 @_both("", "eccentricity $e_SPECIES$", "vel", "plane", "star", scale="linear", colours="cividis")
 def _eccentricity(snap: Snapshot, p: SnapshotParticles) -> Array:
-    """eccentricity about the central mass alone: e^2 = 1 + 2 E L^2 / (G M)^2"""
+    """eccentricity of the orbit about the central mass: e^2 = 1 + 2 E L^2 / (G M)^2"""
     mass = central_mass(snap)
     energy = 0.5 * np.einsum("ij,ij->i", p.vel, p.vel) - mass / _away(p)
     spin = p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]

@@ -54,6 +54,7 @@ def why_not(field: Field, snap: Snapshot) -> str | None:
 
 
 def _lacks(need: str, snap: Snapshot) -> str | None:
+    """Return the reason why a snapshot lacks one of a field's needs; None if it has it."""
     tables = snap.tables
     if need == "plane":
         return None if snap.dimensions == 2 else "the run has one dimension, and the field wants two"

@@ -29,7 +29,7 @@ SMALL = ("gas.small",)
     colours="plasma",
 )
 def dust_to_gas(at: Binned) -> Array:
-    """dust-to-gas ratio: (Sigma_d + Sigma_s) / Sigma, with the small dust that gas carries"""
+    """dust-to-gas ratio: (Sigma_d + Sigma_s) / Sigma, with small dust"""
     gas = at["gas.surface_density"]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(at.there("gas") & at.there("dust"), _all_dust(at) / gas, np.nan)
@@ -50,5 +50,6 @@ def emission(at: Binned) -> Array:
 
 
 def _all_dust(at: Binned) -> Array:
+    """Return the surface density of dust particles and small dust."""
     dust = at["dust.surface_density"]
     return dust if at.snap.gas is None or at.snap.gas.small is None else dust + at["small_dust.surface_density"]

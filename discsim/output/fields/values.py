@@ -67,6 +67,7 @@ def centred(snap: Snapshot) -> bool:
 
 
 def repeats(snap: Snapshot) -> bool:
+    """Return whether the fields of a snapshot are periodic."""
     return snap.tables["space"].get("boundary") == "periodic" and not centred(snap)
 
 
