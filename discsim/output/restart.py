@@ -314,7 +314,7 @@ def _ring_edges(r: Array) -> Array:
 
 
 def places(scene: Scene) -> Places:
-    """Return the radii within which 10%, 50% and 90% of the first species lie, for the preview."""
+    """Return the rings at 10%, 50% and 90% of the first species' particles, for the preview."""
     rings = _rings(scene)
     r, relative = rings.radius, rings.relative_mass
     assert r is not None

@@ -118,7 +118,7 @@ class Units:
     Parameters
     ----------
     system : {"physical", "code"}
-        In the system "code" all numbers are dimensionless, and the two texts are unused.
+        In the system "code" all numbers are dimensionless; `length_text` and `mass_text` are unused.
     dimensions : int
         Dimensions of space; in 2D "density" is a surface density, in 1D a volume density.
     length_text, mass_text : str

@@ -11,10 +11,10 @@ with the least lambda for which
 
     sum dE_k <= ln(goal / error of the centre)                                                     (1)
 
-If no place within reach satisfies (1), lambda is the price of an error here: 1 / (gain of the best knob in ln error
-per ln CPU). That place is run. If it is better than all others, it is the next centre; if not, the reach is halved.
-The search ends when no move is worth GAIN. Finally the best candidates are run with several seeds, and their means
-decide.
+If no place within reach satisfies (1), lambda is the price of accuracy at the centre: 1 / (gain of the best knob in
+ln error per ln CPU). The place found with this lambda is run. If it is better than the centre, it becomes the next
+centre; if not, the reach is halved. The search ends when no move is worth GAIN. Finally the best candidates are run
+with several seeds, and their means decide.
 
 A gain must exceed twice the scatter between seeds. A knob without effect therefore stays unchanged, and a knob that
 only costs is lowered. This module does not make runs itself; tests use synthetic ones.

@@ -62,7 +62,7 @@ class Look:
         return middle - given[-1], middle + given[-1]
 
     def radii(self, snap: Snapshot, inner: float = 0.0) -> tuple[float, float]:
-        """Return the range of radii (in 1D of positions) in code units, by default from `inner`. Raises PlotError."""
+        """Return the range of radii (in 1D of positions) to show, in code units; it starts at `inner` by default."""
         if self.ends is not None:
             return self.ends
         given = self._lengths(snap.units)

@@ -20,7 +20,7 @@ Window = tuple[Array, Array]
 
 
 def on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics | None = None) -> Binned:
-    """Return the fields [ix, iy] of a snapshot in the frame of its centre."""
+    """Return the fields [ix, iy] of a snapshot, which is in the frame of its centre."""
     periodic = repeats(snap) and np.array_equal(window, (snap.lower, snap.upper))
     return Binned(snap, lambda kind: square_window(snap.species[kind].pos, window, pixels, periodic), optics)
 
