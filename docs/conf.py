@@ -11,7 +11,7 @@ project = "discsim"
 author = copyright = "the discsim developers"
 version = release = discsim.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "pages"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "pages"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "off" if "quick" in tags else "force"  # noqa: F821 - of Sphinx

@@ -42,8 +42,8 @@ class Places(NamedTuple):
     """Position data of a kick: members of blocks, and the stencil of every cell and node.
 
     Arrays are as in `Cells` and `Nodes` of `kernels/drag/tsc/nodes.py`. slots: total number of slots, one for each
-    species that is present in a block. rows (blocks times populations + 1,), of gas and of dust: number of rows of LANES
-    particles before those of each population in each block; the gas is one population.
+    species that is present in a block. rows (blocks times populations + 1,), of gas and of dust: number of rows of
+    LANES particles before those of each population in each block; the gas is one population.
     """
 
     blocks: Blocks
