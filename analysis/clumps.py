@@ -28,7 +28,7 @@ RINGS = 12
 THRESHOLD = 10.0
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
@@ -100,10 +100,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         files = sorted((given.directory / "snapshots").glob("*.h5"))
         if not files:
-            raise Fault(f"{given.directory}: no snapshots here; expected the output directory of a run")
+            raise InputError(f"{given.directory}: no snapshots here; expected the output directory of a run")
         run = [read_snapshot(file) for file in files]
         if run[0].dimensions != 2 or run[0].gas is None:
-            raise Fault(f"{given.directory}: no gas in two dimensions here; expected the run of a disc")
+            raise InputError(f"{given.directory}: no gas in two dimensions here; expected the run of a disc")
         console = Console(width=130)
         edges = np.quantile(run[0].gas.radius, np.linspace(0.02, 0.98, RINGS + 1))
         table = Table("time", *(f"{kind} A{m}" for kind in run[0].species for m in MODES))
@@ -122,7 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
         for clump in found:
             table.add_row(*(f"{value:.4g}" for value in clump.values()))
         console.print(f"{len(found)} clumps at t = {run[-1].time:.4g} (code units)", table)
-    except (Fault, SnapshotError, OSError) as error:
+    except (InputError, SnapshotError, OSError) as error:
         print(f"clumps: {error}", file=sys.stderr)
         return 2
     return 0

@@ -31,7 +31,7 @@ from discsim.scene import Scene
 LEAST = 3  # snapshots through which a line is put
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
@@ -44,14 +44,14 @@ class Mode(NamedTuple):
 
 
 def mode_of(path: Path, scene: Scene, inner: float, outer: float) -> Mode:
-    """Return the mode of the gas between two radii. Raises Fault."""
+    """Return the mode of the gas between two radii. Raises InputError."""
     snap = read_snapshot(path)
     gas = snap.gas
     if gas is None or not scene.star:
-        raise Fault(f"{path}: expected gas about a star")
+        raise InputError(f"{path}: expected gas about a star")
     chosen = (gas.radius > inner) & (gas.radius < outer)
     if not chosen.any():
-        raise Fault(f"{path}: no gas between {inner:g} and {outer:g} (code units); expected other --inner and --outer")
+        raise InputError(f"{path}: no gas from {inner:g} to {outer:g} (code units); expected other --inner and --outer")
     r, pos, vel = gas.radius[chosen], gas.pos[chosen], gas.vel[chosen]
     radial = (pos * vel).sum(axis=1) / r
     speed = 2.0 * abs(np.mean(radial * (pos[:, 0] + 1j * pos[:, 1]) / r))
@@ -86,9 +86,9 @@ def main(arguments: list[str] | None = None) -> int:
         scene = load_scene(given.directory / "scene.toml")
         files = sorted((given.directory / "snapshots").glob("*.h5"))
         if not files:
-            raise Fault(f"{given.directory}: no snapshots here; expected the output directory of a run")
+            raise InputError(f"{given.directory}: no snapshots here; expected the output directory of a run")
         modes = [mode_of(file, scene, given.inner, given.outer) for file in files]
-    except (Fault, SceneError, SnapshotError, OSError) as error:
+    except (InputError, SceneError, SnapshotError, OSError) as error:
         print(f"eccentricity: {error}", file=sys.stderr)
         return 2
     show = scene.units.show

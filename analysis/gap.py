@@ -48,26 +48,29 @@ SHALLOW = 0.5  # share of the mass inside, above which a gap is no power law of 
 EDGE = 0.02  # of the largest Sigma of the start, below which a ring is beyond the disc's edge
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
 def snapshots_of(directory: Path) -> list[Path]:
-    """Snapshots of a run, in order. Raises Fault."""
+    """Snapshots of a run, in order. Raises InputError."""
     files = sorted((directory / "snapshots").glob("*.h5"))
     if not files:
-        raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+        raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
     return files
 
 
 def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float, float]:
-    """Of the only companion, places (times, 2) relative to the star, its mass and semi-major axis. Raises Fault."""
+    """Return positions (times, 2) of the only companion relative to the star, its mass and semi-major axis.
+
+    Raises InputError.
+    """
     path = directory / "companions.csv"
     if not path.exists():
-        raise Fault(f"{path}: not there; expected the output directory of a run with a companion")
+        raise InputError(f"{path}: not there; expected the output directory of a run with a companion")
     rows = list(csv.DictReader(read_text(path, most=LARGEST).splitlines()))
     if {row["number"] for row in rows} != {rows[0]["number"]}:
-        raise Fault(f"{path}: several companions; expected one")
+        raise InputError(f"{path}: several companions; expected one")
     columns = ("time", "x", "y", "mass", "semi_major_axis")
     when, x, y, mass, axis = (np.array([float(row[key]) for row in rows]) for key in columns)
     # The nearest row, and a linear step between two: rows are a small part of an orbit apart.
@@ -97,10 +100,10 @@ class Gap:
         files = snapshots_of(directory)
         self.first, last = read_snapshot(files[0]), read_snapshot(files[-1])
         if last.gas is None:
-            raise Fault(f"{directory}: no gas, which a gap is in")
+            raise InputError(f"{directory}: no gas, which a gap is in")
         self.scene = load_scene(directory / "scene.toml")
         if self.scene.table("alpha_viscosity") is None:
-            raise Fault(f"{directory}: no [alpha_viscosity], on which the depth of a gap depends")
+            raise InputError(f"{directory}: no [alpha_viscosity], on which the depth of a gap depends")
         _, self.mass, self.axis = companion_at(directory, [last.time])
         self.ratio = self.mass / self.scene.star.mass
         period = 2 * np.pi * np.sqrt(self.axis**3 / (self.scene.star.mass + self.mass))
@@ -260,7 +263,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         gap = Gap(given.directory, given.last, given.over)
         write(gap, given.output, given.directory.resolve().name)
-    except (Fault, SceneError, SnapshotError, OSError) as error:
+    except (InputError, SceneError, SnapshotError, OSError) as error:
         print(f"gap: {error}", file=sys.stderr)
         return 2
     return 0

@@ -41,7 +41,7 @@ Array = np.ndarray
 COURANT, SHOCKS = 0.5, 1.41  # share of the longest step; cells over which a shock is spread
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
@@ -290,14 +290,14 @@ def main(arguments: list[str] | None = None) -> int:
         scene = load_scene(scene_file(Path(given.scene)), given.set)
         for name in ("gas", "star", "companion", "alpha_viscosity", "damping"):
             if scene.table(name) is None:
-                raise Fault(f"{given.scene}: no [{name}]; expected a viscous disc with a planet and calm edges")
+                raise InputError(f"{given.scene}: no [{name}]; expected a viscous disc with a planet and calm edges")
         if not 0.0 < given.deep <= 1.0:
-            raise Fault(f"--deep {given.deep:g} is out of range; expected more than 0, and 1 at most")
+            raise InputError(f"--deep {given.deep:g} is out of range; expected more than 0, and 1 at most")
         if given.table is not None and scene.units.system != "code":
-            raise Fault(f"{given.scene}: --table has no units; expected a scene in code units")
+            raise InputError(f"{given.scene}: --table has no units; expected a scene in code units")
         if None in (scene.table("damping").inner, scene.table("damping").outer):
-            raise Fault(f"{given.scene}: [damping] has one zone; expected inner and outer")
-    except (Fault, SceneError, ShippedError, OSError) as error:
+            raise InputError(f"{given.scene}: [damping] has one zone; expected inner and outer")
+    except (InputError, SceneError, ShippedError, OSError) as error:
         print(f"gap_grid: {error}", file=sys.stderr)
         return 2
     grid = Grid(scene, given.rings, given.accretes, given.deep)

@@ -34,18 +34,18 @@ from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHED, quantile_radii, s
 FINE = 4  # rings in a given width of the smoothing, least
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
 def snapshots(directory: Path) -> list[Snapshot]:
-    """The snapshots of a run, all with dust in two dimensions. Raises Fault."""
+    """The snapshots of a run, all with dust in two dimensions. Raises InputError."""
     files = sorted((directory / "snapshots").glob("*.h5"))
     if not files:
-        raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+        raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
     found = [read_snapshot(file) for file in files]
     if found[0].dimensions != 2 or found[0].dust is None:
-        raise Fault(f"{directory}: no dust in two dimensions here; expected the run of a dusty disc")
+        raise InputError(f"{directory}: no dust in two dimensions here; expected the run of a dusty disc")
     return found
 
 
@@ -75,10 +75,10 @@ def rows_of(run: list[Snapshot], edges: np.ndarray, radii: np.ndarray, rings: fl
 
 
 def common(runs: list[list[Snapshot]]) -> list[list[Snapshot]]:
-    """The snapshots of all up to the shortest's end; those nearest in time to the first's. Raises Fault."""
+    """The snapshots of all up to the shortest's end; those nearest in time to the first's. Raises InputError."""
     first = runs[0]
     if any(vars(run[0].units) != vars(first[0].units) for run in runs):
-        raise Fault("the runs have different units; expected the same in all")
+        raise InputError("the runs have different units; expected the same in all")
     end = min(run[-1].time for run in runs) * (1 + 1e-9)
     chosen = [[snap for snap in first if snap.time <= end]]
     for run in runs[1:]:
@@ -181,7 +181,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         table = compare(given.runs, given.output, given.within, given.smooth)
-    except (Fault, SnapshotError, OSError) as error:
+    except (InputError, SnapshotError, OSError) as error:
         print(f"oneway_twoway: {error}", file=sys.stderr)
         return 2
     Console(width=200).print(table)

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from oneway_twoway import Fault, length, lengths, quantile_radii, ring, smoothed, snapshots
+from oneway_twoway import InputError, length, lengths, quantile_radii, ring, smoothed, snapshots
 from rich.console import Console
 from rich.table import Table
 
@@ -128,7 +128,7 @@ def row(
 
 
 def compare(directories: list[Path], out: Path, radii: list[float], width: float, cells: int) -> Table:
-    """Write the figure of the runs and their models; returns the table. Raises Fault."""
+    """Write the figure of the runs and their models; returns the table. Raises InputError."""
     table = Table("", "time", "r10", "r50", "r90", *(f"within {r:.3g}" for r in radii), "peak at")
     figure = Figure(figsize=(5 * len(directories), 4.0), layout="constrained")
     FigureCanvasAgg(figure)
@@ -136,7 +136,7 @@ def compare(directories: list[Path], out: Path, radii: list[float], width: float
     for directory, ax in zip(directories, panels, strict=True):
         run, scene = snapshots(directory), load_scene(directory / "scene.toml")
         if not scene.drag or scene.initial.kind not in ("steady", "disc") or len(scene.dust) != 1:
-            raise Fault(
+            raise InputError(
                 f'{directory}: no model of this; expected a "disc" or "steady" start with drag and one population'
             )
         model, start = Model(scene, cells), run[0].dust.mass.sum()
@@ -175,7 +175,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         table = compare(given.runs, given.output, given.within, given.smooth, given.cells)
-    except (Fault, SceneError, SnapshotError, OSError) as error:
+    except (InputError, SceneError, SnapshotError, OSError) as error:
         print(f"radial_model: {error}", file=sys.stderr)
         return 2
     Console(width=200).print(table)

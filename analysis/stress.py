@@ -40,7 +40,7 @@ BLOCKS = 4
 COLUMNS = ("time", "radius", "sigma", "pressure", "reynolds", "gravity", "excess")
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
@@ -137,10 +137,10 @@ def figure(found: list[Rings], edges: np.ndarray, wanted: float | None) -> Figur
 def read(directory: Path) -> list[Snapshot]:
     files = sorted((directory / "snapshots").glob("*.h5"))
     if not files:
-        raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+        raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
     run = [read_snapshot(file) for file in files]
     if run[0].gas is None or run[0].dimensions != 2 or "self_gravity" not in run[0].tables:
-        raise Fault(f"{directory}: no self-gravitating gas in two dimensions; expected a disc with [self_gravity]")
+        raise InputError(f"{directory}: no self-gravitating gas in two dimensions; expected a disc with [self_gravity]")
     return run
 
 
@@ -158,15 +158,15 @@ def main(arguments: list[str] | None = None) -> int:
         usual = np.quantile(run[0].gas.radius, (0.2, 0.8))
         inner, outer = given.inner or usual[0], given.outer or usual[1]
         if not 0.0 < inner < outer:
-            raise Fault(f"radii from {inner:g} to {outer:g} are no range; expected --outer above --inner")
+            raise InputError(f"radii from {inner:g} to {outer:g} are no range; expected --outer above --inner")
         edges = np.linspace(inner, outer, RINGS + 1)
         scene = load_scene(run[-1].tables)
         if scene.star is None:
-            raise Fault(f"{given.directory}: no star to orbit; expected a disc with [star]")
+            raise InputError(f"{given.directory}: no star to orbit; expected a disc with [star]")
         orbit = 2.0 * np.pi / float(kepler_omega(scene, 0.5 * (inner + outer)))
         found = [rings_of(snap, edges) for snap in run if snap.time > run[-1].time - given.orbits * orbit]
         report(given.output or given.directory, found, edges, expected(run[-1]), orbit)
-    except (Fault, SnapshotError, OSError) as error:
+    except (InputError, SnapshotError, OSError) as error:
         print(f"stress: {error}", file=sys.stderr)
         return 2
     return 0

@@ -29,7 +29,7 @@ CURVES = 5  # times in the figure of profiles
 PIXELS = 480
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
@@ -39,11 +39,11 @@ class Run:
     def __init__(self, directory: Path, rings: int) -> None:
         files = sorted((directory / "snapshots").glob("*.h5"))
         if not files:
-            raise Fault(f"{directory}: no snapshots here; expected the output directory of a run")
+            raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
         self.name = directory.resolve().name
         self.last = read_snapshot(files[-1])
         if self.last.dimensions != 2:
-            raise Fault(f"{directory}: a run in one dimension has no surface density")
+            raise InputError(f"{directory}: a run in one dimension has no surface density")
         first = read_snapshot(files[0])
         self.edges = np.linspace(0, _reach(first), rings + 1)
         snapshots = [
@@ -81,7 +81,7 @@ def _reach(snap: Snapshot) -> float:
     """The radius that holds all but half a per cent of the particles, and a little more for what spreads."""
     radii = [particles.radius for particles in snap.species.values() if particles.count]
     if not radii:
-        raise Fault("the first snapshot holds no particles")
+        raise InputError("the first snapshot holds no particles")
     return 1.15 * max(float(np.quantile(radius, 0.995)) for radius in radii)
 
 
@@ -190,7 +190,7 @@ def main(arguments: list[str] | None = None) -> int:
                 FigureCanvasAgg(figure)
                 figure.savefig(into / f"{run.name}-{name}.png", dpi=130)
             print(f"{directory}: {len(run.times)} snapshots -> {into}/{run.name}-*.png, {run.name}-profiles.csv")
-    except (Fault, SnapshotError, OSError) as error:
+    except (InputError, SnapshotError, OSError) as error:
         print(f"surface_density: {error}", file=sys.stderr)
         return 2
     return 0

@@ -45,7 +45,7 @@ PROBE = 1e-3  # of the planet's mass, below which a companion is a probe
 SLOPE = 1e-3  # of the orbit, over which the slope of Sigma is taken
 
 
-class Fault(Exception):
+class InputError(Exception):
     """Something the user can put right; the message says what."""
 
 
@@ -70,10 +70,10 @@ def theory(p: float, index: float, softening: float) -> tuple[float, float]:
 
 
 def torque(directory: Path, start: float) -> Torque:
-    """The torque by the gas from the orbit `start` on. Raises Fault."""
+    """The torque by the gas from the orbit `start` on. Raises InputError."""
     path = directory / "companions.csv"
     if not path.exists():
-        raise Fault(f"{path}: not there; expected the output directory of a run with a companion")
+        raise InputError(f"{path}: not there; expected the output directory of a run with a companion")
     scene = load_scene(directory / "scene.toml")
     rows = list(csv.DictReader(read_text(path, most=LARGEST).splitlines()))
     table = np.array([[float(row[key]) for key in COLUMNS] for row in rows])
@@ -81,7 +81,7 @@ def torque(directory: Path, start: float) -> Torque:
     masses = np.array([own[-1, MASS] for own in of_each])
     planet = int(masses.argmax())
     if np.any(np.delete(masses, planet) > PROBE * masses[planet]):
-        raise Fault(f"{path}: several companions; expected one, and others of less than {PROBE:g} of its mass")
+        raise InputError(f"{path}: several companions; expected one, and others of less than {PROBE:g} of its mass")
     a, q = of_each[planet][0, AXIS], masses[planet] / scene.star.mass
     omega = float(kepler_omega(scene, a))
     sigma = profile.radial(scene).surface_density(a * np.array([1.0 - SLOPE, 1.0, 1.0 + SLOPE]))
@@ -90,7 +90,7 @@ def torque(directory: Path, start: float) -> Torque:
     found = [_means(own, omega, unit * mass / masses[planet], start) for own, mass in zip(of_each, masses, strict=True)]
     means, row = found[planet]
     if len(means) < 2:
-        raise Fault(f"{directory}: {len(means)} orbits from --from {start:g} on; expected two at least")
+        raise InputError(f"{directory}: {len(means)} orbits from --from {start:g} on; expected two at least")
     probes = [own.mean() for k, (own, _) in enumerate(found) if k != planet]
     depth = softening(scene, scene.table("companion")[planet], a) / (aspect * a)
     slope = float((sigma[0] - sigma[2]) / (2.0 * SLOPE * sigma[1]))
@@ -135,7 +135,7 @@ def main(arguments: list[str] | None = None) -> int:
             needed = particles * noise / (0.1 * abs(found.horseshoe))
             numbers = [f"{value:.3g}" for value in found[:-1]]
             table.add_row(directory.resolve().name, str(particles), *numbers, str(found.orbits), f"{needed:.1g}")
-    except (Fault, SceneError, OSError) as error:
+    except (InputError, SceneError, OSError) as error:
         print(f"torque: {error}", file=sys.stderr)
         return 2
     Console(width=130).print(table)

@@ -138,7 +138,7 @@ def sweep(
     from discsim.output.snapshot import SnapshotError
     from discsim.scene import SceneError
     from discsim.study.points import StudyError, Varied
-    from discsim.study.sweep import RunFailed, Sweep
+    from discsim.study.sweep import RunError, Sweep
 
     directory = output or Path("runs") / f"{scene.stem}-sweep"
     fault = directory_fault(directory, resume=False)
@@ -152,7 +152,7 @@ def sweep(
             made.make(loaded.title or printable(scene), parallel, console)
     except (SceneError, StudyError, DirectoryError, SnapshotError) as wrong:
         refuse(str(wrong))
-    except RunFailed as failed:
+    except RunError as failed:
         raise SystemExit(failed.status) from None
     except OSError as error:
         refuse(system_message(error, "read or written", directory), NOT_WRITTEN)

@@ -33,7 +33,7 @@ LARGEST = 1e150  # its square does not overflow
 MASSES = 1e12  # heaviest over lightest gas particle; beyond, sums lose the light ones and time steps collapse
 
 
-class _Fault(Exception):
+class _ArrayError(Exception):
     """A problem of one array."""
 
 
@@ -106,7 +106,7 @@ def _species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array], lis
             continue
         try:
             arrays[key] = _array(scene, name, key, given[key], count)
-        except _Fault as fault:
+        except _ArrayError as fault:
             faults.append(f"{key}{fault}")
             continue
         count = len(arrays[key]) if count is None else count
@@ -127,7 +127,7 @@ def _missing(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tupl
 
 
 def _array(scene: Scene, name: str, key: str, values: Any, count: int | None) -> Array:
-    """Return one array in code units; `count` is the number of particles if known. Raises _Fault."""
+    """Return one array in code units; `count` is the number of particles if known. Raises _ArrayError."""
     array = _numbers(scene, key, values)
     dim = scene.space.dimensions
     n = "n" if count is None else str(count)
@@ -136,7 +136,7 @@ def _array(scene: Scene, name: str, key: str, values: Any, count: int | None) ->
         array = np.full(count or 0, float(array))
     ends = (dim,) if key in ("pos", "vel") else ()
     if array.ndim < 1 or array.shape[1:] != ends or len(array) == 0 or (count is not None and len(array) != count):
-        raise _Fault(f" has shape {array.shape}; expected {wanted}")
+        raise _ArrayError(f" has shape {array.shape}; expected {wanted}")
     if key == "immobile":
         return _checked(array, (array == 0) | (array == 1), "true or false").astype(bool)
     if key == "species":
@@ -157,7 +157,7 @@ def _array(scene: Scene, name: str, key: str, values: Any, count: int | None) ->
 
 
 def _numbers(scene: Scene, key: str, values: Any) -> Array:
-    """Return a C-ordered float copy in code units, as kernels need it. Raises _Fault."""
+    """Return a C-ordered float copy in code units, as kernels need it. Raises _ArrayError."""
     # In 1D a mass is a column: mass over area.
     measure = MEASURE.get(key, "mass" if scene.space.dimensions == 2 else "surface_density")
     plain = key in ("species", "immobile")
@@ -169,9 +169,9 @@ def _numbers(scene: Scene, key: str, values: Any) -> Array:
             raise TypeError
         return np.array(array, float, order="C")
     except UnitError as error:
-        raise _Fault(f": {error}") from None
+        raise _ArrayError(f": {error}") from None
     except (TypeError, ValueError):
-        raise _Fault(f": {_brief(values)} cannot be read as an array of numbers") from None
+        raise _ArrayError(f": {_brief(values)} cannot be read as an array of numbers") from None
 
 
 def _checked(array: Array, right: Array, words: str) -> Array:
@@ -179,7 +179,7 @@ def _checked(array: Array, right: Array, words: str) -> Array:
         return array
     index = tuple(int(i) for i in np.argwhere(~right)[0])
     place = ", ".join(str(i) for i in index)
-    raise _Fault(f"[{place}] is {array[index]:g}; expected {words}")
+    raise _ArrayError(f"[{place}] is {array[index]:g}; expected {words}")
 
 
 def _together(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str]:

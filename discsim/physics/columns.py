@@ -123,7 +123,7 @@ def _read(value: Any, info: ValidationInfo) -> Columns | None:
         names, factors = _header(lines, units_of(info))
         rows = [_row(number, line, names) for number, line in lines[1:] if line[0] != "#"]
         _check(names, rows, factors)
-    except _Wrong as wrong:
+    except _RowError as wrong:
         raise fault(f"{found.path}{wrong}") from None
     table = np.array([row for _, row in rows]).T * np.array(factors)[:, None]
     return Columns(found.path, found.digest, dict(zip(names, table, strict=True)), units_of(info).system != "code")
@@ -132,7 +132,7 @@ def _read(value: Any, info: ValidationInfo) -> Columns | None:
 ColumnsFile = Annotated[Any, BeforeValidator(_read), Words("path of a text file, relative to the scene's folder")]
 
 
-class _Wrong(Exception):
+class _RowError(Exception):
     """A problem of the file; the message begins with the line number."""
 
 
@@ -145,26 +145,26 @@ def _wanted(units: Units) -> str:
 def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list[float]]:
     """Return the names of the columns, and the factors that convert their numbers to code units."""
     if not lines:
-        raise _Wrong(f": empty; expected {_wanted(units)}, and rows of numbers below")
+        raise _RowError(f": empty; expected {_wanted(units)}, and rows of numbers below")
     number, line = lines[0]
     text = line.lstrip("# \t")
     found = COLUMN.findall(text)
     if COLUMN.sub("", text) or not any(word.lower() in NAMES for word, _ in found):
-        raise _Wrong(f":{number}: no header of a table; expected {_wanted(units)}")  # shows no text of other files
+        raise _RowError(f":{number}: no header of a table; expected {_wanted(units)}")  # shows no text of other files
     names, factors = [], []
     for word, unit in found:
         name = NAMES.get(word.lower())
         if name is None or name in names:
             wrong = "unknown" if name is None else "there twice"
-            raise _Wrong(f':{number}: column "{clipped(word)}" is {wrong}; expected each of {EACH} once')
+            raise _RowError(f':{number}: column "{clipped(word)}" is {wrong}; expected each of {EACH} once')
         try:
             factors.append(_factor(name, unit.strip(), units))
         except UnitError as error:
-            raise _Wrong(f":{number}: column {word}: {error}") from None
+            raise _RowError(f":{number}: column {word}: {error}") from None
         names.append(name)
     for name in ("r", "Sigma"):
         if name not in names:
-            raise _Wrong(f":{number}: no column {name}; expected {_wanted(units)}")
+            raise _RowError(f":{number}: no column {name}; expected {_wanted(units)}")
     return names, factors
 
 
@@ -190,25 +190,25 @@ def _row(number: int, line: str, names: list[str]) -> tuple[int, list[float]]:
         try:
             row.append(float(entry))
         except ValueError:
-            raise _Wrong(f':{number}: "{clipped(entry)}" is not a number; expected {", ".join(names)}') from None
+            raise _RowError(f':{number}: "{clipped(entry)}" is not a number; expected {", ".join(names)}') from None
     if len(row) != len(names):
-        raise _Wrong(f":{number}: {len(row)} numbers; expected {len(names)}: {', '.join(names)}")
+        raise _RowError(f":{number}: {len(row)} numbers; expected {len(names)}: {', '.join(names)}")
     return number, row
 
 
 def _check(names: list[str], rows: list[tuple[int, list[float]]], factors: list[float]) -> None:
     if len(rows) < 2:
-        raise _Wrong(f": {len(rows)} rows; expected two at least, from the inner edge to the outer one")
+        raise _RowError(f": {len(rows)} rows; expected two at least, from the inner edge to the outer one")
     before = 0.0
     for number, row in rows:
         for name, entry, factor in zip(names, row, factors, strict=True):
             least = 0.0 if name == "ratio" else 1.0 / LARGEST
             if not math.isfinite(entry) or not least <= entry * factor <= LARGEST:
                 words = "0 or more" if name == "ratio" else "a positive number"
-                raise _Wrong(f":{number}: {name} = {entry:g} is out of range; expected {words}")
+                raise _RowError(f":{number}: {name} = {entry:g} is out of range; expected {words}")
         r = row[names.index("r")]
         if r <= before:
-            raise _Wrong(f":{number}: r = {r:g} is not beyond {before:g} of the row before; expected rising radii")
+            raise _RowError(f":{number}: r = {r:g} is not beyond {before:g} of the row before; expected rising radii")
         before = r
     if "ratio" in names and not any(row[names.index("ratio")] > 0.0 for _, row in rows):
-        raise _Wrong(": the ratio is 0 everywhere; expected dust somewhere, or no such column")
+        raise _RowError(": the ratio is 0 everywhere; expected dust somewhere, or no such column")

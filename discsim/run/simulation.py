@@ -130,9 +130,7 @@ class Simulation(Summarised):
 
     @property
     def costs(self) -> Costs:
-        """CPU seconds (`seconds`), calls (`calls`) and shares (`shares`) of the effects, by the names of their
-        tables.
-        """
+        """Cost of each effect, by the name of its table: `seconds` (CPU), `calls` and `shares`."""
         return self.operators.costs
 
     @costs.setter
@@ -323,9 +321,7 @@ class Simulation(Summarised):
 
     @contextmanager
     def closed(self) -> Iterator[State]:
-        """Yield the state itself with its closing kick made, for outputs that only read it, without an effect on the
-        run.
-        """
+        """Yield the state with its closing kick made, for outputs that only read it; the run is unaffected."""
         self._prepare()
         state = self._open = self.state
         try:
@@ -408,8 +404,9 @@ class Simulation(Summarised):
         write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
     def contents(self) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Scalar]]:
-        """Return arrays by group and single values of a checkpoint of the present state. Raises PhysicsError as
-        `save`.
+        """Return arrays by group and single values of a checkpoint of the present state.
+
+        Raises PhysicsError as `save`.
         """
         if self._open is None and not self._fresh:
             self._prepare()
@@ -489,8 +486,9 @@ class Simulation(Summarised):
 
     @contextmanager
     def _whole(self) -> Iterator[None]:
-        """Protect a step from interruption: the first Ctrl-C waits for the end, unless the caller has its own
-        handler.
+        """Protect a step from interruption: the first Ctrl-C waits for the end of the step.
+
+        A handler of the caller's own stays in force.
 
         A second Ctrl-C raises KeyboardInterrupt at once, or after other threads have ended their loops. The state is
         then between two times, and nothing can continue from it.

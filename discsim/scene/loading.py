@@ -101,7 +101,7 @@ class Scene(Summarised, BaseModel):
 
     @property
     def centred(self) -> bool:
-        """Whether the origin is the middle of space, which holds for an open boundary.
+        """True if the origin is the middle of space, as it is with an open boundary.
 
         In a periodic box the origin is the lower left corner.
         """

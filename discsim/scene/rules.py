@@ -32,14 +32,14 @@ Problem = tuple[tuple[str | int, ...], str]
 Rule = Callable[["Draft"], Iterator[Problem]]
 
 
-class Faulty(Exception):
+class InvalidTableError(Exception):
     """Error for access to a table that the scene has but that is invalid."""
 
 
 class Draft:
     """The valid tables of a scene, as attributes; None if the scene has no such table.
 
-    An attribute whose table is invalid raises `Faulty`.
+    An attribute whose table is invalid raises `InvalidTableError`.
     """
 
     def __init__(self, raw: dict[str, Any], tables: dict[str, Any]) -> None:
@@ -48,7 +48,7 @@ class Draft:
 
     def __getattr__(self, name: str) -> Any:
         if name in self._raw and name not in self._tables:
-            raise Faulty(name)
+            raise InvalidTableError(name)
         return self._tables.get(name)
 
     def has(self, name: str) -> bool:
@@ -79,7 +79,7 @@ class Draft:
 
     @property
     def one_way_beside_gas(self) -> bool:
-        """Whether the scene has gas, and drag that acts on the dust only."""
+        """True if the scene has gas, and drag that acts on the dust only."""
         return self.has("gas") and self.drag is not None and self.drag.direction == "one-way"
 
     @property
@@ -98,7 +98,7 @@ def broken_rules(draft: Draft) -> list[Problem]:
     for rule in (*RULES, *_rules_of_parts(draft)):
         try:
             problems.extend(rule(draft))
-        except Faulty:
+        except InvalidTableError:
             continue
     return problems
 
@@ -108,13 +108,13 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
     for name in EFFECTS:
         if draft.has(name):
             yield from EFFECTS[name].rules
-    with suppress(Faulty):
+    with suppress(InvalidTableError):
         if draft.start:
             yield from draft.start.rules
-    with suppress(Faulty):
+    with suppress(InvalidTableError):
         if draft.eos:
             yield from draft.eos.rules
-    with suppress(Faulty):
+    with suppress(InvalidTableError):
         if draft.drag:
             yield from (*SCHEMES[draft.drag.scheme].rules, *LAWS[draft.drag.law].rules)
 

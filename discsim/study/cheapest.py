@@ -28,9 +28,9 @@ from discsim.study.cost import WIDTH
 from discsim.study.knobs import Knobs
 from discsim.study.measures import Measure, Run, mean_of, measures_of
 from discsim.study.points import Settings, StudyError, Varied, label_of, percent
-from discsim.study.runs import RUNS, Late, Limits, Runs, Say
+from discsim.study.runs import RUNS, DeadlineError, Limits, Runs, Say
 from discsim.study.search import Search
-from discsim.study.trials import Measured, Place, Spent, Trial
+from discsim.study.trials import BudgetError, Measured, Place, Trial
 
 _FRACTION = re.compile(r"[0-9]*\.[0-9]+")
 SCENE = "scene"  # argument of --error for the scene's own error
@@ -112,7 +112,7 @@ class Workshop:
         return self.knobs.settings(place) is not None
 
     def run(self, places: Sequence[Place], number: int = 1, most: float = math.inf) -> None:
-        """Run each place with `number` seeds. Raises Spent.
+        """Run each place with `number` seeds. Raises BudgetError.
 
         A run is given up after `most` CPU seconds; its trial is then stopped.
         """
@@ -147,7 +147,7 @@ class Workshop:
         return settings | ({"run.seed": str(self.seed + seed)} if seed else {})
 
     def found(self, wanted: Sequence[Settings], most: float = math.inf) -> list[Run]:
-        """Return a run for each of the settings: recorded, or run and recorded now. Raises Spent after the deadline."""
+        """Return a run for each of the settings, recorded or made now. Raises BudgetError after the deadline."""
         todo = [each for each in wanted if not self._is_kept(each, most)]
         if self.parallel == 1:
             for each in todo:
@@ -166,18 +166,18 @@ class Workshop:
         return run is not None and ("most" not in run or most <= 1.5 * run["most"])
 
     def _made(self, todo: Sequence[Settings], most: float) -> None:
-        """Make and record runs. Raises Spent after the deadline."""
+        """Make and record runs. Raises BudgetError after the deadline."""
         if time.monotonic() > self.deadline:
-            raise Spent
+            raise BudgetError
         try:
             limits = Limits(most, self.deadline)
             for settings, run in zip(todo, self.runs.made(todo, self.say, self.parallel, limits), strict=True):
                 self.kept[_key(settings)] = run
                 self.runs.keep(settings, run)
                 self.say(f"  {in_words(settings)}: {self._words(run)}")
-        except Late as late:
+        except DeadlineError as late:
             self.cpu += late.cpu
-            raise Spent from None
+            raise BudgetError from None
 
     def _words(self, run: Run) -> str:
         if "stopped" in run:
@@ -255,7 +255,7 @@ class Cheapest:
         say("knobs: " + ", ".join(knob.name for knob in self.knobs.all))
         try:
             self._search(say)
-        except Spent:
+        except BudgetError:
             self.ended = f"the budget of {clock(self.wanted.budget)} is used up"
             trials = [t for t in self._bench.trials.values() if t.runs and t.error <= self.goal]
             self.found = min(trials, key=lambda trial: trial.cpu, default=None)

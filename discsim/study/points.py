@@ -94,7 +94,7 @@ class Point:
 
     @property
     def done(self) -> bool:
-        """Whether the combination has a finished run."""
+        """True if the combination has a finished run."""
         return bool(self.runs) and "stopped" not in self.runs[0]
 
     @property

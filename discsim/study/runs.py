@@ -35,7 +35,7 @@ class Limits(NamedTuple):
     deadline: float = float("inf")
 
 
-class Late(Exception):
+class DeadlineError(Exception):
     """The deadline passed during a run, which is not recorded. `cpu` has the CPU seconds used."""
 
     def __init__(self, cpu: float = 0.0) -> None:
@@ -92,7 +92,7 @@ class Runs:
     def made(
         self, todo: Sequence[Settings], say: Say, parallel: int = 1, limits: Limits | None = None
     ) -> Iterator[dict[str, Any]]:
-        """Make these runs, `parallel` at a time, and yield their results. Raises Late at the deadline.
+        """Make these runs, `parallel` at a time, and yield their results. Raises DeadlineError at the deadline.
 
         With `parallel` = 1 a run starts when its result is requested, so that the caller can skip it.
         """
@@ -124,15 +124,15 @@ def one_run(
 ) -> dict[str, Any]:
     """Run a scene and measure it: CPU seconds, steps, particle updates, errors, profiles, drifts.
 
-    After any exception of the start, steps or measures the result has the key "stopped" with the reason. Raises Late
-    at the deadline.
+    After any exception of the start, steps or measures the result has the key "stopped" with the reason. Raises
+    DeadlineError at the deadline.
     """
     from discsim.run.simulation import PhysicsError
 
     begun = [time.process_time()]  # CPU time at the start of the run, then of its steps
     try:
         return _measured(path, overrides, without, limits or Limits(), say, begun)
-    except Late:
+    except DeadlineError:
         raise
     except PhysicsError as fault:
         stopped = f"stopped by the physics: {fault}"
@@ -161,7 +161,7 @@ def _measured(
     def count() -> bool:
         updates[0] += sum(p.count for p in sim.state.species.values())
         if time.monotonic() > limits.deadline:
-            raise Late(time.process_time() - begun[-1])
+            raise DeadlineError(time.process_time() - begun[-1])
         if say is not None and time.monotonic() > due[0]:
             due[0] = time.monotonic() + LINE_EVERY
             say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of the time")

@@ -98,7 +98,7 @@ class Search:
         return [trial for trial in self.bench.trials.values() if trial.runs]
 
     def run(self) -> Trial | None:
-        """Return the cheapest trial that reaches the goal; None if the search found none. Raises Spent."""
+        """Return the cheapest trial that reaches the goal; None if the search found none. Raises BudgetError."""
         if not self._begin():
             return None
         if self.here.scatter > 0.0:

@@ -38,7 +38,7 @@ GIVEN_UP = {
 REACHED = 1e-9  # relative tolerance of the end time
 
 
-class RunFailed(Exception):
+class RunError(Exception):
     """A run could not be made, and has printed the reason. `status` is its exit status."""
 
     def __init__(self, status: int) -> None:
@@ -73,7 +73,7 @@ class Sweep:
         """Make the unfinished runs, and write the table and the figure of all runs.
 
         A run that fails, or that its start refuses, is reported and left out. Raises SceneError if the directory has
-        runs of other scenes, DirectoryError if one cannot be read, and RunFailed if no run could be made. Raises
+        runs of other scenes, DirectoryError if one cannot be read, and RunError if no run could be made. Raises
         KeyboardInterrupt after the running runs have written their checkpoints.
         """
         self._refuse_others()
@@ -84,14 +84,14 @@ class Sweep:
             if status > INTERRUPTED:
                 raise KeyboardInterrupt
             if status != DONE and status not in GIVEN_UP:
-                raise RunFailed(status)
+                raise RunError(status)
             given_up += [status] if status in (REFUSED, FAILED) else []
             point = self.points[number]
             point.runs = [self._result(number, status)]
             say(f"{number + 1}/{len(self.points)}  {label_of(point.settings)}: {self._words(point)}")
             self.write()
         if len(given_up) == len(self.points):
-            raise RunFailed(given_up[0])
+            raise RunError(given_up[0])
         from discsim.study.sweepfigure import sweep_figure  # imported here, as it is slow
 
         with written(self.directory / "sweep.png", ".png") as temporary:

@@ -57,14 +57,14 @@ class Trial:
         return stdev(run.error for run in self.runs) if len(self.runs) > 1 else 0.0
 
 
-class Spent(Exception):
+class BudgetError(Exception):
     """The budget of wall-clock time is used up."""
 
 
 class Bench(Protocol):
     """Protocol of the runner of a search.
 
-    `run` gives each place `number` results, or the reason for none. Raises Spent.
+    `run` gives each place `number` results, or the reason for none. Raises BudgetError.
     """
 
     trials: dict[Place, Trial]

@@ -120,7 +120,7 @@ def test_probes_show_the_noise(tmp_path):
     assert found.mean == pytest.approx(-2.5) and found.error < 1e-12
     assert found.probes == pytest.approx(np.sqrt(np.mean(means**2)))
     heavy = [(t, k, 1e-3, *rest) for t, k, _, *rest in rows]
-    with pytest.raises(script("torque").Fault, match="several companions"):
+    with pytest.raises(script("torque").InputError, match="several companions"):
         script("torque").torque(run_of(tmp_path / "two", heavy), 2.0)
 
 

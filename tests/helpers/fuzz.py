@@ -61,7 +61,7 @@ SIZES = {
 SKIPPED = ("kind", "checkpoint_every", "walltime", "precision", "quiet")
 
 
-class Stuck(Exception):
+class StuckError(Exception):
     """A scene that does not end."""
 
 
@@ -294,7 +294,7 @@ def _spoil(rng: Any, scene: dict) -> None:
 @contextmanager
 def no_longer_than(seconds: int) -> Iterator[None]:
     def stop(number: int, frame: Any) -> None:
-        raise Stuck(f"no end after {seconds} s")
+        raise StuckError(f"no end after {seconds} s")
 
     before = signal.signal(signal.SIGALRM, stop)
     signal.alarm(seconds)
@@ -306,7 +306,7 @@ def no_longer_than(seconds: int) -> Iterator[None]:
 
 
 def outcome(scene: dict) -> str:
-    """How a scene ends: "ran", "SceneError" or "PhysicsError". Anything else is raised, Stuck among it."""
+    """How a scene ends: "ran", "SceneError" or "PhysicsError". Anything else is raised, StuckError among it."""
     with no_longer_than(PATIENCE):
         return _outcome(scene)
 

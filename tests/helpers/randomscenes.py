@@ -80,7 +80,7 @@ LEFT_OUT = {
 }  # fmt: skip
 
 
-class Stuck(Exception):
+class StuckError(Exception):
     """A scene that does not end."""
 
 
@@ -579,7 +579,7 @@ def outcome(seed: int, folder: Path, patch: pytest.MonkeyPatch) -> str:
 @contextmanager
 def no_longer_than(seconds: int) -> Iterator[None]:
     def stop(number: int, frame: Any) -> None:
-        raise Stuck(f"no end after {seconds} s of CPU")
+        raise StuckError(f"no end after {seconds} s of CPU")
 
     before = signal.signal(signal.SIGPROF, stop)
     signal.setitimer(signal.ITIMER_PROF, seconds)  # of CPU: a busy machine takes longer

@@ -16,7 +16,7 @@ from discsim.study import runs as study_runs
 from discsim.study.cheapest import Cheapest, Wanted
 from discsim.study.errors import measure_of
 from discsim.study.frontier import _own, powers
-from discsim.study.runs import Late
+from discsim.study.runs import DeadlineError
 from discsim.study.trials import Measured, Trial
 
 FEW = [
@@ -180,7 +180,7 @@ def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
 
     def late(*arguments):
         if len(made) == 6:
-            raise Late(0.5)
+            raise DeadlineError(0.5)
         return once(*arguments)
 
     monkeypatch.setattr(study_runs, "one_run", late)
@@ -238,7 +238,7 @@ def test_a_killed_process_of_runs_is_one_message(wave, tmp_path, monkeypatch):
 def test_a_run_ends_at_its_limits(wave):
     given_up = study_runs.one_run(wave, [], [], study_runs.Limits(cpu=0.0))
     assert "given up" in given_up["stopped"]
-    with pytest.raises(Late):
+    with pytest.raises(DeadlineError):
         study_runs.one_run(wave, [], [], study_runs.Limits(deadline=0.0))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discsim.study.search import Search
-from discsim.study.trials import Measured, Spent, Trial
+from discsim.study.trials import BudgetError, Measured, Trial
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Model:
                 cpu, error = self.true(place)
                 cpu *= math.exp(self.timing * self.rng.normal())
                 if self.spent + min(cpu, most) > self.budget:
-                    raise Spent
+                    raise BudgetError
                 self.spent += min(cpu, most)
                 if cpu > most:
                     trial.stopped = "given up"
@@ -183,7 +183,7 @@ def test_where_the_scene_itself_gives_no_result_none_is_found():
 
 def test_the_budget_is_kept():
     model = Model((PARTICLES, STEP), budget=5.0)
-    with pytest.raises(Spent):
+    with pytest.raises(BudgetError):
         found_in(model, 1e-4, (-6, 0))
     assert model.spent <= 5.0
 
