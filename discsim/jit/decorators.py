@@ -1,19 +1,20 @@
 """Decorators of compiled functions: `njit` with the options that kernels need.
 
-    compiled     a kernel that Python calls
-    subroutine   a function that only compiled code calls
-    inner        a subroutine that is inlined into its callers
-    lean         a kernel that makes no arrays
-    making       a function that makes arrays and is called by lean ones
-    lean_sums    a lean kernel with sums over neighbours, in double precision; lean_sums_in_single in single precision
-    compiled_sums    a kernel with such sums that makes arrays
+    jit               a kernel, which Python calls
+    jit_subroutine    a function that only compiled code calls
+    inline_jit        a subroutine that is inlined into its callers
+    jit_no_alloc      a kernel that makes no arrays
+    jit_alloc         a function that makes arrays, called by functions that make none
+    jit_sums          a kernel with sums over neighbours, without arrays of its own, in double precision
+    jit_sums_single   the same in single precision
+    jit_sums_alloc    a kernel with such sums that makes arrays
 
 A process that compiles a function may call another copy of a callee than a process that loads the function from disk.
-Their results then differ in the last bits. Functions that are `inner` have no separate copy.
+Their results then differ in the last bits. Functions that are `inline_jit` have no separate copy.
 
-`inner` and `lean` functions do not count references to arrays. numba otherwise counts one at each access to a tuple
-of arrays, an atomic operation that costs more than the work for a particle. These functions therefore make no arrays
-and return none. A kernel that needs scratch arrays makes them once for its chunk of the loop.
+`inline_jit` and `jit_no_alloc` functions do not count references to arrays. numba otherwise counts one at each access
+to a tuple of arrays, an atomic operation that costs more than the work for a particle. These functions therefore make
+no arrays and return none. A kernel that needs scratch arrays makes them once for its chunk of the loop.
 """
 
 from collections.abc import Callable
@@ -26,14 +27,14 @@ from discsim.jit.single import SingleCompiler
 
 # No wrapper for C: nothing calls kernels by their address, and the wrapper would take 3% of the compile time.
 KERNEL: Any = {"nogil": True, "cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-LEAN: Any = {**KERNEL, "_nrt": False}
+NO_ALLOC: Any = {**KERNEL, "_nrt": False}
 # No wrapper for Python, which would take 33% of the compile time.
 CALLED: Any = {"no_cpython_wrapper": True}
-INNER: Any = {**LEAN, **CALLED, "forceinline": True}
+INLINE: Any = {**NO_ALLOC, **CALLED, "forceinline": True}
 # Sums over neighbours may be reordered. No 'nnan'/'ninf': NaN and infinities of a failing run must be kept, so that it
 # is stopped. With Python's error_model a division may raise, and no loop with a division is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-SUMS: Any = {**LEAN, "fastmath": FAST}
+SUMS: Any = {**NO_ALLOC, "fastmath": FAST}
 
 
 def kept(**options: Any) -> Callable[[Callable], Any]:
@@ -46,11 +47,11 @@ def kept(**options: Any) -> Callable[[Callable], Any]:
     return decorate
 
 
-compiled = kept(**KERNEL)
-subroutine = kept(**KERNEL, **CALLED)
-inner = kept(**INNER)
-lean = kept(**LEAN)
-making = kept(**{**KERNEL, "_nrt": True})
-lean_sums = kept(**SUMS)
-lean_sums_in_single = kept(**SUMS, pipeline_class=SingleCompiler)
-compiled_sums = kept(**KERNEL, fastmath=FAST)
+jit = kept(**KERNEL)
+jit_subroutine = kept(**KERNEL, **CALLED)
+inline_jit = kept(**INLINE)
+jit_no_alloc = kept(**NO_ALLOC)
+jit_alloc = kept(**{**KERNEL, "_nrt": True})
+jit_sums = kept(**SUMS)
+jit_sums_single = kept(**SUMS, pipeline_class=SingleCompiler)
+jit_sums_alloc = kept(**KERNEL, fastmath=FAST)

@@ -9,9 +9,9 @@ import filelock
 
 # A kernel in a file of its own. Says when it is about to compile, and where it is kept.
 KERNEL = """
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 
-@compiled
+@jit
 def twice(x):
     return 2 * x
 """

@@ -10,7 +10,7 @@ from numba.core import caching
 from runs import WAVE, at_step, scene_of
 
 from discsim.jit import cache
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.output.history import History
 from discsim.run.progress import Progress
 from discsim.run.runner import run_scene
@@ -59,7 +59,7 @@ def test_a_full_disk_of_the_cache_is_not_the_directory_of_the_run(tmp_path, monk
     def full(file, path):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    @compiled
+    @jit
     def one_more(x):
         return x + 1
 

@@ -14,10 +14,10 @@ from discsim.jit import cache
 
 # A kernel of a file of its own, which compiles in a moment.
 CALLER = """
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.kernels.drag.laws import stopping_time
 
-@compiled
+@jit
 def slowing(grain):
     return stopping_time(1, grain, 1.0, 1.0, 1.0, 1.0)
 """

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import inner, making
+from discsim.jit.decorators import inline_jit, jit_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X, SIDE_Y, whole
 
@@ -52,7 +52,7 @@ class Some(NamedTuple):
     runs: np.ndarray
 
 
-@inner
+@inline_jit
 def find_runs(box, reach, mutual, cells, runs, turns):
     """Find runs of consecutive particles in cell order that may be within `reach` of a box (centre, half widths).
 
@@ -92,14 +92,14 @@ def find_runs(box, reach, mutual, cells, runs, turns):
     return count, held
 
 
-@inner
+@inline_jit
 def per_slab(half_x, reach):
     """Return the slabs per unit length of a cell of half width `half_x`; all SLABS span the cell and its `reach`."""
     width = half_x + reach
     return 0.5 * SLABS / width if width > 0.0 else 0.0
 
 
-@inner
+@inline_jit
 def slab_of(dx, per_length):
     """Return the slab at dx from the middle of a cell along x; the first and the last slab hold all that is beyond."""
     at = dx * per_length + 0.5 * SLABS
@@ -107,7 +107,7 @@ def slab_of(dx, per_length):
     return np.int32(at if at < SLABS - 1.0 else SLABS - 1.0)
 
 
-@inner
+@inline_jit
 def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, some):
     """Find the particles of `count` runs within `reach` of the box, with `mutual` also those whose support overlaps it.
 
@@ -142,7 +142,7 @@ def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, 
     return found
 
 
-@inner
+@inline_jit
 def crosses(turns, count):
     """Return whether any of `count` runs is a periodic image."""
     found = False
@@ -151,7 +151,7 @@ def crosses(turns, count):
     return found
 
 
-@inner
+@inline_jit
 def longest(found, slots, radius):
     """Return the largest support radius of the first `found` of `slots`, as four independent maxima: a single one
     would wait for each comparison.
@@ -166,7 +166,7 @@ def longest(found, slots, radius):
     return max(max(a, b), max(c, d))
 
 
-@inner
+@inline_jit
 def count_slabs(found, slab, begin):
     """Write the start of slab k of `found` candidates to begin[k + 1], of begin (SLABS + 2,).
 
@@ -183,13 +183,13 @@ def count_slabs(found, slab, begin):
         begin[k] = total
 
 
-@inner
+@inline_jit
 def turn(turns, run, turned, to):
     """Write the periodic shift of a candidate of a run, in box lengths."""
     turned[0, to], turned[1, to] = turns[run, 0], turns[run, 1]
 
 
-@inner
+@inline_jit
 def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, work):
     """List candidates of the cells from `at` on, as far as the arrays have room.
 
@@ -226,7 +226,7 @@ def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, 
     return last, 0, 0, 0
 
 
-@making
+@jit_alloc
 def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells):
     """Return the candidates, among the particles of `cells`, of other cells `filled` with `bounds` (cells, 5).
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.kernels.common.totals import LIMBS, SOME, add, carry
 
 
@@ -30,7 +30,7 @@ class Zones(NamedTuple):
     in_drift: np.ndarray  # (kinds,): share of the star's pull that the drift contains
 
 
-@compiled
+@jit
 def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
     """Relax the particles `first` to `last` over dt; return the momentum x and y and the angular momentum that they
     lose, as limbs (3, LIMBS) of exact sums (`kernels/common/totals.py`).

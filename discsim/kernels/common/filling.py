@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from discsim.jit.decorators import subroutine
+from discsim.jit.decorators import jit_subroutine
 from discsim.jit.index import index
 
 SOME = index(4096)  # particles examined between two checks of the room in an array
 
 
-@subroutine
+@jit_subroutine
 def with_room(rows, count):
     """Return `rows`, or a longer copy, with room for SOME entries after the first `count` (np.uint64)."""
     if count + SOME <= index(len(rows)):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from discsim.jit.decorators import LEAN, kept
+from discsim.jit.decorators import NO_ALLOC, kept
 from discsim.jit.index import index
 
 
-@kept(**LEAN, fastmath={"reassoc", "nsz"})  # sums in any order are vectorised; NaN must survive
+@kept(**NO_ALLOC, fastmath={"reassoc", "nsz"})  # sums in any order are vectorised; NaN must survive
 def are_finite(begin, end, values):
     """Return whether all entries of rows (n, d) are finite, by their sum; False also if the sum overflows."""
     total, flat, width = 0.0, values.reshape(-1), values.shape[1]

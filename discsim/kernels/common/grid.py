@@ -10,7 +10,7 @@ The field has all nodes about the particles. An axis of the field with all nodes
 
 import numpy as np
 
-from discsim.jit.decorators import INNER, compiled, inner, kept, subroutine
+from discsim.jit.decorators import INLINE, inline_jit, jit, jit_subroutine, kept
 from discsim.jit.index import index
 from discsim.kernels.common.rows import LINE, fetch, lane, load
 from discsim.kernels.common.zcurve import place_of
@@ -24,7 +24,7 @@ BAND = 32  # rows of nodes per entry of the range of particles along y, in `exte
 TILE = 6  # particles are sorted by tiles that are 2^TILE cells wide
 
 
-@compiled
+@jit
 def cell_of(x, origin, inverse, count, periodic):
     """Return the index of the cell that holds x; -1 outside an open axis, or if x is not finite."""
     s = (x - origin) * inverse
@@ -35,7 +35,7 @@ def cell_of(x, origin, inverse, count, periodic):
     return int(s) if 0.0 <= s < count else -1
 
 
-@compiled
+@jit
 def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
     """Write the sort key (n,) of the cell that holds each particle: by rows of tiles, and along a Z-curve in a tile.
 
@@ -54,7 +54,7 @@ def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
         out[i] = place if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
 
 
-@subroutine
+@jit_subroutine
 def _wrapped(s, count):
     if not 0.0 <= s < count:
         s -= count * np.floor(s / count)
@@ -63,7 +63,7 @@ def _wrapped(s, count):
     return s
 
 
-@subroutine
+@jit_subroutine
 def stencil(x, origin, inverse, count, periodic):
     """Return the two nodes about x and the weight of the second; (-1, -1, 0) if any of the two is off the grid."""
     s = (x - origin) * inverse - 0.5
@@ -75,7 +75,7 @@ def stencil(x, origin, inverse, count, periodic):
     return low, low + 1 if low + 1 < count else 0, s - low
 
 
-@subroutine
+@jit_subroutine
 def _stencil_y(pos, p, origin, inverse, count, periodic):
     # In one dimension there is one row of nodes along y, with the whole weight.
     if pos.shape[1] == 1:
@@ -83,7 +83,7 @@ def _stencil_y(pos, p, origin, inverse, count, periodic):
     return stencil(pos[p, 1], origin[1], inverse, count, periodic)
 
 
-@compiled
+@jit
 def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
     """Write the strip (n,) of 2^shift rows that holds the first node of each particle; STRIPS off the grid."""
     if pos.shape[1] == 2 and not periodic:
@@ -99,7 +99,7 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
         key[p] = low >> shift if inside else STRIPS  # a shift: a division took longer than all the rest
 
 
-@compiled
+@jit
 def runs_of(key, first, last):
     """Return ((begin, end), strip) of the runs of consecutive particles in one strip, (runs,) each.
 
@@ -124,7 +124,7 @@ def runs_of(key, first, last):
     return (begin, end), strip
 
 
-@inner
+@inline_jit
 def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inverse, scale, grid, corner):
     # Write the contributions of `number` particles, from the pth on, to their four nodes, and the index of the first
     # node in the rows of a strip that begins at node `corner`, after the `filled` entries of the batch.
@@ -144,7 +144,7 @@ def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inver
         _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
 
 
-@inner
+@inline_jit
 def _share(j, x, y, v, where, place, shares):
     (s00, s01, s10, s11), (first, first_y, width) = shares, where
     ix, iy = np.int32(x), np.int32(y)
@@ -155,7 +155,7 @@ def _share(j, x, y, v, where, place, shares):
     s00[j], s10[j] = v0 - s01[j], v1 - s11[j]
 
 
-@inner
+@inline_jit
 def _add_shares(number, place, shares, length, flat):
     s00, s01, s10, s11 = shares
     for j in range(index(number)):
@@ -167,7 +167,7 @@ def _add_shares(number, place, shares, length, flat):
         flat[high + ONE] += s11[j]
 
 
-@compiled
+@jit
 def deposit_strips(
     begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
 ):
@@ -212,7 +212,7 @@ def deposit_strips(
             beyond[s, j] = sums[own, j]
 
 
-@compiled
+@jit
 def join_strips(shift, part, beyond, out):
     """Add the row after each strip, `beyond` (strips, columns), to the next strip, in a fixed order."""
     nx = part[0]
@@ -223,13 +223,13 @@ def join_strips(shift, part, beyond, out):
                 out[row, j] += beyond[s, j]
 
 
-@subroutine
+@jit_subroutine
 def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
     low = w00 * field[ix, iy, c] + w01 * field[ix, jy, c]
     return low + w10 * field[jx, iy, c] + w11 * field[jx, jy, c]
 
 
-@compiled
+@jit
 def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
     """Gather the field (a `part`, c <= 2) at the particles into out (n, c) with the weights of the deposit; 0 off the
     grid.
@@ -248,7 +248,7 @@ def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
                 out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
 
 
-@kept(**INNER, fastmath={"contract"})
+@kept(**INLINE, fastmath={"contract"})
 def _between(flat, low, along_x, along_y, wx, wy):
     high = low + along_x
     first = flat[low] + wx * (flat[high] - flat[low])
@@ -256,7 +256,7 @@ def _between(flat, low, along_x, along_y, wx, wy):
     return first + wy * (second - first)
 
 
-@kept(**INNER, fastmath={"contract"})
+@kept(**INLINE, fastmath={"contract"})
 def _both_between(flat, low, along_x, wx, wy):
     # Both components at once, where the next node along y is the next one in memory.
     left = load(flat, low)
@@ -265,7 +265,7 @@ def _both_between(flat, low, along_x, wx, wy):
     return x + wy * (lane(both, 2) - x), y + wy * (lane(both, 3) - y)
 
 
-@inner
+@inline_jit
 def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
     # Write the positions of `number` particles from the pth on, in cells from the first node. Simple loops: vectorised.
     ox, oy = origin[0], origin[1]
@@ -281,7 +281,7 @@ def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
             xs[j], ys[j] = _wrapped(xs[j], nx), _wrapped(ys[j], ny)
 
 
-@compiled
+@jit
 def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc, largest, missing):
     """Subtract the field (a `part`, 2) at the particles from `acc` (n, d), in chunks of CHUNK particles.
 
@@ -328,7 +328,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
         largest[chunk], missing[chunk] = most, lost
 
 
-@compiled
+@jit
 def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
     """Write True (n,) for particles whose nodes are not all on the grid."""
     for p in range(begin, end):
@@ -337,7 +337,7 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
         outside[p] = x < 0 or y < 0
 
 
-@compiled
+@jit
 def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
     """Return the ranges of first nodes about the particles of the batches `begin` to `end`, with `bounds` (batches, 4).
 
@@ -375,7 +375,7 @@ def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
     return least, most, low, high, off
 
 
-@inner
+@inline_jit
 def _nodes_between(bounds, dim, origin, inverse, shape):
     """Return the least and largest first nodes along x and y within bounds; all -1 at an edge, or in one dimension."""
     x0, x1 = (bounds[0] - origin[0]) * inverse - 0.5, (bounds[1] - origin[0]) * inverse - 0.5
@@ -385,7 +385,7 @@ def _nodes_between(bounds, dim, origin, inverse, shape):
     return int(x0), int(x1), int(y0), int(y1)
 
 
-@compiled
+@jit
 def largest_norm(vectors):
     """Return the largest length of the vectors (n, c); 0 if there are none."""
     largest = 0.0

@@ -3,11 +3,11 @@
 For `discsim.numerics.threads.share`.
 """
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.jit.index import index
 
 
-@compiled
+@jit
 def take_rows(begin, end, source, rows, out):
     """Set out[i] = source[rows[i]] for arrays (n, d)."""
     if out.shape[1] == 2:
@@ -19,7 +19,7 @@ def take_rows(begin, end, source, rows, out):
             out[i, k] = source[rows[i], k]
 
 
-@compiled
+@jit
 def assign(begin, end, out, source):
     """Set out = source for arrays (n, ...)."""
     to, of, width = out.reshape(-1), source.reshape(-1), max(1, out.size // max(1, len(out)))
@@ -27,7 +27,7 @@ def assign(begin, end, out, source):
         to[i] = of[i]
 
 
-@compiled
+@jit
 def blank(begin, end, out):
     """Set out = 0 for an array (n, d)."""
     to, width = out.reshape(-1), out.shape[1]
@@ -35,7 +35,7 @@ def blank(begin, end, out):
         to[i] = 0.0
 
 
-@compiled
+@jit
 def rate_of_change(begin, end, after, before, dt, out):
     """Set out = (after - before) / dt for arrays (n, d)."""
     to, new, old, dim = out.reshape(-1), after.reshape(-1), before.reshape(-1), out.shape[1]
@@ -43,7 +43,7 @@ def rate_of_change(begin, end, after, before, dt, out):
         to[i] = (new[i] - old[i]) / dt
 
 
-@compiled
+@jit
 def add_scaled(begin, end, y, x, dt):
     """Add dt x to y, arrays (n, d)."""
     out, source, dim = y.reshape(-1), x.reshape(-1), y.shape[1]  # one loop: vectorised
@@ -51,7 +51,7 @@ def add_scaled(begin, end, y, x, dt):
         out[i] += dt * source[i]
 
 
-@compiled
+@jit
 def sum_scaled(begin, end, y, x, dt, out):
     """Set out = y + dt x for arrays (n, d)."""
     to, first, second, dim = out.reshape(-1), y.reshape(-1), x.reshape(-1), y.shape[1]
@@ -59,7 +59,7 @@ def sum_scaled(begin, end, y, x, dt, out):
         to[i] = first[i] + dt * second[i]
 
 
-@compiled
+@jit
 def wrap(begin, end, pos, size):
     """Bring positions (n, d) back into [0, size)."""
     for i in range(begin, end):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.jit.index import index
 
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R in the grid. A
@@ -43,7 +43,7 @@ class Cells(NamedTuple):
     periodic: bool
 
 
-@compiled
+@jit
 def extremes(first, last, values):
     """Return the least and largest values (2, columns) of one or two columns of `values` (n, columns), ignoring NaN."""
     columns, some = values.shape[1], values[first:last].reshape(-1)
@@ -61,7 +61,7 @@ def extremes(first, last, values):
     return out
 
 
-@compiled
+@jit
 def size_classes(first, last, h, extent, edges, out):
     """Write the size class of each support radius, `extent` times h, to `out` (n,).
 
@@ -79,7 +79,7 @@ def size_classes(first, last, h, extent, edges, out):
     return found
 
 
-@compiled
+@jit
 def cell_keys(first, last, pos, classes, grids, per_side, low, out):
     """Write the cell of each particle to `out` (n,); per_side (grids, 2): cells per length along x and y."""
     for i in range(index(first), index(last)):
@@ -92,7 +92,7 @@ def cell_keys(first, last, pos, classes, grids, per_side, low, out):
         out[i] = int(grids[g, FIRST]) + int(x) * int(grids[g, NY]) + int(y)
 
 
-@compiled
+@jit
 def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
     """Write positions and support radii in cell order, and the bounds of each cell."""
     dim = pos.shape[1]
@@ -108,7 +108,7 @@ def lay_out(first, last, pos, h, extent, order, start, x, y, radius, bounds):
         bounds[c, 2], bounds[c, 3], bounds[c, 4] = 0.5 * (x1 - x0), 0.5 * (y1 - y0), reach
 
 
-@compiled
+@jit
 def widen(some, extent, h, cells):
     """Set the support radii of the particles in the cells `some` to `extent` h (n,), in place."""
     for cell in some:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner, subroutine
+from discsim.jit.decorators import inline_jit, jit, jit_subroutine
 
 MASK, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 FIRST, SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)  # multipliers
@@ -17,7 +17,7 @@ ROUNDS = 10
 TWICE_PI = 2.0 * math.pi
 
 
-@inner
+@inline_jit
 def random_words(key, counter):
     """Return four random 32-bit words of a key (two words) and a counter (four), all as 64-bit numbers."""
     k, l = key
@@ -29,13 +29,13 @@ def random_words(key, counter):
     return a, b, c, d
 
 
-@inner
+@inline_jit
 def share_of_one(high, low):
     """Return a number in (0, 1) of 52 random bits."""
     return (float(((high << HALF) | low) >> np.uint64(12)) + 0.5) * 2.0**-52
 
 
-@inner
+@inline_jit
 def normal_pair(key, counter):
     """Return two independent normal numbers of mean 0 and variance 1."""
     a, b, c, d = random_words(key, counter)
@@ -44,7 +44,7 @@ def normal_pair(key, counter):
     return length * math.cos(angle), length * math.sin(angle)
 
 
-@subroutine
+@jit_subroutine
 def words_of(first, last, key, ids, step, out):
     """Write the words (n, 4) of the counters (id, step)."""
     for i in range(first, last):
@@ -52,14 +52,14 @@ def words_of(first, last, key, ids, step, out):
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = a, b, c, d
 
 
-@compiled
+@jit
 def normals_of(first, last, key, ids, step, out):
     """Write the normal numbers (n, 2) of the counters (id, step)."""
     for i in range(first, last):
         out[i, 0], out[i, 1] = normal_pair(key, counter_of(ids[i], step))
 
 
-@inner
+@inline_jit
 def counter_of(particle, step):
     """Return the counter of a particle's id and a step, two words each."""
     one, other = np.uint64(particle), np.uint64(step)

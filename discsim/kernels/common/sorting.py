@@ -5,7 +5,7 @@ Part p of `parts` has the keys from n p / parts on.
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
 
 ONE, TWO, THREE = np.uint32(1), index(2), index(3)
@@ -16,7 +16,7 @@ GAPS = (
 FEW = 8  # members, up to which insertion sort needs no larger gaps
 
 
-@compiled
+@jit
 def count_keys(part_from, part_to, key, parts, place):
     """Count the keys (n,) of each part in `place` (1 + keys parts,).
 
@@ -37,7 +37,7 @@ def count_keys(part_from, part_to, key, parts, place):
             place[key[i] * stride + at] += ONE
 
 
-@compiled
+@jit
 def put_in_order(part_from, part_to, key, parts, place, order):
     """Write the indices of the particles to `order`, sorted by key.
 
@@ -52,7 +52,7 @@ def put_in_order(part_from, part_to, key, parts, place, order):
             place[k] += ONE
 
 
-@compiled
+@jit
 def find_behind(first, last, ids, order, out):
     """Write to `out` (n,) whether the `ids` of each entry of an order, but the first, is below the one before."""
     if first == last:
@@ -64,7 +64,7 @@ def find_behind(first, last, ids, order, out):
         before = here
 
 
-@compiled
+@jit
 def sort_members(first, last, some, start, ids, order):
     """Sort the members of the keys `some`, order[start[key]:start[key + 1]], by their `ids` (n,), which are distinct.
 
@@ -82,7 +82,7 @@ def sort_members(first, last, some, start, ids, order):
         _merge(members, held, rising, rising_ids, late, late_ids)
 
 
-@inner
+@inline_jit
 def _take_out(members, ids, rising, rising_ids, late, late_ids):
     """Split members into `rising`, in the order of ids, and the others, `late`; return the number of rising ones."""
     held = 0
@@ -100,7 +100,7 @@ def _take_out(members, ids, rising, rising_ids, late, late_ids):
     return held
 
 
-@inner
+@inline_jit
 def _sort(count, members, ids):
     """Sort by insertion among members `gap` apart, at last 1 apart (Shell 1959; gaps of Sedgewick 1986).
 
@@ -116,7 +116,7 @@ def _sort(count, members, ids):
             members[at], ids[at] = member, mine
 
 
-@inner
+@inline_jit
 def _merge(members, held, rising, rising_ids, late, late_ids):
     """Merge both lists into `members`, from the last to the first."""
     i, j = held - 1, len(members) - held - 1

@@ -7,7 +7,7 @@ sum of all.
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner, subroutine
+from discsim.jit.decorators import inline_jit, jit, jit_subroutine
 
 LIMBS = 67  # of which the last counts non-finite numbers
 NOT_FINITE = LIMBS - 1
@@ -17,7 +17,7 @@ HIDDEN, LOW, HALF = np.int64(1 << 52), np.int64(0xFFFFFFFF), np.int64(1 << 51)
 CUT = 41  # bits of a number that are summed as one integer: SOME of them stay below 2^53
 
 
-@inner
+@inline_jit
 def add(bits, limbs):
     """Add a number, given as its bits (int64), to `limbs` (LIMBS,)."""
     e, m, sign = bits >> 52 & EXPONENT, bits & MANTISSA, bits >> 63
@@ -31,7 +31,7 @@ def add(bits, limbs):
     _add_whole(m, e, sign, limbs)
 
 
-@inner
+@inline_jit
 def _add_whole(m, e, sign, limbs):
     """Add m 2^e, m below 2^53; subtract it where `sign` is -1 instead of 0."""
     k, shift = np.uint64(e >> 5), e & 31
@@ -39,7 +39,7 @@ def _add_whole(m, e, sign, limbs):
     limbs[k + np.uint64(1)] += (m >> 32 - shift ^ sign) - sign
 
 
-@inner
+@inline_jit
 def carry(limbs):
     """Carry the bits beyond 32 of each limb to the next limb, to make room for SOME more numbers."""
     for k in range(NOT_FINITE - 1):
@@ -47,7 +47,7 @@ def carry(limbs):
         limbs[k] &= LOW
 
 
-@subroutine
+@jit_subroutine
 def add_some(number, values, spare, limbs):
     """Add the first `number`, at most SOME, of values (SOME,) to `limbs` (LIMBS,); spare: (2, SOME), overwritten.
 
@@ -89,7 +89,7 @@ def add_some(number, values, spare, limbs):
     carry(limbs)
 
 
-@compiled
+@jit
 def add_columns(first, last, values):
     """Return the limbs (columns, LIMBS) of the sums over the rows `first` to `last` of numbers (n, columns)."""
     limbs, spare = np.zeros((values.shape[1], LIMBS), np.int64), np.empty((3, SOME))

@@ -1,21 +1,21 @@
 """Index along a Z-curve (Morton 1966): the interleaved bits of two integers below 2^8."""
 
-from discsim.jit.decorators import inner
+from discsim.jit.decorators import inline_jit
 
 
-@inner
+@inline_jit
 def place_of(x, y):
     """Return the index of (x, y) along the curve: x has the higher bit of each pair."""
     return _apart(x) << 1 | _apart(y)
 
 
-@inner
+@inline_jit
 def at_place(z):
     """Return (x, y) at an index along the curve."""
     return _together(z >> 1), _together(z)
 
 
-@inner
+@inline_jit
 def _apart(i):
     # The bits of i, with a 0 above each.
     i = (i | i << 4) & 0x0F0F
@@ -23,7 +23,7 @@ def _apart(i):
     return (i | i << 1) & 0x5555
 
 
-@inner
+@inline_jit
 def _together(z):
     # Every other bit of z, from the lowest on.
     z &= 0x5555

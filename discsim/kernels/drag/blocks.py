@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.zcurve import at_place
 
@@ -31,7 +31,7 @@ TIE = 1e-6  # of a side: sums of h are right to some 1e-9 of the largest, and a 
 IGNORE, NEAR, INSIDE = range(3)  # where dust is required: nowhere, in the parent of a block, or in the block
 
 
-@compiled
+@jit
 def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin, shape, periodic, out):
     """Write the leaf of each particle (n,): its index in a part of the `whole` lattice, of `shape` leaves from the leaf
     `begin` on. A particle outside [low, high) of an open lattice gets the number of leaves of the part.
@@ -67,7 +67,7 @@ def leaf_keys(first, last, pos, origin, shift, low, high, inverse, whole, begin,
         out[i] = np.uint32((int(sx) - begin_x) * shape[1] + int(sy) - begin_y) if inside else outside
 
 
-@compiled
+@jit
 def add_in_units(key, values, per_unit, out):
     """Add to `out` (keys,) the values (n,) of each key (n,), times `per_unit` and rounded to whole numbers."""
     quarter = index(len(key)) // FOUR  # as in `count_keys`: successive additions to one element are slow
@@ -79,7 +79,7 @@ def add_in_units(key, values, per_unit, out):
         out[index(key[i])] += np.rint(values[i] * per_unit)
 
 
-@compiled
+@jit
 def block_keys(first, last, key, number, species, populations):
     """Replace the leaf of each particle in `key` (n,) by block * populations + population.
 
@@ -90,7 +90,7 @@ def block_keys(first, last, key, number, species, populations):
         key[i] = block * populations + species[i] if populations > 1 else block
 
 
-@lean
+@jit_no_alloc
 def squares_of(first, last, leaf, level, origin, begin, leaf_side, corner, side):
     """Write the lower corner (blocks, 2) and the side (blocks,) of each block.
 
@@ -102,7 +102,7 @@ def squares_of(first, last, leaf, level, origin, begin, leaf_side, corner, side)
         side[block] = leaf_side * 2.0 ** level[block]
 
 
-@compiled
+@jit
 def members_of(order, start, chosen):
     """Return the indices of the particles in the blocks `chosen` (blocks,)."""
     count = 0
@@ -119,7 +119,7 @@ def members_of(order, start, chosen):
     return out
 
 
-@compiled
+@jit
 def members_alone(order, start, rates, enlarged, count):
     """Return the indices of uncoupled particles: those outside all blocks, and those in blocks that are `enlarged`
     (blocks,) or whose mean rate in `rates` (blocks, populations) is 0.
@@ -135,7 +135,7 @@ def members_alone(order, start, rates, enlarged, count):
     return members_of(order, start, chosen)
 
 
-@compiled
+@jit
 def times_of_members(times, order, start):
     """Return the stopping time of each particle (n,) from `times` (blocks, populations)."""
     out = np.empty(len(order))
@@ -191,12 +191,12 @@ class Held(NamedTuple):
     blocks: np.ndarray
 
 
-@inner
+@inline_jit
 def _wanted_side(gas, h_sum, wanted):
     return wanted.size * h_sum / gas if wanted.length == 0.0 else wanted.length
 
 
-@inner
+@inline_jit
 def _status(gas, dust, h_sum, side, wanted):
     """Return the status of a block: why it should be merged further, or DONE."""
     if gas + dust == 0:
@@ -210,7 +210,7 @@ def _status(gas, dust, h_sum, side, wanted):
     return FEW if gas < wanted.gas or dust < wanted.dust else DONE
 
 
-@inner
+@inline_jit
 def _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
     """Fill `held` with the leaves of the top-level block at leaf (tx, ty); return whether any holds a particle."""
     anybody = False
@@ -227,7 +227,7 @@ def _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
     return anybody
 
 
-@inner
+@inline_jit
 def _take_children(level, bx, by, tx, ty, wanted, tree, held):
     """Merge four, two or one children into one block if any is not DONE and the block would not be too large."""
     height = tree.height[level - 1]
@@ -265,7 +265,7 @@ def _take_children(level, bx, by, tx, ty, wanted, tree, held):
     held.status[x, y], held.blocks[x, y] = worst, blocks
 
 
-@inner
+@inline_jit
 def _merge_one(top, gas, dust, h_sum, wanted, tree, held):
     """Make the blocks within the top-level block of index `top`; return their number."""
     tx, ty = top // tree.height[LEVELS] << LEVELS, top % tree.height[LEVELS] << LEVELS
@@ -278,7 +278,7 @@ def _merge_one(top, gas, dust, h_sum, wanted, tree, held):
     return held.blocks[0, 0]
 
 
-@compiled
+@jit
 def merge(first, last, gas, dust, h_sum, wanted, tree, count):
     """Make the blocks within each top-level block, and write their number to `count` (top-level blocks,).
 
@@ -290,7 +290,7 @@ def merge(first, last, gas, dust, h_sum, wanted, tree, count):
         count[top] = _merge_one(top, gas, dust, h_sum, wanted, tree, held)
 
 
-@inner
+@inline_jit
 def _block_at(z, tx, ty, tree):
     """Find the largest final block that starts at position z of the Z-curve, in the top-level block at leaf (tx, ty).
 
@@ -309,7 +309,7 @@ def _block_at(z, tx, ty, tree):
     return ix, iy, level, found
 
 
-@lean
+@jit_no_alloc
 def number_blocks(first, last, start, tree, number, corner, level_of, flag):
     """Number the blocks of each top-level block, from `start` on, along a Z-curve: nearby blocks of any level have
     nearby numbers. Writes the number of each leaf, and first leaf, level and `enlarged` of each block.

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.formulas.laws import CONSTANT
-from discsim.jit.decorators import compiled, inner, lean, subroutine
+from discsim.jit.decorators import inline_jit, jit, jit_no_alloc, jit_subroutine
 from discsim.jit.index import index
 from discsim.kernels.drag.coupled import ROOM
 from discsim.kernels.drag.frame import kepler, sense_at
@@ -84,7 +84,7 @@ class Room(NamedTuple):
     coupled: np.ndarray
 
 
-@inner
+@inline_jit
 def pack(kind, first, last, at, block, blocks, p):
     """Copy the particles of a block into the columns of `p` from `at` on; y is 0 in one dimension."""
     x0, y0 = blocks.corner[block, 0], blocks.corner[block, 1]
@@ -113,7 +113,7 @@ def leave_orbits(p, count, x0, y0, star, softening, sense):
         p[VY, k] -= omega * x
 
 
-@subroutine
+@jit_subroutine
 def relax_slopes(one, rate, dim, dt, exponential, o):
     """Compute the changes of the slopes of gas and population `one`, whose difference relaxes at the rate of the means.
 
@@ -134,7 +134,7 @@ def relax_slopes(one, rate, dim, dt, exponential, o):
         solve_in(o, s, xx, xy, yy, SLOPE_CHANGE, SLOPE_CHANGE, dim, sign)
 
 
-@lean
+@jit_no_alloc
 def exchange_slopes(dim, two_way, dt, exponential, several, room):
     """Compute the changes of the slopes, weighted by moments of inertia; y, b and change of `room` are overwritten."""
     o, mass, time, weight, y, b, change = room.o, room.mass, room.time, room.weight, room.y, room.b, room.change
@@ -212,7 +212,7 @@ def loss(p, first, last, o, s, sources, dt):
     return lost
 
 
-@inner
+@inline_jit
 def loss_of_frame(kind, first, last, at, p, dt):
     """Return the kinetic energy lost by drag through the velocities that packs leave out: Kepler's, and half the kick
     of the accelerations that gas and dust share. A transfer of momentum between orbits changes the energy.
@@ -226,7 +226,7 @@ def loss_of_frame(kind, first, last, at, p, dt):
     return lost
 
 
-@inner
+@inline_jit
 def kick(kind, first, last, at, p, dt):
     """Kick particles by their accelerations, and add the velocity changes by drag."""
     for k in range(first, last):
@@ -236,21 +236,21 @@ def kick(kind, first, last, at, p, dt):
             kind.vel[i, 1] += dt * kind.acc[i, 1] + p[Y, j]
 
 
-@inner
+@inline_jit
 def kick_freely(kind, first, last, dt):
     for k in range(first, last):
         for a in range(kind.vel.shape[1]):
             kind.vel[kind.order[k], a] += dt * kind.acc[kind.order[k], a]
 
 
-@compiled
+@jit
 def free_kick(members, vel, acc, dt):
     for i in members:
         for a in range(vel.shape[1]):
             vel[i, a] += dt * acc[i, a]
 
 
-@inner
+@inline_jit
 def mean_of(values, order, first, last):
     total = 0.0
     for k in range(first, last):
@@ -258,7 +258,7 @@ def mean_of(values, order, first, last):
     return total / (last - first)
 
 
-@inner
+@inline_jit
 def mean_by_mass(values, mass, order, first, last):
     total, weight = 0.0, 0.0
     for k in range(first, last):
@@ -267,7 +267,7 @@ def mean_by_mass(values, mass, order, first, last):
     return total / weight
 
 
-@inner
+@inline_jit
 def take(block, gas, dust, blocks, law, linear, frame, room):
     """Pack a block and compute the quantities of each species; return gas density, sound speed and Omega."""
     n, p, o, bound = len(room.mass), room.p, room.o, room.bound
@@ -305,7 +305,7 @@ def take(block, gas, dust, blocks, law, linear, frame, room):
     return rho, sound, omega
 
 
-@inner
+@inline_jit
 def relax(law, linear, nonlinear, several, rho, sound, omega, dim, room):
     """Compute the changes of the means and of the slopes of all species."""
     n, o, y, b = len(room.mass), room.o, room.y, room.b
@@ -334,7 +334,7 @@ def relax(law, linear, nonlinear, several, rho, sound, omega, dim, room):
         exchange_slopes(dim, law.two_way, law.dt, law.exponential, several, room)
 
 
-@inner
+@inline_jit
 def give(block, gas, dust, law, room, heat):
     """Change the velocities of the particles of a block, and heat its gas."""
     n, p, o, bound, heated = len(room.mass), room.p, room.o, room.bound, len(heat) > 0
@@ -361,7 +361,7 @@ def give(block, gas, dust, law, room, heat):
     kick(dust, d0, d1, g1 - g0, p, law.dt)
 
 
-@inner
+@inline_jit
 def relax_block(block, gas, dust, blocks, law, linear, nonlinear, several, frame, room, times, heat):
     g0, g1 = gas.start[block], gas.start[block + 1]
     d0, d1 = dust.start[block * dust.number], dust.start[(block + 1) * dust.number]
@@ -379,7 +379,7 @@ def relax_block(block, gas, dust, blocks, law, linear, nonlinear, several, frame
         times[block, s] = room.time[s + 1]
 
 
-@inner
+@inline_jit
 def most_in(block_from, block_to, gas, dust):
     """Return the largest number of particles in a block."""
     most, number = 0, dust.number
@@ -389,7 +389,7 @@ def most_in(block_from, block_to, gas, dust):
     return most
 
 
-@compiled
+@jit
 def relax_blocks(block_from, block_to, gas, dust, blocks, law, linear, nonlinear, several, frame, times, heat):
     """Kick the particles of the blocks by accelerations and drag together, in place; only the dust if one-way.
 

@@ -22,7 +22,7 @@ and the change of the gas conserves momentum.
 
 import numpy as np
 
-from discsim.jit.decorators import inner, lean
+from discsim.jit.decorators import inline_jit, jit_no_alloc
 from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
 
 POLES = (
@@ -62,7 +62,7 @@ MOST = 1e140  # largest z: its square must not overflow
 Z, STRENGTH, INVERSE, SLIP, OWN, COMMON, ROOM = 0, 1, 2, LANES, 2 * LANES, 3 * LANES, 4 * LANES
 
 
-@inner
+@inline_jit
 def take_present(mass, time, y, b, dt, room):
     """Write the populations that have mass to successive rows of `room`; return their number."""
     count = 0
@@ -79,7 +79,7 @@ def take_present(mass, time, y, b, dt, room):
     return count
 
 
-@inner
+@inline_jit
 def add_pole(k, table, count, room):
     """Add the term of pole k in (1), by eq. (2)."""
     place, turn = table[k, 0], table[k, 1]
@@ -106,7 +106,7 @@ def add_pole(k, table, count, room):
         store(room, at + COMMON, load(room, at + COMMON) + (real * q_re - imaginary * q_im))
 
 
-@lean
+@jit_no_alloc
 def relax_coupled(mass, time, y, b, dt, exponential, room, slip, drive):
     """Add the velocity changes beyond free motion, of the gas (entry 0) and of the populations that have mass.
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, subroutine
+from discsim.jit.decorators import jit, jit_subroutine
 from discsim.jit.index import index
 from discsim.kernels.common.rows import root
 
@@ -23,7 +23,7 @@ class Frame(NamedTuple):
     sense: np.ndarray
 
 
-@compiled
+@jit
 def multiples_of(ids, every):
     """Return the rows of `ids` (n,) that hold whole multiples of `every`, a power of two."""
     mask, count = every - 1, 0
@@ -35,14 +35,14 @@ def multiples_of(ids, every):
     return out[:count].copy()
 
 
-@compiled
+@jit
 def kepler(r2, star, softening):
     """Return Omega about a softened star at squared radius r2, a number or a row of `kernels/common/rows.py`."""
     d2 = r2 + softening * softening
     return root(star / (d2 * root(d2)))
 
 
-@subroutine
+@jit_subroutine
 def sense_at(r2, frame):
     """Return sigma at squared radius r2, interpolated between ring centres."""
     sense = frame.sense

@@ -8,10 +8,10 @@ With the pairs of `kernels/drag/pairs.py`, V = m / rho and weights W(r_ja, h_a):
 Division by the sums of weights makes the interpolation exact for a uniform velocity.
 """
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 
 
-@compiled
+@jit
 def seen_by_dust(first, last, start, gas, part, gvel, other):
     """Write the gas velocity (n, d) at each dust particle; the weights `part` (pairs,) of a dust particle sum to 1."""
     for j in range(first, last):
@@ -22,7 +22,7 @@ def seen_by_dust(first, last, start, gas, part, gvel, other):
             other[j, i] = total
 
 
-@compiled
+@jit
 def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dvel, rho, rate, pull):
     """Add the drag rate (n,) of one population at each gas particle, and to `pull` (n, d) the rate times the
     interpolated velocity of the population.
@@ -43,7 +43,7 @@ def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dve
                 pull[a, i] += mine * part * dvel[dust[k], i]
 
 
-@compiled
+@jit
 def follow(first, last, rate, other, now, acc, dt, implicit, vel, heat):
     """Kick over dt, with drag from velocities `now` towards `other` (n, d) at `rate` (n,), explicitly or implicitly.
 

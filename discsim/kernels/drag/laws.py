@@ -4,19 +4,19 @@ import numpy as np
 from numba.extending import register_jitable
 
 from discsim.formulas import laws
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 
 for formula in laws.volume_density, laws.quickening, laws.hastened:  # called by the other formulas
     register_jitable(nogil=True, error_model="numpy")(formula)
-stopping_time = compiled(laws.stopping_time)
-hastening = compiled(laws.hastening)
-quickening = inner(laws.quickening)
-hastened = inner(laws.hastened)
-steepness = inner(laws.steepness)
-unhastened = inner(laws.unhastened)
+stopping_time = jit(laws.stopping_time)
+hastening = jit(laws.hastening)
+quickening = inline_jit(laws.quickening)
+hastened = inline_jit(laws.hastened)
+steepness = inline_jit(laws.steepness)
+unhastened = inline_jit(laws.unhastened)
 
 
-@compiled
+@jit
 def stopping_times(law, grain, mass_ratio, density, sound, omega):
     """Return stopping times (n,) for arrays of density, sound speed and Omega (n,)."""
     out = np.empty(len(density))

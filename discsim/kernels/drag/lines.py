@@ -1,11 +1,11 @@
 """Means, second moments and linear fits of the velocities of the particles of a block (`kernels/drag/cells.py`)."""
 
-from discsim.jit.decorators import INNER, inner, kept, subroutine
+from discsim.jit.decorators import INLINE, inline_jit, jit_subroutine, kept
 from discsim.jit.index import index
 
 # Sums within a block take any order, so that they are vectorised. Functions with such sums are always inlined: a
 # process that compiles would otherwise call another copy than one that loads, and differ in the last bits.
-fast = kept(fastmath={"reassoc", "contract", "nsz"}, **INNER)
+fast = kept(fastmath={"reassoc", "contract", "nsz"}, **INLINE)
 # Blocks are many and small. Scratch arrays are few and made once for all blocks: to make, slice or pass one costs as
 # much as the work on ten particles. Loops over particles have unsigned indices: numba wraps negative ones, which
 # prevents vectorisation.
@@ -20,7 +20,7 @@ PLACE, VELOCITY, SOURCE = X, VX, BX
 INERTIA, MOMENT, MOMENT_SOURCE, SLOPE, SLOPE_SOURCE, CHANGE, SLOPE_CHANGE, NUMBERS = 7, 10, 14, 18, 22, 26, 28, 32
 
 
-@subroutine
+@jit_subroutine
 def clip01(x):
     return min(max(x, 0.0), 1.0)
 
@@ -79,7 +79,7 @@ def moments_of_source(p, first, last, o, s):
     o[s, MOMENT_SOURCE], o[s, MOMENT_SOURCE + 1], o[s, MOMENT_SOURCE + 2], o[s, MOMENT_SOURCE + 3] = xa, xb, ya, yb
 
 
-@inner
+@inline_jit
 def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
     """Return whether particles with second moments xx, xy, yy span the space of `dim` dimensions, and
     factor [xx xy; xy yy]^-1 [xu xv; yu yv], row by row; zeros if they lie too nearly on a point or a line.
@@ -96,7 +96,7 @@ def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
     )  # fmt: skip
 
 
-@inner
+@inline_jit
 def solve_in(o, s, xx, xy, yy, f, out, dim, factor):
     """Apply `solve` to the four numbers from o[s, f] on, and write its result from o[s, out] on."""
     found, o[s, out], o[s, out + 1], o[s, out + 2], o[s, out + 3] = solve(
@@ -105,7 +105,7 @@ def solve_in(o, s, xx, xy, yy, f, out, dim, factor):
     return found
 
 
-@subroutine
+@jit_subroutine
 def fit_line(o, s, dim, fade):
     """Fit slopes of velocity and source, times `fade`, and return `fade`; without a fit slopes and result are 0."""
     xx, xy, yy = o[s, INERTIA], o[s, INERTIA + 1], o[s, INERTIA + 2]
@@ -117,7 +117,7 @@ def fit_line(o, s, dim, fade):
     return 0.0
 
 
-@subroutine
+@jit_subroutine
 def fit_slopes(bound, dim, two_way, o):
     """Fit slopes of velocity and source: for each species, and pooled within species (gas alone for one-way drag).
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, making, subroutine
+from discsim.jit.decorators import jit, jit_alloc, jit_subroutine
 from discsim.kernels.drag.laws import hastened, quickening, unhastened
 from discsim.kernels.drag.relax import relax_means
 
@@ -50,7 +50,7 @@ class Work(NamedTuple):
     room: np.ndarray  # of `relax_coupled`
 
 
-@subroutine
+@jit_subroutine
 def slip2_of(y, s):
     """Return the squared slip of species s."""
     total = 0.0
@@ -59,7 +59,7 @@ def slip2_of(y, s):
     return total
 
 
-@compiled
+@jit
 def advance(them, work, y, at, dt, out):
     """Write `y` after dt to `out`, with the stopping times at the slips of `at`."""
     n, dim = y.shape
@@ -74,7 +74,7 @@ def advance(them, work, y, at, dt, out):
             out[s, c] = y[s, c] + dt * them.b[s, c] + work.change[s, c]
 
 
-@compiled
+@jit
 def next_step(error):
     """Return the next sub-step over this one.
 
@@ -83,7 +83,7 @@ def next_step(error):
     return min(4.0, max(0.1, 0.9 * (error + 1e-30) ** -0.25))
 
 
-@subroutine
+@jit_subroutine
 def sub_step(them, work, now, step):
     """Write the velocities `now` after a sub-step to `work.best`, and return the error in units of the tolerance."""
     # Loops copy arrays: assignments of slices would cost seconds of compilation.
@@ -114,7 +114,7 @@ def sub_step(them, work, now, step):
     return error / scale / TOLERANCE if scale > 0.0 else 0.0
 
 
-@subroutine
+@jit_subroutine
 def is_linear(them, y, dt):
     """Return whether no slip during dt changes the drag: drag alone never widens the range of the velocities."""
     reach = 0.0
@@ -128,7 +128,7 @@ def is_linear(them, y, dt):
     return True
 
 
-@making
+@jit_alloc
 def relax_by_speed(
     mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, room, change
 ):

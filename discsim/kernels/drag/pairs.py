@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import compiled, lean
+from discsim.jit.decorators import jit, jit_no_alloc
 from discsim.kernels.common.candidates import most_of, place
 from discsim.kernels.drag.frame import kepler
 from discsim.kernels.drag.laws import hastening, stopping_time
@@ -23,7 +23,7 @@ from discsim.kernels.sph.smoothing import NORM, SUPPORT, shape
 CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta^2) finite
 
 
-@compiled
+@jit
 def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, offset):
     """List the gas whose support holds each dust particle of the cells, and the offset x_dust - x_gas (pairs, d).
 
@@ -79,7 +79,7 @@ def weight_driver(kernel: int, dim: int, hump: bool):
     support = SUPPORT[kernel]
 
     # No fastmath: chunk ends decide which pairs a vector loop computes, and its rounding may differ.
-    @compiled
+    @jit
     def weigh(first, last, gas, offset, h, weight):
         for k in range(first, last):
             inv_h = 1.0 / h[gas[k]]
@@ -95,7 +95,7 @@ def weight_driver(kernel: int, dim: int, hump: bool):
     return weigh
 
 
-@compiled
+@jit
 def gather(first, last, start, gas, weight, value, out):
     """Write the sum of W value_a over the pairs of dust j to out_j."""
     for j in range(first, last):
@@ -125,7 +125,7 @@ class Couples(NamedTuple):
     time: np.ndarray
 
 
-@lean
+@jit_no_alloc
 def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlinear, star, softening, whole, rate):
     """Write part and time of the pairs, from their `weight` W, and the rate of each dust particle.
 
@@ -155,7 +155,7 @@ def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlin
             rate[j] += pairs.part[k] / pairs.time[k]
 
 
-@compiled
+@jit
 def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
     """Add the rate at which pairs change the velocity of a gas particle, sum_j (m_j / m_a) part / time, to `out`."""
     for a in range(first, last):
@@ -164,7 +164,7 @@ def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
             out[a] += dmass[dust[k]] / mass[a] * part[k] / time[k]
 
 
-@compiled
+@jit
 def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, gvel, dt, impulse):
     """Write the impulse of each pair on its dust particle over dt, along the line of sight (`drag/mk.py`)."""
     dim = offset.shape[1]
@@ -188,7 +188,7 @@ def limited(a, b):
     return math.copysign(min(0.5 * abs(a + b), 2.0 * min(abs(a), abs(b))), a)
 
 
-@lean
+@jit_no_alloc
 def push_by_relaxing(
     first, last, pairs, offset, gas, gas_own, gas_slope, dust, own, slope, two_way, dt, exponential, pull, impulse
 ):
@@ -230,7 +230,7 @@ def push_by_relaxing(
                 impulse[k, i] = factor * dim * (f * y + g * b) / r2 * offset[k, i]
 
 
-@compiled
+@jit
 def shares(first, last, begin, order, offset, pull, mass, share):
     """Write the largest share of its slip that a particle's pairs remove, if all pairs have the same slip.
 
@@ -253,7 +253,7 @@ def shares(first, last, begin, order, offset, pull, mass, share):
         share[i] = (0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)) / mass[i]
 
 
-@compiled
+@jit
 def most_shares(first, last, begin, order, mine, one, other, both):
     """Write to `both` the largest sum of a particle's share, `one` (n,), and its partner's, `other`, over its pairs.
 
@@ -266,7 +266,7 @@ def most_shares(first, last, begin, order, mine, one, other, both):
             both[i] = max(both[i], one[i] + other[mine[k]])
 
 
-@compiled
+@jit
 def hold_back(first, last, start, gas, both, gas_both, impulse):
     """Scale impulses down to where they cannot create kinetic energy (`drag/lab14.py`)."""
     for j in range(first, last):
@@ -276,7 +276,7 @@ def hold_back(first, last, start, gas, both, gas_both, impulse):
                 impulse[k, i] *= scale
 
 
-@compiled
+@jit
 def pull_dust(first, last, start, impulse, mass, vel):
     """Add the impulses of its pairs to the velocity of each dust particle."""
     for j in range(first, last):
@@ -287,7 +287,7 @@ def pull_dust(first, last, start, impulse, mass, vel):
             vel[j, i] += total / mass[j]
 
 
-@compiled
+@jit
 def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
     """Subtract the impulses of its pairs from the velocity of each gas particle."""
     for a in range(first, last):
@@ -298,7 +298,7 @@ def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
             vel[a, i] -= total / mass[a]
 
 
-@compiled
+@jit
 def warm(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
     """Add the heat per mass that pairs leave in a gas particle to `heat`.
 

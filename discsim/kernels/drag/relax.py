@@ -6,11 +6,11 @@ obey the equations of `kernels/drag/coupled.py`. Increments are those beyond fre
 
 import math
 
-from discsim.jit.decorators import compiled, lean, subroutine
+from discsim.jit.decorators import jit, jit_no_alloc, jit_subroutine
 from discsim.kernels.drag.coupled import relax_coupled
 
 
-@compiled
+@jit
 def response(rate, dt, exponential):
     """Return (f, g) of y' = y + b dt + f y + g b, the solution of dy/dt = b - rate y over dt.
 
@@ -26,7 +26,7 @@ def response(rate, dt, exponential):
     return f, -dt * x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
 
 
-@compiled
+@jit
 def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     """Return the increments of two coupled velocities of weights w0, w1 beyond their free motion."""
     f, g = response(rate, dt, exponential)
@@ -34,7 +34,7 @@ def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
     return w1 / (w0 + w1) * change, -w0 / (w0 + w1) * change
 
 
-@lean
+@jit_no_alloc
 def relax_apart(mass, time, y, b, two_way, dt, exponential, room, slip, drive):
     """Write the velocity changes (n, d) of gas (entry 0) and several populations by slips and by sources, apart.
 
@@ -55,7 +55,7 @@ def relax_apart(mass, time, y, b, two_way, dt, exponential, room, slip, drive):
                 slip[s, c], drive[s, c] = f * (y[s, c] - y[0, c]), g * (b[s, c] - b[0, c])
 
 
-@subroutine
+@jit_subroutine
 def relax_means(mass, time, y, b, two_way, dt, exponential, several, room, change):
     """Write the sum of the changes by slips and by sources of `relax_apart`.
 

@@ -2,13 +2,13 @@
 
 import math
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.jit.index import index
 
 ONE, TWO = index(1), index(2)
 
 
-@compiled
+@jit
 def limit_lengths(begin, end, pos, h, least, table, nodes, out):
     """Write min(h, max(limit(r), least h)) at positions (n, 2).
 

@@ -46,7 +46,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, subroutine
+from discsim.jit.decorators import jit, jit_subroutine
 from discsim.kernels.drag.laws import hastened, quickening, steepness, stopping_time, unhastened
 from discsim.kernels.drag.nonlinear import MOST, TOLERANCE, next_step
 
@@ -89,7 +89,7 @@ class Path(NamedTuple):
     push: float  # q
 
 
-@subroutine
+@jit_subroutine
 def drift_speeds(time, excess, shear, kappa2, flow):
     """Return (v*, w*) of eq. (3)."""
     rate = 1.0 / time
@@ -97,7 +97,7 @@ def drift_speeds(time, excess, shear, kappa2, flow):
     return -carried / (rate + kappa2 * time), carried * shear / (rate * rate + kappa2)
 
 
-@subroutine
+@jit_subroutine
 def gas_at(r2, disc):
     """Return (Sigma, c_s^2, P', -r dP'/dr, v_g) of the gas at squared radius r2, with P' = -(1/Sigma) dP/dr / r."""
     if len(disc.table) == 0:
@@ -114,7 +114,7 @@ def gas_at(r2, disc):
     return density, sound2, pull / r2, (2.0 * pull - rise) / r2, less * low[4] + part * high[4]
 
 
-@subroutine
+@jit_subroutine
 def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
     """Return the stopping time t that is consistent with the slip w of the drift (3), which depends on t.
 
@@ -143,7 +143,7 @@ def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
     return math.sqrt(u)
 
 
-@compiled
+@jit
 def path_at(x, y, k, disc):
     """Return the Path of a grain of population k at (x, y)."""
     r2 = x * x + y * y
@@ -171,7 +171,7 @@ def path_at(x, y, k, disc):
     return Path(r, density, sound, kepler, omega * r, mach2, reynolds2, slow, time, radial, azimuthal, slip, push)
 
 
-@subroutine
+@jit_subroutine
 def responses(x):
     """Return exp(-x) and four means over s in [0, x]: of exp(-s), and of exp(s - x) times (1 - exp(-s))/x,
     2 exp(-s) (1 - exp(-s))/x and (1 - exp(-s))^2 / x^2.
@@ -186,7 +186,7 @@ def responses(x):
     return e, one / x, (one - x * e) / x2, 2.0 * e * (x - one) / x2, (one - 2.0 * x * e + e * one) / (x2 * x)
 
 
-@subroutine
+@jit_subroutine
 def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
     """Return (delta, m) of eq. (5) after dt; `spin` is L*, `answer` is responses(dt / time)."""
     e, first, second, mixed, square = answer
@@ -196,7 +196,7 @@ def relax(delta, m, time, answer, a_r, a_phi, spin, r, dt):
     return delta - delta * damped + dt * (a_r * first + turned / (r * r * r)), m - m * damped + given * first
 
 
-@subroutine
+@jit_subroutine
 def hastening_at(path, delta, m):
     """Return the squared slip, and the drag factor H at this slip."""
     v, w = path.slip + delta, path.azimuthal + m / path.r
@@ -204,7 +204,7 @@ def hastening_at(path, delta, m):
     return slip2, hastened(path.mach2, path.reynolds2, slip2)
 
 
-@subroutine
+@jit_subroutine
 def rest_of_drag(path, rate, v, w):
     """Return N of eq. (6), radial and azimuthal, at the slip of the path plus (v, w); `rate` is 1/t0."""
     v += path.slip
@@ -213,7 +213,7 @@ def rest_of_drag(path, rate, v, w):
     return v * less, w * less
 
 
-@subroutine
+@jit_subroutine
 def powers(x, answer):
     """Return the means over s in [0, 1] of exp(x (s - 1)) times s, s^2 / 2, (1 - s) s and (1 - s) s^2 / 2.
 
@@ -233,7 +233,7 @@ def powers(x, answer):
     return first, second, turned, (second - turned) * low
 
 
-@subroutine
+@jit_subroutine
 def at_middle(f, s):
     """Return the weights of N1 and N2 in the velocity at the middle of the step, for the parabola through 0, N1 and N2
     at its start, middle and end; f and s are the `powers` over the first half.
@@ -241,13 +241,13 @@ def at_middle(f, s):
     return f - s, 0.5 * s - 0.25 * f
 
 
-@subroutine
+@jit_subroutine
 def at_end(f, s):
     """Return the weights of N1 and N2 in the velocity at the end; f and s are the `powers` over the whole step."""
     return 4.0 * f - 8.0 * s, 4.0 * s - f
 
 
-@subroutine
+@jit_subroutine
 def gained(n1, n2, weights, turned, turn, dt):
     """Return the radial and azimuthal velocity from N1 and N2 in dt; `turn` couples the azimuthal to the radial one."""
     radial = n1[0] * weights[0] + n2[0] * weights[1]
@@ -255,12 +255,12 @@ def gained(n1, n2, weights, turned, turn, dt):
     return dt * (radial + turn * spun), dt * (n1[1] * weights[0] + n2[1] * weights[1])
 
 
-@subroutine
+@jit_subroutine
 def larger(a, b):
     return max(abs(a), abs(b))
 
 
-@subroutine
+@jit_subroutine
 def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     """Return (delta, m) of eqs. (5) and (6) after one step dt, and its estimated error over the largest slip."""
     r = path.r
@@ -300,7 +300,7 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     return d2, m2, error / largest if largest > 0.0 else 0.0
 
 
-@compiled
+@jit
 def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     """Return (delta, m) after dt as `relax` does, for a stopping time that depends on the slip."""
     done, step, count = 0.0, dt, 0
@@ -317,7 +317,7 @@ def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     return delta, m
 
 
-@subroutine
+@jit_subroutine
 def is_linear(path, delta, m, a_r, a_phi, spin, dt):
     """Return whether no slip that a grain can reach during dt changes its stopping time."""
     r, lasting = path.r, min(dt, path.slow)
@@ -327,7 +327,7 @@ def is_linear(path, delta, m, a_r, a_phi, spin, dt):
     return unhastened(path.mach2, path.reynolds2, reach * reach)
 
 
-@compiled
+@jit
 def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
     """Kick dust over dt, from velocities `lag` behind the positions; write the stopping times (n,) at the start."""
     for i in range(first, last):
@@ -354,7 +354,7 @@ def kick_dust(first, last, pos, vel, acc, species, disc, lag, dt, time):
         vel[i, 1] = v * y + w * x
 
 
-@compiled
+@jit
 def path_velocities(first, last, pos, species, disc, out):
     """Write the velocity (n, 2) of the steady drift at each position: radial, and azimuthal relative to Kepler's."""
     for i in range(first, last):
@@ -362,7 +362,7 @@ def path_velocities(first, last, pos, species, disc, out):
         out[i, 0], out[i, 1] = path.radial, path.orbit - path.kepler * path.r + path.azimuthal
 
 
-@compiled
+@jit
 def drift_dust(first, last, pos, vel, dt):
     """Move dust over dt by eq. (1), and rotate its velocity with the position."""
     for i in range(first, last):

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import compiled, compiled_sums, inner
+from discsim.jit.decorators import inline_jit, jit, jit_sums_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.neighbours import whole
 from discsim.kernels.common.philox import counter_of, normal_pair
@@ -127,7 +127,7 @@ def write_gas(dim, j, sums, field):
 def gas_driver(kernel: int, dim: int):
     """Compile the sums (1) at grains: columns `field` (n, 3 + 2 d) of the gas there, with S = 0 outside the gas."""
 
-    @compiled_sums
+    @jit_sums_alloc
     def gas_about(first, last, lists, grains, cells, pos, h, mass, speed2, field):
         begin, slots, order = lists.begin, lists.slots, grains.order
         pack = np.zeros((C2 + 1) * STRIDE)
@@ -160,7 +160,7 @@ def recoil_driver(kernel: int):
     """
     sigma = NORM[1][kernel]
 
-    @compiled_sums
+    @jit_sums_alloc
     def recoil(first, last, lists, cells, grains, gpos, h, density, given, centre, gvel):
         begin, slots, order = lists.begin, lists.slots, cells.order
         pack = np.zeros((PER_DENSITY + 1) * STRIDE)
@@ -201,7 +201,7 @@ def pack_given(begin, end, slots, order, density, given, pack):
         pack[PER_DENSITY * STRIDE + k] = 0.0
 
 
-@compiled
+@jit
 def given_about(first, last, pos, disc, field):
     """Write the columns `field` (n, 7) of the gas at positions (n, 2) in a given disc about the origin."""
     for i in range(first, last):
@@ -217,7 +217,7 @@ def given_about(first, last, pos, disc, field):
             field[i, SLOPES + k], field[i, SLOPES + 2 + k] = slope * per, steep * per
 
 
-@inner
+@inline_jit
 def slopes_of_time(law, grain, density, sound, star, own):
     """Return the slopes of ln t over ln of the gas density, sound speed and Omega, at a stopping time t = `own`."""
     up = 1.0 + NUDGE
@@ -228,7 +228,7 @@ def slopes_of_time(law, grain, density, sound, star, own):
     return per * by_density, per * by_sound, per * by_omega
 
 
-@compiled
+@jit
 def strengths(first, last, pos, centre, species, field, times, norm, fresh, stirring, strength, drift):
     """Write D (n,) and grad D + D grad ln S (n, d) of each grain, 0 where there is no gas or no drag.
 
@@ -290,7 +290,7 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
     return steepest
 
 
-@compiled
+@jit
 def walk(first, last, pos, vel, ids, strength, drift, field, key, step, dt, circles, gained):
     """Move grains by eq. (2) over dt; write the angular momenta per mass that they gain to `gained` (n,), unless empty.
 
@@ -318,7 +318,7 @@ def walk(first, last, pos, vel, ids, strength, drift, field, key, step, dt, circ
             pos[i, 1] += v
 
 
-@inner
+@inline_jit
 def shift(i, pos, vel, u, v, circles, gained):
     """Change the velocity of grain i for a displacement (u, v): the velocity relative to the circular orbit stays."""
     cx, cy = circles.centre[0], circles.centre[1]
@@ -341,7 +341,7 @@ def shift(i, pos, vel, u, v, circles, gained):
         gained[i] = r * azimuthal - before
 
 
-@inner
+@inline_jit
 def behind(r, sense, circles):
     """Return the radial and azimuthal velocity on a circular orbit, at a time `lag` before that of the position: the
     circular velocity turned back by asin(Omega lag).

@@ -21,13 +21,13 @@ from numba.extending import register_jitable
 
 from discsim.formulas import growth
 from discsim.formulas.laws import COLUMN, SIZE, THERMAL, VALUE
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 from discsim.kernels.drag.frame import kepler
 from discsim.kernels.drag.laws import stopping_time
 
 register_jitable(error_model="numpy")(growth.layer)  # midplane_density calls it
 small_share, midplane_density, relative_speed, fragmentation_size = (
-    inner(formula)
+    inline_jit(formula)
     for formula in (growth.small_share, growth.midplane_density, growth.relative_speed, growth.fragmentation_size)
 )
 # Columns of the surroundings of a dust particle: surface densities, c^2, dP/dr over Sigma_g, the velocity (5); then
@@ -73,7 +73,7 @@ class Place(NamedTuple):
     headwind: float  # eta v_K
 
 
-@inner
+@inline_jit
 def rate(size, start, grains, at):
     """Return d ln a / dt of a grain of a `size`. The small dust of `at` is that for the size `start`; growth from
     `start` to `size` turns part of it into grown dust.
@@ -89,7 +89,7 @@ def rate(size, start, grains, at):
     return density * speed / (grains.material * size)
 
 
-@inner
+@inline_jit
 def grown_size(start, most, dt, grains, at, k):
     """Return the size after dt of a grain of size `start`, at most `most`, by Dormand & Prince's (1980) 5(4) in ln a.
 
@@ -125,7 +125,7 @@ def grown_size(start, most, dt, grains, at, k):
     return max(start, math.exp(log))  # rounding may put exp(log) below `start`
 
 
-@compiled
+@jit
 def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, mass, size, wanted):
     """Write the `size` (n,) of each grain after dt, and the mass `wanted` (n,) that it gains or loses by (3).
 

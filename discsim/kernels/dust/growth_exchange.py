@@ -5,7 +5,7 @@ import functools
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import compiled_sums
+from discsim.jit.decorators import jit_sums_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.neighbours import whole
 from discsim.kernels.dust.growth import GIVE, TAKE, VEL
@@ -81,7 +81,7 @@ def hand_driver(kernel: int):
     """
     sigma = NORM[1][kernel]
 
-    @compiled_sums
+    @jit_sums_alloc
     def hand(first, last, lists, cells, grains, carriers, vel, field, wanted, share, spread, got):
         begin, slots, order, (gpos, _, h, gas, small) = lists.begin, lists.slots, cells.order, carriers
         pack = np.zeros((VY + 1) * STRIDE)
@@ -137,7 +137,7 @@ def offered(x, y, bx, by, n, pack):
 def take_driver(kernel: int):
     """Compile the exchange for dust particles, which changes their mass (n,) and velocities (n, 2)."""
 
-    @compiled_sums
+    @jit_sums_alloc
     def take(first, last, lists, grains, cells, carriers, spread, field, wanted, pos, mass, vel):
         begin, slots, order, (_, _, h, _, small) = lists.begin, lists.slots, grains.order, carriers
         pack = np.zeros((OFFERED + 1) * STRIDE)

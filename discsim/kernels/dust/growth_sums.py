@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import compiled_sums, inner
+from discsim.jit.decorators import inline_jit, jit_sums_alloc
 from discsim.jit.index import index
 from discsim.kernels.dust.growth import COLUMNS, GAS, GIVE, GROWN, PULL, SMALL, SPEED2, TAKE, VEL
 from discsim.kernels.dust.packs import (
@@ -52,7 +52,7 @@ def deposit_driver(kernel: int):
     """Compile the sum G_i of (2) at gas particles, written to `out` (n,)."""
     sigma = NORM[1][kernel]
 
-    @compiled_sums
+    @jit_sums_alloc
     def deposit(first, last, lists, cells, grains, gpos, h, mass, out):
         begin, slots, order = lists.begin, lists.slots, cells.order
         pack = np.zeros((HELD + 1) * STRIDE)
@@ -78,7 +78,7 @@ def deposit_driver(kernel: int):
     return deposit
 
 
-@inner
+@inline_jit
 def centred(sums, kind, far):
     """Return 1 / sum w (1 + b . d), and b such that sum w (1 + b . d) d = 0; zeros without any weight w.
 
@@ -177,7 +177,7 @@ def add_means(x, y, along_x, along_y, n, pack, sums):
     sums[MEANS + 4] += tilt
 
 
-@inner
+@inline_jit
 def write_about(j, r, sums, field):
     """Write the columns of `field` for dust particle j, at the distance r from the centre, from its sums."""
     for column in range(COLUMNS):
@@ -203,7 +203,7 @@ def gather_driver(kernel: int):
     interpolated pressure.
     """
 
-    @compiled_sums
+    @jit_sums_alloc
     def gather(first, last, lists, grains, cells, pos, centre, carriers, volume, pressure, grown, field):
         begin, slots, order, (_, gvel, h, gas, small) = lists.begin, lists.slots, grains.order, carriers
         pack = np.zeros((OF_GROWN + 1) * STRIDE)

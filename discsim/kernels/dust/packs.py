@@ -8,7 +8,7 @@ import math
 
 from numba import njit
 
-from discsim.jit.decorators import INNER, kept
+from discsim.jit.decorators import INLINE, kept
 from discsim.jit.index import index
 from discsim.kernels.common.candidates import place
 from discsim.kernels.common.neighbours import whole
@@ -90,7 +90,7 @@ def weighed(n, row, pack):
     return total
 
 
-@kept(**INNER, fastmath={"nnan", "nsz"})  # vectorised, as NaN is excluded
+@kept(**INLINE, fastmath={"nnan", "nsz"})  # vectorised, as NaN is excluded
 def farthest(n, pack):
     """Return the largest distance of the n packed gas particles with W > 0."""
     far = 0.0

@@ -2,10 +2,10 @@
 
 import math
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 
 
-@compiled
+@jit
 def push(begin, end, pos, species, strength, softening, acc):
     """Add the radiation pressure to the accelerations (n, 2) of grains.
 

@@ -5,13 +5,13 @@ Rows of `cells` (5, n) as in `kernels/fluid1d/ppm.py`. Cells without dust do not
 
 import numpy as np
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.kernels.drag.laws import stopping_time
 from discsim.kernels.drag.relax import relax_pair
 from discsim.kernels.fluid1d.ppm import DUST_MASS, DUST_MOMENTUM, ENERGY, MASS, MOMENTUM
 
 
-@compiled
+@jit
 def stopping_times(law, grain, density, dust_density, sound):
     """Return the stopping time of the dust in each cell (n,)."""
     out = np.empty(len(density))
@@ -20,7 +20,7 @@ def stopping_times(law, grain, density, dust_density, sound):
     return out
 
 
-@compiled
+@jit
 def relax_together(law, grain, sound, start, middle, after, dt, exponential, adiabatic, heating):
     """Add drag to gas and dust of `after`, which have moved from `start` over dt without drag.
 
@@ -47,7 +47,7 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
                 after[ENERGY, i] += dust * gained * slip
 
 
-@compiled
+@jit
 def relax_apart(law, grain, sound, cells, dt, adiabatic, heating):
     """Relax each species towards the old velocity of the other, by implicit Euler over dt."""
     for i in range(cells.shape[1]):

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, subroutine
+from discsim.jit.decorators import jit, jit_subroutine
 
 GHOSTS = 4  # cells beyond each end that the flux through a face depends on
 DENSITY, VELOCITY, PRESSURE, DUST_DENSITY, DUST_VELOCITY = range(5)
@@ -28,7 +28,7 @@ MOST = 0.75  # largest share of a cell's dust that may leave by its parabola in 
 STEEP, SHOCKED, SLOPE, LEAST_JUMP = 0.75, 10.0, 2.0, 0.33  # omega_1, omega_2, of (1.8), epsilon of A.2
 
 
-@subroutine
+@jit_subroutine
 def limited_slope(left, centre, right):
     """Return the limited slope of a cell, CW84 (1.7) and (1.8)."""
     down, up = centre - left, right - centre
@@ -38,7 +38,7 @@ def limited_slope(left, centre, right):
     return math.copysign(min(abs(middle), SLOPE * abs(down), SLOPE * abs(up)), middle)
 
 
-@subroutine
+@jit_subroutine
 def monotone(left, centre, right):
     """Return the ends of a cell's parabola, limited to have no extremum between them (1.10)."""
     if (right - centre) * (centre - left) <= 0.0:
@@ -51,7 +51,7 @@ def monotone(left, centre, right):
     return left, right
 
 
-@subroutine
+@jit_subroutine
 def parabolas(mean, flatness, left, right):
     """Write values at the left and right ends of all cells but two at either end (A.2, 1.6, 4.1, 1.10)."""
     n = len(mean)
@@ -66,7 +66,7 @@ def parabolas(mean, flatness, left, right):
         left[i], right[i] = monotone(low, mean[i], high)
 
 
-@subroutine
+@jit_subroutine
 def flattening(velocity, pressure):
     """Return the weight of each cell's mean in its parabola: 1 in a shock of one or two cells (A.2)."""
     n = len(pressure)
@@ -83,7 +83,7 @@ def flattening(velocity, pressure):
     return out
 
 
-@subroutine
+@jit_subroutine
 def gas_flux(left, right, gamma, flux):
     """Write HLLC's flux of mass, momentum and energy between two states; HLL's of mass and momentum with gamma = 0.
 
@@ -121,7 +121,7 @@ def gas_flux(left, right, gamma, flux):
         flux[ENERGY] = 0.0
 
 
-@compiled
+@jit
 def through_faces(state, gamma):
     """Return the fluxes through the faces of cells with their ghosts, state (5, n + 2 ghosts).
 
@@ -146,7 +146,7 @@ def through_faces(state, gamma):
     return gas, rightward, leftward
 
 
-@compiled
+@jit
 def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
     """Limit the dust that leaves a cell to its content, with the cell's own velocity, for dust in voids.
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, subroutine
+from discsim.jit.decorators import jit, jit_subroutine
 
 # Weights of f at five nodes for 12 cell f' at the first, ..., the last of these: fourth order (Fornberg 1988).
 _STENCILS = np.array(
@@ -16,7 +16,7 @@ _STENCILS = np.array(
 )
 
 
-@subroutine
+@jit_subroutine
 def _place(i, count, periodic):
     # The first of the five nodes about node i, and the position of i among the five.
     first = i - 2
@@ -25,7 +25,7 @@ def _place(i, count, periodic):
     return first, i - first
 
 
-@compiled
+@jit
 def gradient(begin, end, potential, cell, periodic, first_of, end_of, out):
     """Write the gradient (nx, ny, 2) of `potential` (nx, ny) by stencils of five nodes, centred except at open edges.
 

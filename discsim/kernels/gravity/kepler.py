@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
 
 ONE, TWO = index(1), index(2)
@@ -23,7 +23,7 @@ LARGEST = 1.0  # largest |z| for the series
 PARTS = 400  # largest number of sub-steps tried
 
 
-@inner
+@inline_jit
 def stumpff(z):
     """Return c_2 and c_3 for |z| <= LARGEST, to rounding."""
     c2, c3 = 1.0 / 6402373705728000.0, 1.0 / 121645100408832000.0  # 1 / 18!, 1 / 19!
@@ -37,7 +37,7 @@ def stumpff(z):
     return 0.5 - z * c2, 1.0 / 6.0 - z * c3
 
 
-@inner
+@inline_jit
 def functions(beta, s):
     """Return G_1, G_2 and G_3."""
     c2, c3 = stumpff(beta * s * s)
@@ -45,7 +45,7 @@ def functions(beta, s):
     return s - beta * g3, s * s * c2, g3
 
 
-@inner
+@inline_jit
 def after(x, y, vx, vy, mass, dt, rounds):
     """Return position and velocity after dt, and whether Newton's method has converged within `rounds` iterations."""
     r0 = math.sqrt(x * x + y * y)
@@ -68,7 +68,7 @@ def after(x, y, vx, vy, mass, dt, rounds):
     return x + (f * x + g * vx), y + (f * y + g * vy), vx + (df * x + dg * vx), vy + (df * y + dg * vy), found
 
 
-@compiled
+@jit
 def in_parts(x, y, vx, vy, mass, dt):
     """Return position and velocity after dt, in shorter steps and without whole orbits. A particle that falls into the
     star itself continues in a straight line.
@@ -92,7 +92,7 @@ def in_parts(x, y, vx, vy, mass, dt):
     return x + left * vx, y + left * vy, vx, vy
 
 
-@compiled
+@jit
 def drift(first, last, pos, vel, masses, species, dt):
     """Move particles, `pos` and `vel` (n, 2), over dt on Kepler orbits about a mass at the origin.
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from discsim.jit.decorators import INNER, KERNEL, compiled, inner, kept
+from discsim.jit.decorators import INLINE, KERNEL, inline_jit, jit, kept
 from discsim.jit.index import index
 from discsim.kernels.common.filling import SOME as ROOM
 from discsim.kernels.common.filling import with_room
@@ -16,13 +16,13 @@ from discsim.kernels.common.totals import LIMBS, SOME, add_some
 ONE, TWO, THREE, FOUR = index(1), index(2), index(3), index(4)
 
 
-@inner
+@inline_jit
 def blank(begin, end, out):
     for i in range(begin, end):
         out[i] = 0.0
 
 
-@compiled
+@jit
 def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
     """Subtract G M d / (d^2 + s^2)^(3/2) from `acc` (n, 2), with d the offset from (x0, y0).
 
@@ -42,7 +42,7 @@ def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
             out[TWO * i + ONE] -= f * y
 
 
-@compiled
+@jit
 def add(begin, end, vectors, x, y):
     """Add (x, y) to vectors (n, 2)."""
     out = vectors.reshape(-1)
@@ -51,7 +51,7 @@ def add(begin, end, vectors, x, y):
         out[TWO * i + ONE] += y
 
 
-@compiled
+@jit
 def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0):
     """Apply `attract` by a mass `pull`, and return the limbs (2, LIMBS) of the pull back.
 
@@ -77,7 +77,7 @@ def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0)
     return limbs
 
 
-@compiled
+@jit
 def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0):
     """Apply `attract_mutually` by a mass that moves with (vx0, vy0).
 
@@ -106,14 +106,14 @@ def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0
     return limbs, (nearest2, crossing2)
 
 
-@inner
+@inline_jit
 def squared(i, flat, x0, y0):
     """Return the squared distance of position i from (x0, y0)."""
     x, y = flat[TWO * i] - x0, flat[TWO * i + ONE] - y0
     return x * x + y * y
 
 
-@kept(**INNER, fastmath={"nnan", "nsz"})
+@kept(**INLINE, fastmath={"nnan", "nsz"})
 def least_squared(first, last, flat, x0, y0):
     """Return the least squared distance of positions `first` to `last`.
 
@@ -131,7 +131,7 @@ def least_squared(first, last, flat, x0, y0):
     return min(min(one, two), min(three, four))
 
 
-@compiled
+@jit
 def nearest(begin, end, pos, x0, y0):
     """Return the least squared distance of positions (n, 2) from (x0, y0), inf for none; they must not be NaN."""
     return least_squared(index(begin), index(end), pos.reshape(-1), x0, y0)

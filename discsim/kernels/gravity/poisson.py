@@ -5,12 +5,12 @@ A tile (nx, TILE) holds TILE columns and is contiguous: copies from rows to tile
 long strides. Buffers are wider than their content, so that their rows do not map to the same cache lines.
 """
 
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 
 TILE = 8  # columns: two cache lines of complex numbers
 
 
-@compiled
+@jit
 def load_rows(field, first, rows):
     """Copy rows first, first + 1, ... of a field (nx, ny) to `rows` (batch, >= ny)."""
     for i in range(min(rows.shape[0], field.shape[0] - first)):
@@ -19,7 +19,7 @@ def load_rows(field, first, rows):
             row[j] = field[first + i, j]
 
 
-@compiled
+@jit
 def store_rows(rows, first, shift, border, field):
     """Copy `rows` back to a field, `shift` rows further on, from the last to the first.
 
@@ -34,7 +34,7 @@ def store_rows(rows, first, shift, border, field):
             out[j] = row[len(row) - border + j]
 
 
-@compiled
+@jit
 def rows_to_tiles(rows, first, tiles):
     """Copy rows (batch, tiles TILE) to rows first, first + 1, ... of `tiles` (tiles, nx, TILE)."""
     for t in range(tiles.shape[0]):
@@ -43,7 +43,7 @@ def rows_to_tiles(rows, first, tiles):
                 tiles[t, first + i, c] = rows[i, t * TILE + c]
 
 
-@compiled
+@jit
 def tiles_to_rows(tiles, first, rows):
     """Copy rows of `tiles` to `rows`, the reverse of `rows_to_tiles`."""
     for t in range(tiles.shape[0]):
@@ -52,7 +52,7 @@ def tiles_to_rows(tiles, first, rows):
                 rows[i, t * TILE + c] = tiles[t, first + i, c]
 
 
-@compiled
+@jit
 def load_columns(tile, columns):
     """Copy the columns of a tile (nx, TILE) to `columns` (TILE, >= nx)."""
     for i in range(tile.shape[0]):
@@ -60,7 +60,7 @@ def load_columns(tile, columns):
             columns[c, i] = tile[i, c]
 
 
-@compiled
+@jit
 def store_columns(columns, tile):
     """Copy `columns` to a tile, the reverse of `load_columns`."""
     for i in range(tile.shape[0]):
@@ -68,7 +68,7 @@ def store_columns(columns, tile):
             tile[i, c] = columns[c, i]
 
 
-@compiled
+@jit
 def multiply_columns(columns, quadrant, first, length):
     """Multiply columns by the kernel's transform. The kernel is even, so `quadrant` (ky, kx) has half of the kx.
 
@@ -78,7 +78,7 @@ def multiply_columns(columns, quadrant, first, length):
         _multiply(columns[c], quadrant[first + c], length, 1)
 
 
-@inner
+@inline_jit
 def _multiply(column, factor, length, unpaired):
     # factor[k] belongs to mode k. The kernel is even: modes from the last one back have the same factors, from index
     # `unpaired` on, which is 1 where mode 0 has no mirror image, and 0 where each mode has one.
@@ -91,7 +91,7 @@ def _multiply(column, factor, length, unpaired):
         column[2 * (length - 1 - k) + 1] *= factor[k + unpaired]
 
 
-@compiled
+@jit
 def load_halves(tile, nx, wave, columns):
     """Copy the first nx rows of a tile to `columns` (2, TILE, >= n): as they are, and times `wave` (n,).
 
@@ -105,7 +105,7 @@ def load_halves(tile, nx, wave, columns):
     columns[:, :, nx : len(wave)] = 0.0
 
 
-@compiled
+@jit
 def store_halves(columns, nx, border, wave, tile):
     """Write rows of the inverse transform of length 2n to a tile.
 
@@ -124,7 +124,7 @@ def store_halves(columns, nx, border, wave, tile):
         _store_beyond(columns, count - border + i, wave, tile[nx + border + i])
 
 
-@inner
+@inline_jit
 def _store_beyond(columns, i, wave, row):
     # Row i of the second half: its wave has the opposite sign.
     back = wave[i].conjugate()
@@ -132,7 +132,7 @@ def _store_beyond(columns, i, wave, row):
         row[c] = columns[0, c, i] - back * columns[1, c, i]
 
 
-@compiled
+@jit
 def multiply_halves(columns, quadrant, first, length):
     """Apply `multiply_columns` to even and then odd modes, `columns` (2, TILE, >= 2 length).
 

@@ -6,14 +6,14 @@ spares most batches a test of each row.
 
 import numpy as np
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.jit.index import index
 
 BATCH = 128  # rows in a batch
 ONE, WHOLE = index(1), index(BATCH)
 
 
-@compiled
+@jit
 def bounds_of(first, last, some, pos, out):
     """Write to `out` (batches, 4) the least and largest x and the least and largest y of `some` batches of positions
     (n, d). y is 0 in one dimension; a batch with a position that is not finite gets NaN.

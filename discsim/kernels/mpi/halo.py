@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import compiled, inner, subroutine
+from discsim.jit.decorators import inline_jit, jit, jit_subroutine
 from discsim.jit.index import index
 from discsim.kernels.common.filling import SOME, with_room
 from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
@@ -19,7 +19,7 @@ FAR = 64  # a batch that spans more top-level blocks than this is kept without a
 EDGE = 1e-6  # of a cell: largest rounding error of a position
 
 
-@compiled
+@jit
 def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
     """Return which cells (cells,) of the grids `others` may hold particles within reach of the cells `filled` of
     `grids`; `flat` in one dimension.
@@ -58,7 +58,7 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
     return out
 
 
-@subroutine
+@jit_subroutine
 def _sum_up(corners, begin, out):
     nx, ny = corners.shape[0] - 1, corners.shape[1] - 1
     for i in range(nx):
@@ -69,7 +69,7 @@ def _sum_up(corners, begin, out):
             out[begin + i * ny + j] = corners[i, j] > 0
 
 
-@subroutine
+@jit_subroutine
 def _mark(x0, x1, y0, y1, grid, periodic, corners):
     # Mark the cells x0 to x1 and y0 to y1 of a whole grid that its part has, in each periodic image of the box.
     nx, ny, all_x, all_y = int(grid[NX]), int(grid[NX + 1]), int(grid[ALL_X]), int(grid[ALL_X + 1])
@@ -87,14 +87,14 @@ def _mark(x0, x1, y0, y1, grid, periodic, corners):
                 corners[right, high] += 1
 
 
-@compiled
+@jit
 def _span(i, side, away, per, reach):
     # First and last cell of side `per`, counted from `away` along an axis, within reach of the i-th cell of `side`.
     low, high = (i - EDGE) * side - away - reach, (i + 1 + EDGE) * side - away + reach
     return math.floor(low / per), math.floor(high / per)
 
 
-@compiled
+@jit
 def mark_blocks(own, home, about, near, rings, out):
     """Mark in `out` (blocks,) the blocks that the nodes about the blocks `own` depend on, and `rings` more rings of
     nodes. `home`, `about` and `near` (there `blocks`) are results of `list_nodes` in `kernels/drag/tsc/levels.py`.
@@ -116,7 +116,7 @@ def mark_blocks(own, home, about, near, rings, out):
                     out[near[node, k]] = True
 
 
-@compiled
+@jit
 def number_runs(first, last, out):
     """Write to `out` (cells + 1,), 0 on input, how many cells before each are in the runs of cells from `first` up to
     `last` (runs,).
@@ -130,7 +130,7 @@ def number_runs(first, last, out):
         count += here
 
 
-@compiled
+@jit
 def in_runs(first, last, some, key, of, number):
     """Return the particles whose cells are in the runs counted by `number` (`number_runs`), and the numbers of these
     cells, (m,) each. Only the batches some[first:last] are searched.
@@ -148,7 +148,7 @@ def in_runs(first, last, some, key, of, number):
     return out[: np.int64(count)], numbers[: np.int64(count)]
 
 
-@compiled
+@jit
 def mark_held(first, last, held, number, out):
     """Mark in `out` (blocks,) the blocks of the leaves that are `held` (leaves,); number (leaves,): block of a leaf."""
     for leaf in range(index(first), index(last)):
@@ -156,7 +156,7 @@ def mark_held(first, last, held, number, out):
             out[index(number[leaf])] = True
 
 
-@compiled
+@jit
 def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
     """Return the batches, from `first` to `last`, that may have a particle in a top-level block that is `marked`
     (x, y), by their `bounds` (batches, 4).
@@ -180,7 +180,7 @@ def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
     return out[:count]
 
 
-@inner
+@inline_jit
 def _leaves_between(low, high, origin, side, first, period):
     # Range of the leaves of a part between two positions along an axis, one wider on each side for rounding. It is
     # infinite if the positions are in different periods, or NaN.
@@ -195,14 +195,14 @@ def _leaves_between(low, high, origin, side, first, period):
     return low - first, high - first
 
 
-@compiled
+@jit
 def number_anew(first, last, number, anew):
     """Replace each `number` (n,) by its new one in `anew`, of which the last entry is for -1."""
     for i in range(first, last):
         number[i] = anew[number[i]]
 
 
-@compiled
+@jit
 def sides_held(leaf, own, out):
     """Mark in `out` (2, x, y) the top-level blocks that contain any block that is `own` (blocks,), and those that
     contain any other block; leaf (blocks, 2): first leaf of each block.
@@ -211,7 +211,7 @@ def sides_held(leaf, own, out):
         out[0 if own[block] else 1, leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS] = True
 
 
-@compiled
+@jit
 def blocks_in(leaf, marked):
     """Return the blocks in top-level blocks that are `marked` (x, y); leaf (blocks, 2): first leaf of each block."""
     out, count = np.empty(len(leaf), np.int64), 0
@@ -221,7 +221,7 @@ def blocks_in(leaf, marked):
     return out[:count]
 
 
-@compiled
+@jit
 def along_curve(leaf, level, first, rows, begin, end):
     """Write the numbers of the leaves of each block, from `begin` up to `end` (blocks,), in the whole lattice: by
     top-level blocks, of which there are `rows` along y, and within these along a Z-curve.
@@ -236,7 +236,7 @@ def along_curve(leaf, level, first, rows, begin, end):
         end[block] = begin[block] + (np.int64(1) << 2 * np.int64(level[block]))
 
 
-@compiled
+@jit
 def all_there(some, cells, there):
     """Return which of `some` cells reach only cells that are `there` (cells,), and nothing outside the part of a grid
     that this rank has.
@@ -273,7 +273,7 @@ def _inside(index, count):
     return min(max(index, 0), int(count) - 1)
 
 
-@compiled
+@jit
 def mark_leaves(first, last, gas, dust, side, leaves, out):
     """Mark the `leaves` (nx, ny) that hold any particle, and in `out` (x, y) the blocks of `side` by `side` leaves with
     any such leaf. `gas` and `dust` (nx, ny) are the numbers of particles in each leaf.
@@ -290,7 +290,7 @@ def mark_leaves(first, last, gas, dust, side, leaves, out):
                 out[x, y] |= held > 0
 
 
-@compiled
+@jit
 def cut_blocks(blocks, leaves, k, out):
     """Copy `blocks` (n, 2), indices along x and y, of the kth table of leaves to `out` (n, tables, side, side)."""
     side = out.shape[2]
@@ -302,7 +302,7 @@ def cut_blocks(blocks, leaves, k, out):
                 there[j] = here[j]
 
 
-@compiled
+@jit
 def add_blocks(blocks, given, k, leaves):
     """Add table k of `given` (n, tables, side, side) to `blocks` (n, 2), indices along x and y, of that table."""
     side = given.shape[2]

@@ -5,7 +5,7 @@ A ghost for a node is a particle of another rank that deposits mass on the node.
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
 from discsim.kernels.common.filling import SOME, with_room
 from discsim.kernels.common.grid import stencil
@@ -15,14 +15,14 @@ ONE, TWO, BATCH = index(1), index(2), index(batches.BATCH)
 FEW = 4  # tiles along a side, up to which a batch is tested as a whole
 
 
-@inner
+@inline_jit
 def _along(x, low, tiles):
     # The tile of a coordinate along an axis, or the nearest one; the first one for NaN.
     at = (x - low) * tiles[1]
     return int(min(at, tiles[2] - 1.0)) if at > 0.0 else 0
 
 
-@inner
+@inline_jit
 def _tile_of(pos, i, tiles):
     tile = 0
     for k in range(pos.shape[1]):
@@ -30,7 +30,7 @@ def _tile_of(pos, i, tiles):
     return tile
 
 
-@compiled
+@jit
 def tiles_of(first, last, pos, tiles, out):
     """Write the tile (n,) of each position (n, d), or the nearest one.
 
@@ -40,7 +40,7 @@ def tiles_of(first, last, pos, tiles, out):
         out[i] = _tile_of(pos, i, tiles)
 
 
-@compiled
+@jit
 def in_marked(first, last, pos, bounds, tiles, marked):
     """Return the indices of positions (n, d) whose tile, or the nearest one, is `marked` (tiles,).
 
@@ -61,7 +61,7 @@ def in_marked(first, last, pos, bounds, tiles, marked):
     return out[: np.int64(count)]
 
 
-@inner
+@inline_jit
 def _marked_about(x0, x1, y0, y1, dim, tiles, marked, most):
     """Return whether any tile in a box is marked, or the box has more than `most` tiles or is NaN."""
     low, _, along = tiles
@@ -79,7 +79,7 @@ def _marked_about(x0, x1, y0, y1, dim, tiles, marked, most):
     return False
 
 
-@inner
+@inline_jit
 def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
     inside = x0 >= ends[0, 0] and x1 <= ends[1, 0]
     if dim == 2:
@@ -89,7 +89,7 @@ def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
     )
 
 
-@compiled
+@jit
 def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
     """Return the indices of positions (n, d) near `marked` tiles (tiles,) or outside the `ends` (2, d).
 
@@ -110,7 +110,7 @@ def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
     return out[: np.int64(count)]
 
 
-@inner
+@inline_jit
 def _tiles_of_some(pos, begin, n, tiles, out):
     """Write the tiles of `n` positions from `begin` on to `out`."""
     low, per_tile, along = tiles
@@ -126,7 +126,7 @@ def _tiles_of_some(pos, begin, n, tiles, out):
         out[i] = np.int32(x) * np.int32(along) + np.int32(y)
 
 
-@compiled
+@jit
 def pieces_of(place, held, loose, others):
     """Return rows in the order of their `place` (n,), the index in the global order, as pieces of consecutive rows.
 
@@ -157,7 +157,7 @@ def pieces_of(place, held, loose, others):
     return first[:count], last[:count], rises
 
 
-@inner
+@inline_jit
 def _first_not_below(place, row, stop, least):
     """Return the first row from `row` on whose `place` is not below `least`, or `stop`; it is mostly near."""
     step = 1
@@ -173,7 +173,7 @@ def _first_not_below(place, row, stop, least):
     return row
 
 
-@inner
+@inline_jit
 def _rise(place, first, last):
     some, falls = place[first:last], 0
     for i in range(index(len(some) - 1)):
@@ -181,7 +181,7 @@ def _rise(place, first, last):
     return falls == 0
 
 
-@compiled
+@jit
 def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
     """Return the particles of `some` near nodes of ranks other than `rank`, and these ranks, one entry each (m,).
 
@@ -212,7 +212,7 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
     return rows[:count], whose[:count]
 
 
-@compiled
+@jit
 def leave_own(first, last, x, y, owner, rank, begin, end, out):
     """Set `out` (nx, ny) to 0 at nodes of ranks other than `rank`, in each row from column `begin` up to `end` (nx,).
 
@@ -225,7 +225,7 @@ def leave_own(first, last, x, y, owner, rank, begin, end, out):
                 row[j] = 0.0
 
 
-@compiled
+@jit
 def take_spans(first, last, field, row, begin, end, start, out):
     """Copy spans of a field to `out` (m,), from `start` (n + 1,) on.
 
@@ -237,7 +237,7 @@ def take_spans(first, last, field, row, begin, end, start, out):
             place[i] = some[i]
 
 
-@compiled
+@jit
 def put_spans(found, row, begin, end, start, add, field):
     """Copy spans from `found` (m,) to a field, the reverse of `take_spans`, or with `add` add them to it."""
     for k in range(len(row)):

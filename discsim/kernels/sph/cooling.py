@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from discsim.formulas.opacity import BELL_LIN, METALS, THINNEST
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 
 LEAST = 0.1
 TOLERANCE = 1e-6
@@ -27,7 +27,7 @@ MOST = 100_000  # sub-steps of a kick: a few if cooling is resolved, 100 from 10
 POWERS = np.array(BELL_LIN)
 
 
-@inner
+@inline_jit
 def relaxed(u, settled, rate, t_cool, dt):
     """Return u of (1) after dt; `settled` is u_eq."""
     x = dt / t_cool
@@ -42,7 +42,7 @@ def relaxed(u, settled, rate, t_cool, dt):
     return max(after, LEAST * (u * (1.0 - lost) + settled / (t_cool * quick) * lost))
 
 
-@compiled
+@jit
 def towards(begin, end, pos, u, rate, dt, at_orbit, t_cool, passive, star, softening, out):
     """Write u of (1) after dt for energies (n,). `t_cool` is in units of 1/Omega about the central mass if `at_orbit`.
 
@@ -62,28 +62,28 @@ def towards(begin, end, pos, u, rate, dt, at_orbit, t_cool, passive, star, softe
         out[i] = relaxed(u[i], settled, rate[i], time, dt) if time > 0.0 else settled
 
 
-@inner
+@inline_jit
 def power(number, rho, temperature):
     return POWERS[number, 0] * rho ** POWERS[number, 1] * temperature ** POWERS[number, 2]
 
 
-@inner
+@inline_jit
 def lesser(a, b):
     return a if a[0] <= b[0] else b
 
 
-@inner
+@inline_jit
 def greater(a, b):
     return a if a[0] >= b[0] else b
 
 
-@inner
+@inline_jit
 def of_number(number, rho, temperature):
     """Return one opacity of the table and its slopes in ln rho and ln T."""
     return power(number, rho, temperature), POWERS[number, 1], POWERS[number, 2]
 
 
-@inner
+@inline_jit
 def bell_lin(rho, temperature):
     """Return the opacity in cm2/g at a density in g/cm3 and a temperature in K, and its slopes in ln rho and ln T."""
     rho = max(rho, THINNEST)
@@ -95,14 +95,14 @@ def bell_lin(rho, temperature):
     return greater(grains, lesser(cool, hot))
 
 
-@compiled
+@jit
 def opacities(begin, end, rho, temperature, out):
     """Write Bell & Lin's opacity (n,) in cm2/g."""
     for i in range(begin, end):
         out[i] = bell_lin(rho[i], temperature[i])[0]
 
 
-@inner
+@inline_jit
 def radiated(u, settled, column, omega, kappa, unit):
     """Return the net radiative loss of (2) and its derivative by u; `unit` as in `radiative`."""
     slope = 0.0
@@ -121,7 +121,7 @@ def radiated(u, settled, column, omega, kappa, unit):
     return net, 4.0 * given * u3 - net * steep
 
 
-@inner
+@inline_jit
 def flow(u, rate, lowest, settled, column, omega, kappa, unit):
     """Return du/dt of (2) and its derivative by u; below `lowest` the loss by expansion is proportional to u."""
     lost, steep = radiated(u, settled, column, omega, kappa, unit)
@@ -130,7 +130,7 @@ def flow(u, rate, lowest, settled, column, omega, kappa, unit):
     return rate - lost, -steep
 
 
-@inner
+@inline_jit
 def gains(z):
     """Return phi_1 and phi_3 of z: (e^z - 1)/z and (e^z - 1 - z - z^2/2)/z^3."""
     if abs(z) < 0.05:
@@ -140,7 +140,7 @@ def gains(z):
     return first, ((first - 1.0) / z - 0.5) / z
 
 
-@inner
+@inline_jit
 def shone(u, rate, dt, settled, column, omega, kappa, unit):
     """Return u of (2) after dt."""
     if u <= 0.0:
@@ -168,7 +168,7 @@ def shone(u, rate, dt, settled, column, omega, kappa, unit):
     return u
 
 
-@compiled
+@jit
 def radiative(begin, end, pos, u, density, rate, dt, kappa, passive, star, softening, unit, out):
     """Write u of (2) after dt for energies (n,) at surface densities (n,).
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import FAST, INNER, kept, lean_sums, lean_sums_in_single
+from discsim.jit.decorators import FAST, INLINE, jit_sums, jit_sums_single, kept
 from discsim.jit.index import index
 from discsim.kernels.common.candidates import per_slab, place, window
 from discsim.kernels.common.neighbours import LANES, whole
@@ -156,7 +156,7 @@ def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, memb
 
 
 # Functions of double precision, whatever that of the packs.
-in_double = kept(**INNER, fastmath=FAST)
+in_double = kept(**INLINE, fastmath=FAST)
 
 
 @in_double
@@ -327,7 +327,7 @@ def density_driver(kernel: int, dim: int, derived: int, single: bool):
     support, moving = SUPPORT[kernel], derived != NO_DERIVATIVES
     sums = SUMS_OF_SLOPES if derived == SLOPES else SUMS
 
-    @lean_sums_in_single if single else lean_sums
+    @jit_sums_single if single else jit_sums
     def density(first, last, part, filled, given, found, wanted, unit_mass, cells, again, outgrown):
         order, start, bounds = cells.order, cells.start, cells.bounds
         vel, mass, h, (lists, work) = given.vel, given.mass, found.h, part

@@ -2,13 +2,13 @@
 
 import math
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 from discsim.jit.index import index
 
 ONE, TWO = index(1), index(2)
 
 
-@compiled
+@jit
 def by_roots(begin, end, pos, density, speed, r0, twice, pressure, sound):
     """Write c_s = `speed` (r / r0)^(-1/2) or, if `twice`, (r / r0)^(-1/4), and P = c_s^2 rho, at positions (n, 2)."""
     flat, least = pos.reshape(-1), 1e-12 * r0

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from discsim.jit.decorators import compiled, lean_sums, lean_sums_in_single
+from discsim.jit.decorators import jit, jit_sums, jit_sums_single
 from discsim.jit.index import index
 from discsim.kernels.common.candidates import per_slab, place, window
 from discsim.kernels.common.neighbours import LANES, whole
@@ -88,7 +88,7 @@ class Strengths(NamedTuple):
     closing: float
 
 
-@compiled
+@jit
 def force_columns(
     first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, scale, order, columns
 ):  # fmt: skip
@@ -338,7 +338,7 @@ def force_driver(
     moving, norm = viscous != NO_VISCOSITY or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
     squeezed = SQUEEZED[kernel]
 
-    @lean_sums_in_single if single else lean_sums
+    @jit_sums_single if single else jit_sums
     def forces(first, last, part, columns, sound, still, acc, rate, strengths, scale, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from discsim.jit.decorators import compiled
+from discsim.jit.decorators import jit
 
 MASS, NUMBER, FIRST, SECOND = range(4)  # rows of ring sums: mass, number, ln(r P / c_s^2) and its square
 # Gas compressed faster than ONSET / 2 c_s/h is in a shock, fully from (ONSET + 1) / 2 c_s/h on. Its density
@@ -16,7 +16,7 @@ ONSET, FAST, LASTING = 0.3, 10.0, 5.0
 FARTHEST = 3.0  # largest factor between followed and summed density; its ln has a scatter of 0.24 in sheared gas
 
 
-@compiled
+@jit
 def follow(
     first, last, time, memory, omega, slopes, density, pressure, sound, inv_size, followed, divergence, shock, at
 ):  # fmt: skip
@@ -40,7 +40,7 @@ def follow(
         followed[i], divergence[i], shock[i], at[i] = new, div, seen, time
 
 
-@compiled
+@jit
 def ring_sums(first, last, count, at, mass, pressing, radius, units):
     """Return sums (4, count) over particles at the positions `at` (n,) of `count` rings, as integers in `units` (4,).
 
@@ -60,7 +60,7 @@ def ring_sums(first, last, count, at, mass, pressing, radius, units):
     return rings
 
 
-@compiled
+@jit
 def push(first, last, pos, at, stretch, density, coefficients, pressure, acc):
     """Subtract the ring's pressure B from `pressure` (n,) and add its push to `acc` (n, 2), eqs. (2, 3).
 

@@ -9,7 +9,7 @@ there is one. Loops are few because a block may have few particles: processors m
 import math
 
 from discsim.formulas.laws import EPSTEIN
-from discsim.jit.decorators import inner, lean
+from discsim.jit.decorators import inline_jit, jit_no_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.rows import LANES, LINE, empty_row, fetch, load, store
 from discsim.kernels.drag.frame import kepler, sense_at
@@ -21,13 +21,13 @@ from discsim.kernels.drag.tsc.weights import cloud
 SENSE, NORMS, ROOM = 9, 9, 10
 
 
-@inner
+@inline_jit
 def filled(count):
     """Return the length of a column of `count` particles, padded to whole vectors."""
     return (count + LANES - 1) & -LANES
 
 
-@lean
+@jit_no_alloc
 def find_slots(gas_start, dust_start, slot, gas_rows, dust_rows):
     """Find the sums and columns of blocks, from the starts of their gas and, by population, of their dust.
 
@@ -50,7 +50,7 @@ def find_slots(gas_start, dust_start, slot, gas_rows, dust_rows):
     return slots
 
 
-@inner
+@inline_jit
 def most_in(block_from, block_to, kind):
     """Return the length of the longest column of a population in the blocks."""
     most = 0
@@ -59,7 +59,7 @@ def most_in(block_from, block_to, kind):
     return filled(most)
 
 
-@inner
+@inline_jit
 def take_plane(first, count, n, kind, dense, begin, column):
     """Copy particles in two dimensions from their arrays to columns."""
     start, last, sources = index(first), index(count - 1), len(kind.own) > 0
@@ -77,7 +77,7 @@ def take_plane(first, count, n, kind, dense, begin, column):
             column[rho + at] = kind.density[i]
 
 
-@inner
+@inline_jit
 def fetch_next(first, count, kind):
     """Prefetch the particles that `take` copies next, as many as in this block: they are scattered in memory."""
     start, end, dim = index(first), index(min(first + count, len(kind.order))), index(kind.vel.shape[1])
@@ -87,7 +87,7 @@ def fetch_next(first, count, kind):
         fetch(kind.vel, i)
 
 
-@inner
+@inline_jit
 def take_line(first, count, n, kind, dense, begin, column):
     """Copy particles in one dimension from their arrays to columns; second components are 0."""
     for at in range(n):
@@ -101,7 +101,7 @@ def take_line(first, count, n, kind, dense, begin, column):
             column[into + RHO * n] = kind.density[i]
 
 
-@inner
+@inline_jit
 def fetch_columns(n, sources, begin, column):
     """Prefetch the memory behind the columns of a block, as much as they take: the columns of the next block.
 
@@ -112,14 +112,14 @@ def fetch_columns(n, sources, begin, column):
         fetch(column, at)
 
 
-@inner
+@inline_jit
 def wrap(f, n, corner, period, begin, column):
     """Shift positions in a periodic space to less than a period above the corner of the cell."""
     for at in range(begin + f * n, begin + (f + 1) * n):
         column[at] -= period * math.floor((column[at] - corner) / period)
 
 
-@inner
+@inline_jit
 def to_cell(block, n, cells, flat, begin, column):
     """Convert positions to sides of the cell, from its centre."""
     inverse, x0, y0 = 1.0 / cells.side[block], cells.corner[block, 0], cells.corner[block, 1]
@@ -129,7 +129,7 @@ def to_cell(block, n, cells, flat, begin, column):
             store(column, at + Y * n, inverse * (load(column, at + Y * n) - y0) - 0.5)
 
 
-@inner
+@inline_jit
 def leave_orbits(block, n, cells, frame, begin, column, room):
     """Convert velocities to those relative to Kepler's in the `frame`."""
     side, several, sense = cells.side[block], len(frame.sense) > 1, empty_row() + frame.sense[0]
@@ -148,7 +148,7 @@ def leave_orbits(block, n, cells, frame, begin, column, room):
         store(column, at + VY * n, load(column, at + VY * n) - omega * x)
 
 
-@inner
+@inline_jit
 def take(block, first, count, n, kind, cells, frame, law, begin, column, room):
     """Write the columns of `count` particles of a block, from element `begin` on."""
     flat, dense = kind.pos.shape[1] == 1, len(kind.density) > 0
@@ -168,7 +168,7 @@ def take(block, first, count, n, kind, cells, frame, law, begin, column, room):
         leave_orbits(block, n, cells, frame, begin, column, room)
 
 
-@inner
+@inline_jit
 def weigh(n, flat, begin, column, room):
     """Write the weights on the nine nodes times the mass to `room`."""
     for into in range(0, n, LANES):
@@ -189,7 +189,7 @@ def weigh(n, flat, begin, column, room):
         store(room, into + 8 * n, u2 * t2)
 
 
-@inner
+@inline_jit
 def is_ragged(home, flat, about, sums):
     """Return whether any of the nodes about the node `home` has no gas."""
     for k in range(9):
@@ -199,7 +199,7 @@ def is_ragged(home, flat, about, sums):
     return False
 
 
-@inner
+@inline_jit
 def leave_out(home, n, about, sums, begin, column, room):
     """Set the weights on nodes without gas to 0, and normalise the others.
 

@@ -1,6 +1,6 @@
 """Slopes at a node (`kernels/drag/tsc/nodes.py`), of velocities pooled within species and of each species' sources."""
 
-from discsim.jit.decorators import inner, lean
+from discsim.jit.decorators import inline_jit, jit_no_alloc
 from discsim.kernels.common.rows import LANES, empty_row, lane, load
 from discsim.kernels.drag.lines import solve
 from discsim.kernels.drag.tsc.grains import moments_within
@@ -9,7 +9,7 @@ from discsim.kernels.drag.tsc.nodes import BX, FIELDS, LEAST_INERTIA, ONE, VX, X
 ROUNDING = 1e-9  # over mass times side^2: inertia of coincident particles, by rounding
 
 
-@inner
+@inline_jit
 def moments_about(n, s, near, slot, own):
     """Return the moments of a species in the nine cells about a node; nearer cells have larger weights.
 
@@ -48,7 +48,7 @@ def moments_about(n, s, near, slot, own):
     return m, xx, xy, yy, along - x * motion, across - y * motion
 
 
-@inner
+@inline_jit
 def slope_of(mass, xx, xy, yy, along, across, f, dim):
     """Return whether lanes f and f + 1 have a slope, and this slope, 0 where there is none."""
     if xx + yy <= ROUNDING * mass:
@@ -56,7 +56,7 @@ def slope_of(mass, xx, xy, yy, along, across, f, dim):
     return solve(xx, xy, yy, lane(along, f), lane(along, f + 1), lane(across, f), lane(across, f + 1), dim, 1.0)
 
 
-@inner
+@inline_jit
 def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
     mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
     grains = len(cells.total) > 0  # grains taken one by one have no sources
@@ -84,7 +84,7 @@ def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
     slopes.pooled[n, XX], slopes.pooled[n, XY], slopes.pooled[n, YX], slopes.pooled[n, YY] = uu, uv, vu, vv
 
 
-@lean
+@jit_no_alloc
 def fit(node_from, node_to, cells, nodes, dim, two_way, sourced, slopes):
     """Fit the slopes at nodes, of velocities and of the sources of species that have any.
 

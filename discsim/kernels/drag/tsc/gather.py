@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.kernels.common.rows import LANES, empty_row, lane, load, store, sums_of
 from discsim.kernels.drag.tsc.columns import (
     NORMS,
@@ -19,7 +19,7 @@ from discsim.kernels.drag.tsc.columns import (
 from discsim.kernels.drag.tsc.nodes import FIELDS, NORM, ONE, VX, X, Y
 
 
-@inner
+@inline_jit
 def sum_columns(half, more, n, k, begin, column, room, given, at):
     """Write a cell's contributions to the nodes k, k + 1 and k + 2.
 
@@ -56,7 +56,7 @@ def sum_columns(half, more, n, k, begin, column, room, given, at):
     store(given, at + half + (k + 2) * FIELDS, sums_of(i, j, l, m))
 
 
-@inner
+@inline_jit
 def give(n, dense, sources, begin, column, room, given, at):
     """Write a cell's contributions to its nine nodes: weighted sums over its particles, 0 for absent fields."""
     for k in range(0, 9, 3):  # np.int64: numba compiles one specialisation per literal
@@ -64,7 +64,7 @@ def give(n, dense, sources, begin, column, room, given, at):
         sum_columns(np.int64(VX), sources, n, k, begin, column, room, given, at)
 
 
-@inner
+@inline_jit
 def own_moments(given, at, own, into):
     """Write a cell's own moments, from its contributions to nodes.
 
@@ -82,7 +82,7 @@ def own_moments(given, at, own, into):
         store(own, into + half + 2 * FIELDS, above - below)
 
 
-@inner
+@inline_jit
 def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, room, square):
     """Write the columns of one population in a block, its contributions to nodes and its own moments."""
     flat, s, home = kind.pos.shape[1] == 1, kind.first + part, cells.home[block]
@@ -110,7 +110,7 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, r
             store(column, begin + NORM * n + at, load(room, NORMS * n + at))
 
 
-@inner
+@inline_jit
 def square_of(block, n, begin, column, room, square):
     """Write the contributions of the gas of a cell to sum m w x^2 at its nine nodes."""
     a, b, c, d, e, f = empty_row(), empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
@@ -132,7 +132,7 @@ def square_of(block, n, begin, column, room, square):
     square[block, 8] = lane(sums_of(i, i, i, i), 0)
 
 
-@compiled
+@jit
 def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, square):
     """Write the columns of each population in the blocks, and the contributions and own moments of each cell.
 
@@ -146,7 +146,7 @@ def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, 
             gather_species(block, part, kind, cells, nodes, frame, law, at, column, room, square)
 
 
-@inner
+@inline_jit
 def collect_species(n, s, near, slot, given, sums):
     """Write the sums of eq. (1) for a species at a node, positions from the node."""
     places, motion, x, y = empty_row(), empty_row(), 0.0, 0.0
@@ -167,7 +167,7 @@ def collect_species(n, s, near, slot, given, sums):
     sums[n, s, Y] += y
 
 
-@inner
+@inline_jit
 def collect_square(n, near, given, square):
     """Return sum m w x^2 of the gas at a node, x from the node."""
     total = 0.0
@@ -179,7 +179,7 @@ def collect_square(n, near, given, square):
     return total
 
 
-@lean
+@jit_no_alloc
 def collect(node_from, node_to, kind, cells, nodes, square):
     """Write the sums of eq. (1) at each node, for the gas or for all dust species."""
     for n in range(node_from, node_to):

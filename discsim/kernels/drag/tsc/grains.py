@@ -10,14 +10,14 @@ moments about the centroids of the classes are
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
 from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
 from discsim.kernels.drag.tsc.nodes import BX, BY_Y, FIELDS, MASS, ONE, RHO, X, Y
 
 
-@inner
+@inline_jit
 def most_of_all(block_from, block_to, kind):
     """Return the largest number of grains in a block."""
     most = 0
@@ -26,7 +26,7 @@ def most_of_all(block_from, block_to, kind):
     return most
 
 
-@inner
+@inline_jit
 def first_moments(cell, first, last, kind, row, own):
     """Write the mass and first moments of a class in a cell."""
     places, motion = empty_row(), empty_row()
@@ -38,7 +38,7 @@ def first_moments(cell, first, last, kind, row, own):
     store(own, cell * 3 * FIELDS + LANES, motion)
 
 
-@inner
+@inline_jit
 def moments_of_all(block, first, last, kind, row, total):
     """Write the mass, first and second moments of all the dust of a cell."""
     for half in (0, LANES):
@@ -54,7 +54,7 @@ def moments_of_all(block, first, last, kind, row, total):
         store(total, at + 2 * FIELDS, by_y)
 
 
-@inner
+@inline_jit
 def take_rows(block, first, count, kind, cells, nodes, frame, law, row, share, column, room):
     """Write the grains of a block as rows (n, FIELDS), and their shares."""
     n, home, flat = filled(count), cells.home[block], kind.pos.shape[1] == 1
@@ -72,7 +72,7 @@ def take_rows(block, first, count, kind, cells, nodes, frame, law, row, share, c
             share[first + at] *= room[NORMS * n + at]
 
 
-@inner
+@inline_jit
 def gather_block(block, kind, cells, nodes, frame, law, row, share, column, room):
     first, last = kind.start[block * kind.number], kind.start[(block + 1) * kind.number]
     if last > first:
@@ -85,7 +85,7 @@ def gather_block(block, kind, cells, nodes, frame, law, row, share, column, room
         first = last
 
 
-@compiled
+@jit
 def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, share):
     """Write the dust of the blocks in its order as `row` (n, FIELDS), and the moments of cells.
 
@@ -97,7 +97,7 @@ def gather_grains(block_from, block_to, kind, cells, nodes, frame, law, row, sha
         gather_block(block, kind, cells, nodes, frame, law, row, share, column, room)
 
 
-@inner
+@inline_jit
 def coefficients(step, flat):
     """Return the coefficients of 1, x and x^2 in a particle's weight on the node `step` cells from its own."""
     if flat:
@@ -105,7 +105,7 @@ def coefficients(step, flat):
     return (0.75, 0.0, -1.0) if step == 0 else (0.125, 0.5 * step, 0.5)
 
 
-@inner
+@inline_jit
 def take_grains(n, k, block, kind, row, share, sums):
     """Add the contributions of the dust of a cell to the sums of eq. (1) at node n."""
     i, j, number = 1 - k // 3, 1 - k % 3, kind.number  # position of the node relative to the cell
@@ -130,7 +130,7 @@ def take_grains(n, k, block, kind, row, share, sums):
         sums[n, s, Y] -= j * lane(places, ONE)
 
 
-@lean
+@jit_no_alloc
 def collect_grains(node_from, node_to, kind, nodes, row, share):
     """Write the sums of eq. (1) over the grain classes at each node that has gas."""
     for n in range(node_from, node_to):
@@ -144,13 +144,13 @@ def collect_grains(node_from, node_to, kind, nodes, row, share):
                 take_grains(n, k, nodes.near[n, k], kind, row, share, nodes.sums)
 
 
-@inner
+@inline_jit
 def weight_of(k):
     """Return the weight of cell k about a node in slopes: nearer cells have larger weights."""
     return (0.5 if k // 3 == 1 else 0.25) * (0.5 if k % 3 == 1 else 0.25)
 
 
-@inner
+@inline_jit
 def take_off(n, s, near, slot, own, xx, xy, yy, along, across):
     """Return second moments about a node, less a class's term of eq. (6)."""
     places, motion, i, j = empty_row(), empty_row(), 0.0, 0.0
@@ -172,7 +172,7 @@ def take_off(n, s, near, slot, own, xx, xy, yy, along, across):
     return xx - mx * x, xy - mx * y, yy - my * y, along - x * motion, across - y * motion
 
 
-@inner
+@inline_jit
 def moments_within(n, near, slot, own, total):
     """Return the moments about the centroids of the classes, eq. (6), in the nine cells about a node.
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
 from discsim.kernels.drag.tsc.columns import filled
 from discsim.kernels.drag.tsc.nodes import BX, BY, DX, MASS, ONE, VX, VY, X, Y
@@ -15,7 +15,7 @@ SPIN_X, SPIN_Y = 1, 2
 U, V, TURN = range(3)
 
 
-@inner
+@inline_jit
 def heat_of(n, nodes, value, dt):
     """Return the energy that eq. (3) removes at a node, to first order in the changes; `loss` has the rest."""
     heat = 0.0
@@ -25,7 +25,7 @@ def heat_of(n, nodes, value, dt):
     return heat
 
 
-@inner
+@inline_jit
 def work_of_turn(n, spin, nodes, dt, turn):
     """Write the rotation at a node and the motion on which it does no work, positions from the node."""
     for k in range(2):
@@ -39,7 +39,7 @@ def work_of_turn(n, spin, nodes, dt, turn):
     turn[n, 1, U], turn[n, 1, V], turn[n, 1, TURN] = spin * u, spin * v, spin * (y * u - x * v)
 
 
-@inner
+@inline_jit
 def turns_about(home, about, turn, table):
     """Write the vectors of `work_of_turn` about a cell as polynomials (2, 9, LANES).
 
@@ -59,7 +59,7 @@ def turns_about(home, about, turn, table):
         to_polynomial(table, 9 * r * LANES, False)
 
 
-@inner
+@inline_jit
 def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
     """Return the energy lost by the particles of a cell that the nodes do not count, `heat_of`.
 
@@ -88,7 +88,7 @@ def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
     return lost
 
 
-@lean
+@jit_no_alloc
 def pass_on(nodes, heat):
     """Pass the heat of nodes without gas to the nodes about them, in equal parts to each that has gas."""
     for n in range(len(heat)):
@@ -102,7 +102,7 @@ def pass_on(nodes, heat):
                 heat[nodes.about[n, k]] += heat[n] / takers
 
 
-@inner
+@inline_jit
 def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
     """Write the heat per mass of the gas particles of a block."""
     for k in range(9):
@@ -117,7 +117,7 @@ def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
         heat[kind.order[first + p]] = brought(table, 0, column[at + X * n + p], column[at + Y * n + p])
 
 
-@compiled
+@jit
 def spread(block_from, block_to, kind, cells, nodes, node_heats, begin, column, heat):
     """Write the heat per mass of each gas particle, interpolated from the nodes."""
     table = np.empty((9, LANES))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.jit.index import index
 
 
@@ -34,7 +34,7 @@ def lattices(nx: int, ny: int, joined: np.ndarray, levels: int) -> Levels:
     return Levels(width, height, wrap, np.append(0, np.cumsum((width + 2) * (height + 2))))
 
 
-@inner
+@inline_jit
 def step_along(index, by, count, wraps):
     """Return the index of a neighbour along one axis; cell i has the index i + 1, after the border."""
     index += by
@@ -46,7 +46,7 @@ def step_along(index, by, count, wraps):
     return index
 
 
-@inner
+@inline_jit
 def neighbours(ix, iy, level, levels, flat, out):
     """Write the nine nodes about (ix, iy) of a level, itself in the middle, to `out` (9, 3): index, or -1 beyond the
     border, and position on the lattice; `flat` in one dimension.
@@ -61,13 +61,13 @@ def neighbours(ix, iy, level, levels, flat, out):
             out[3 * i + j, 1], out[3 * i + j, 2] = jx, jy
 
 
-@inner
+@inline_jit
 def is_inner(ix, iy, level, levels, flat):
     """Return whether all nine nodes about a node are at fixed offsets in memory, as for nearly all nodes."""
     return 1 < ix < levels.width[level] and 1 < iy < levels.height[level] and not flat
 
 
-@inner
+@inline_jit
 def number_nodes(level, leaf, levels, flat, at, number_of, place, near):
     """Number the nodes about blocks in the order of the blocks; return how many there are.
 
@@ -99,7 +99,7 @@ def number_nodes(level, leaf, levels, flat, at, number_of, place, near):
     return total
 
 
-@inner
+@inline_jit
 def link_nodes(total, levels, flat, at, number_of, place, near, about, blocks):
     for n in range(total):
         level, ix, iy = place[n, 0], place[n, 1], place[n, 2]
@@ -118,7 +118,7 @@ def link_nodes(total, levels, flat, at, number_of, place, near, about, blocks):
             blocks[n, k] = at[node] if node >= 0 else -1
 
 
-@compiled
+@jit
 def list_nodes(level, leaf, levels, flat):
     """Return the node of each block (blocks,) and, for each node about a block, its level and position on the lattice
     (n, 3), the nodes about it (n, 9) and the blocks about it (n, 9), -1 if there is none.
@@ -138,7 +138,7 @@ def list_nodes(level, leaf, levels, flat):
     return home, place[:total], about, blocks
 
 
-@lean
+@jit_no_alloc
 def node_centres(first, last, place, origin, leaf, begin, out):
     """Write the positions (n, 2) of nodes from their level and position on the lattice, `place` (n, 3).
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.formulas.laws import CONSTANT, EPSTEIN
-from discsim.jit.decorators import compiled, inner, lean
+from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.kernels.drag.coupled import ROOM
 from discsim.kernels.drag.frame import kepler
 from discsim.kernels.drag.laws import stopping_time
@@ -14,7 +14,7 @@ from discsim.kernels.drag.relax import relax_apart, relax_means, response
 from discsim.kernels.drag.tsc.nodes import BX, ONE, RHO, VX, WHOLE, XX, YX, X, Y
 
 
-@inner
+@inline_jit
 def source_slope(n, s, about, slopes, c):
     """Return the slope along x and y of component c of a species' sources at a node.
 
@@ -32,7 +32,7 @@ def source_slope(n, s, about, slopes, c):
     return (along / count, across / count) if count > 0 else (0.0, 0.0)
 
 
-@inner
+@inline_jit
 def velocities(n, nodes, slopes, sourced, y, b):
     """Write the velocities of all species (n, 2) at the gas's centroid, and their sources (n, 2) at the node."""
     sums = nodes.sums
@@ -51,7 +51,7 @@ def velocities(n, nodes, slopes, sourced, y, b):
                 b[s, c] = (sums[n, s, BX + c] - along * sums[n, s, X] - across * sums[n, s, Y]) / m  # eq. (2b)
 
 
-@inner
+@inline_jit
 def times_at(n, nodes, sound, law, frame, mass, time):
     """Write masses and stopping times at vanishing slip of all species at a node.
 
@@ -78,7 +78,7 @@ def times_at(n, nodes, sound, law, frame, mass, time):
     return density, omega, met
 
 
-@inner
+@inline_jit
 def relax_two(n, mass, time, y, b, law, change):
     """Relax the gas and the one population at a node to their mean, or for one-way drag the dust to the gas."""
     rate = 1.0 / time[1]
@@ -109,7 +109,7 @@ class Scratch(NamedTuple):
     room: np.ndarray
 
 
-@inner
+@inline_jit
 def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, own):
     """Write the changes of eq. (3) at node n."""
     species, gas = nodes.sums.shape[1], nodes.sums[n, 0, ONE]
@@ -145,7 +145,7 @@ def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, ow
                 change.mass[n, s] *= gas / (gas + own.mass[s])
 
 
-@compiled
+@jit
 def relax(node_from, node_to, nodes, slopes, sourced, sound, law, frame, several, change):
     """Relax the slip at each node: write the changes of eq. (3), the rates and the reduced masses to `change`.
 
@@ -163,12 +163,12 @@ def relax(node_from, node_to, nodes, slopes, sourced, sound, law, frame, several
             relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, own)
 
 
-@inner
+@inline_jit
 def has_gas(n, nodes):
     return nodes.sums[n, 0, ONE] > 0.0
 
 
-@inner
+@inline_jit
 def clear(n, change):
     for s in range(change.rate.shape[1]):
         change.rate[n, s], change.mass[n, s] = 0.0, 0.0
@@ -176,7 +176,7 @@ def clear(n, change):
             change.slip[n, s, c], change.drive[n, s, c] = 0.0, 0.0
 
 
-@lean
+@jit_no_alloc
 def mean_sound(node_from, node_to, nodes, own, sound, out):
     """Write the sound speed at nodes, the mass-weighted mean of the gas (blocks,) in the nine cells about each node.
 

@@ -5,7 +5,7 @@ The linear fit is that to the velocities of the particles of one species in a ce
 
 import numpy as np
 
-from discsim.jit.decorators import compiled, inner
+from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
 from discsim.kernels.common.rows import LANES, empty_row, fetch, lane, load, store, sums_of
 from discsim.kernels.drag.lines import solve
@@ -16,7 +16,7 @@ from discsim.kernels.drag.tsc.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, 
 from discsim.kernels.drag.tsc.weights import brought, to_polynomial
 
 
-@inner
+@inline_jit
 def values_about(block, s, cells, nodes, value, turns, table):
     """Write the values of the nodes about a cell for a species, as polynomials."""
     home = cells.home[block]
@@ -30,7 +30,7 @@ def values_about(block, s, cells, nodes, value, turns, table):
             table[k, DY] -= (k // 3 - 1) * lane(row, SPIN)
 
 
-@inner
+@inline_jit
 def place_of(block, part, kind, cells, begin, column, held):
     """Return the element of `held` at which the columns of a population in a block begin.
 
@@ -51,13 +51,13 @@ def place_of(block, part, kind, cells, begin, column, held):
     return 0
 
 
-@inner
+@inline_jit
 def by_grain(kind, cells):
     """Return whether nodes take these particles one by one (`nodes_grains`)."""
     return kind.first > 0 and len(cells.total) > 0
 
 
-@inner
+@inline_jit
 def has_norms(block, kind, cells, nodes):
     """Return whether the weights of particles in a block do not add up to 1."""
     return kind.first > 0 and (
@@ -65,7 +65,7 @@ def has_norms(block, kind, cells, nodes):
     )
 
 
-@inner
+@inline_jit
 def rate_in(block, s, cells, nodes, value):
     """Return the mean rate of drag of a species in a cell."""
     rate, cell = 0.0, cells.slot[block, s]
@@ -76,7 +76,7 @@ def rate_in(block, s, cells, nodes, value):
     return rate / cells.own[cell, WHOLE, ONE]
 
 
-@inner
+@inline_jit
 def rate_of(count, n, begin, column, table):
     """Return the mean rate of drag over the particles of a species in a cell."""
     rate, mass = 0.0, 0.0
@@ -87,7 +87,7 @@ def rate_of(count, n, begin, column, table):
     return rate / mass
 
 
-@inner
+@inline_jit
 def curvature(home, about, sums, slope, bend):
     """Write the second derivatives of the velocity to `bend` (2, 3): half of xx, xy, and half of yy.
 
@@ -107,7 +107,7 @@ def curvature(home, about, sums, slope, bend):
             bend[c, 1] += 0.5 * across  # the mixed derivative is the mean of both
 
 
-@inner
+@inline_jit
 def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
     """Return the linear fit of particles to two columns of `value`, from `at_value` on: centroid, means and slopes.
 
@@ -140,7 +140,7 @@ def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
     return line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim)
 
 
-@inner
+@inline_jit
 def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
     """Return the linear fit of `own_line` from sums of its particles.
 
@@ -165,7 +165,7 @@ def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
     return x0, y0, u0 + su, v0 + sv, uu, uv, vu, vv
 
 
-@inner
+@inline_jit
 def add_changes(n, begin, column, table, turns, normed, bend, new):
     """Write particle velocities with the changes by the nodes, and these changes, to `new`.
 
@@ -189,7 +189,7 @@ def add_changes(n, begin, column, table, turns, normed, bend, new):
         store(new, p + 3 * n, dy)
 
 
-@inner
+@inline_jit
 def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
     """Replace the velocity in `new` by its change through the decay of deviations from the linear fit.
 
@@ -216,7 +216,7 @@ def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
     return u, v
 
 
-@inner
+@inline_jit
 def fetch_motion(first, count, kind):
     """Prefetch the particles that `kick` changes: they are scattered in memory, which no processor predicts."""
     start, dim = index(first), index(kind.vel.shape[1])
@@ -226,7 +226,7 @@ def fetch_motion(first, count, kind):
         fetch(kind.acc, i)
 
 
-@inner
+@inline_jit
 def kick(first, count, n, kind, dt, new):
     start, along, across, more = index(first), index(n), index(2 * n), index(3 * n)
     for at in range(index(count)):
@@ -236,7 +236,7 @@ def kick(first, count, n, kind, dt, new):
             kind.vel[i, 1] += dt * kind.acc[i, 1] + (new[more + at] + new[along + at])
 
 
-@inner
+@inline_jit
 def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, exponential, new, table, work, bend):
     """Kick one population in a block, and return its mean rate of drag.
 
@@ -275,7 +275,7 @@ def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, e
     return rate
 
 
-@inner
+@inline_jit
 def scatter_block(block, kind, cells, nodes, sharp, begin, column, held, dt, exponential, met, new, table, work, bend):
     """Kick the particles of a block, and write the mean rate of each population."""
     curvature(cells.home[block], nodes.about, nodes.sums, sharp.slope, bend)
@@ -288,7 +288,7 @@ def scatter_block(block, kind, cells, nodes, sharp, begin, column, held, dt, exp
         )
 
 
-@compiled
+@jit
 def scatter(block_from, block_to, kind, cells, nodes, sharp, begin, column, dt, exponential, met):
     """Kick the particles in each block, from columns as `gather` leaves them.
 
@@ -305,7 +305,7 @@ def scatter(block_from, block_to, kind, cells, nodes, sharp, begin, column, dt, 
         )
 
 
-@inner
+@inline_jit
 def times_in(block, part, kind, cells, nodes, value, begin, column, table, time):
     """Write the stopping times of one population in a block."""
     if cells.slot[block, kind.first + part] < 0:
@@ -324,7 +324,7 @@ def times_in(block, part, kind, cells, nodes, value, begin, column, table, time)
         time[kind.order[first + p]] = 1.0 / rate if rate > 0.0 else np.inf
 
 
-@compiled
+@jit
 def stopping_times(block_from, block_to, kind, cells, nodes, value, begin, column, time):
     """Write the stopping time of each dust particle, one over the rate interpolated from the nodes.
 

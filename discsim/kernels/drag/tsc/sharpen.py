@@ -3,12 +3,12 @@
 Equations: `kernels/drag/tsc/nodes.py`.
 """
 
-from discsim.jit.decorators import inner, lean
+from discsim.jit.decorators import inline_jit, jit_no_alloc
 from discsim.kernels.drag.tsc.heat import heat_of, work_of_turn
 from discsim.kernels.drag.tsc.nodes import DX, DY, LEAST_INERTIA, ONE, RATE, SPIN, X, Y
 
 
-@inner
+@inline_jit
 def sharpen_slip(n, s, nodes, change, two_way, value):
     """Add to `value` the part of the changes by the slip of gas and species s that the clouds smoothed away.
 
@@ -28,7 +28,7 @@ def sharpen_slip(n, s, nodes, change, two_way, value):
                 value[n, 0, DX + c] -= d / nodes.sums[n, 0, ONE]
 
 
-@inner
+@inline_jit
 def sharpen_drive(n, s, nodes, change, two_way, value):
     """Add to `value` the part of the changes by sources that the clouds smoothed away.
 
@@ -50,7 +50,7 @@ def sharpen_drive(n, s, nodes, change, two_way, value):
                 value[n, 0, DX + c] -= d / sums[n, 0, ONE]
 
 
-@inner
+@inline_jit
 def sharpen_slope(n, nodes, pooled, out):
     """Write the slope of the velocities at a node, corrected for pooling a curved field over nine cells.
 
@@ -70,7 +70,7 @@ def sharpen_slope(n, nodes, pooled, out):
             out[n, a] -= taken * (pooled[low, a] - 2.0 * pooled[n, a] + pooled[high, a])
 
 
-@inner
+@inline_jit
 def spin_of(n, nodes, value):
     """Return the rate of rotation of the gas about its centroid that cancels eq. (4)."""
     m, x, y, torque = nodes.sums[n, 0, ONE], nodes.sums[n, 0, X], nodes.sums[n, 0, Y], 0.0
@@ -84,7 +84,7 @@ def spin_of(n, nodes, value):
     return -torque / inertia
 
 
-@inner
+@inline_jit
 def turn(n, spin, nodes, value):
     """Add the rotation of the gas at node n to `value`: its rate, and its velocity at the node."""
     if spin != 0.0:
@@ -93,7 +93,7 @@ def turn(n, spin, nodes, value):
         value[n, 0, DY] -= spin * nodes.sums[n, 0, X] / nodes.sums[n, 0, ONE]
 
 
-@lean
+@jit_no_alloc
 def sharpen(node_from, node_to, nodes, pooled, change, two_way, dt, sharp):
     """Write the sharpened changes at each node to `sharp`, as far as this has entries."""
     value = sharp.value

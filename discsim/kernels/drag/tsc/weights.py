@@ -7,25 +7,25 @@ Within a cell the weights are quadratic in the position, and so is the interpola
 with T the coefficients of w_-1, w_0 and w_1: (1/8, -1/2, 1/2), (3/4, 0, -1), (1/8, 1/2, 1/2).
 """
 
-from discsim.jit.decorators import inner
+from discsim.jit.decorators import inline_jit
 from discsim.kernels.common.rows import LANES, empty_row, load, store
 
 
-@inner
+@inline_jit
 def cloud(x):
     """Return the weights on the nodes -1, 0 and 1 from a particle's own, at x in [-1/2, 1/2], a number or a vector."""
     low, high = 0.5 - x, 0.5 + x
     return 0.5 * low * low, 0.75 - x * x, 0.5 * high * high
 
 
-@inner
+@inline_jit
 def three(low, middle, high):
     """Return the coefficients of 1, x and x^2 in the interpolation from three nodes in a line."""
     both = low + high
     return 0.125 * both + 0.75 * middle, 0.5 * (high - low), 0.5 * both - middle
 
 
-@inner
+@inline_jit
 def to_polynomial(table, begin, flat):
     """Apply eq. (5) in place to all lanes of the nine rows of `table` from element `begin` on.
 
@@ -48,20 +48,20 @@ def to_polynomial(table, begin, flat):
         store(table, at + 2 * next_row, c)
 
 
-@inner
+@inline_jit
 def quadratic(table, at, y):
     """Return the quadratic polynomials at y whose coefficients begin at element `at`."""
     return load(table, at) + y * (load(table, at + LANES) + y * load(table, at + 2 * LANES))
 
 
-@inner
+@inline_jit
 def value_at(table, begin, x, y):
     """Return the values of the polynomials at (x, y), in all lanes."""
     middle, high = quadratic(table, begin + 3 * LANES, y), quadratic(table, begin + 6 * LANES, y)
     return quadratic(table, begin, y) + x * (middle + x * high)
 
 
-@inner
+@inline_jit
 def brought(table, k, x, y):
     """Return lane k of the polynomials at (x, y), numbers or vectors."""
     low = table[0, k] + y * (table[1, k] + y * table[2, k])
